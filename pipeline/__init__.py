@@ -1,0 +1,33 @@
+"""Calibration images through real lenses and microlens arrays, with exact ground truth.
+
+`pipeline.build(path)` builds a dataset stage, `pipeline.open_dataset(path)` reads one into plain records,
+`pipeline.Prescription`, `pipeline.Camera` and their friends are the physics, usable without USD.
+Nothing heavy is imported before it is asked for (PEP 562).
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Surface": "pipeline.optics.prescription",
+    "Prescription": "pipeline.optics.prescription",
+    "Camera": "pipeline.camera.camera",
+    "Sensor": "pipeline.camera.camera",
+    "MicrolensArray": "pipeline.camera.camera",
+    "Checkerboard": "pipeline.target.checkerboard",
+    "open_dataset": "pipeline.scene.dataset",
+    "build": "pipeline.tasks.build",
+}
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

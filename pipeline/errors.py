@@ -1,0 +1,38 @@
+"""Base classes of what a user can meet. Each error carries its facts and says how to mend it.
+
+Rooms derive their own errors from these where they raise them; this module must not grow with them.
+"""
+
+
+class PipelineError(Exception):
+    """Something a user can mend.
+
+    Parameters
+    ----------
+    what : str
+        One sentence: what is wrong, with the offending value.
+    hint : str, optional
+        How to mend it.
+    """
+
+    exit_code = 1
+
+    def __init__(self, what: str, *, hint: str | None = None) -> None:
+        super().__init__(what)
+        self.what = what
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.what}\n    hint: {self.hint}" if self.hint else self.what
+
+
+class UsageError(PipelineError):
+    """A wrong argument, or a stage that does not pass `check` (exit code 2)."""
+
+    exit_code = 2
+
+
+class EnvironmentFault(PipelineError):
+    """The machine gets in the way: disk full, read-only folder, other versions (exit code 5)."""
+
+    exit_code = 5

@@ -1,0 +1,78 @@
+"""A dataset as frozen records: what the rest of the pipeline knows of a stage."""
+
+from dataclasses import dataclass
+
+from pipeline.camera.camera import Camera, Sampling
+from pipeline.target.checkerboard import Checkerboard
+
+Matrix = tuple[tuple[float, ...], ...]
+"""A 4 x 4 rigid transform, rows of a matrix that acts on column vectors, lengths in mm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraEntry:
+    """A camera of the dataset.
+
+    Attributes
+    ----------
+    name : str
+        Path of the camera prim below the dataset's root with "/" replaced by ".": it stands in every table.
+    lens_name : str
+        `plen:name` of the lens, or its prim name; for reports only.
+    index_source : str
+        Where the refractive indices come from: `printed`.
+    truth : dict
+        Fields of `truth.TruthSettings` (a dict, because scene and truth are strangers).
+    image_samples : int
+        Rays per pixel of the image.
+    """
+
+    name: str
+    prim_path: str
+    lens_name: str
+    index_source: str
+    wavelength_nm: float
+    weight: str
+    footprint: str
+    camera: Camera
+    sampling: Sampling
+    truth: dict[str, str | float]
+    image_samples: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetEntry:
+    """A calibration target of the dataset; `name` is its prim's name."""
+
+    name: str
+    prim_path: str
+    target: Checkerboard
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """Poses at one integer time code.
+
+    Attributes
+    ----------
+    camera_from_world : dict
+        Per camera name, vision frame.
+    world_from_target : dict
+        Per target name, target frame.
+    """
+
+    number: int
+    camera_from_world: dict[str, Matrix]
+    world_from_target: dict[str, Matrix]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dataset:
+    """All that a build needs to know of a stage."""
+
+    stage_name: str
+    seed: int
+    background: float
+    cameras: tuple[CameraEntry, ...]
+    targets: tuple[TargetEntry, ...]
+    frames: tuple[Frame, ...]
