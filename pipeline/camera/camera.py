@@ -4,9 +4,13 @@ Distances along the axis are counted from the aperture stop, the origin of the c
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
+
+if TYPE_CHECKING:
+    from pipeline.camera.bundle import Bundle
 
 
 class CameraError(PipelineError):
@@ -109,6 +113,12 @@ class Camera:
             raise CameraError(
                 f"{what} lies {film_mm} mm behind the stop, inside the lens, whose last vertex lies at {last_mm} mm"
             )
+
+    def bundle(self, x_px: float, y_px: float, *, samples: int = 1024, seed: int = 0) -> "Bundle":
+        """Trace the rays of one image position into the scene; see `camera.bundle.bundle`."""
+        from pipeline.camera.bundle import bundle
+
+        return bundle(self, x_px, y_px, samples=samples, seed=seed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,62 @@
+"""The bundle of one image position as rays, for notebooks and for anything that wants to look at single rays."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera import kernels
+from pipeline.camera.camera import Camera
+from pipeline.camera.micro_images import micro_images, owners
+from pipeline.camera.sobol import sobol_bits
+from pipeline.camera.tracer import Tracer
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """Rays of one sensor position that leave the camera, vision frame.
+
+    Attributes
+    ----------
+    origin_mm, direction : (n, 3) float64
+        A point of each ray on the front surface of the lens, and its unit direction into the scene.
+    weight_sr : (n,) float64
+        Share of the integral of cos(theta) d omega at the sensor.
+    """
+
+    origin_mm: np.ndarray
+    direction: np.ndarray
+    weight_sr: np.ndarray
+
+    def at_distance(self, z_mm: float) -> np.ndarray:
+        """Crossings with the plane at vision z, (n, 2) [mm]."""
+        t = (z_mm - self.origin_mm[:, 2]) / self.direction[:, 2]
+        return (self.origin_mm + t[:, None] * self.direction)[:, :2]
+
+    def mean_at(self, z_mm: float) -> np.ndarray:
+        """Weighted mean of the crossings: the position image's value there, (2,) [mm]; NaN for an empty bundle."""
+        if not self.weight_sr.any():
+            return np.full(2, np.nan)
+        return np.average(self.at_distance(z_mm), axis=0, weights=self.weight_sr)
+
+
+def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, seed: int = 0) -> Bundle:
+    """Trace the bundle of one image position; of a plenoptic camera only through the microlens whose cell it lies in.
+
+    Parameters
+    ----------
+    x_px, y_px : float
+        Image position, (0, 0) is the centre of the top-left pixel.
+    samples : int
+        Rays to start, a power of two; those that the camera blocks are left out.
+    """
+    tracer = Tracer(camera, seed)
+    position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
+    images = micro_images(tracer) if camera.microlenses else None
+    lens = owners(tracer, images, position)[:, None]
+    origin, direction = np.empty((samples, 3)), np.empty((samples, 3))
+    weight, owner = np.empty(samples), np.empty(samples, np.int64)
+    pixels = np.array([[round(x_px), round(y_px)]])
+    count = kernels.image_rays(
+        *tracer.arrays, sobol_bits(samples), seed, 0.0, pixels, position, lens, origin, direction, weight, owner
+    )
+    return Bundle(origin[:count], direction[:count], weight[:count])

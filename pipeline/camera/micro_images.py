@@ -1,0 +1,92 @@
+"""Micro-images: where the image behind each microlens lies on the sensor, and which pixels belong to it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.camera.camera import CameraError
+from pipeline.camera.chief import chief_heights
+from pipeline.camera.kernels import NO_MICROLENS, SKIP
+from pipeline.camera.tracer import Tracer
+from pipeline.optics.first_order import first_order
+
+_NEIGHBOURS = 4
+"""No point of a plane lies within reach of more than three micro-images of a hexagonal array that hardly overlap."""
+
+
+@dataclass(frozen=True, slots=True)
+class MicroImages:
+    """Centres of all micro-images, in the order of `camera.lattice`.
+
+    Attributes
+    ----------
+    centre_mm : (n, 2) float64
+        Sensor hit of the real ray through the stop centre and the microlens vertex, vision frame.
+    radius_mm : float
+        Exit-pupil radius * B / P, the contour of half illumination.
+    reach_mm : (n,) float64
+        Beyond this distance from the centre no light of the microlens arrives.
+    """
+
+    centre_mm: np.ndarray
+    radius_mm: float
+    reach_mm: np.ndarray
+
+    def owner(self, positions_mm: np.ndarray) -> np.ndarray:
+        """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
+        return cKDTree(self.centre_mm).query(positions_mm)[1]
+
+    def contributors(self, positions_mm: np.ndarray, slack_mm: float) -> np.ndarray:
+        """Rows of the microlenses whose light may reach within `slack_mm` of each position, (n, _NEIGHBOURS)."""
+        distance, rows = cKDTree(self.centre_mm).query(positions_mm, k=min(_NEIGHBOURS, len(self.centre_mm)))
+        distance, rows = distance.reshape(len(positions_mm), -1), rows.reshape(len(positions_mm), -1)
+        lit = distance <= self.reach_mm[rows] + slack_mm
+        if rows.shape[1] == _NEIGHBOURS and lit[:, -1].any():
+            raise CameraError(
+                "more than three micro-images overlap",
+                hint="stop the main lens down: see matched_stop_diameter_mm in camera.json",
+            )
+        return np.where(lit, rows, SKIP)
+
+
+def micro_images(tracer: Tracer) -> MicroImages:
+    """Micro-images of a plenoptic camera.
+
+    The chief ray is traced backwards from the microlens vertex, so its slope in front of the array is exact; an ideal
+    thin lens passes it undeviated.
+    """
+    array, grid = tracer.camera.microlenses, tracer.lattice
+    if array is None or grid is None:
+        raise CameraError("a conventional camera has no micro-images")
+    vertex = -np.stack([grid.x_mm, grid.y_mm], axis=1)
+    height = np.hypot(*vertex.T)
+    # The crossing is an odd, smooth function of the height: trace each height once.
+    unique, inverse = np.unique(height, return_inverse=True)
+    crossing = chief_heights(tracer.table, tracer.stop_row, tracer.film_z_mm, unique)[inverse]
+    ahead = tracer.table[0, 0] - tracer.film_z_mm
+    outward = np.divide(vertex, height[:, None], out=np.zeros_like(vertex), where=height[:, None] > 0)
+    slope = (crossing - height)[:, None] * outward / ahead
+    pupil = first_order(tracer.camera.prescription).exit_pupil
+    to_pupil = pupil.z_mm - tracer.film_z_mm
+    radius = pupil.diameter_mm / 2 * array.distance_mm / to_pupil
+    focal = np.array(array.focal_lengths_mm)[grid.type]
+    # A ray through aperture offset a and pupil point e lands at centre + a (1 + B / P - B / f) - e B / P.
+    spread = np.abs(1 + array.distance_mm / to_pupil - array.distance_mm / focal)
+    corner = array.pitch_mm / np.sqrt(3)
+    reach = 1.1 * radius + 1.1 * corner * spread
+    return MicroImages(vertex - slope * array.distance_mm, float(radius), reach)
+
+
+def owners(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
+    """Microlens of each sensor position: the owner of its cell, or NO_MICROLENS throughout."""
+    if images is None:
+        return np.full(len(positions_mm), NO_MICROLENS)
+    return images.owner(positions_mm)
+
+
+def strata(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
+    """Microlenses that light of the pixel around each position may pass, (n, s)."""
+    if images is None:
+        return np.full((len(positions_mm), 1), NO_MICROLENS)
+    return images.contributors(positions_mm, tracer.camera.sensor.pitch_mm * np.sqrt(0.5))

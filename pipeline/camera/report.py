@@ -1,0 +1,85 @@
+"""First-order figures of a camera as plain values: what camera.json says. Positions are vision z [mm]."""
+
+from typing import Any
+
+from pipeline.camera.camera import Camera, MicrolensArray
+from pipeline.camera.focus import Focus, foci
+from pipeline.optics.first_order import FirstOrder, Pupil, first_order
+
+
+def report(camera: Camera) -> dict[str, Any]:
+    """Figures of a focused camera (see `camera.focus.focused`), in the order in which camera.json prints them."""
+    lens, sensor, found = first_order(camera.prescription), camera.sensor, foci(camera)
+    to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
+    principal_mm = to_sensor / lens.pupil_magnification
+    depths = [focus.depth_of_field_mm for focus in found]
+    figures: dict[str, Any] = {
+        "resolution": [sensor.width_px, sensor.height_px],
+        "pixel_pitch_mm": sensor.pitch_mm,
+        "sensor_mm": [sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm],
+        "sensor_distance_mm": camera.sensor_distance_mm,
+        "lens": _lens(camera, lens, to_sensor),
+        "principal_distance_mm": principal_mm,
+        "principal_distance_px": principal_mm / sensor.pitch_mm,
+        "optical_axis_px": [
+            sensor.offset_x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2,
+            sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
+        ],
+        "depth_of_field_mm": [min(near for near, _ in depths), max(far for _, far in depths)],
+        "near_far_mm": [camera.near_mm, camera.far_mm],
+    }
+    if camera.microlenses:
+        figures["mla"] = _array(camera, camera.microlenses, lens, found)
+    return figures
+
+
+def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
+    in_focus = lens.object_mm(-camera.sensor_distance_mm)
+    array = camera.microlenses
+    matched = None
+    if array:
+        # The exit pupil's image through a microlens vertex is as wide as the MLA pitch.
+        matched = (to_sensor - array.distance_mm) / array.distance_mm * array.pitch_mm / abs(lens.exit_pupil.magnification)
+    return {
+        "efl_mm": lens.efl_mm,
+        "bfd_mm": lens.bfd_mm,
+        "f_number": lens.f_number,
+        "working_f_number": to_sensor / lens.exit_pupil.diameter_mm,
+        "entrance_pupil": _pupil(lens.entrance_pupil),
+        "exit_pupil": _pupil(lens.exit_pupil),
+        "principal_planes_mm": [lens.front_principal_mm, lens.rear_principal_mm],
+        "magnification": lens.magnification(in_focus),
+        "focus_distance_mm": in_focus,
+        "stop_diameter_mm": 2 * camera.prescription.stop.semi_diameter_mm,
+        "matched_stop_diameter_mm": matched,
+    }
+
+
+def _pupil(pupil: Pupil) -> dict[str, float]:
+    return {"z_mm": pupil.z_mm, "diameter_mm": pupil.diameter_mm}
+
+
+def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple[Focus, ...]) -> dict[str, Any]:
+    to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - array.distance_mm
+    scale = 1 + array.distance_mm / to_array
+    types = [
+        {
+            "focal_length_mm": focal,
+            "focus_distance_mm": focus.focus_distance_mm,
+            "depth_of_field_mm": list(focus.depth_of_field_mm),
+            "virtual_depth": focus.virtual_depth,
+        }
+        for focal, focus in zip(array.focal_lengths_mm, found, strict=True)
+    ]
+    return {
+        "layout": array.layout,
+        "pitch_mm": array.pitch_mm,
+        "rotation_deg": array.rotation_deg,
+        "offset_mm": [array.offset_x_mm, array.offset_y_mm],
+        "tilt_deg": [0.0, 0.0],
+        "distance_mm": array.distance_mm,
+        "aperture": "cell",
+        "types": types,
+        "micro_image_pitch_px": array.pitch_mm * scale / camera.sensor.pitch_mm,
+        "f_number_mismatch": (to_array / lens.exit_pupil.diameter_mm) / (array.distance_mm / array.pitch_mm),
+    }

@@ -1,0 +1,132 @@
+"""A camera made ready for the kernels: its surfaces, outlines and microlenses as arrays, all in the vision frame."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pipeline.camera import kernels
+from pipeline.camera.camera import Camera
+from pipeline.camera.lattice import Lattice, lattice
+from pipeline.camera.polygon import regular
+from pipeline.camera.pupil import MARGIN, outlines
+from pipeline.camera.sobol import sobol_bits
+from pipeline.optics.table import towards_scene
+
+REFERENCE_SAMPLES = 1 << 16
+"""Rays of the reference bundle, whose weight W_ref normalises images."""
+
+
+@dataclass(frozen=True)
+class Tracer:
+    """Traces bundles of a camera.
+
+    Attributes
+    ----------
+    camera : Camera
+    seed : int
+        `plen:seed` of the dataset.
+    margin : float
+        Inflation of the sampling bounds; results must not depend on it.
+    """
+
+    camera: Camera
+    seed: int = 0
+    margin: float = MARGIN
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        """Surfaces towards the scene, (n, 4)."""
+        return towards_scene(self.camera.prescription)
+
+    @property
+    def stop_row(self) -> int:
+        """Row of the aperture stop in `table`."""
+        return len(self.camera.prescription.surfaces) - 1 - self.camera.prescription.stop_index
+
+    @property
+    def sensor_z_mm(self) -> float:
+        """Vision z of the sensor (negative)."""
+        return -self.camera.sensor_distance_mm
+
+    @property
+    def film_z_mm(self) -> float:
+        """Vision z of the plane that the main lens sees: the microlenses, or else the sensor."""
+        array = self.camera.microlenses
+        return self.sensor_z_mm + (array.distance_mm if array else 0.0)
+
+    @cached_property
+    def lattice(self) -> Lattice | None:
+        """The microlenses, None for a conventional camera."""
+        return lattice(self.camera.microlenses) if self.camera.microlenses else None
+
+    @cached_property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Leading arguments of the kernels: optics, table, outlines, lenses, aperture."""
+        camera, array = self.camera, self.camera.microlenses
+        sensor = camera.sensor
+        reach = np.hypot(sensor.width_px + 1, sensor.height_px + 1) * sensor.pitch_mm / 2
+        reach += np.hypot(sensor.offset_x_mm, sensor.offset_y_mm)
+        lenses, aperture = np.zeros((0, 3)), np.zeros((0, 2))
+        if array and self.lattice:
+            reach = np.hypot(self.lattice.x_mm, self.lattice.y_mm).max()
+            focal = np.array(array.focal_lengths_mm)[self.lattice.type]
+            lenses = np.stack([-self.lattice.x_mm, -self.lattice.y_mm, focal], axis=1)
+            # Cells of a hexagonal lattice with rows along x have an edge normal along x. Vision x, y are sensor -x, -y:
+            # a half turn, under which rotation angles stay what they are.
+            aperture = regular(6, array.pitch_mm / 2, array.rotation_deg)
+        bounds = outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
+        sampling_plane = self.film_z_mm if array else float(self.table[0, 0])
+        optics = np.array([self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm])
+        return optics, self.table, bounds.vertices_mm, lenses, aperture
+
+    def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
+        """Image positions as points of the sensor, vision frame (n, 2)."""
+        sensor = self.camera.sensor
+        x = (np.asarray(x_px) - (sensor.width_px - 1) / 2) * sensor.pitch_mm - sensor.offset_x_mm
+        y = (np.asarray(y_px) - (sensor.height_px - 1) / 2) * sensor.pitch_mm - sensor.offset_y_mm
+        return np.stack([-x, -y], axis=-1)
+
+    def pixels_at(self, positions_mm: np.ndarray) -> np.ndarray:
+        """Image positions of points of the sensor; inverse of `positions_mm`, (n, 2) [px]."""
+        sensor = self.camera.sensor
+        centre = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
+        offset = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
+        return (-np.asarray(positions_mm) + offset) / sensor.pitch_mm + centre
+
+    def moments(
+        self, positions_mm: np.ndarray, lens: np.ndarray, planes: np.ndarray, samples: int, pixels: np.ndarray
+    ) -> np.ndarray:
+        """Moments of bundles on two planes, (n, kernels.COLUMNS); see `kernels.bundle_moments`."""
+        result = np.empty((len(positions_mm), kernels.COLUMNS))
+        bits = sobol_bits(samples // kernels.REPLICAS)
+        positions, pixels = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(pixels, np.int64)
+        seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF
+        kernels.bundle_moments(
+            *self.arrays, planes, bits, seed, pixels, positions, np.ascontiguousarray(lens, np.int64), result
+        )
+        return result
+
+    @cached_property
+    def reference_weight_sr(self) -> float:
+        """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr]."""
+        lens, position = kernels.NO_MICROLENS, np.zeros((1, 2))
+        if self.lattice is not None:
+            lens = int(np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[0])
+            position = -np.array([[self.lattice.x_mm[lens], self.lattice.y_mm[lens]]])
+        planes = parallel_planes(1.0, 2.0)
+        rows = self.moments(position, np.array([lens]), planes, REFERENCE_SAMPLES, np.array([[-1, -1]]))
+        return float(rows[0, kernels.WEIGHT])
+
+
+def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:
+    """Two planes perpendicular to the axis with the vision frame's x and y, for the kernels, (2, 4, 3)."""
+    planes = np.zeros((2, 4, 3))
+    planes[:, 0, 2] = near_mm, far_mm
+    planes[:, 1, 0] = planes[:, 2, 1] = planes[:, 3, 2] = 1.0
+    return planes
+
+
+def target_plane(vision_from_target: np.ndarray) -> np.ndarray:
+    """A target's plane with its own x and y axes, for the kernels, (4, 3)."""
+    return np.stack([vision_from_target[:3, 3], *vision_from_target[:3, :3].T])

@@ -1,0 +1,124 @@
+"""First-order (paraxial) optics of a prescription: focal length, pupils, principal planes, conjugates.
+
+Positions are vision z, counted from the aperture stop and positive towards the scene.
+Matrices act on (height, index times slope); Hecht, Optics, chapter "Analytical ray tracing".
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.optics.prescription import Prescription, Surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pupil:
+    """Paraxial image of the stop: position as vision z, diameter, magnification over the stop (signed)."""
+
+    z_mm: float
+    diameter_mm: float
+    magnification: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirstOrder:
+    """First-order constants of a lens in air.
+
+    Attributes
+    ----------
+    efl_mm, bfd_mm : float
+        Effective focal length; back focal distance, last vertex to rear focus.
+    front_focus_mm, rear_focus_mm : float
+        Vision z of the two focal points.
+    front_principal_mm, rear_principal_mm : float
+        Vision z of the two principal planes.
+    """
+
+    efl_mm: float
+    bfd_mm: float
+    front_focus_mm: float
+    rear_focus_mm: float
+    front_principal_mm: float
+    rear_principal_mm: float
+    entrance_pupil: Pupil
+    exit_pupil: Pupil
+
+    @property
+    def f_number(self) -> float:
+        """Focal length over entrance-pupil diameter."""
+        return self.efl_mm / self.entrance_pupil.diameter_mm
+
+    @property
+    def pupil_magnification(self) -> float:
+        """Exit-pupil over entrance-pupil diameter."""
+        return self.exit_pupil.diameter_mm / self.entrance_pupil.diameter_mm
+
+    def image_mm(self, object_mm: float) -> float:
+        """Vision z of the image of an axial object at vision z (Newton's equation x x' = f^2)."""
+        return self.rear_focus_mm - self.efl_mm**2 / (object_mm - self.front_focus_mm)
+
+    def object_mm(self, image_mm: float) -> float:
+        """Vision z of the object whose image lies at vision z; inverse of `image_mm`."""
+        return self.front_focus_mm + self.efl_mm**2 / (self.rear_focus_mm - image_mm)
+
+    def magnification(self, object_mm: float) -> float:
+        """Lateral magnification for an object at vision z; negative: inverted."""
+        return -self.efl_mm / (object_mm - self.front_focus_mm)
+
+
+def first_order(prescription: Prescription) -> FirstOrder:
+    """First-order constants at the prescription's wavelength, air on both sides."""
+    surfaces, stop = prescription.surfaces, prescription.stop_index
+    vertices = prescription.vertices_from_stop_mm
+    whole = _matrix(surfaces, 1.0)
+    efl = float(-1.0 / whole[1, 0])
+    bfd = float(-whole[0, 0] / whole[1, 0])
+    front_focus = -(vertices[0] + float(whole[1, 1] / whole[1, 0]))
+    rear_focus = -(vertices[-1] + bfd)
+    return FirstOrder(
+        efl_mm=efl,
+        bfd_mm=bfd,
+        front_focus_mm=front_focus,
+        rear_focus_mm=rear_focus,
+        front_principal_mm=front_focus - efl,
+        rear_principal_mm=rear_focus + efl,
+        entrance_pupil=_entrance_pupil(prescription, surfaces[:stop]),
+        exit_pupil=_exit_pupil(prescription, surfaces[stop:]),
+    )
+
+
+def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:
+    """From just before the first surface to just behind the last one; `index` is the medium in front."""
+    matrix = np.eye(2)
+    for i, surface in enumerate(surfaces):
+        if i:
+            matrix = np.array([[1.0, surfaces[i - 1].thickness_mm / index], [0.0, 1.0]]) @ matrix
+        power = (surface.index - index) * surface.curvature_per_mm
+        matrix = np.array([[1.0, 0.0], [-power, 1.0]]) @ matrix
+        index = surface.index
+    return matrix
+
+
+def _exit_pupil(prescription: Prescription, rear: tuple[Surface, ...]) -> Pupil:
+    """Image of the stop through what stands behind it."""
+    before = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
+    matrix = _matrix(rear, before)
+    behind_mm = float(-matrix[0, 1] / matrix[1, 1])
+    scale = float(matrix[0, 0] + behind_mm * matrix[1, 0])
+    z_mm = -(prescription.vertices_from_stop_mm[-1] + behind_mm)
+    return Pupil(z_mm=z_mm, diameter_mm=2 * prescription.stop.semi_diameter_mm * abs(scale), magnification=scale)
+
+
+def _entrance_pupil(prescription: Prescription, front: tuple[Surface, ...]) -> Pupil:
+    """Object whose image through the front group is the stop."""
+    diameter = 2 * prescription.stop.semi_diameter_mm
+    if not front:
+        return Pupil(z_mm=0.0, diameter_mm=diameter, magnification=1.0)
+    matrix = _matrix(front, 1.0)
+    last = front[-1]
+    matrix = np.array([[1.0, last.thickness_mm / last.index], [0.0, 1.0]]) @ matrix
+    # An object at distance s before the first vertex images onto the stop where B + A s = 0.
+    before_mm = float(-matrix[0, 1] / matrix[0, 0])
+    scale = float(matrix[0, 0])
+    z_mm = -(prescription.vertices_from_stop_mm[0] - before_mm)
+    return Pupil(z_mm=z_mm, diameter_mm=diameter / abs(scale), magnification=1.0 / scale)

@@ -1,0 +1,37 @@
+"""Position images: where the bundle of every pixel meets a target's plane, in the target's own frame."""
+
+import numpy as np
+
+
+def on_target(
+    near: np.ndarray, far: np.ndarray, near_mm: float, far_mm: float, vision_from_target: np.ndarray
+) -> np.ndarray:
+    """J of the paper's second method: the mean ray of every pixel, intersected with the target's plane.
+
+    J = J_near + t (J_far - J_near), t = <q - J_near, n> / <J_far - J_near, n>.
+
+    Parameters
+    ----------
+    near, far : (..., 2) float64
+        Mean crossings with the planes z = near_mm and z = far_mm, vision frame [mm].
+    vision_from_target : (4, 4) float64
+        Pose of the target.
+
+    Returns
+    -------
+    (..., 2) float64
+        x and y in the target frame [mm]; NaN where the bundle is empty.
+    """
+    share, start, way = crossing_share(near, far, near_mm, far_mm, vision_from_target)
+    hit = start + share[..., None] * way - vision_from_target[:3, 3]
+    return hit @ vision_from_target[:3, :2]
+
+
+def crossing_share(
+    near: np.ndarray, far: np.ndarray, near_mm: float, far_mm: float, vision_from_target: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where between the two planes each mean ray meets the target: t (...), J_near and J_far - J_near (..., 3)."""
+    start = np.concatenate([near, np.full((*near.shape[:-1], 1), near_mm)], axis=-1)
+    way = np.concatenate([far - near, np.full((*near.shape[:-1], 1), far_mm - near_mm)], axis=-1)
+    origin, normal = vision_from_target[:3, 3], vision_from_target[:3, 2]
+    return ((origin - start) @ normal) / (way @ normal), start, way
