@@ -1,0 +1,162 @@
+"""OpenEXR files with several named parts of float32 channels.
+
+The Python binding has habits that cost data silently, and this module exists to stand between them and us:
+
+- It ignores strides: a transposed or flipped array would be written wrong. Every channel is copied to C order.
+- Float attributes shrink to float32 and integers beyond 32 bits become 0. Numbers in headers are `repr` strings.
+- It only warns when pixels cannot be decoded, and drops the parts that a truncated file lacks. Every part therefore
+  carries the CRC-32 of its pixels and the number of parts, and a reader refuses what does not match.
+"""
+
+import zlib
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from pipeline.files.damaged import DamagedFile
+
+TILE_PX = 128
+
+# Lossless, and every reader of multi-part files knows it. Zstandard packs tighter and a third faster, but only the
+# newest readers know that.
+_COMPRESSION = OpenEXR.ZIP_COMPRESSION
+
+# Encode in the calling thread: more threads are not faster at our sizes, and workers share the machine already.
+_IN_CALLING_THREAD = 0
+
+_CRC, _PART_COUNT = "pixels_crc32", "part_count"
+_STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
+_GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
+_RESERVED = _STRUCTURE | _GEOMETRY | {_CRC, _PART_COUNT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """One named image of a multi-part file.
+
+    Attributes
+    ----------
+    name : str
+        Unique within the file.
+    channels : dict of str to (h, w) array
+        Written as float32, NaN included; a file holds them sorted by name.
+    attributes : dict of str to str, float or int
+        Written as text, numbers by `repr`, so that `float(attributes[name])` gives back all digits. A part that was
+        read holds strings only.
+    """
+
+    name: str
+    channels: dict[str, np.ndarray]
+    attributes: dict[str, str | float | int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        shapes = {np.shape(pixels) for pixels in self.channels.values()}
+        if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
+            raise ValueError(f'part "{self.name}" needs channels of one shape (h, w), not {sorted(shapes)}')
+        if taken := sorted(_RESERVED & self.attributes.keys()):
+            raise ValueError(f'part "{self.name}": OpenEXR or this module uses the attributes {taken} itself')
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width [px]."""
+        return np.shape(next(iter(self.channels.values())))  # type: ignore[return-value]
+
+
+def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
+    """Write parts, which may differ in size, to a file of any name. Same parts, same bytes.
+
+    Parameters
+    ----------
+    path : path
+        No particular extension is needed; the folder must exist.
+    parts : list of Part
+        At least one.
+    tiled : bool
+        Tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
+    """
+    names = [part.name for part in parts]
+    if not names or len(set(names)) != len(names):
+        raise ValueError(f"{path}: an EXR file needs parts with different names, not {names}")
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path.parent}: no such folder")
+    # The display window is one for the whole file: that of the largest part. Each part's own size is its data window.
+    display = (max(part.shape[0] for part in parts), max(part.shape[1] for part in parts))
+    encoded = [_encode(part, display, len(parts), tiled) for part in parts]
+    OpenEXR.File(encoded, num_threads=_IN_CALLING_THREAD).write(str(path))
+
+
+def read_exr(path: str | Path) -> dict[str, Part]:
+    """Read a file that `write_exr` wrote.
+
+    Returns
+    -------
+    dict of str to Part
+        By name, in the order of the file.
+
+    Raises
+    ------
+    DamagedFile
+        If it is truncated, altered, or not from `write_exr`.
+    """
+    path = Path(path)
+    with path.open("rb"):  # a missing or unreadable file is the system's error, not a damaged one
+        pass
+    try:
+        file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
+    except (RuntimeError, ValueError) as error:
+        raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
+    found = [_decode(path, encoded) for encoded in file.parts]
+    counts = {encoded.header[_PART_COUNT] for encoded in file.parts}
+    if counts != {str(len(found))}:
+        raise DamagedFile(path, f"{len(found)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
+    return {part.name: part for part in found}
+
+
+def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) -> OpenEXR.Part:
+    channels = {name: np.array(pixels, dtype=np.float32, order="C") for name, pixels in sorted(part.channels.items())}
+    header: dict[str, Any] = {name: _text(part, name, value) for name, value in sorted(part.attributes.items())}
+    header |= {_CRC: _crc32(channels), _PART_COUNT: str(part_count)}
+    header |= {"compression": _COMPRESSION, "dataWindow": _window(part.shape), "displayWindow": _window(display)}
+    header["type"] = OpenEXR.tiledimage if tiled else OpenEXR.scanlineimage
+    if tiled:
+        header["tiles"] = OpenEXR.TileDescription()
+        header["tiles"].xSize = header["tiles"].ySize = TILE_PX
+        header["tiles"].mode = OpenEXR.ONE_LEVEL
+    return OpenEXR.Part(header, channels, part.name)
+
+
+def _decode(path: Path, encoded: OpenEXR.Part) -> Part:
+    header, name = encoded.header, encoded.name()
+    if _CRC not in header or _PART_COUNT not in header:
+        raise DamagedFile(path, f'part "{name}" carries no checksum: this program did not write it')
+    channels = {channel: content.pixels for channel, content in encoded.channels.items()}
+    if any(pixels is None for pixels in channels.values()) or _crc32(channels) != header[_CRC]:
+        raise DamagedFile(path, f'the pixels of part "{name}" do not match their checksum')
+    attributes = {key: value for key, value in header.items() if key not in _RESERVED}
+    return Part(name=name, channels=channels, attributes=attributes)
+
+
+def _text(part: Part, name: str, value: object) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Integral):
+        return repr(int(value))
+    if isinstance(value, Real):
+        return repr(float(value))
+    raise TypeError(f'part "{part.name}": the attribute "{name}" is a {type(value).__name__}, not text or a number')
+
+
+def _window(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros(2, np.int32), np.array([shape[1] - 1, shape[0] - 1], np.int32)
+
+
+def _crc32(channels: dict[str, np.ndarray]) -> str:
+    crc = 0
+    for name, pixels in sorted(channels.items()):
+        crc = zlib.crc32(np.ascontiguousarray(pixels).data, zlib.crc32(name.encode(), crc))
+    return f"{crc:08x}"

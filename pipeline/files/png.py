@@ -1,0 +1,53 @@
+"""PNG files: 8-bit pictures and 16-bit raw images."""
+
+import io
+import zlib
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from pipeline.files.damaged import DamagedFile
+
+_COMPRESS_LEVEL = 6
+"""Named, because the default of the library may move and with it the bytes."""
+
+
+def write_png(path: str | Path, image: np.ndarray) -> None:
+    """Write an image to a file of any name. Same pixels, same bytes; no time, no text, no colour profile.
+
+    Parameters
+    ----------
+    path : path
+        No particular extension is needed.
+    image : (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16
+        RGB, grey, or raw digital numbers; row 0 is the top.
+    """
+    grey = image.ndim == 2 and image.dtype in (np.uint8, np.uint16)
+    colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8
+    if not (grey or colour) or image.size == 0:
+        raise ValueError(f"no PNG for {image.dtype} of shape {image.shape}: (h, w, 3) uint8, (h, w) uint8 or uint16")
+    Image.fromarray(np.ascontiguousarray(image)).save(path, format="PNG", compress_level=_COMPRESS_LEVEL)
+
+
+def read_png(path: str | Path) -> np.ndarray:
+    """Read what `write_png` wrote.
+
+    Returns
+    -------
+    (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16
+
+    Raises
+    ------
+    DamagedFile
+        If it is not a PNG file, truncated, altered, or of another kind of pixel.
+    """
+    stream = io.BytesIO(Path(path).read_bytes())
+    try:
+        with Image.open(stream, formats=["PNG"]) as picture:
+            mode, pixels = picture.mode, np.array(picture)
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, zlib.error) as error:
+        raise DamagedFile(path, f"not a readable PNG file ({error})") from error
+    if mode not in ("RGB", "L", "I;16"):
+        raise DamagedFile(path, f'pixels of kind "{mode}"; expected RGB, 8-bit grey or 16-bit grey')
+    return pixels

@@ -1,0 +1,130 @@
+"""Tables as text: '#' comment lines, one header row, rows. CSV as any spreadsheet and NumPy read it.
+
+An empty cell means "unknown", never 0.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.files.damaged import DamagedFile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A table as text.
+
+    Attributes
+    ----------
+    comments : tuple of str
+        The lines before the header, without "# ".
+    columns : dict of str to list of str
+        Cells as written, in the order of the file; "" where a value is unknown.
+    """
+
+    comments: tuple[str, ...]
+    columns: dict[str, list[str]]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A column as (rows,) float64, NaN where the cell is empty."""
+        return np.array([float(cell) if cell else math.nan for cell in self.columns[name]], dtype=np.float64)
+
+
+def write_table(
+    path: str | Path, header_lines: Iterable[str], columns: Mapping[str, Sequence[Any] | np.ndarray]
+) -> None:
+    """Write columns of equal length, UTF-8, lines ending in a line feed.
+
+    Parameters
+    ----------
+    path : path
+        File to write.
+    header_lines : iterable of str
+        Comment lines, without "#".
+    columns : mapping of str to sequence
+        By name, in order. Floats are written by `repr`, so that they read back exactly; None, NaN and "" leave the
+        cell empty; booleans become 1 and 0; text is quoted only if it must be.
+    """
+    comments = [f"# {line}".rstrip() for line in header_lines]
+    if broken := [line for line in comments if "\n" in line or "\r" in line]:
+        raise ValueError(f"a comment of a table must be one line: {broken[0]!r}")
+    lengths = {name: len(column) for name, column in columns.items()}
+    if len(set(lengths.values())) != 1:
+        raise ValueError(f"a table needs columns of one length, not {lengths}")
+    cells = [_cells(column) for column in columns.values()]
+    if len(cells) == 1:  # a lone empty cell would be a blank line, which readers skip
+        cells = [[cell or '""' for cell in cells[0]]]
+    lines = [*comments, ",".join(map(_quoted, columns)), *map(",".join, zip(*cells, strict=True)), ""]
+    Path(path).write_bytes("\n".join(lines).encode())
+
+
+def read_table(path: str | Path) -> Table:
+    """Read a table that `write_table` wrote.
+
+    Raises
+    ------
+    DamagedFile
+        If it has no header, a row is too short or too long, or it is not UTF-8 text that ends in a line feed.
+    """
+    try:
+        text = Path(path).read_bytes().decode()
+    except UnicodeDecodeError as error:
+        raise DamagedFile(path, f"not a text file in UTF-8 ({error})") from error
+    if not text.endswith("\n"):
+        raise DamagedFile(path, "the last line is cut off")
+    return _parsed(path, list(io.StringIO(text, newline="\n")))
+
+
+def _parsed(path: str | Path, lines: list[str]) -> Table:
+    comment_count = next((i for i, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    comments = tuple(line[1:].strip() for line in lines[:comment_count])
+    reader = csv.reader(lines[comment_count:], strict=True)
+    rows: list[list[str]] = []
+    try:
+        for row in reader:
+            if rows and len(row) != len(rows[0]):
+                line = comment_count + reader.line_num
+                raise DamagedFile(path, f"{len(row)} cells where the header has {len(rows[0])}", line=line)
+            rows.append(row)
+    except csv.Error as error:
+        raise DamagedFile(path, str(error), line=comment_count + reader.line_num) from error
+    if not rows or not rows[0]:
+        raise DamagedFile(path, "no header row")
+    names, *body = rows
+    return Table(comments=comments, columns={name: [row[i] for row in body] for i, name in enumerate(names)})
+
+
+def _cells(column: Sequence[Any] | np.ndarray) -> list[str]:
+    if isinstance(column, np.ndarray):
+        values = column.tolist()
+        if column.dtype.kind == "f":
+            return [repr(value) if value == value else "" for value in values]
+        if column.dtype.kind in "iu":
+            return [str(value) for value in values]
+        return [_cell(value) for value in values]
+    return [_cell(value) for value in column]
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, float | np.floating):
+        number = float(value)
+        return repr(number) if number == number else ""
+    if isinstance(value, bool | np.bool_ | int | np.integer):
+        return str(int(value))
+    raise TypeError(f"a table cannot hold a {type(value).__name__}")
+
+
+def _quoted(text: str) -> str:
+    if any(mark in text for mark in ',"\n\r') or text.startswith("#") or text != text.strip():
+        return '"' + text.replace('"', '""') + '"'
+    return text
