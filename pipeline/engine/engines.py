@@ -1,0 +1,164 @@
+"""Where tasks run: in this process, or in worker processes that may die."""
+
+import collections
+import contextlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from pipeline.engine.perform import ONE_THREAD, died, perform
+from pipeline.engine.store import Store
+
+MAX_DEATHS = 3
+_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.engine.worker import main; main()"
+
+Plain = dict[str, Any]
+
+
+class Engine(Protocol):
+    """A place for tasks. `free` is the number of tasks that it can take now."""
+
+    @property
+    def free(self) -> int: ...
+
+    def submit(self, spec: Plain) -> None: ...
+
+    def wait(self, timeout_s: float) -> list[Plain]: ...
+
+    def close(self) -> None: ...
+
+
+class Inline:
+    """One task after the other, in this process."""
+
+    def __init__(self, store: Store, packages: tuple[str, ...]) -> None:
+        self._store, self._packages = store, packages
+        self._waiting: collections.deque[Plain] = collections.deque()
+        for name, value in ONE_THREAD.items():
+            os.environ.setdefault(name, value)
+
+    @property
+    def free(self) -> int:
+        """One, unless a task waits."""
+        return 1 - len(self._waiting)
+
+    def submit(self, spec: Plain) -> None:
+        """Take a task; it runs in `wait`."""
+        self._waiting.append(spec)
+
+    def wait(self, timeout_s: float) -> list[Plain]:
+        """Run what was submitted and give the replies."""
+        replies = [perform(spec, self._store, self._packages) for spec in self._waiting]
+        self._waiting.clear()
+        return replies
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+@dataclass(slots=True, eq=False)
+class _Worker:
+    process: "subprocess.Popen[bytes]"
+    spec: Plain | None = None
+    received: bytearray = field(default_factory=bytearray)
+
+
+class Processes:
+    """Workers that import only what their tasks import. A dead one costs the task it was in, and no other.
+
+    That task is started again in a new worker, `MAX_DEATHS` times at most: it may be the one that kills them.
+    """
+
+    def __init__(self, store: Store, packages: tuple[str, ...], jobs: int) -> None:
+        self._store, self._packages, self._jobs = store, packages, jobs
+        self._workers: list[_Worker] = []
+        self._deaths: collections.Counter[str] = collections.Counter()
+        self._ready = selectors.DefaultSelector()
+        self.restarts = 0
+
+    @property
+    def free(self) -> int:
+        """Workers without a task, those not started yet included."""
+        return self._jobs - sum(worker.spec is not None for worker in self._workers)
+
+    def pids(self) -> list[int]:
+        """Process ids of the workers."""
+        return [worker.process.pid for worker in self._workers]
+
+    def submit(self, spec: Plain) -> None:
+        """Give a task to an idle worker, or start one."""
+        worker = next((w for w in self._workers if w.spec is None), None) or self._start()
+        worker.spec = spec
+        self._send(worker, spec)
+
+    def wait(self, timeout_s: float) -> list[Plain]:
+        """Replies that arrived within the timeout; maybe none."""
+        replies: list[Plain] = []
+        for ready, _ in self._ready.select(timeout_s):
+            worker: _Worker = ready.data
+            data = os.read(ready.fd, 1 << 16)
+            worker.received += data
+            if not data:
+                replies += self._bury(worker)
+            elif worker.received.endswith(b"\n"):
+                replies.append(json.loads(worker.received))
+                worker.received.clear()
+                worker.spec = None
+        return replies
+
+    def close(self) -> None:
+        """End all workers at once; what they had not finished leaves nothing behind."""
+        for worker in self._workers:
+            worker.process.kill()
+        for worker in list(self._workers):
+            self._forget(worker)
+
+    def _start(self) -> _Worker:
+        process = subprocess.Popen(
+            [sys.executable, "-c", _BOOT, json.dumps(sys.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, **ONE_THREAD},
+            process_group=0,  # Ctrl-C is for the driver: it decides what becomes of running tasks
+        )
+        worker = _Worker(process)
+        self._workers.append(worker)
+        self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
+        self._send(worker, {"store": str(self._store.root), "packages": self._packages})
+        return worker
+
+    def _send(self, worker: _Worker, message: Plain) -> None:
+        assert worker.process.stdin is not None
+        # A broken pipe means that it is dead: `wait` reads the end of its replies and starts the task again.
+        with contextlib.suppress(BrokenPipeError):
+            worker.process.stdin.write(json.dumps(message).encode() + b"\n")
+            worker.process.stdin.flush()
+
+    def _bury(self, worker: _Worker) -> list[Plain]:
+        status = worker.process.wait()
+        spec = worker.spec
+        self._forget(worker)
+        if spec is None:
+            return []
+        self.restarts += 1
+        self._deaths[spec["key"]] += 1
+        if self._deaths[spec["key"]] < MAX_DEATHS:
+            self.submit(spec)
+            return []
+        how = signal.Signals(-status).name if status < 0 else f"exit code {status}"
+        text = f"its worker process died {MAX_DEATHS} times, last by {how} (out of memory looks like SIGKILL)"
+        return [died(spec["name"], spec["key"], text, self._store)]
+
+    def _forget(self, worker: _Worker) -> None:
+        assert worker.process.stdin is not None and worker.process.stdout is not None
+        self._ready.unregister(worker.process.stdout)
+        worker.process.stdout.close()
+        with contextlib.suppress(BrokenPipeError):
+            worker.process.stdin.close()
+        worker.process.wait()
+        self._workers.remove(worker)

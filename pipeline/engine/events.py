@@ -1,0 +1,51 @@
+"""What happens during a build, as a stream of plain dicts; progress, event files and reports read nothing else.
+
+`{"event": "begin", "tasks": {name: kind}}`, then per task `started` and `done` (with the fields of a task's result
+and `usual_seconds`), `warning` with a text, and `end` with the summary of the build.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TextIO
+
+from pipeline.engine.files import machine_errors
+
+Event = dict[str, Any]
+Emit = Callable[[Event], None]
+
+
+def silent(event: Event) -> None:
+    """Nobody listens."""
+
+
+def fan_out(listeners: Iterable[Emit]) -> Emit:
+    """One listener that passes every event on, with the time at which it happened."""
+    everyone = list(listeners)
+
+    def emit(event: Event) -> None:
+        stamped = {**event, "time": round(time.time(), 3)}
+        for listener in everyone:
+            listener(stamped)
+
+    return emit
+
+
+class EventFile:
+    """A file with one event per line, written as they come; made with the first event, not before."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stream: TextIO | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Append an event."""
+        with machine_errors("write events to", self._path):
+            self._stream = self._stream or self._path.open("w", encoding="utf-8", buffering=1)
+            self._stream.write(json.dumps(event, sort_keys=True) + "\n")
+
+    def close(self) -> None:
+        """Flush and close."""
+        if self._stream is not None:
+            self._stream.close()

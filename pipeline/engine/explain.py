@@ -1,0 +1,38 @@
+"""Plans in words: what runs and why, grouped so that a thousand frames that changed alike are one line."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+from pipeline.engine.plan import PlannedTask, ReasonType
+
+_SHOWN = 5  # tasks that are explained one by one
+
+
+def describe(planned: Iterable[PlannedTask]) -> Iterator[str]:
+    """Lines about a plan: counts, the first tasks with all their reasons, the others by what changed."""
+    tasks = list(planned)
+    counts = Counter(task.state for task in tasks)
+    yield f"{len(tasks)} tasks: {counts['cached']} cached, {counts['run']} to run, {counts['maybe']} maybe"
+    work = sorted((task for task in tasks if task.state != "cached"), key=lambda task: task.state != "run")
+    for task in work[:_SHOWN]:
+        yield from describe_task(task)
+    groups = Counter((task.state, task.kind, _cause(task)) for task in work[_SHOWN:])
+    for (state, kind, cause), count in groups.items():
+        yield f"… and {count:,} more {kind} ({state}): {cause}"
+
+
+def describe_task(task: PlannedTask) -> Iterator[str]:
+    """A task, its state, and a line per reason."""
+    yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
+    yield from (f"         {reason}" for reason in task.reasons)
+
+
+def _cause(task: PlannedTask) -> str:
+    """Reasons without what differs from frame to frame."""
+    causes = set()
+    for reason in task.reasons:
+        field = reason.field or ""
+        if reason.type is ReasonType.UPSTREAM:
+            field = field.split("/")[0]
+        causes.add(f"{reason.type.value} {field}".strip())
+    return ", ".join(sorted(causes))

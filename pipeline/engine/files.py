@@ -1,0 +1,125 @@
+"""Reading, writing aside, copying and locking plain files: what the store and the delivery are made of."""
+
+import contextlib
+import errno
+import fcntl
+import hashlib
+import os
+import shutil
+import stat
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.errors import EnvironmentFault
+
+_CHUNK = 1 << 20
+_FICLONE = 0x40049409  # linux/fs.h: share the blocks of another file, copy on write
+_MACHINE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EMFILE, errno.EIO)
+
+Signature = list[int]
+"""Size, inode, mtime and ctime of a file [bytes, -, ns, ns]: a hint that its bytes are still the same ones."""
+
+
+def signature(facts: os.stat_result) -> Signature:
+    """What changes when somebody writes to a file. ctime cannot be set back, mtime can."""
+    return [facts.st_size, facts.st_ino, facts.st_mtime_ns, facts.st_ctime_ns]
+
+
+def is_machines_fault(error: BaseException) -> bool:
+    """Whether an error comes from the machine (disk full, read-only, …) and not from the work."""
+    return isinstance(error, OSError) and error.errno in _MACHINE_ERRORS
+
+
+@contextlib.contextmanager
+def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> Iterator[None]:
+    """Turn a full disk or a read-only folder into an `EnvironmentFault` that says what was tried."""
+    try:
+        yield
+    except OSError as error:
+        if not is_machines_fault(error):
+            raise
+        hint = "choose another folder, or mend its permissions"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            free = shutil.disk_usage(folder if folder.exists() else folder.parent).free
+            need = f"{needed:,} bytes needed, " if needed is not None else ""
+            hint = f"{need}{free:,} bytes free on that disk"
+        raise EnvironmentFault(f"cannot {doing} {folder}: {error.strerror}", hint=hint) from error
+
+
+def open_regular(path: Path) -> int | None:
+    """File descriptor for reading, or None for whatever is not a plain readable file.
+
+    A link is not followed, and a FIFO does not make us wait.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError:
+        return None
+    if stat.S_ISREG(os.fstat(handle).st_mode):
+        return handle
+    os.close(handle)
+    return None
+
+
+def read_regular(path: Path) -> bytes | None:
+    """All bytes of a plain file; None if it is anything else, or unreadable."""
+    handle = open_regular(path)
+    if handle is None:
+        return None
+    try:
+        with os.fdopen(handle, "rb") as stream:
+            return stream.read()
+    except OSError:
+        return None
+
+
+def digest_of(path: Path) -> str | None:
+    """sha256 of a plain file, read in pieces; None if it is anything else, or unreadable."""
+    handle = open_regular(path)
+    if handle is None:
+        return None
+    try:
+        with os.fdopen(handle, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def copy(source: Path, target: Path) -> None:
+    """Copy bytes, sharing blocks where the file system can. Never a hard link: an edit must not reach the source."""
+    with source.open("rb") as reader, target.open("xb") as writer:
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(writer.fileno(), _FICLONE, reader.fileno())
+            return
+        shutil.copyfileobj(reader, writer, _CHUNK)
+
+
+def try_lock(handle: int) -> bool | None:
+    """Try once to lock an open file; None means that this file system has no locks."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return False if error.errno in (errno.EWOULDBLOCK, errno.EINTR) else None
+    return True
+
+
+@contextlib.contextmanager
+def locked(path: Path, timeout_s: float = 3600.0) -> Iterator[bool]:
+    """Hold a lock that dies with this process; False after the timeout, or where nothing can be locked.
+
+    Locks only save work: who goes on without one computes the same bytes once more.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError:
+        yield False
+        return
+    give_up = time.monotonic() + timeout_s
+    try:
+        while (held := try_lock(handle)) is False and time.monotonic() < give_up:
+            time.sleep(0.02)
+        yield bool(held)
+    finally:
+        os.close(handle)

@@ -1,0 +1,71 @@
+"""The manifest of an output folder: what lies there, made of which tasks. Without one a folder is not finished."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.digest import DIGEST
+from pipeline.engine.files import read_regular
+from pipeline.errors import UsageError
+
+NAME = "manifest.json"
+FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifest:
+    """What a manifest says; empty if there is none that can be read.
+
+    Attributes
+    ----------
+    data : bytes or None
+        The file as it is.
+    files : dict
+        Posix path -> {"sha256", "size"}.
+    tasks : dict
+        Task name -> key.
+    """
+
+    data: bytes | None = None
+    stage: Any = None
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+    tasks: dict[str, str] = field(default_factory=dict)
+
+
+def read(out: Path) -> Manifest:
+    """The manifest in a folder. What does not look like one of ours counts as none."""
+    data = read_regular(out / NAME)
+    try:
+        parsed = json.loads(data or b"")
+        files, tasks = parsed["files"], parsed["tasks"]
+        ours = parsed["format"] == FORMAT and all(DIGEST.fullmatch(entry["sha256"]) for entry in files.values())
+        ours = ours and all(is_plain_path(path) for path in files) and isinstance(tasks, dict)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return Manifest(data=data)
+    return Manifest(data=data, stage=parsed.get("stage"), files=files, tasks=tasks) if ours else Manifest(data=data)
+
+
+def render(head: dict[str, Any], tasks: dict[str, str], files: dict[str, dict[str, Any]]) -> bytes:
+    """The manifest's bytes: a function of the facts alone."""
+    whole = {"format": FORMAT, **head, "tasks": tasks, "files": files}
+    text = json.dumps(whole, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    return f"{text}\n".encode()
+
+
+def refuse_other_stage(out: Path, stage: Any) -> None:
+    """Raise UsageError if the folder holds a finished build of another stage, or is no folder."""
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"the output folder {out} is a file", hint="choose another folder with -o")
+    found = read(out).stage
+    if found is not None and found != stage:
+        raise UsageError(
+            f"{out} holds a build of another stage: {found!r}, not {stage!r}",
+            hint="choose another folder with -o, or delete that one",
+        )
+
+
+def is_plain_path(path: str) -> bool:
+    """Whether a name is a relative posix path that stays inside its folder."""
+    parts = path.split("/")
+    return all(part not in ("", ".", "..") for part in parts) and "\0" not in path and "\\" not in path

@@ -1,0 +1,153 @@
+"""What would run and why, without running anything. Reasons are data first, text second."""
+
+import enum
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.engine.graph import TaskGraph
+from pipeline.engine.spec import Record, Spec, Specs
+from pipeline.engine.store import Store
+
+_LONGEST = 72  # characters of a value in a text
+
+
+class ReasonType(enum.StrEnum):
+    """Why a task has to run, or may have to."""
+
+    NEW = "new"
+    CHANGED = "changed"
+    MISSING = "missing"
+    UPSTREAM = "upstream"
+    FORCED = "forced"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reason:
+    """One reason.
+
+    Attributes
+    ----------
+    field : str or None
+        changed: the component of the key (`params.pose`); missing: the output, or `record`;
+        upstream: the task that must run first.
+    old, new : plain values
+        changed: the component at the last build of this task, and now.
+    """
+
+    type: ReasonType
+    field: str | None = None
+    old: Any = None
+    new: Any = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `plan --json`."""
+        return {"type": self.type.value, "field": self.field, "old": self.old, "new": self.new}
+
+    def __str__(self) -> str:
+        match self.type:
+            case ReasonType.CHANGED if self.field == "code":
+                return "code changed"
+            case ReasonType.CHANGED:
+                return f"{self.field}: {_short(self.old)} -> {_short(self.new)}"
+            case ReasonType.MISSING:
+                return f"missing in the store: {self.field}"
+            case ReasonType.UPSTREAM:
+                return f"{self.field} must run first"
+            case ReasonType.NEW:
+                return "never built"
+        return "forced"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedTask:
+    """A task of a plan; `state` is cached, run, or maybe (below a task that must run: early cutoff may save it).
+
+    `key` is None as long as the inputs are not known.
+    """
+
+    name: str
+    kind: str
+    state: str
+    key: str | None
+    reasons: tuple[Reason, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `plan --json`."""
+        facts = {"name": self.name, "kind": self.kind, "state": self.state, "key": self.key}
+        return {**facts, "reasons": [reason.to_dict() for reason in self.reasons]}
+
+
+def plan(
+    graph: TaskGraph, store: Store, last_keys: Mapping[str, str], *, force: Iterable[str] = ()
+) -> list[PlannedTask]:
+    """State of every task, in an order in which sources come first.
+
+    Parameters
+    ----------
+    last_keys : mapping
+        Task name -> key of its last build for the same output folder.
+    """
+    specs, forced = Specs(), set(force)
+    records: dict[str, Record] = {}
+    planned = []
+    for name in graph:
+        task = graph[name]
+        must_run = [source for source in graph.sources(name) if source not in records]
+        last = store.peek(last_keys[name]) if name in last_keys else None
+        if must_run:
+            reasons = [Reason(type=ReasonType.UPSTREAM, field=source) for source in must_run]
+            reasons += _differences(last["components"]["params"], task.params, "params") if last else []
+            planned.append(_planned(task.name, task.short_kind, "maybe", None, reasons))
+            continue
+        spec = specs.of(task, records)
+        whole = store.peek(spec.key)
+        record = store.record(spec.key)
+        if record is not None and name not in forced:
+            records[name] = record
+            planned.append(_planned(task.name, task.short_kind, "cached", spec.key, []))
+            continue
+        reasons = [Reason(type=ReasonType.FORCED)] if name in forced else []
+        if record is None:
+            reasons += _why_missing(spec, last_keys.get(name), last, whole, store)
+        planned.append(_planned(task.name, task.short_kind, "run", spec.key, reasons))
+    return planned
+
+
+def _planned(name: str, kind: str, state: str, key: str | None, reasons: list[Reason]) -> PlannedTask:
+    return PlannedTask(name=name, kind=kind, state=state, key=key, reasons=tuple(reasons))
+
+
+def _why_missing(
+    spec: Spec, last_key: str | None, last: Record | None, damaged: Record | None, store: Store
+) -> list[Reason]:
+    if damaged is not None:
+        gone = [name for name, entry in damaged["outputs"].items() if not store.is_whole(entry)]
+        return [Reason(type=ReasonType.MISSING, field=name) for name in gone]
+    if last_key is None:
+        return [Reason(type=ReasonType.NEW)]
+    if last is None:
+        return [Reason(type=ReasonType.MISSING, field="record")]
+    return list(_differences(last["components"], spec.components))
+
+
+def _differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
+    """Components that differ, each with its dotted path."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in sorted(old.keys() | new.keys()):
+            yield from _differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
+    elif _are_lists_of_records(old, new):
+        for index, (one, other) in enumerate(zip(old, new, strict=True)):
+            yield from _differences(one, other, f"{where}[{index}]")
+    elif old != new:
+        yield Reason(type=ReasonType.CHANGED, field=where, old=old, new=new)
+
+
+def _are_lists_of_records(old: Any, new: Any) -> bool:
+    lists = isinstance(old, list) and isinstance(new, list) and len(old) == len(new)
+    return lists and all(isinstance(item, dict) for item in [*old, *new])
+
+
+def _short(value: Any) -> str:
+    text = value[:12] if isinstance(value, str) and len(value) == 64 else repr(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"

@@ -1,0 +1,237 @@
+"""From a project to its output folder: run the graph, deliver the files, say what happened."""
+
+import os
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine import manifest
+from pipeline.engine.deliver import Delivery, Source, deliver
+from pipeline.engine.digest import key_of
+from pipeline.engine.events import Emit, silent
+from pipeline.engine.graph import TaskGraph
+from pipeline.engine.plan import PlannedTask, plan
+from pipeline.engine.run import Outcome, TaskResult, run
+from pipeline.engine.status import TaskStatus, status
+from pipeline.engine.store import Store
+from pipeline.errors import PipelineError, UsageError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Project:
+    """A graph, and what of its results goes where.
+
+    Attributes
+    ----------
+    files : dict
+        Posix path below `out` -> bytes, or (task name, output name).
+    head : dict
+        What the manifest says beside format, tasks and files; `head["stage"]` names the stage without a path of
+        this machine.
+    out : Path
+        Output folder.
+    stage_id : str
+        What `plan` compares with: the last build of the same stage into the same folder.
+    """
+
+    graph: TaskGraph
+    files: dict[str, Source]
+    head: dict[str, Any]
+    out: Path
+    stage_id: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What a build did; `to_dict()` is what `build --json` prints.
+
+    Attributes
+    ----------
+    out : Path
+        Output folder, absolute.
+    seconds : float
+        Wall time of the whole build [s].
+    store, store_bytes : Path, int
+        Where the results are kept, and the size of all that is kept there.
+    delivery : Delivery or None
+        Changes in the output folder; None if it was not touched because something failed or only part was built.
+    interrupted : int or None
+        Exit code of the signal that ended the build, if one did.
+    error : PipelineError or None
+        Why the output folder could not be filled although all tasks are done.
+    """
+
+    stage: Any
+    out: Path
+    seconds: float
+    certificate: Any
+    tasks: tuple[TaskResult, ...]
+    store: Path
+    store_bytes: int
+    delivery: Delivery | None = None
+    interrupted: int | None = None
+    error: PipelineError | None = None
+
+    def count(self, state: str) -> int:
+        """Number of tasks that ended in a state."""
+        return sum(task.state == state for task in self.tasks)
+
+    @property
+    def executed(self) -> int:
+        """Tasks that ran now."""
+        return self.count("executed")
+
+    @property
+    def cached(self) -> int:
+        """Tasks whose results were in the store, or that another builder made meanwhile."""
+        return self.count("cached")
+
+    @property
+    def failed(self) -> int:
+        """Tasks that failed now."""
+        return self.count("failed")
+
+    @property
+    def skipped(self) -> int:
+        """Tasks that were not tried."""
+        return self.count("skipped")
+
+    @property
+    def failures(self) -> tuple[TaskResult, ...]:
+        """The tasks that failed."""
+        return tuple(task for task in self.tasks if task.state == "failed")
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 1 a task failed, 5 the machine is at fault, 130 or 143 interrupted."""
+        if self.interrupted is not None:
+            return self.interrupted
+        if any(task.machine for task in self.failures):
+            return 5
+        if self.error is not None:
+            return self.error.exit_code
+        return 1 if self.failures else 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, as in outputs of `build --json`."""
+        counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
+        head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
+        whole = {**head, "certificate": self.certificate, "tasks": [task.to_dict() for task in self.tasks]}
+        return whole if self.error is None else {**whole, "error": str(self.error)}
+
+
+def build(
+    project: Project,
+    *,
+    store: Store | None = None,
+    jobs: int | None = None,
+    keep_going: bool = False,
+    force: Iterable[str] = (),
+    until: Iterable[str] = (),
+    on_event: Emit = silent,
+    prepare: Callable[[], None] | None = None,
+) -> Result:
+    """Run what is missing and fill the output folder.
+
+    Parameters
+    ----------
+    jobs : int, optional
+        Worker processes; 1 runs everything in this process; default one per core.
+    force, until : iterable of str
+        Tasks (names, patterns, or paths of files in the output folder) that run in any case; the last ones to run.
+        As long as only a part of the dataset is made, the output folder is left alone.
+    """
+    start = time.perf_counter()
+    manifest.refuse_other_stage(project.out, project.head.get("stage"))
+    warn = _warner(on_event)
+    store = store or Store(warn=warn)
+    store.sweep()
+    graph, forced = _selection(project, force, until)
+    on_event({"event": "begin", "tasks": {name: graph[name].short_kind for name in graph}, "jobs": _jobs(jobs)})
+    outcome = run(
+        graph, store, jobs=_jobs(jobs), keep_going=keep_going, force=forced, on_event=on_event, prepare=prepare
+    )
+    _remember(project, store, outcome, whole=len(graph) == len(project.graph))
+    delivery, error = None, None
+    if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
+        try:
+            delivery = deliver(
+                project.out, project.files, project.head, records=outcome.records, store=store, warn=warn
+            )
+        except PipelineError as caught:
+            error = caught
+    result = Result(
+        stage=project.head.get("stage"),
+        out=project.out.absolute(),
+        seconds=time.perf_counter() - start,
+        certificate=project.head.get("certificate"),
+        tasks=tuple(outcome.results[name] for name in graph),
+        store=store.root,
+        store_bytes=store.size(),
+        delivery=delivery,
+        interrupted=outcome.interrupted,
+        error=error,
+    )
+    on_event({"event": "end", "summary": result.to_dict()})
+    return result
+
+
+def plan_of(
+    project: Project, *, store: Store | None = None, force: Iterable[str] = (), until: Iterable[str] = ()
+) -> list[PlannedTask]:
+    """What `build` would do with the same arguments."""
+    store = store or Store()
+    graph, forced = _selection(project, force, until)
+    return plan(graph, store, _last_keys(project, store), force=forced)
+
+
+def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatus]:
+    """What of the project lies finished in its output folder."""
+    return status(plan_of(project, store=store), project.files, project.out)
+
+
+def tasks_of(project: Project, target: str) -> list[str]:
+    """Tasks meant by a task name or pattern, or by the path of a file below (or in) the output folder."""
+    path = Path(target)
+    if path.is_absolute() and path.is_relative_to(project.out.absolute()):
+        target = path.relative_to(project.out.absolute()).as_posix()
+    elif path.is_relative_to(project.out):
+        target = path.relative_to(project.out).as_posix()
+    source = project.files.get(target)
+    if isinstance(source, bytes):
+        raise UsageError(f"{target} is written from the stage itself, no task makes it")
+    return [source[0]] if source is not None else project.graph.select(target)
+
+
+def _selection(project: Project, force: Iterable[str], until: Iterable[str]) -> tuple[TaskGraph, set[str]]:
+    forced = {name for target in force for name in tasks_of(project, target)}
+    last = [name for target in until for name in tasks_of(project, target)]
+    return (project.graph.up_to(last) if last else project.graph), forced
+
+
+def _jobs(jobs: int | None) -> int:
+    return max(1, jobs if jobs is not None else len(os.sched_getaffinity(0)))
+
+
+def _history_name(project: Project) -> str:
+    return key_of("history/v1", [str(project.out.absolute()), project.stage_id])
+
+
+def _last_keys(project: Project, store: Store) -> dict[str, str]:
+    keys = store.read_note("history", _history_name(project))
+    return keys if isinstance(keys, dict) else {}
+
+
+def _remember(project: Project, store: Store, outcome: Outcome, *, whole: bool) -> None:
+    """Keep the key of every task that is there now, so that the next plan can say what changed since."""
+    before = _last_keys(project, store)
+    now = {name: key for name, key in before.items() if name in project.graph} if whole else dict(before)
+    now |= {name: record["key"] for name, record in outcome.records.items()}
+    if now != before:
+        store.write_note("history", _history_name(project), now)
+
+
+def _warner(on_event: Emit) -> Callable[[str], None]:
+    return lambda text: on_event({"event": "warning", "text": text})

@@ -1,0 +1,243 @@
+"""The store: bytes under their digest, and records of which bytes the task with a key made.
+
+    VERSION                      for people and tools
+    cas/sha256/ab/<digest>       a blob, mode 0444
+    ac/v1/ab/<key>.json          a record, followed by a line with its own digest
+    lock/ab/<key>                locked while somebody computes the key
+    tmp/                         files being written
+    quarantine/                  what failed verification, for a person to look at
+    logs/  history/  index/      what tasks printed; last keys per output folder; hints that may be deleted
+
+Two promises: a readable record implies complete blobs, and a reader gets the right bytes or a miss, never wrong bytes
+and never an exception because an entry is damaged.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import stat
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.digest import DIGEST
+from pipeline.engine.files import Signature, copy, digest_of, locked, machine_errors, read_regular, signature
+from pipeline.engine.workspace import Workspace, sweep
+
+_TRAILER = b"\n#sha256="
+_FORMAT = 1
+_TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs"}
+_SUFFIXES = {"record": ".json", "log": ".log"}
+
+Entry = dict[str, Any]
+
+
+class DamagedBlob(Exception):
+    """A blob is gone, or is not what its name says; building again heals it."""
+
+
+def default_root() -> Path:
+    """$PIPELINE_CACHE, or `store/` in the user's cache folder."""
+    if chosen := os.environ.get("PIPELINE_CACHE"):
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline" / "store"
+
+
+class Store:
+    """A store on a plain file system; many processes may use one at the same time.
+
+    Parameters
+    ----------
+    root : Path, optional
+        Its folder; default `default_root()`.
+    warn : callable, optional
+        Gets one sentence about every damaged entry and every key that gave two results.
+    """
+
+    def __init__(self, root: str | Path | None = None, *, warn: Callable[[str], None] = lambda text: None) -> None:
+        self.root = Path(root or default_root()).absolute()
+        self.warn = warn
+        self.counts: Counter[str] = Counter()
+        self._verified: dict[str, Signature] = {}
+        self._workspace = Workspace(self.root / "tmp")
+        if not (self.root / "VERSION").is_file():
+            with machine_errors("make the store", self.root):
+                self.root.mkdir(parents=True, exist_ok=True)
+                self._write(self.root / "VERSION", b"1\n")
+
+    def path(self, table: str, name: str) -> Path:
+        """Where an entry lives. Only digests get in, so no path leads outside."""
+        if not DIGEST.fullmatch(name):
+            raise ValueError(f"not a digest: {name!r}")
+        return self.root / _TABLES[table] / name[:2] / (name + _SUFFIXES.get(table, ""))
+
+    # Blobs
+
+    def put_bytes(self, data: bytes) -> Entry:
+        """Keep bytes; gives {"sha256", "size"}, which is how everybody else names them."""
+        digest = hashlib.sha256(data).hexdigest()
+        entry = {"sha256": digest, "size": len(data)}
+        if not self.is_whole(entry):
+            self._write(self.path("blob", digest), data)
+        return entry
+
+    def put_file(self, path: Path) -> Entry:
+        """Take a file that a task wrote on this file system. It is hashed in pieces and moved, or copied if shared."""
+        facts = path.lstat()
+        if not stat.S_ISREG(facts.st_mode):
+            raise ValueError(f"{path.name} is not a plain file")
+        if facts.st_nlink > 1:  # another name could still change it, and what it names is not ours to move
+            aside = self.new_path()
+            copy(path, aside)
+            path = aside
+        digest = digest_of(path)
+        if digest is None:
+            raise OSError(f"cannot read {path}")
+        entry = {"sha256": digest, "size": path.stat().st_size}
+        if not self.is_whole(entry):
+            self._keep(path, self.path("blob", digest))
+        return entry
+
+    def blob(self, digest: str) -> Path:
+        """Verified path of a blob, for reading only.
+
+        Raises
+        ------
+        DamagedBlob
+        """
+        path = self.path("blob", digest)
+        try:
+            size = path.lstat().st_size
+        except OSError:
+            raise DamagedBlob(digest) from None
+        if not self.is_whole({"sha256": digest, "size": size}):
+            raise DamagedBlob(digest)
+        return path
+
+    def is_whole(self, entry: Entry) -> bool:
+        """Whether the store holds exactly these bytes; anything else under their name goes to quarantine."""
+        digest = entry["sha256"]
+        path = self.path("blob", digest)
+        try:
+            facts = path.lstat()
+        except OSError:
+            return False
+        now = signature(facts)
+        regular = stat.S_ISREG(facts.st_mode) and facts.st_size == entry["size"]
+        if regular and self._verified.get(digest) == now:  # hashed before by this process, not written to since
+            return True
+        if regular and digest_of(path) == digest:
+            self._verified[digest] = now
+            return True
+        self._quarantine(path)
+        return False
+
+    # Records
+
+    def put_record(self, key: str, record: dict[str, Any]) -> dict[str, Any]:
+        """Keep the first record of a key; gives the record that is kept."""
+        kept = self.record(key)
+        if kept is not None:
+            if kept["outputs"] != record["outputs"]:
+                self.counts["nondeterministic"] += 1
+                self.warn(f"NON-DETERMINISM: {key[:12]} gave other bytes than before; the first ones stay")
+            return kept
+        body = json.dumps({**record, "key": key, "format": _FORMAT}, sort_keys=True).encode()
+        trailer = _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
+        self._write(self.path("record", key), body + trailer)
+        parsed: dict[str, Any] = json.loads(body)
+        return parsed
+
+    def record(self, key: str) -> dict[str, Any] | None:
+        """The record of a key, if it and all its blobs are whole; else None, which is a miss."""
+        record = self.peek(key)
+        if record is not None and not all(self.is_whole(entry) for entry in record["outputs"].values()):
+            self._quarantine(self.path("record", key))
+            return None
+        return record
+
+    def peek(self, key: str) -> dict[str, Any] | None:
+        """The record of a key without a look at its blobs: for explanations."""
+        path = self.path("record", key)
+        record = _parse_record(read_regular(path), key)
+        if record is None:
+            self._quarantine(path)  # nothing to do for an ordinary miss
+        return record
+
+    # Files that are hints or help, never the truth
+
+    def write_note(self, folder: str, name: str, note: Any) -> None:
+        """Keep plain data in `history` or `index`. A store that cannot be written goes without."""
+        with contextlib.suppress(OSError):
+            self._write(self.root / folder / f"{name}.json", json.dumps(note, sort_keys=True).encode())
+
+    def read_note(self, folder: str, name: str) -> Any:
+        """What `write_note` kept, or None."""
+        try:
+            return json.loads(read_regular(self.root / folder / f"{name}.json") or b"null")
+        except ValueError:
+            return None
+
+    def note_time_ns(self, folder: str, name: str) -> int:
+        """When a note was written, by the file system's clock; 0 if there is none."""
+        try:
+            return (self.root / folder / f"{name}.json").stat().st_mtime_ns
+        except OSError:
+            return 0
+
+    @contextlib.contextmanager
+    def single_flight(self, key: str) -> Iterator[bool]:
+        """Hold the lock of a key, so that two builders compute it once."""
+        with locked(self.path("lock", key)) as held:
+            yield held
+
+    def new_path(self) -> Path:
+        """A path on the store's file system for this process alone; what is left there is removed later."""
+        return self._workspace.new_path()
+
+    def sweep(self) -> int:
+        """Remove what dead processes left in `tmp`."""
+        return sweep(self.root / "tmp")
+
+    def size(self) -> int:
+        """Bytes of all blobs."""
+        return sum(path.lstat().st_size for path in (self.root / _TABLES["blob"]).glob("*/*"))
+
+    def _write(self, final: Path, data: bytes) -> None:
+        aside = self.new_path()
+        aside.write_bytes(data)
+        self._keep(aside, final)
+
+    def _keep(self, aside: Path, final: Path) -> None:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        aside.chmod(0o444)
+        aside.replace(final)
+
+    def _quarantine(self, path: Path) -> None:
+        """Move a damaged entry out of the way, if there is one and we may."""
+        if not os.path.lexists(path):
+            return
+        self.counts["damaged"] += 1
+        self.warn(f"damaged entry of the store, moved to quarantine: {path}")
+        with contextlib.suppress(OSError):  # a read-only store keeps it
+            (self.root / "quarantine").mkdir(exist_ok=True)
+            path.rename(self.root / "quarantine" / f"{time.time_ns()}-{path.name}")
+
+
+def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
+    """Bytes as a record; None unless checksum, format and key are right."""
+    body, _, tail = (raw or b"").rpartition(_TRAILER)
+    if tail != hashlib.sha256(body).hexdigest().encode() + b"\n":
+        return None
+    try:
+        record: dict[str, Any] = json.loads(body)
+        whole = record["format"] == _FORMAT and record["key"] == key
+        entries = record["outputs"].values()
+        whole = whole and all(DIGEST.fullmatch(e["sha256"]) and isinstance(e["size"], int) for e in entries)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return record if whole else None

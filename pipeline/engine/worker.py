@@ -1,0 +1,74 @@
+"""A worker process: tasks come in as lines of JSON, replies go out as lines of JSON.
+
+Not a pool of the standard library: that one would import the driver's main module again (with typer and the rest),
+move pickles, and fail every waiting task when one worker dies.
+"""
+
+import contextlib
+import faulthandler
+import json
+import os
+import queue
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.engine.perform import perform
+from pipeline.engine.store import Store
+
+
+def main() -> None:
+    """Serve until the driver closes our standard input."""
+    requests, replies = os.dup(0), os.dup(1)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)  # whatever prints on descriptor 1 must not end up between the replies
+    faulthandler.enable()
+    lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
+    setup = json.loads(lines.get())
+    warnings: list[str] = []
+    store, packages = Store(setup["store"], warn=warnings.append), tuple(setup["packages"])
+    while True:
+        spec = json.loads(lines.get())
+        with _descriptors_in(store.path("log", spec["key"])):
+            reply = perform(spec, store, packages)
+        _send(replies, json.dumps({**reply, "warnings": warnings}).encode() + b"\n")
+        warnings.clear()
+
+
+def _send(handle: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(handle, view) :]
+
+
+def _listen(handle: int, lines: "queue.SimpleQueue[bytes]") -> None:
+    with os.fdopen(handle, "rb") as stream:
+        for line in stream:
+            lines.put(line)
+    os._exit(0)  # the driver is gone or wants no more: nothing half done is visible in the store
+
+
+@contextlib.contextmanager
+def _descriptors_in(log: Path) -> Iterator[None]:
+    """Point descriptors 1 and 2 at the log, for native libraries and for the trace of a crash."""
+    saved = os.dup(2)
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o644)
+    except OSError:
+        handle = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(handle, 1)
+    os.dup2(handle, 2)
+    os.close(handle)
+    try:
+        yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(saved, 1)
+        os.dup2(saved, 2)
+        os.close(saved)
+        with contextlib.suppress(OSError):
+            if log.stat().st_size == 0:
+                log.unlink()

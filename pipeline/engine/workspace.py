@@ -1,0 +1,63 @@
+"""Where this process writes before it renames: a folder of its own in the store, locked for as long as it lives."""
+
+import os
+import shutil
+import socket
+import uuid
+import weakref
+from pathlib import Path
+
+from pipeline.engine.files import try_lock
+
+
+class Workspace:
+    """A folder in `tmp/`, made when first needed, removed with this object or swept once its process is dead."""
+
+    def __init__(self, tmp: Path) -> None:
+        self._tmp = tmp
+        self._folder: Path | None = None
+
+    def new_path(self) -> Path:
+        """A path in the folder that nobody else uses."""
+        if self._folder is None or not self._folder.is_dir():
+            self._folder, lock = _locked_folder(self._tmp)
+            weakref.finalize(self, _remove, self._folder, lock)
+        return self._folder / uuid.uuid4().hex
+
+
+def sweep(tmp: Path) -> int:
+    """Remove folders whose process is dead, and count them. The kernel's locks say who lives, no clock and no pid."""
+    swept = 0
+    for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
+        handle = _open_folder(folder)
+        if handle is None:
+            continue
+        if try_lock(handle):
+            shutil.rmtree(folder, ignore_errors=True)
+            swept += not folder.exists()
+        os.close(handle)
+    return swept
+
+
+def _locked_folder(tmp: Path) -> tuple[Path, int]:
+    while True:
+        folder = tmp / f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex}"
+        folder.mkdir(parents=True)
+        handle = _open_folder(folder)
+        # Somebody may have swept the folder before it was locked.
+        if handle is not None and try_lock(handle) is not False and folder.is_dir():
+            return folder, handle
+        if handle is not None:
+            os.close(handle)
+
+
+def _open_folder(folder: Path) -> int | None:
+    try:
+        return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None
+
+
+def _remove(folder: Path, lock: int) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    os.close(lock)

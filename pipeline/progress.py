@@ -1,0 +1,125 @@
+"""What a person sees of a running build, on stderr; everything comes from the stream of events.
+
+Rich is imported only for a terminal.
+"""
+
+import os
+import sys
+from collections import Counter, defaultdict
+from typing import Any, Protocol
+
+Event = dict[str, Any]
+
+
+class Display(Protocol):
+    """A listener of events that may own part of the screen while its context is open."""
+
+    def __call__(self, event: Event) -> None: ...
+
+    def __enter__(self) -> "Display": ...
+
+    def __exit__(self, *error: object) -> None: ...
+
+
+def display(verbosity: int) -> Display:
+    """A bar on a terminal, lines elsewhere; below zero only failures and warnings."""
+    terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+    return Bar() if terminal and verbosity == 0 else Lines(verbosity)
+
+
+class Tally:
+    """Counts of a running build, and an estimate from the recorded seconds of each kind of task."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.total = 0
+        self._jobs = 1
+        self._left: Counter[str] = Counter()
+        self._usual: defaultdict[str, list[float]] = defaultdict(list)
+
+    def add(self, event: Event) -> None:
+        """Take an event into account."""
+        if event["event"] == "begin":
+            self.total, self._jobs = len(event["tasks"]), event["jobs"]
+            self._left = Counter(event["tasks"].values())
+        elif event["event"] == "done":
+            self.counts[event["state"]] += 1
+            self._left[event["kind"]] -= 1
+            if event["usual_seconds"] is not None:
+                self._usual[event["kind"]].append(event["usual_seconds"])
+
+    def line(self) -> str:
+        """`[412/1003 hit 380 run 31 fail 1]`."""
+        done = self.counts.total()
+        hit, run, fail = self.counts["cached"], self.counts["executed"], self.counts["failed"]
+        return f"[{done}/{self.total} hit {hit} run {run} fail {fail}]"
+
+    def seconds_left(self) -> float | None:
+        """Estimate [s]; None as long as nothing is known. Kinds that nobody has timed count like the others' mean."""
+        means = {kind: sum(times) / len(times) for kind, times in self._usual.items()}
+        if not means:
+            return None
+        usual = sum(means.values()) / len(means)
+        return sum(count * means.get(kind, usual) for kind, count in self._left.items()) / self._jobs
+
+
+class Lines:
+    """One line per task that ran, for logs and pipes."""
+
+    def __init__(self, verbosity: int) -> None:
+        self._verbosity = verbosity
+        self._tally = Tally()
+
+    def __enter__(self) -> "Lines":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def __call__(self, event: Event) -> None:
+        """Say what is worth a line at this verbosity."""
+        self._tally.add(event)
+        if event["event"] == "warning":
+            self._say(f"warning: {event['text']}")
+        elif event["event"] == "started" and self._verbosity > 0:
+            self._say(f"{self._tally.line()} {event['task']} started")
+        elif event["event"] == "done" and self._is_shown(event["state"]):
+            self._say(f"{self._tally.line()} {event['task']} {event['state']} {event['seconds']:.1f} s")
+
+    def _is_shown(self, state: str) -> bool:
+        return state == "failed" or self._verbosity > 0 or (state == "executed" and self._verbosity == 0)
+
+    def _say(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+
+class Bar:
+    """A bar with counts, the task that ended last and an estimate; warnings and failures stay above it."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self._tally = Tally()
+        columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+        self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+        self._bar = self._progress.add_task("", total=None)
+
+    def __enter__(self) -> "Bar":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._progress.stop()
+
+    def __call__(self, event: Event) -> None:
+        """Move the bar."""
+        self._tally.add(event)
+        if event["event"] == "warning":
+            self._progress.console.print(f"warning: {event['text']}", markup=False, highlight=False)
+        elif event["event"] == "done" and event["state"] == "failed":
+            self._progress.console.print(f"{event['task']} failed", markup=False, highlight=False)
+        done, left = self._tally.counts.total(), self._tally.seconds_left()
+        eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
+        text = f"{self._tally.line()} {event.get('task', '')}{eta}"
+        self._progress.update(self._bar, total=self._tally.total, completed=done, description=text)
