@@ -17,7 +17,7 @@ _HOMES = {
     "Sensor": "pipeline.camera.camera",
     "MicrolensArray": "pipeline.camera.camera",
     "Checkerboard": "pipeline.target.checkerboard",
-    "open_dataset": "pipeline.scene.dataset",
+    "open_dataset": "pipeline.scene.load",
     "build": "pipeline.tasks.build",
 }
 __all__ = ["__version__", *_HOMES]

@@ -1,0 +1,55 @@
+"""Say everything that is wrong with a stage, in one pass. No task runs on a stage with an error here.
+
+USD composes a stage with a typo in every attribute without a word, so the checks are strict about names, types,
+tokens and ranges, and then ask whether the parts can be built.
+"""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from pxr import Usd
+
+from pipeline.scene.asset_roots import check_assets
+from pipeline.scene.check_camera import check_camera, check_microlenses
+from pipeline.scene.check_dataset import check_checkerboard, check_dataset, check_only_dataset, find_dataset
+from pipeline.scene.check_layers import check_layers
+from pipeline.scene.check_lens import check_lens
+from pipeline.scene.check_poses import check_poses
+from pipeline.scene.check_prims import all_prims, check_dangling, check_prim
+from pipeline.scene.check_properties import check_properties
+from pipeline.scene.problems import Problem
+
+_WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
+    ("PlenLens", check_lens),
+    ("PlenMicrolensArray", check_microlenses),
+    ("PlenCheckerboard", check_checkerboard),
+)
+
+
+def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+    """All problems of a composed stage: layers first, then prims in order, then the dataset.
+
+    Parameters
+    ----------
+    roots : list of Path
+        Folders that the stage may read from, as `asset_roots.allowed_roots` gives them.
+    """
+    found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
+    prims = all_prims(stage)
+    for prim in prims:
+        found += [*check_prim(prim), *check_properties(prim)]
+    for prim in prims:
+        if prim.IsActive() and not prim.IsAbstract():
+            found += _check_whole(prim)
+    found += check_only_dataset(stage)
+    if root := find_dataset(stage):
+        found += check_dataset(root)
+        # Poses are computed from values that the checks so far have vouched for.
+        if not any(one.is_error for one in found):
+            found += check_poses(root)
+    return list(dict.fromkeys(found))
+
+
+def _check_whole(prim: Usd.Prim) -> list[Problem]:
+    found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
+    return found + (list(check_camera(prim)) if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI") else [])

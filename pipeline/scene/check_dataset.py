@@ -1,0 +1,78 @@
+"""A dataset as a whole: its frames, its names, what it holds."""
+
+from collections import Counter
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.scene.places import problem
+from pipeline.scene.problems import Problem, shown_path
+from pipeline.scene.reading import camera_name, frame_numbers
+from pipeline.scene.values import read, targets
+
+
+def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
+    """The PlenDataset that is the stage's default prim; None for a part of the library."""
+    prim = stage.GetDefaultPrim()
+    return prim if prim and prim.IsA("PlenDataset") else None
+
+
+def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenDataset, its poses left out."""
+    yield from _check_frames(root)
+    cameras = targets(root, "plen:cameras", "Camera")
+    for prim in cameras:
+        if not prim.HasAPI("PlenCameraAPI"):
+            hint = 'write prepend apiSchemas = ["PlenCameraAPI"] on it'
+            yield problem(prim, "camera-without-api", "a camera of the dataset lacks PlenCameraAPI", hint=hint)
+    for prim in [*cameras, *targets(root, "plen:targets", "PlenTarget")]:
+        if not prim.GetPath().HasPrefix(root.GetPath()):
+            message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
+            yield problem(prim, "outside-dataset", message)
+    yield from _check_names(root, cameras)
+
+
+def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
+    """PlenDataset prims that nobody would build, because they are not the default prim."""
+    for prim in stage.TraverseAll():
+        if prim.IsA("PlenDataset") and prim != stage.GetDefaultPrim():
+            hint = f'write defaultPrim = "{prim.GetName()}"'
+            yield problem(prim, "default-prim", "this PlenDataset is not the default prim of the stage", hint=hint)
+
+
+def check_checkerboard(board: Usd.Prim) -> Iterator[Problem]:
+    """A PlenCheckerboard that looks the same upside down."""
+    columns, rows = read(board, "plen:columns"), read(board, "plen:rows")
+    if columns is not None and rows is not None and (columns + rows) % 2 == 0:
+        message = f"{rows} x {columns} inner corners look the same upside down"
+        yield problem(board, "ambiguous-board", message, hint="make the sum of rows and columns odd")
+
+
+def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
+    frames = read(root, "plen:frames") or ()
+    for number, count in Counter(frames).items():
+        if count > 1:
+            message = f'"plen:frames" names {number} {count} times'
+            yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
+    if not frame_numbers(root):
+        stage = root.GetStage()
+        message = "the dataset has no frames"
+        both = all(stage.HasAuthoredMetadata(key) for key in ("startTimeCode", "endTimeCode"))
+        if both:
+            message += f": startTimeCode is {stage.GetStartTimeCode():g}, endTimeCode {stage.GetEndTimeCode():g}"
+        hint = "set startTimeCode and endTimeCode to integers, or list plen:frames"
+        file = shown_path(stage.GetRootLayer().realPath)
+        yield Problem(code="no-frames", message=message, file=file, line=1, at=str(root.GetPath()), hint=hint)
+
+
+def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    named = [(camera_name(prim, root), prim, "cameras") for prim in cameras]
+    named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
+    seen: dict[tuple[str, str], str] = {}
+    for name, prim, what in named:
+        # Names become files, and some file systems do not tell Rig from rig.
+        key = (what, name.casefold())
+        if key in seen:
+            message = f'two {what} would share the name "{name}": <{seen[key]}> and <{prim.GetPath()}>'
+            yield problem(prim, "name-collision", message, hint="rename one of the prims")
+        seen.setdefault(key, str(prim.GetPath()))

@@ -1,0 +1,67 @@
+"""What every layer of a stage must say, and say alike; and statements that USD drops in silence."""
+
+from collections.abc import Iterator
+
+from pxr import Sdf, Usd, UsdGeom
+
+from pipeline.scene.lines import text_map
+from pipeline.scene.problems import Problem, shown_path
+
+# Layer metadata, its fallback, and what USD does when layers disagree.
+_ALIKE = (
+    ("metersPerUnit", 0.01, "USD does not convert lengths between layers"),
+    ("timeCodesPerSecond", 24.0, "USD would rescale the time codes of the samples"),
+    ("upAxis", "Y", "USD does not turn referenced scenes"),
+)
+
+
+def check_layers(stage: Usd.Stage) -> list[Problem]:
+    """Problems of the layers themselves."""
+    return [*_check_root(stage), *_check_alike(stage), *_check_repeated(stage)]
+
+
+def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
+    """Layers with a file, the root first, the others in the order of their paths."""
+    root = stage.GetRootLayer()
+    others = [layer for layer in stage.GetUsedLayers() if not layer.anonymous and layer != root]
+    return [root, *sorted(others, key=lambda layer: layer.realPath)]
+
+
+def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
+    file = shown_path(stage.GetRootLayer().realPath)
+    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
+        hint = "USD falls back to centimetres (0.01); write metersPerUnit = 0.001"
+        yield Problem(code="units", message="the stage does not set metersPerUnit", file=file, line=1, hint=hint)
+    if not stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
+        message = "the stage does not set upAxis"
+        hint = 'write upAxis = "Y"'
+        yield Problem(severity="warning", code="up-axis", message=message, file=file, line=1, hint=hint)
+
+
+def _check_alike(stage: Usd.Stage) -> Iterator[Problem]:
+    root, *others = used_layers(stage)
+    for key, fallback, why in _ALIKE:
+        wanted = _info(root, key, fallback)
+        for layer in others:
+            value = _info(layer, key, fallback)
+            if value != wanted:
+                message = f"{key} is {value} here and {wanted} in {shown_path(root.realPath)}"
+                yield Problem(code="layer-" + key, message=message, file=shown_path(layer.realPath), line=1, hint=why)
+
+
+def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:
+    root = layer.pseudoRoot
+    return root.GetInfo(key) if root.HasInfo(key) else fallback
+
+
+def _check_repeated(stage: Usd.Stage) -> Iterator[Problem]:
+    for layer in used_layers(stage):
+        for path, what, line in text_map(layer.realPath).repeated:
+            yield Problem(
+                code="written-twice",
+                message=what,
+                file=shown_path(layer.realPath),
+                line=line,
+                at=path,
+                hint="USD keeps the last one without a word; remove one",
+            )

@@ -1,0 +1,93 @@
+"""A prescription that cannot be built: its order, its stop, its surfaces against each other."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from itertools import pairwise
+
+from pxr import Usd
+
+from pipeline.optics.prescription import PrescriptionError, Surface
+from pipeline.scene.places import problem
+from pipeline.scene.problems import Problem, did_you_mean
+from pipeline.scene.reading import ordered_surfaces, read_surface
+
+# Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
+_TOUCH_MM = 1e-9
+
+
+def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenLens as a whole."""
+    yield from _check_order(lens)
+    prims = ordered_surfaces(lens)
+    if not prims:
+        return
+    yield from _check_stop(lens, prims)
+    for prim in prims:
+        yield from _check_sphere(prim)
+    for front, behind in pairwise(prims):
+        yield from _check_crossing(front, behind)
+    last = _surface(prims[-1])
+    if last and last.index != 1:
+        message = f"the medium behind the last surface has index {last.index}, and only air (1) is supported yet"
+        yield problem(prims[-1].GetAttribute("plen:index"), "not-yet-supported", message)
+
+
+def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
+    order = lens.GetAttribute("plen:surfaceOrder")
+    names = list(order.Get() or []) if order else []
+    children = [child.GetName() for child in lens.GetChildren() if child.IsA("PlenSurface")]
+    for name, count in Counter(names).items():
+        if count > 1:
+            yield problem(order, "surface-order", f'"{name}" stands {count} times in the order of the surfaces')
+        if name not in children:
+            hint = did_you_mean(name, children)
+            yield problem(order, "surface-order", f'"{name}" is no PlenSurface below the lens', hint=hint)
+    for name in sorted(set(children) - set(names)):
+        message = f'surface "{name}" is missing in "plen:surfaceOrder"'
+        yield problem(lens.GetChild(name), "surface-order", message)
+
+
+def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
+    stops = [prim.GetName() for prim in prims if prim.GetAttribute("plen:isStop").Get()]
+    if not stops:
+        hint = "write uniform bool plen:isStop = 1 on one of its surfaces"
+        yield problem(lens, "no-stop", "the lens has no aperture stop", hint=hint)
+    elif len(stops) > 1:
+        yield problem(lens, "several-stops", f"the lens has {len(stops)} aperture stops: {', '.join(stops)}")
+
+
+def _surface(prim: Usd.Prim) -> Surface | None:
+    """The record of a surface; None where its values alone are wrong already, and reported as that."""
+    try:
+        surface = read_surface(prim)
+    except (PrescriptionError, TypeError):
+        return None
+    finite = math.isfinite(surface.thickness_mm + surface.semi_diameter_mm + surface.index)
+    return surface if finite else None
+
+
+def _check_sphere(prim: Usd.Prim) -> Iterator[Problem]:
+    try:
+        read_surface(prim)
+    except TypeError:
+        pass  # a missing or wrongly typed value, reported as that
+    except PrescriptionError as error:
+        if "beyond" in error.what:
+            yield problem(prim, "beyond-sphere", error.what)
+
+
+def _check_crossing(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
+    first, second = _surface(front), _surface(behind)
+    if not first or not second:
+        return
+    # Sag grows with curvature at every height, so the gap changes monotonically from vertex to edge.
+    height = min(first.semi_diameter_mm, second.semi_diameter_mm)
+    gap = first.thickness_mm + second.sag_mm(height) - first.sag_mm(height)
+    if gap < -_TOUCH_MM:
+        message = (
+            f'surfaces "{front.GetName()}" and "{behind.GetName()}" cross: {first.thickness_mm:g} mm apart on the axis,'
+            f" {gap:.4g} mm at {height:g} mm from it"
+        )
+        hint = "enlarge the thickness or reduce a semi-diameter"
+        yield problem(front.GetAttribute("plen:thickness"), "surfaces-cross", message, hint=hint)

@@ -1,0 +1,153 @@
+"""Poses of cameras and targets: a sample at every frame, rigid, and the board before the camera."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from pipeline.frames import apply
+from pipeline.scene.places import problem
+from pipeline.scene.poses import ancestry, is_orient, product, quaternion, world_from, xform_ops
+from pipeline.scene.problems import Problem
+from pipeline.scene.reading import (
+    camera_from_world,
+    camera_name,
+    frame_numbers,
+    read_checkerboard,
+    read_prescription,
+    stage_mm_per_unit,
+)
+from pipeline.scene.values import numbers, plain, target, targets
+
+# How far a quaternion may be off unit length without a word: what its type resolves.
+_ROUNDING = {
+    UsdGeom.XformOp.PrecisionDouble: 1e-12,
+    UsdGeom.XformOp.PrecisionFloat: 1e-6,
+    UsdGeom.XformOp.PrecisionHalf: 1e-3,
+}
+_MENDABLE = 1e-3
+_RIGID = 1e-9
+"""Largest deviation of the columns of a rotation from orthonormal ones."""
+
+
+def check_poses(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the poses of a dataset whose prims are in order."""
+    frames = frame_numbers(root)
+    cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
+    boards = targets(root, "plen:targets", "PlenCheckerboard")
+    moved = list(dict.fromkeys(link for prim in [*cameras, *boards] for link in ancestry(prim)))
+    found = [bad for link in moved for bad in _check_link(link, frames)]
+    found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames) if not _has_error(found)]
+    yield from found
+    if not _has_error(found):
+        for camera in cameras:
+            for board in boards:
+                yield from _check_before_camera(camera, board, root, frames)
+
+
+def _has_error(problems: list[Problem]) -> bool:
+    return any(one.is_error for one in problems)
+
+
+def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
+    """One prim whose transform moves a camera or target."""
+    for op in xform_ops(prim):
+        attribute = op.GetAttr()
+        if attribute.HasSpline():
+            yield problem(attribute, "not-yet-supported", "poses as splines are not supported yet")
+            continue
+        times = attribute.GetTimeSamples()
+        missing = [number for number in frames if times and number not in times]
+        if missing:
+            message = f'"{attribute.GetName()}" has no sample at time code {_listed(missing)}'
+            hint = "USD would interpolate without a word; write one sample per frame"
+            yield problem(attribute, "no-pose-sample", message, hint=hint)
+        for number in [number for number in frames if number not in missing]:
+            yield from _check_op(op, number, number if times else None)
+            if not times:
+                break
+
+
+def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterator[Problem]:
+    attribute = op.GetAttr()
+    value = attribute.Get(float(number))
+    if value is None and op.GetOpType() != UsdGeom.XformOp.TypeInvalid:
+        message = f'"{attribute.GetName()}" has no value at time code {number}'
+        yield problem(attribute, "no-pose-sample", message)
+    elif is_orient(op):
+        parts = quaternion(op, float(number)) or (math.nan,)
+        off = abs(math.sqrt(sum(part * part for part in parts)) - 1.0)
+        if math.isnan(off) or off <= _ROUNDING.get(op.GetPrecision(), 1e-12):
+            return  # NaN is reported as a value that is not finite
+        if off >= _MENDABLE:
+            message = f"the quaternion is {off:.3g} off unit length, so it is no rotation"
+            yield problem(attribute, "non-rigid", message, hint="write a unit quaternion (w, x, y, z)", time=sample)
+        else:
+            message = f"the quaternion is {off:.3g} off unit length; it is normalised"
+            yield problem(attribute, "normalised", message, severity="warning", time=sample)
+
+
+def _listed(frames: list[int]) -> str:
+    shown = ", ".join(map(str, frames[:5]))
+    return shown if len(frames) <= 5 else f"{shown} and {len(frames) - 5} more"
+
+
+def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
+    for number in frames:
+        if not _is_finite(prim, number):
+            return
+        rotation = world_from(prim, float(number), 1.0)[:3, :3]
+        off = float(np.abs((rotation.T[:, :, None] * rotation[None, :, :]).sum(axis=1) - np.eye(3)).max())
+        mirrored = float(np.linalg.det(rotation)) < 0
+        if off > _RIGID or mirrored:
+            what = "mirrors" if mirrored and off <= _RIGID else "scales or shears"
+            message = f"the transform from <{prim.GetPath()}> to the world {what} at time code {number}"
+            yield problem(_scaling_link(prim), "non-rigid", message, hint="use only translations and rotations")
+            return
+
+
+def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
+    """The operation most likely to blame."""
+    for link in ancestry(prim):
+        for op in xform_ops(link):
+            if op.GetOpType() in (UsdGeom.XformOp.TypeScale, UsdGeom.XformOp.TypeTransform):
+                return op.GetAttr()
+    return prim
+
+
+def _is_finite(prim: Usd.Prim, number: int) -> bool:
+    values = [op.GetAttr().Get(float(number)) for link in ancestry(prim) for op in xform_ops(link)]
+    return all(math.isfinite(item) for value in values for item in _op_numbers(value))
+
+
+def _op_numbers(value: object) -> list[float]:
+    if hasattr(value, "GetImaginary"):
+        return [float(value.GetReal()), *map(float, value.GetImaginary())]  # type: ignore[attr-defined]
+    return numbers(plain(value))
+
+
+def _check_before_camera(
+    camera: Usd.Prim, board: Usd.Prim, root: Usd.Prim, frames: tuple[int, ...]
+) -> Iterator[Problem]:
+    """Every corner of the board, its margin included, must lie before the first vertex of the lens."""
+    prescription = read_prescription(target(camera, "plen:camera:lens", "PlenLens"))
+    first_mm = -prescription.vertices_from_stop_mm[0]
+    half_x, half_y = read_checkerboard(board).half_extent_mm
+    corners = np.array([[x, y, 0.0] for x in (-half_x, half_x) for y in (-half_y, half_y)])
+    scale_mm = stage_mm_per_unit(root)
+    for number in frames:
+        world_from_board = world_from(board, float(number), scale_mm)
+        camera_from_board = product(camera_from_world(camera, float(number), scale_mm), world_from_board)
+        nearest_mm = float(apply(camera_from_board, corners)[:, 2].min())
+        if nearest_mm > first_mm:
+            continue
+        where = "behind the camera" if nearest_mm <= 0 else "inside the lens"
+        message = (
+            f'"{board.GetName()}" reaches {where} "{camera_name(camera, root)}" at time code {number}: its nearest'
+            f" corner lies at z = {nearest_mm:.6g} mm, the first vertex at {first_mm:.6g} mm"
+        )
+        moving = next((op.GetAttr() for op in xform_ops(board) if op.GetAttr().GetTimeSamples()), None)
+        hint = "the camera looks along its -Z"
+        code = "behind-camera" if nearest_mm <= 0 else "inside-lens"
+        yield problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)

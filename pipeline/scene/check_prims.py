@@ -1,0 +1,105 @@
+"""Prims whose type, schemas, transform or variants USD takes without a word, although they mean nothing."""
+
+from collections.abc import Iterator
+
+from pxr import Plug, Tf, Usd
+
+from pipeline.scene.places import problem
+from pipeline.scene.problems import Problem, did_you_mean
+
+
+def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Every prim that is defined, abstract ones, inactive ones and instances included, in stage order."""
+    everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
+    found = []
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
+    for prim in prims:
+        if prim.IsPseudoRoot():
+            continue
+        if _is_dangling(prim):
+            prims.PruneChildren()
+        else:
+            found.append(prim)
+    return found
+
+
+def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
+    """Overs on prims that nothing defines."""
+    everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
+    for prim in prims:
+        if not prim.IsPseudoRoot() and _is_dangling(prim):
+            siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
+            message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
+            yield problem(prim, "over-without-def", message, hint=did_you_mean(prim.GetName(), siblings))
+            prims.PruneChildren()
+
+
+def _is_dangling(prim: Usd.Prim) -> bool:
+    return not (prim.IsDefined() or prim.IsAbstract() or not prim.IsActive())
+
+
+def check_prim(prim: Usd.Prim) -> list[Problem]:
+    """Problems of one prim, its properties left out."""
+    return [*_check_type(prim), *_check_apis(prim), *_check_xform_order(prim), *_check_variants(prim)]
+
+
+def _check_type(prim: Usd.Prim) -> Iterator[Problem]:
+    name = prim.GetTypeName()
+    if name and not prim.GetPrimTypeInfo().GetSchemaTypeName():
+        hint = did_you_mean(name, _known_types())
+        yield problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint)
+
+
+def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
+    registry = Usd.SchemaRegistry()
+    authored = prim.GetMetadata("apiSchemas")
+    for full in authored.GetAddedOrExplicitItems() if authored else []:
+        name, instance = registry.GetTypeNameAndInstance(full)
+        if not registry.FindAppliedAPIPrimDefinition(name):
+            hint = did_you_mean(name, _known_apis())
+            yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
+            continue
+        # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call looks.
+        can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
+        if not can:
+            yield problem(prim, "api-not-applicable", can.whyNot)
+
+
+def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
+    order = prim.GetAttribute("xformOpOrder")
+    named = [token.removeprefix("!invert!") for token in ((order.Get() or []) if order else [])]
+    for name in named:
+        if name != "!resetXformStack!" and not prim.HasProperty(name):
+            # USD raises later, when somebody asks for the transform.
+            hint = did_you_mean(name, prim.GetPropertyNames())
+            message = f'xformOpOrder names "{name}", which does not exist'
+            yield problem(order, "missing-xform-op", message, hint=hint)
+    for attribute in prim.GetAuthoredAttributes():
+        name = attribute.GetName()
+        if name.startswith("xformOp:") and name not in named:
+            message = f'"{name}" stands in no xformOpOrder, so it moves nothing'
+            yield problem(attribute, "unused-xform-op", message, hint=f'add it: xformOpOrder = ["{name}"]')
+
+
+def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:
+    sets = prim.GetVariantSets()
+    for name, choice in sorted((prim.GetMetadata("variantSelection") or {}).items()):
+        if name not in sets.GetNames():
+            hint = did_you_mean(name, sets.GetNames())
+            yield problem(prim, "unknown-variant-set", f'no variant set "{name}"', hint=hint)
+        elif choice and choice not in sets.GetVariantSet(name).GetVariantNames():
+            hint = did_you_mean(choice, sets.GetVariantSet(name).GetVariantNames())
+            yield problem(prim, "unknown-variant", f'variant set "{name}" has no variant "{choice}"', hint=hint)
+
+
+def _known_types() -> set[str]:
+    registry = Usd.SchemaRegistry()
+    types = Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName("UsdTyped"))
+    return {registry.GetConcreteSchemaTypeName(t) for t in types} - {""}
+
+
+def _known_apis() -> set[str]:
+    registry = Usd.SchemaRegistry()
+    types = Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName("UsdAPISchemaBase"))
+    return {registry.GetAPISchemaTypeName(t) for t in types} - {""}

@@ -1,0 +1,82 @@
+"""Properties by their names: misspelt ones, missing ones, and relationships that point at nothing useful."""
+
+from collections.abc import Iterator
+
+from pxr import Usd, UsdGeom
+
+from pipeline.scene.check_values import authored_values, check_attribute, check_numbers
+from pipeline.scene.places import problem
+from pipeline.scene.problems import Problem, did_you_mean
+from pipeline.scene.values import schema_facts
+
+# Anyone may add properties here, on any prim.
+_FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
+
+
+def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the authored properties of a prim, and of those that it must have and has not."""
+    definition = prim.GetPrimDefinition()
+    known = set(definition.GetPropertyNames())
+    for prop in prim.GetAuthoredProperties():
+        if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
+            for time, value in authored_values(prop):
+                yield from check_numbers(prop, value, time)
+        elif prop.GetName() not in known:
+            yield from _check_unknown(prop, known)
+        elif isinstance(prop, Usd.Attribute):
+            yield from check_attribute(prop, definition)
+        else:
+            yield from _check_relationship(prop)
+    yield from _check_required(prim)
+
+
+def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
+    prim, name = prop.GetPrim(), prop.GetName()
+    is_ours = name.startswith("plen:")  # never extra data, on any prim
+    if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES)):
+        return
+    type_name = prim.GetPrimTypeInfo().GetSchemaTypeName()
+    if type_name or is_ours:
+        hint = did_you_mean(name, known) or _hint(is_ours, str(type_name))
+        yield problem(prop, "unknown-property", f'{type_name or "this prim"} has no property "{name}"', hint=hint)
+
+
+def _hint(is_ours: bool, type_name: str) -> str | None:
+    if not is_ours:
+        return 'write "custom" in front of it if it is meant to be extra data'
+    return 'apply PlenCameraAPI: prepend apiSchemas = ["PlenCameraAPI"]' if type_name == "Camera" else None
+
+
+def _check_required(prim: Usd.Prim) -> Iterator[Problem]:
+    if prim.IsAbstract():
+        return
+    for name in [name for names in schema_facts(prim, "plenRequired") for name in names]:
+        relationship = prim.GetRelationship(name)
+        if relationship:
+            missing = not relationship.HasAuthoredTargets() or not relationship.GetTargets()
+        else:
+            missing = not prim.GetAttribute(name).HasAuthoredValue()
+        if missing:
+            wanted = wanted_target(prim, name)
+            hint = f"point it at a {wanted}" if wanted else "it has no fallback: write it"
+            yield problem(prim, "missing-value", f'{prim.GetTypeName()} needs "{name}"', hint=hint)
+
+
+def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
+    stage, name = relationship.GetStage(), relationship.GetName()
+    wanted = wanted_target(relationship.GetPrim(), name)
+    for path in relationship.GetTargets():
+        if not stage.GetObjectAtPath(path):
+            hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
+            message = f'"{name}" points at <{path}>, which does not exist'
+            yield problem(relationship, "missing-target", message, hint=hint)
+        elif wanted:
+            prim = stage.GetPrimAtPath(path)
+            if not (prim and prim.IsA(wanted)):
+                got = (prim.GetTypeName() or "untyped prim") if prim else "property"
+                yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
+
+
+def wanted_target(prim: Usd.Prim, name: str) -> str | None:
+    """The prim type that our plugInfo.json names for a relationship."""
+    return next((found[name] for found in schema_facts(prim, "plenTargets") if name in found), None)

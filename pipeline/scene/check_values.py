@@ -1,0 +1,108 @@
+"""Values of attributes against their schemas: types, tokens, ranges, and what is not supported yet."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from pxr import Sdf, Usd
+
+from pipeline.scene.lines import line_of
+from pipeline.scene.places import problem
+from pipeline.scene.problems import Problem, did_you_mean, shown_path
+from pipeline.scene.values import numbers, plain, range_of
+
+_NO_TILT = ((0.0, 0.0),)
+# What the schemas allow and the pipeline builds today. Attributes that are not named here are supported as a whole.
+SUPPORTED: dict[str, tuple[Any, ...]] = {
+    "plen:conic": (0.0,),
+    "plen:indexSource": ("printed",),
+    "plen:layout": ("hexagonal",),
+    "plen:model": ("thin",),
+    "plen:aperture": ("cell",),
+    "plen:tilt": _NO_TILT,
+    "plen:camera:weight": ("irradiance",),
+    "plen:truth:method": ("two-plane", "image"),
+    "plen:truth:footprint": ("point",),
+    "plen:truth:accuracy": (),
+    "plen:image:fNumbers": ((),),
+}
+
+
+def check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) -> Iterator[Problem]:
+    """Problems of one authored attribute that a schema defines."""
+    schema = definition.GetAttributeDefinition(attribute.GetName())
+    if wrong := list(_check_written_type(attribute, schema.GetTypeName())):
+        yield from wrong  # values of a wrong type would only confuse what follows
+        return
+    name = attribute.GetName()
+    if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
+        yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples')
+    for time, value in authored_values(attribute):
+        bad = [*_check_tokens(attribute, value, time), *check_numbers(attribute, value, time)]
+        yield from bad or _check_supported(attribute, value, time)
+
+
+def authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, Any]]:
+    """Pairs of a time, None for the value without time, and the plain value there."""
+    if not attribute.HasAuthoredValue():
+        return
+    default = attribute.Get()
+    if default is not None:
+        yield None, plain_or_none(default)
+    for time in attribute.GetTimeSamples():
+        yield time, plain_or_none(attribute.Get(time))
+
+
+def plain_or_none(value: Any) -> Any:
+    """A plain value; None for what has no plain form."""
+    try:
+        return plain(value)
+    except TypeError:
+        return None
+
+
+def _check_written_type(attribute: Usd.Attribute, wanted: Sdf.ValueTypeName) -> Iterator[Problem]:
+    # The composed attribute claims the type of the schema; only the opinions tell.
+    for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
+        if spec.typeName != wanted:
+            yield Problem(
+                code="wrong-type",
+                message=f'"{attribute.GetName()}" must be written as {wanted}, not {spec.typeName}',
+                file=shown_path(spec.layer.realPath),
+                line=line_of(spec.layer.realPath, str(spec.path)),
+                at=str(attribute.GetPath()),
+            )
+
+
+def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+    allowed = list(attribute.GetMetadata("allowedTokens") or [])
+    for token in ([value] if isinstance(value, str) else value or []) if allowed else []:
+        if token not in allowed:
+            choices = f"allowed: {', '.join(allowed)}"
+            guess = did_you_mean(token, allowed)
+            message = f'"{token}" is not a value of "{attribute.GetName()}"'
+            yield problem(attribute, "bad-token", message, hint=f"{guess} {choices}" if guess else choices, time=time)
+
+
+def check_numbers(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+    """The first number of a value that is not finite, or not in the range that its documentation states."""
+    name = attribute.GetName()
+    span = range_of(attribute.GetDocumentation()) if name.startswith("plen:") else None
+    for number in numbers(value):
+        if span and span.holds(number):
+            continue
+        if not math.isfinite(number):
+            yield problem(attribute, "not-finite", f'"{name}" is not a finite number: {number}', time=time)
+            return
+        if span:
+            yield problem(attribute, "out-of-range", f'"{name}" = {number} is outside {span}', time=time)
+            return
+
+
+def _check_supported(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+    name = attribute.GetName()
+    if name in SUPPORTED and value not in SUPPORTED[name]:
+        choices = ", ".join(map(str, SUPPORTED[name]))
+        hint = f"supported: {choices}" if choices else "leave it out"
+        message = f'"{name}" = {value if value != () else "[]"} is not supported yet'
+        yield problem(attribute, "not-yet-supported", message, hint=hint, time=time)

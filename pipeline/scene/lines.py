@@ -1,0 +1,194 @@
+"""Find things in .usda text: the line of a prim, a property, a time sample, an asset.
+
+Sdf forgets line numbers, and the first of two equal statements, while it parses. To show where a valid but wrong
+value stands, the text is scanned once more: names, brackets and strings are enough.
+"""
+
+import re
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+_TOKEN = re.compile(
+    r'''(?P<string>"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'
+                  |"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
+      | (?P<comment>\#[^\n]*|//[^\n]*|/\*.*?\*/)
+      | (?P<asset>@@@.*?@@@|@[^@\n]*@)
+      | (?P<path><[^>\n]*>)
+      | (?P<word>[A-Za-z_][\w:.]*(?:\[\])?)
+      | (?P<number>[-+]?[\d.][\w.+-]*)
+      | (?P<punct>[{}()\[\]=,;:])
+      | (?P<newline>\n)''',
+    re.VERBOSE | re.DOTALL,
+)
+_PRIM_WORDS = ("def", "over", "class", "variantSet")
+_LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
+_SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
+
+
+@dataclass(slots=True)
+class TextMap:
+    """What stands where in one file.
+
+    Attributes
+    ----------
+    lines : dict
+        Line of `/A`, `/A.x`, `/A.x[3]` (the time sample at 3) and, for paths inside variants, `/A{set=name}B`.
+    repeated : list
+        (path, what, line) of statements that overwrite an earlier one: USD keeps the last without a word.
+    assets : dict
+        Line of the first mention of each asset path.
+    """
+
+    lines: dict[str, int] = field(default_factory=dict)
+    repeated: list[tuple[str, str, int]] = field(default_factory=list)
+    assets: dict[str, int] = field(default_factory=dict)
+
+
+def line_of(file: str | Path, spec_path: str) -> int | None:
+    """1-based line of a spec; the line of its property or prim if it is not found itself."""
+    lines = text_map(file).lines
+    without_sample = re.sub(r"\[[^\]]*\]$", "", spec_path)
+    return lines.get(spec_path) or lines.get(without_sample) or lines.get(without_sample.split(".")[0])
+
+
+def sample_key(time: float) -> str:
+    """How `TextMap.lines` writes a time."""
+    return f"[{float(time)!r}]"
+
+
+def text_map(file: str | Path) -> TextMap:
+    """Map of a .usda file; empty for what is not text."""
+    path = Path(file)
+    if not path.is_file():
+        return TextMap()
+    with path.open("rb") as stream:
+        if stream.read(5) != b"#usda":
+            return TextMap()
+    return _scanned(str(path), path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _scanned(path: str, _mtime_ns: int) -> TextMap:
+    return _Scanner().scan(Path(path).read_text(encoding="utf-8", errors="replace"))
+
+
+class _Scanner:
+    """One pass over the tokens, with a stack of open brackets.
+
+    An entry of the stack is ("prim" | "set" | "variant", name), ("samples", property path) inside `timeSamples`, or
+    None for a bracket that does not change the path: metadata, values, dictionaries.
+    """
+
+    def __init__(self) -> None:
+        self.map = TextMap()
+        self.seen: set[str] = set()
+        self.stack: list[tuple[str, str] | None] = []
+        self.words: list[tuple[str, int]] = []  # of the statement so far
+        self.opening: tuple[str, str, int, int] | None = None  # a prim or variant that waits for its "{"
+        self.samples: str | None = None  # a property whose timeSamples wait for their "{"
+        self.number: tuple[str, int] | None = None  # the number before a ":"
+
+    def scan(self, text: str) -> TextMap:
+        line, position = 1, 0
+        for match in _TOKEN.finditer(text):
+            line += text.count("\n", position, match.start())
+            position = match.start()
+            self._token(match.lastgroup or "", match.group(), line)
+        return self.map
+
+    def _token(self, kind: str, token: str, line: int) -> None:
+        if kind == "word":
+            self.words.append((token, line))
+        elif kind == "number":
+            self.number = (token, line)
+        elif kind == "string":
+            self._string(token.strip("\"'"), line)
+        elif kind == "punct":
+            self._punctuation(token)
+        else:
+            if kind == "asset":
+                self.map.assets.setdefault(token.strip("@"), line)
+            # Comment, asset, path, end of line: the name before it is complete.
+            if self.words and self.words[0][0] not in _PRIM_WORDS:
+                self._property()
+                self.words = []
+
+    def _string(self, name: str, line: int) -> None:
+        depth = len(self.stack)
+        if self.words and self.words[0][0] in _PRIM_WORDS:
+            word, line = self.words[0]
+            self.opening = ("set" if word == "variantSet" else "prim", name, line, depth)
+            self.words = []
+        elif not self.words and self.stack and (self.stack[-1] or "")[:1] == ("set",):
+            self.opening = ("variant", name, line, depth)
+
+    def _punctuation(self, token: str) -> None:
+        if token == "{":
+            self._open_brace()
+        elif token in "([":
+            if self.words and token == "(":
+                self._property()
+            self.stack.append(None)
+        elif token in "})]":
+            if self.stack:
+                self.stack.pop()
+        elif token == "=":
+            self._property()
+        elif token == ":":
+            self._sample()
+        else:
+            return
+        self.words = []
+
+    def _open_brace(self) -> None:
+        # The depth tells the body of a prim from a dictionary inside ( ... ).
+        if self.opening and len(self.stack) == self.opening[3]:
+            kind, name, line, _ = self.opening
+            self.stack.append((kind, name))
+            self.map.lines.setdefault(self._path(), line)
+            self.opening = None
+        elif self.samples:
+            self.stack.append(("samples", self.samples))
+            self.samples = None
+        else:
+            self.stack.append(None)
+
+    def _property(self) -> None:
+        path = self._path()
+        if len(self.words) < 2 or not path:
+            return
+        name, line = self.words[-1]
+        bare = _SUFFIX.sub("", name)
+        self.map.lines.setdefault(f"{path}.{bare}", line)
+        edit = next((word for word, _ in self.words if word in _LIST_EDITS), "")
+        self._note(f"{path}.{bare}", f"{edit} {name}".strip(), f'"{name}" is written twice', line)
+        self.samples = f"{path}.{bare}" if name.endswith(".timeSamples") else None
+
+    def _sample(self) -> None:
+        top = self.stack[-1] if self.stack else None
+        if top and top[0] == "samples" and self.number:
+            token, line = self.number
+            key = sample_key(float(token))
+            self.map.lines.setdefault(top[1] + key, line)
+            self._note(top[1], key, f"the time sample at {token} is written twice", line)
+
+    def _note(self, path: str, key: str, what: str, line: int) -> None:
+        full = f"{path} {key}"
+        if full in self.seen:
+            self.map.repeated.append((path, what, line))
+        self.seen.add(full)
+
+    def _path(self) -> str:
+        path = set_name = ""
+        for entry in self.stack:
+            if entry is None:
+                return ""
+            kind, name = entry
+            if kind == "set":
+                set_name = name
+            elif kind == "variant":
+                path += f"{{{set_name}={name}}}"
+            elif kind == "prim":
+                path += name if path.endswith("}") else "/" + name
+        return path

@@ -1,0 +1,82 @@
+"""The way in: a path to a stage becomes records, or problems."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.scene.asset_roots import allowed_roots
+from pipeline.scene.check import check
+from pipeline.scene.check_dataset import find_dataset
+from pipeline.scene.dataset import Dataset
+from pipeline.scene.flatten import flattened
+from pipeline.scene.opening import open_stage
+from pipeline.scene.problems import Problem, StageError, shown_path
+from pipeline.scene.reading import read_dataset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loaded:
+    """What became of a stage.
+
+    Attributes
+    ----------
+    dataset : Dataset or None
+        None if the stage has errors, or if it is a part of the library and holds no dataset.
+    problems : list of Problem
+        Errors and warnings; empty if all is well.
+    flattened : str
+        The composed stage as one text; empty if the stage has errors.
+    """
+
+    dataset: Dataset | None
+    problems: list[Problem]
+    flattened: str
+
+    @property
+    def errors(self) -> list[Problem]:
+        """The problems that keep the stage from being built."""
+        return [problem for problem in self.problems if problem.is_error]
+
+
+def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
+    """Open, check and read a stage; never raises for what is wrong with it.
+
+    Parameters
+    ----------
+    path : str or Path
+        A dataset, or any part of one: a lens, a rig.
+    allow_roots : iterable of str or Path
+        Folders that the stage may read from, besides its project and the shipped library.
+    """
+    try:
+        stage, problems = open_stage(path)
+        problems += check(stage, allowed_roots(Path(path), allow_roots))
+    except StageError as error:
+        return Loaded(dataset=None, problems=error.problems, flattened="")
+    loaded = Loaded(dataset=None, problems=problems, flattened="")
+    if loaded.errors:
+        return loaded
+    root = find_dataset(stage)
+    return Loaded(dataset=read_dataset(root) if root else None, problems=problems, flattened=flattened(stage))
+
+
+def open_dataset(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Dataset:
+    """The records of a dataset.
+
+    Raises
+    ------
+    StageError
+        The stage has errors, or holds no dataset; it carries all problems.
+    """
+    return require_dataset(load(path, allow_roots), path)
+
+
+def require_dataset(loaded: Loaded, path: str | Path) -> Dataset:
+    """The dataset of a loaded stage, or StageError with the reason why there is none."""
+    if loaded.dataset:
+        return loaded.dataset
+    if loaded.errors:
+        raise StageError(loaded.problems)
+    hint = "make a PlenDataset the default prim"
+    file = shown_path(Path(path).resolve())
+    raise StageError([Problem(code="no-dataset", message="the stage holds no dataset", file=file, line=1, hint=hint)])

@@ -1,0 +1,102 @@
+"""Open a stage so that nothing USD says on the way is lost."""
+
+import re
+from pathlib import Path
+
+from pxr import Pcp, Tf, Usd, UsdUtils
+
+from pipeline.scene.lines import line_of, text_map
+from pipeline.scene.problems import Problem, StageError, shown_path
+
+_SYNTAX = re.compile(
+    r"(?P<file>[^\n]+?\.usd[ac]?):(?P<line>\d+):(?P<column>\d+): "
+    r"(?P<message>.*?)(?: in <(?P<at>[^>]*)>)?\s*$",
+    re.DOTALL,
+)
+_ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
+_FORWARD_SLASHES = "asset paths use forward slashes on every system"
+
+
+def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
+    """The stage, and what went wrong while composing it.
+
+    Raises
+    ------
+    StageError
+        There is no stage: no such file, not USD, a syntax error.
+    """
+    # Absolute, or Sdf may hold one file under two identifiers.
+    path = Path(path).resolve()
+    if not path.is_file():
+        raise StageError([Problem(code="file-missing", message="no such file", file=shown_path(path))])
+    # Collects the warnings of all threads, which USD would print to stderr.
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        stage = Usd.Stage.Open(path.as_posix())
+    except Tf.ErrorException as error:
+        raise StageError(_from_exception(error, path)) from None
+    finally:
+        delegate.TakeUncoalescedDiagnostics()
+        del delegate
+    problems = [_from_composition(error) for error in stage.GetCompositionErrors()]
+    return stage, list(dict.fromkeys(problems))
+
+
+def _from_exception(exception: Tf.ErrorException, path: Path) -> list[Problem]:
+    texts = [error.commentary.strip() for error in exception.args]
+    found = [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]
+    if found:
+        return found
+    # No position. One text only says that it failed; any other says why.
+    reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
+    file = shown_path(path)
+    return [Problem(code="usd-open", message=text.replace(str(path), file), file=file) for text in reasons]
+
+
+def _syntax_problem(match: re.Match[str], hint: str | None = None) -> Problem:
+    return Problem(
+        code="usd-syntax",
+        message=match["message"],
+        file=shown_path(match["file"]),
+        line=int(match["line"]),
+        column=int(match["column"]),
+        at=match["at"],
+        hint=hint,
+    )
+
+
+def _from_composition(error: Pcp.ErrorBase) -> Problem:
+    # A Pcp error has a type and a site; layer, asset and reason stand only in its text.
+    text = _ANONYMOUS_LAYER.sub("", str(error)).strip()
+    introduced = re.search(r"introduced by @([^@]*)@<([^>]*)>", text)
+    layer, path = introduced.groups() if introduced else _site(error)
+    _, _, reason = text.partition(" -- ")
+    if inner := _SYNTAX.search(reason.rstrip(".\n ")):
+        return _syntax_problem(inner, f"the file is used by {shown_path(layer)} <{path}>")
+    hint = _FORWARD_SLASHES if "\\" in text else None
+    if text.startswith("Cycle detected"):
+        text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
+    message, _, _ = text.partition(" introduced by ")
+    message = re.sub(r"@(/[^@]*)@", lambda match: f"@{shown_path(match[1])}@", message)
+    line = _line_of_asset(layer, message) or line_of(layer, path)
+    return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
+
+
+def _site(error: Pcp.ErrorBase) -> tuple[str, str]:
+    return error.rootSite.layerStack.rootLayer.realPath, str(error.rootSite.path)
+
+
+def _line_of_asset(layer: str, message: str) -> int | None:
+    """Line where a layer mentions the first asset of a message; messages hold it resolved, the layer as written."""
+    mentioned = re.search(r"@([^@]*)@", message)
+    if not mentioned:
+        return None
+    name = mentioned[1].rpartition("/")[2]
+    lines = [line for asset, line in text_map(layer).assets.items() if asset.rpartition("/")[2] == name]
+    return lines[0] if len(lines) == 1 else None
+
+
+def _code(error: Pcp.ErrorBase) -> str:
+    """ErrorInvalidAssetPath -> usd-invalid-asset-path."""
+    name = type(error).__name__.removeprefix("Error")
+    return "usd-" + re.sub(r"(?<!^)(?=[A-Z])", "-", name).lower()

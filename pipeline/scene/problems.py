@@ -1,0 +1,84 @@
+"""What can be wrong with a stage, as data and as text."""
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """One finding, with the place in the text where a person can mend it.
+
+    Attributes
+    ----------
+    severity : str
+        `error` or `warning`.
+    code : str
+        Stable name of the kind of problem: scripts and documentation refer to it.
+    message : str
+        One sentence: what is wrong, with the offending value.
+    file : str or None
+        Relative to the working directory where it lies below it, else absolute.
+    line, column : int or None
+        Counted from 1.
+    at : str or None
+        Path on the composed stage.
+    hint : str or None
+        How to mend it.
+    """
+
+    severity: str = "error"
+    code: str
+    message: str
+    file: str | None = None
+    line: int | None = None
+    column: int | None = None
+    at: str | None = None
+    hint: str | None = None
+
+    @property
+    def is_error(self) -> bool:
+        """Whether it keeps the stage from being built."""
+        return self.severity == "error"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for `--json`, every field present."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        text = f"{place or '<stage>'}: {self.severity}: {self.message} [{self.code}]"
+        if self.at:
+            text += f"\n    at <{self.at}>"
+        if self.hint:
+            text += f"\n    hint: {self.hint}"
+        return text
+
+
+class StageError(UsageError):
+    """A stage that does not pass `check`; carries all its problems."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = list(problems)
+        super().__init__("\n".join(map(str, self.problems)))
+
+
+def shown_path(path: str | Path) -> str:
+    """A path as messages print it: relative to the working directory when below it."""
+    path = Path(path)
+    try:
+        return path.relative_to(Path.cwd()).as_posix()
+    except ValueError:
+        return path.as_posix()
+
+
+def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
+    """A hint for a name that lacks its namespace or is misspelt."""
+    choices = sorted(choices)
+    best = [choice for choice in choices if choice.endswith(":" + name)]
+    best = best or difflib.get_close_matches(name, choices, n=1, cutoff=0.7)
+    return f'did you mean "{best[0]}"?' if best else None

@@ -1,0 +1,184 @@
+"""Prims to records. Only stages that pass the checks are read as a whole; parts raise on values that are wrong."""
+
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
+from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Matrix, TargetEntry
+from pipeline.scene.poses import inverse, product, world_from
+from pipeline.scene.values import read, target, targets
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.units import mm_per_unit
+
+_TRUTH = {
+    "method": "plen:truth:method",
+    "search": "plen:truth:search",
+    "filter": "plen:truth:filter",
+    "lambda_d": "plen:truth:lambdaD",
+    "lambda_alpha_deg": "plen:truth:lambdaAlpha",
+    "nearest_threshold_mm": "plen:truth:nearestThreshold",
+    "min_hit_fraction": "plen:truth:minHitFraction",
+}
+
+
+def read_dataset(root: Usd.Prim) -> Dataset:
+    """The records of a PlenDataset whose stage passed the checks."""
+    cameras = targets(root, "plen:cameras", "Camera")
+    boards = targets(root, "plen:targets", "PlenCheckerboard")
+    seed = read(root, "plen:seed")
+    return Dataset(
+        stage_name=root.GetName(),
+        seed=seed,
+        background=read(root, "plen:background"),
+        cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
+        targets=tuple(
+            TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_checkerboard(prim))
+            for prim in boards
+        ),
+        frames=tuple(_read_frame(number, root, cameras, boards) for number in frame_numbers(root)),
+    )
+
+
+def frame_numbers(root: Usd.Prim) -> tuple[int, ...]:
+    """Time codes of a dataset, in the order in which they are built; empty if the stage names none."""
+    frames = read(root, "plen:frames")
+    if frames:
+        return tuple(sorted(set(frames)))
+    stage = root.GetStage()
+    if not (stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")):
+        return ()
+    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if not (start.is_integer() and end.is_integer()):
+        return ()
+    return tuple(range(int(start), int(end) + 1))
+
+
+def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
+    """Path of a camera below the dataset with a dot for each slash."""
+    return str(prim.GetPath().MakeRelativePath(root.GetPath())).replace("/", ".")
+
+
+def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
+    """A camera of the dataset with its settings."""
+    lens = target(prim, "plen:camera:lens", "PlenLens")
+    return CameraEntry(
+        name=camera_name(prim, root),
+        prim_path=str(prim.GetPath()),
+        lens_name=read(lens, "plen:name") or lens.GetName(),
+        index_source=read(lens, "plen:indexSource"),
+        wavelength_nm=read(prim, "plen:camera:wavelength"),
+        weight=read(prim, "plen:camera:weight"),
+        footprint=read(prim, "plen:truth:footprint"),
+        camera=read_camera(prim),
+        sampling=Sampling(
+            supersampling=read(prim, "plen:truth:supersampling"), samples=read(prim, "plen:truth:samples"), seed=seed
+        ),
+        truth={field: read(prim, name) for field, name in _TRUTH.items()},
+        image_samples=read(prim, "plen:image:samples"),
+    )
+
+
+def read_camera(prim: Usd.Prim) -> Camera:
+    """A Camera with PlenCameraAPI."""
+    array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
+    return Camera(
+        prescription=read_prescription(target(prim, "plen:camera:lens", "PlenLens")),
+        sensor=read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
+        sensor_distance_mm=read(prim, "plen:camera:sensorDistance"),
+        microlenses=read_microlenses(array, read(prim, "plen:camera:microlensDistance")) if array else None,
+        circle_of_confusion_px=read(prim, "plen:camera:circleOfConfusion"),
+        near_mm=read(prim, "plen:camera:near"),
+        far_mm=read(prim, "plen:camera:far"),
+    )
+
+
+def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
+    """Surfaces of a lens in the order it states; names without a prim are left out."""
+    named = [lens.GetChild(name) for name in read(lens, "plen:surfaceOrder") or () if name]
+    return [prim for prim in named if prim and prim.IsA("PlenSurface")]
+
+
+def read_prescription(lens: Usd.Prim) -> Prescription:
+    """A PlenLens."""
+    return Prescription(surfaces=tuple(read_surface(prim) for prim in ordered_surfaces(lens)))
+
+
+def read_surface(prim: Usd.Prim) -> Surface:
+    """A PlenSurface."""
+    return Surface(
+        radius_mm=read(prim, "plen:radius"),
+        thickness_mm=read(prim, "plen:thickness"),
+        semi_diameter_mm=read(prim, "plen:semiDiameter"),
+        index=read(prim, "plen:index"),
+        is_stop=read(prim, "plen:isStop"),
+    )
+
+
+def read_sensor(prim: Usd.Prim) -> Sensor:
+    """A PlenSensor."""
+    width_px, height_px = read(prim, "plen:resolution")
+    offset_x_mm, offset_y_mm = read(prim, "plen:offset")
+    return Sensor(
+        width_px=width_px,
+        height_px=height_px,
+        pitch_mm=read(prim, "plen:pixelPitch"),
+        offset_x_mm=offset_x_mm,
+        offset_y_mm=offset_y_mm,
+    )
+
+
+def read_microlenses(prim: Usd.Prim, distance_mm: float) -> MicrolensArray:
+    """A PlenMicrolensArray at a distance from the sensor."""
+    offset_x_mm, offset_y_mm = read(prim, "plen:offset")
+    return MicrolensArray(
+        layout=read(prim, "plen:layout"),
+        pitch_mm=read(prim, "plen:pitch"),
+        focal_lengths_mm=read(prim, "plen:focalLengths"),
+        width_mm=read(prim, "plen:width"),
+        height_mm=read(prim, "plen:height"),
+        distance_mm=distance_mm,
+        rotation_deg=read(prim, "plen:rotation"),
+        offset_x_mm=offset_x_mm,
+        offset_y_mm=offset_y_mm,
+    )
+
+
+def read_checkerboard(prim: Usd.Prim) -> Checkerboard:
+    """A PlenCheckerboard."""
+    return Checkerboard(
+        columns=read(prim, "plen:columns"),
+        rows=read(prim, "plen:rows"),
+        square_mm=read(prim, "plen:squareSize"),
+        white=read(prim, "plen:white"),
+        black=read(prim, "plen:black"),
+    )
+
+
+def camera_from_world(prim: Usd.Prim, time: float, scale_mm: float) -> np.ndarray:
+    """Vision frame of a camera from the world, (4, 4) [mm]."""
+    return product(VISION_FROM_CAMERA, inverse(world_from(prim, time, scale_mm)))
+
+
+def stage_mm_per_unit(prim: Usd.Prim) -> float:
+    """Millimetres in one unit of the stage of a prim."""
+    return mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+
+
+def _read_frame(number: int, root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim]) -> Frame:
+    scale_mm = stage_mm_per_unit(root)
+    return Frame(
+        number=number,
+        camera_from_world={
+            camera_name(prim, root): _matrix(camera_from_world(prim, float(number), scale_mm)) for prim in cameras
+        },
+        world_from_target={prim.GetName(): _matrix(world_from(prim, float(number), scale_mm)) for prim in boards},
+    )
+
+
+def _matrix(array: Any) -> Matrix:
+    # + 0.0: no -0.0, which products leave behind, in a key.
+    return tuple(tuple(float(value) + 0.0 for value in row) for row in array)

@@ -1,0 +1,44 @@
+"""Make USD know our schemas and our library of stages, or say why it cannot."""
+
+from pxr import Ar, Plug, Usd
+
+from pipeline.errors import EnvironmentFault
+from pipeline.share import share
+
+PLUGIN_NAME = "plenScene"
+
+
+class SchemaNotLoaded(EnvironmentFault):
+    """The schemas came too late for USD's schema registry."""
+
+
+def plugin_path() -> str:
+    """Folder to put on PXR_PLUGINPATH_NAME, so that any USD program knows the plenScene schemas."""
+    return share("schemas").as_posix()
+
+
+def library_path() -> str:
+    """Folder of the shipped stages, to put on PXR_AR_DEFAULT_SEARCH_PATH for other USD programs."""
+    return share("stages").as_posix()
+
+
+def register() -> None:
+    """Register the schemas and the search path of the library.
+
+    Raises
+    ------
+    SchemaNotLoaded
+        A stage was opened before, so USD would ignore the schemas without a word.
+    """
+    registry = Plug.Registry()
+    # It may be there already, found by USD itself through PXR_PLUGINPATH_NAME.
+    if registry.GetPluginWithName(PLUGIN_NAME) is None:
+        registry.RegisterPlugins(plugin_path())
+    # The question builds USD's schema registry now, in the importing thread: first built in another thread it may
+    # hang, and without asking, a late import would only show as prims without a type.
+    if Usd.SchemaRegistry().FindConcretePrimDefinition("PlenDataset") is None:
+        raise SchemaNotLoaded(
+            "USD ignores the plenScene schemas, because it had opened a stage before they were registered",
+            hint=f"import pipeline.scene before opening a stage, or set PXR_PLUGINPATH_NAME={plugin_path()}",
+        )
+    Ar.DefaultResolver.SetDefaultSearchPath([library_path()])
