@@ -5,7 +5,7 @@ The Python binding has habits that cost data silently, and this module exists to
 - It ignores strides: a transposed or flipped array would be written wrong. Every channel is copied to C order.
 - Float attributes shrink to float32 and integers beyond 32 bits become 0. Numbers in headers are `repr` strings.
 - It only warns when pixels cannot be decoded, and drops the parts that a truncated file lacks. Every part therefore
-  carries the CRC-32 of its pixels and the number of parts, and a reader refuses what does not match.
+  carries the CRC-32 of its content and the number of parts, and a reader refuses what does not match.
 """
 
 import zlib
@@ -28,7 +28,7 @@ _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 # Encode in the calling thread: more threads are not faster at our sizes, and workers share the machine already.
 _IN_CALLING_THREAD = 0
 
-_CRC, _PART_COUNT = "pixels_crc32", "part_count"
+_CRC, _PART_COUNT = "content_crc32", "part_count"
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
 _GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
 _RESERVED = _STRUCTURE | _GEOMETRY | {_CRC, _PART_COUNT}
@@ -120,7 +120,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
 def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) -> OpenEXR.Part:
     channels = {name: np.array(pixels, dtype=np.float32, order="C") for name, pixels in sorted(part.channels.items())}
     header: dict[str, Any] = {name: _text(part, name, value) for name, value in sorted(part.attributes.items())}
-    header |= {_CRC: _crc32(channels), _PART_COUNT: str(part_count)}
+    header |= {_CRC: _crc32(part.name, channels, header), _PART_COUNT: str(part_count)}
     header |= {"compression": _COMPRESSION, "dataWindow": _window(part.shape), "displayWindow": _window(display)}
     header["type"] = OpenEXR.tiledimage if tiled else OpenEXR.scanlineimage
     if tiled:
@@ -135,9 +135,11 @@ def _decode(path: Path, encoded: OpenEXR.Part) -> Part:
     if _CRC not in header or _PART_COUNT not in header:
         raise DamagedFile(path, f'part "{name}" carries no checksum: this program did not write it')
     channels = {channel: content.pixels for channel, content in encoded.channels.items()}
-    if any(pixels is None for pixels in channels.values()) or _crc32(channels) != header[_CRC]:
-        raise DamagedFile(path, f'the pixels of part "{name}" do not match their checksum')
     attributes = {key: value for key, value in header.items() if key not in _RESERVED}
+    if not all(isinstance(value, str) for value in [header[_PART_COUNT], *attributes.values()]):
+        raise DamagedFile(path, f'the header of part "{name}" holds more than text')
+    if any(pixels is None for pixels in channels.values()) or _crc32(name, channels, attributes) != header[_CRC]:
+        raise DamagedFile(path, f'the content of part "{name}" does not match its checksum')
     return Part(name=name, channels=channels, attributes=attributes)
 
 
@@ -155,8 +157,8 @@ def _window(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros(2, np.int32), np.array([shape[1] - 1, shape[0] - 1], np.int32)
 
 
-def _crc32(channels: dict[str, np.ndarray]) -> str:
-    crc = 0
+def _crc32(part_name: str, channels: dict[str, np.ndarray], attributes: dict[str, Any]) -> str:
+    crc = zlib.crc32(repr((part_name, sorted(attributes.items()))).encode())
     for name, pixels in sorted(channels.items()):
-        crc = zlib.crc32(np.ascontiguousarray(pixels).data, zlib.crc32(name.encode(), crc))
+        crc = zlib.crc32(np.ascontiguousarray(pixels).data, zlib.crc32(f"{name} {pixels.shape}".encode(), crc))
     return f"{crc:08x}"

@@ -40,7 +40,7 @@ def read_png(path: str | Path) -> np.ndarray:
     Raises
     ------
     DamagedFile
-        If it is not a PNG file, truncated, altered, or of another kind of pixel.
+        If it is not a PNG file, pixels are lost or altered, or they are of another kind.
     """
     stream = io.BytesIO(Path(path).read_bytes())
     try:

@@ -1,0 +1,182 @@
+"""Pixels and numbers survive OpenEXR, and damage is noticed."""
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.exr import Part, read_exr, write_exr
+
+TILED_AND_SCAN_LINES = pytest.mark.parametrize("tiled", [True, False])
+
+
+def noise(height: int, width: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(height, width)).astype(np.float32)
+
+
+@TILED_AND_SCAN_LINES
+def test_parts_of_different_size_return_their_pixels(tmp_path: Path, tiled: bool) -> None:
+    """Moments are stored at K = 1 beside position images that are K times larger."""
+    near = Part(name="near", channels={"X": noise(150, 290, 1), "Y": noise(150, 290, 2)})
+    moments = Part(name="moments", channels={"xn_xn": noise(50, 97, 3)})
+    dot = Part(name="dot", channels={"Y": noise(1, 1, 4)})
+    write_exr(tmp_path / "rays.exr", [moments, near, dot], tiled=tiled)
+    parts = read_exr(tmp_path / "rays.exr")
+    assert list(parts) == ["moments", "near", "dot"]
+    for part in (near, moments, dot):
+        assert parts[part.name].shape == part.shape
+        for name, pixels in part.channels.items():
+            np.testing.assert_array_equal(parts[part.name].channels[name], pixels)
+
+
+@TILED_AND_SCAN_LINES
+def test_nan_and_infinity_survive(tmp_path: Path, tiled: bool) -> None:
+    pixels = noise(140, 130)
+    pixels[::3, 1::2] = np.nan
+    pixels[0, 0], pixels[0, 1] = np.inf, -np.inf
+    write_exr(tmp_path / "x.exr", [Part(name="j", channels={"X": pixels})], tiled=tiled)
+    np.testing.assert_array_equal(read_exr(tmp_path / "x.exr")["j"].channels["X"], pixels)
+
+
+@TILED_AND_SCAN_LINES
+@pytest.mark.parametrize(
+    "view",
+    [
+        lambda a: a.T,
+        lambda a: a[::-1],
+        lambda a: a[:, ::-1],
+        lambda a: a[3:90:2, 5:77],
+        lambda a: np.broadcast_to(a[0], (40, a.shape[1])),
+        lambda a: np.stack([a, 2 * a], axis=-1)[..., 1],
+        np.asfortranarray,
+        lambda a: a.astype(">f4"),
+        lambda a: a.astype(np.float64),
+    ],
+    ids=["transposed", "flipped", "mirrored", "sliced", "broadcast", "interleaved", "fortran", "big-endian", "double"],
+)
+def test_arrays_of_any_layout_are_written_as_they_look(tmp_path: Path, view, tiled: bool) -> None:
+    """OpenEXR reads the buffer behind an array and ignores its strides."""
+    image = view(noise(140, 130))
+    before = image.copy()
+    write_exr(tmp_path / "x.exr", [Part(name="j", channels={"X": image})], tiled=tiled)
+    np.testing.assert_array_equal(read_exr(tmp_path / "x.exr")["j"].channels["X"], before)
+    np.testing.assert_array_equal(image, before)
+
+
+def test_numbers_in_headers_keep_all_their_digits(tmp_path: Path) -> None:
+    """OpenEXR itself would shrink 0.1 to float32 and turn 2**40 into 0."""
+    attributes = {"z_mm": 0.1, "seed": 2**40, "far": np.float64(1 / 3), "open": math.inf, "unit": "µm", "note": ""}
+    write_exr(tmp_path / "x.exr", [Part(name="near", channels={"X": noise(3, 4)}, attributes=attributes)])
+    read = read_exr(tmp_path / "x.exr")["near"].attributes
+    expected = {"z_mm": "0.1", "seed": "1099511627776", "far": repr(1 / 3), "open": "inf", "unit": "µm", "note": ""}
+    assert read == expected
+    assert float(read["far"]) == 1 / 3
+
+
+def test_a_file_needs_no_extension(tmp_path: Path) -> None:
+    """Blobs are named by their digest."""
+    pixels = noise(20, 30)
+    folder = tmp_path / "a b ü"
+    folder.mkdir()
+    for name in ("0a1b2c3d", "x.png", "ä.partial"):
+        write_exr(folder / name, [Part(name="j", channels={"X": pixels})])
+        np.testing.assert_array_equal(read_exr(folder / name)["j"].channels["X"], pixels)
+
+
+WRITE_AND_DIGEST = """
+import hashlib, sys, numpy as np
+from pathlib import Path
+from pipeline.files.exr import Part, write_exr
+y, x = np.mgrid[:300, :200]
+parts = [
+    Part(name="near", channels=dict([("Y", y / 7), ("X", x / 7)][:: int(sys.argv[2])]), attributes={"z_mm": 0.1}),
+    Part(name="moments", channels={"xn_xn": np.where(x > 9, x / 3, np.nan)}),
+]
+write_exr(sys.argv[1], parts)
+print(hashlib.sha256(Path(sys.argv[1]).read_bytes()).hexdigest())
+"""
+
+
+def test_bytes_do_not_depend_on_the_machine_of_the_day(tmp_path: Path) -> None:
+    """Neither on time zone, locale, hash seed, file name nor the order in which channels are listed."""
+    digests = set()
+    for name, order, zone, seed in (("a.exr", "1", "UTC", "1"), ("b", "-1", "Pacific/Kiritimati", "2")):
+        env = {**os.environ, "TZ": zone, "PYTHONHASHSEED": seed, "LC_ALL": "C"}
+        command = [sys.executable, "-c", WRITE_AND_DIGEST, str(tmp_path / name), order]
+        digests.add(subprocess.run(command, env=env, check=True, capture_output=True, text=True).stdout)
+    assert len(digests) == 1
+
+
+def test_a_truncated_file_is_noticed(tmp_path: Path) -> None:
+    """OpenEXR itself prints a warning at most and leaves out the parts that it cannot find."""
+    path = tmp_path / "x.exr"
+    write_exr(path, [Part(name="a", channels={"X": noise(70, 50)}), Part(name="b", channels={"X": noise(9, 9)})])
+    whole = path.read_bytes()
+    for length in (0, 3, 100, len(whole) // 2, len(whole) - 300, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        with pytest.raises(DamagedFile) as caught:
+            read_exr(path)
+        assert str(path) in str(caught.value)
+
+
+def test_an_altered_file_never_gives_other_content(tmp_path: Path) -> None:
+    """Either the change is noticed, or it stood where nothing depends on it. OpenEXR itself hands out what it has."""
+    path = tmp_path / "x.exr"
+    pixels = {"a": noise(30, 20), "b": noise(9, 9)}
+    write_exr(path, [Part(name=n, channels={"X": p}, attributes={"z_mm": 0.1}) for n, p in pixels.items()])
+    whole = path.read_bytes()
+    noticed, places = 0, range(0, len(whole), 3)
+    for place in places:
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
+        try:
+            parts = read_exr(path)
+        except DamagedFile:
+            noticed += 1
+            continue
+        assert list(parts) == list(pixels)
+        assert all(part.attributes == {"z_mm": "0.1"} for part in parts.values())
+        for name, part in parts.items():
+            np.testing.assert_array_equal(part.channels["X"], pixels[name])
+    assert noticed > 0.9 * len(places)
+
+
+def test_foreign_and_missing_files_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "text").write_text("not an image")
+    with pytest.raises(DamagedFile, match="not a readable OpenEXR file"):
+        read_exr(tmp_path / "text")
+    with pytest.raises(FileNotFoundError):
+        read_exr(tmp_path / "nothing")
+    with pytest.raises(FileNotFoundError):
+        write_exr(tmp_path / "no folder" / "x", [Part(name="a", channels={"X": noise(2, 2)})])
+
+
+def test_parts_that_no_file_can_hold_are_refused(tmp_path: Path) -> None:
+    part = Part(name="a", channels={"X": noise(2, 2)})
+    with pytest.raises(ValueError, match="different names"):
+        write_exr(tmp_path / "x", [part, part])
+    with pytest.raises(ValueError, match="different names"):
+        write_exr(tmp_path / "x", [])
+    with pytest.raises(ValueError, match="one shape"):
+        Part(name="a", channels={"X": noise(2, 2), "Y": noise(2, 3)})
+    with pytest.raises(ValueError, match="one shape"):
+        Part(name="a", channels={})
+    with pytest.raises(ValueError, match="dataWindow"):
+        Part(name="a", channels={"X": noise(2, 2)}, attributes={"dataWindow": 3})
+    with pytest.raises(TypeError, match="z_mm"):
+        write_exr(tmp_path / "x", [Part(name="a", channels={"X": noise(2, 2)}, attributes={"z_mm": [1.0]})])
+    assert not (tmp_path / "x").exists()
+
+
+def test_writing_twice_gives_equal_bytes(tmp_path: Path) -> None:
+    parts = [Part(name="a", channels={"Y": noise(200, 150), "X": noise(200, 150, 1)})]
+    for name in ("x", "y"):
+        write_exr(tmp_path / name, parts)
+    digests = {hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() for name in ("x", "y")}
+    assert len(digests) == 1
+    assert list(parts[0].channels) == ["Y", "X"]

@@ -1,0 +1,80 @@
+"""PNG files return the pixels that went in."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.png import read_png, write_png
+
+rng = np.random.default_rng(0)
+RGB = rng.integers(0, 256, (37, 53, 3), dtype=np.uint8)
+GREY = rng.integers(0, 256, (37, 53), dtype=np.uint8)
+RAW = rng.integers(0, 65536, (37, 53), dtype=np.uint16)
+
+
+@pytest.mark.parametrize("image", [RGB, GREY, RAW, RAW[::-1], RAW.T, RGB[::2, ::-1]])
+def test_pixels_return(tmp_path: Path, image: np.ndarray) -> None:
+    write_png(tmp_path / "named-by-a-digest", image)
+    read = read_png(tmp_path / "named-by-a-digest")
+    assert read.dtype == image.dtype
+    np.testing.assert_array_equal(read, image)
+
+
+@pytest.mark.parametrize("image", [RGB, GREY, RAW])
+def test_opencv_reads_the_same_pixels(tmp_path: Path, image: np.ndarray) -> None:
+    cv2 = pytest.importorskip("cv2")
+    write_png(tmp_path / "x.png", image)
+    read = cv2.imread(str(tmp_path / "x.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(read[..., ::-1] if image.ndim == 3 else read, image)
+
+
+def test_bytes_do_not_depend_on_time_zone_or_name(tmp_path: Path) -> None:
+    code = (
+        "import sys, numpy as np; from pipeline.files.png import write_png;"
+        "write_png(sys.argv[1], np.arange(6000, dtype=np.uint16).reshape(60, 100))"
+    )
+    for name, zone in (("a.png", "UTC"), ("b", "Pacific/Kiritimati")):
+        command = [sys.executable, "-c", code, str(tmp_path / name)]
+        subprocess.run(command, env={**os.environ, "TZ": zone}, check=True)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_lost_pixels_are_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "x.png"
+    write_png(path, RAW)
+    whole = path.read_bytes()
+    for length in (0, 5, 40, len(whole) // 2, len(whole) - 30):
+        path.write_bytes(whole[:length])
+        with pytest.raises(DamagedFile, match=r"x\.png"):
+            read_png(path)
+    with pytest.raises(FileNotFoundError):
+        read_png(tmp_path / "nothing")
+
+
+def test_an_altered_file_never_gives_other_pixels(tmp_path: Path) -> None:
+    """Either the change is noticed, or it stood where no pixel depends on it."""
+    path = tmp_path / "x.png"
+    write_png(path, RAW)
+    whole = path.read_bytes()
+    noticed = 0
+    for place in range(0, len(whole), 11):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
+        try:
+            np.testing.assert_array_equal(read_png(path), RAW)
+        except DamagedFile:
+            noticed += 1
+    assert noticed > 0.95 * len(whole) / 11
+
+
+@pytest.mark.parametrize(
+    "image",
+    [np.zeros((3, 3)), np.zeros((3, 3, 4), np.uint8), np.zeros((3, 3, 3), np.uint16), np.zeros((0, 3), np.uint8)],
+)
+def test_other_images_are_refused(tmp_path: Path, image: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="no PNG"):
+        write_png(tmp_path / "x.png", image)

@@ -1,0 +1,168 @@
+"""Embree names the surface that a ray/plane computation in double names too."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from pipeline.render.embree import PlanarScene, exact_hit
+
+
+def board(
+    centre: tuple[float, float, float], half_x: float, half_y: float, yaw_deg: float, tilt_deg: float
+) -> np.ndarray:
+    """Corners around a tilted rectangle, vision frame [mm]."""
+    yaw, tilt = np.radians([yaw_deg, tilt_deg])
+    about_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    flat = np.array([[-half_x, -half_y, 0], [half_x, -half_y, 0], [half_x, half_y, 0], [-half_x, half_y, 0]])
+    return flat @ (about_y @ about_x).T + centre
+
+
+BOARDS = [
+    board((-20, 5, 400), 60, 40, 20, -15),
+    board((25, -10, 440), 70, 50, -30, 10),
+    board((0, 0, 520), 90, 90, 0, 0),
+]
+
+
+def lens_rays(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rays from the first vertex of a lens, 40 mm in front of the stop, into the field."""
+    rng = np.random.default_rng(seed)
+    origins = np.column_stack([rng.uniform(-25, 25, (count, 2)), np.full(count, 40.0)])
+    aims = np.column_stack([rng.uniform(-120, 120, (count, 2)), np.full(count, 420.0)])
+    return origins, aims - origins
+
+
+def distance_along(quad: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """By Cramer's rule on corner + u a + v b = origin + t direction, ray by ray: shares no step with the code."""
+    columns = np.stack(
+        [
+            np.broadcast_to(quad[1] - quad[0], directions.shape),
+            np.broadcast_to(quad[3] - quad[0], directions.shape),
+            -directions,
+        ],
+        axis=-1,
+    )
+    u, v, t = np.linalg.solve(columns, (origins - quad[0])[..., None])[..., 0].T
+    inside = (np.minimum(u, v) >= 0) & (np.maximum(u, v) <= 1) & (t > 0)
+    return np.where(inside, t, np.inf)
+
+
+def nearest(quads: list[np.ndarray], origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    distances = np.stack([distance_along(quad, origins, directions) for quad in quads])
+    return np.where(np.isfinite(distances.min(axis=0)), distances.argmin(axis=0), -1)
+
+
+def test_the_first_board_is_named() -> None:
+    """Away from edges every ray agrees; the share of rays within float32 of an edge is tiny."""
+    origins, directions = lens_rays(300_000, seed=1)
+    hit = PlanarScene(BOARDS).first_hit(origins, directions)
+    expected = nearest(BOARDS, origins, directions)
+    assert hit.dtype == np.int32
+    assert set(np.unique(expected)) == {-1, 0, 1, 2}
+    assert np.mean(hit != expected) < 1e-5
+
+
+@pytest.mark.parametrize("clearance_mm", [1e-3, -1e-3])
+def test_a_micrometre_from_an_edge_is_enough(clearance_mm: float) -> None:
+    """float32 resolves 3e-5 mm at 400 mm; rays that pass 1e-3 mm inside or outside an edge are never mistaken."""
+    quad = BOARDS[0]
+    rng = np.random.default_rng(2)
+    along, edge, count = rng.uniform(0.01, 0.99, 200_000), rng.integers(0, 4, 200_000), 200_000
+    start, end = quad[edge], quad[(edge + 1) % 4]
+    inwards = quad.mean(axis=0) - (start + end) / 2
+    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
+    aims = start + along[:, None] * (end - start) + clearance_mm * inwards
+    origins, _ = lens_rays(count, seed=3)
+    hit = PlanarScene([quad]).first_hit(origins, aims - origins)
+    assert np.all(hit == (0 if clearance_mm > 0 else -1))
+    _, _, inside = exact_hit(quad, origins, aims - origins)
+    assert np.all(inside == (clearance_mm > 0))
+
+
+def test_no_ray_slips_through_the_diagonal() -> None:
+    """Two triangles make a board; their common edge is no gap."""
+    quad = BOARDS[0]
+    along = np.random.default_rng(4).uniform(0.001, 0.999, (200_000, 1))
+    origins, _ = lens_rays(len(along), seed=5)
+    for first, last in ((0, 2), (1, 3)):
+        aims = quad[first] + along * (quad[last] - quad[first])
+        assert np.all(PlanarScene([quad]).first_hit(origins, aims - origins) == 0)
+
+
+def test_boards_behind_the_start_are_not_seen() -> None:
+    origins = np.array([[0.0, 0.0, 600.0], [0.0, 0.0, 480.0]])
+    directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    assert PlanarScene(BOARDS).first_hit(origins, directions).tolist() == [-1, 2]
+    assert not exact_hit(BOARDS[0], origins, directions)[2].any()
+
+
+def test_boards_are_seen_from_both_sides() -> None:
+    origins, directions = lens_rays(20_000, seed=6)
+    turned = [quad[::-1] for quad in BOARDS]
+    np.testing.assert_array_equal(
+        PlanarScene(turned).first_hit(origins, directions), PlanarScene(BOARDS).first_hit(origins, directions)
+    )
+
+
+def test_rays_without_numbers_hit_nothing() -> None:
+    """A ray that failed in the lens is NaN."""
+    origins, directions = (
+        np.array([[0.0, 0, 0], [np.nan] * 3, [0, 0, 0]]),
+        np.array([[np.nan] * 3, [0, 0, 1], [0, 0, 1]]),
+    )
+    assert PlanarScene(BOARDS).first_hit(origins, directions).tolist() == [-1, -1, 0]
+    assert exact_hit(BOARDS[0], origins, directions)[2].tolist() == [False, False, True]
+
+
+def test_an_empty_scene_and_no_rays() -> None:
+    origins, directions = lens_rays(5, seed=7)
+    assert PlanarScene([]).first_hit(origins, directions).tolist() == [-1] * 5
+    assert PlanarScene(BOARDS).first_hit(origins[:0], directions[:0]).shape == (0,)
+
+
+def test_the_answer_does_not_depend_on_chunks_threads_or_length() -> None:
+    origins, directions = lens_rays(600_000, seed=8)
+    scene = PlanarScene(BOARDS)
+    whole = scene.first_hit(origins, directions)
+    with ThreadPoolExecutor(4) as pool:
+        pieces = list(pool.map(scene.first_hit, np.array_split(origins, 7), np.array_split(directions, 7)))
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
+    assert np.mean(scene.first_hit(origins, directions * 1e-3) != whole) < 1e-5
+
+
+def test_exact_hit_gives_the_point() -> None:
+    """Aim at a known point of the plane, inside or outside, and find its fractions again."""
+    quad = BOARDS[1]
+    rng = np.random.default_rng(9)
+    u, v = rng.uniform(-0.5, 1.5, (2, 10_000))
+    aims = quad[0] + u[:, None] * (quad[1] - quad[0]) + v[:, None] * (quad[3] - quad[0])
+    origins, _ = lens_rays(len(u), seed=10)
+    found_u, found_v, inside = exact_hit(quad, origins, (aims - origins) * rng.uniform(0.01, 3, (len(u), 1)))
+    # 1e-12 of an edge of 100 mm is 1e-10 mm: a few dozen roundings of numbers around 400.
+    np.testing.assert_allclose(found_u, u, atol=1e-12, rtol=0)
+    np.testing.assert_allclose(found_v, v, atol=1e-12, rtol=0)
+    np.testing.assert_array_equal(inside, (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1))
+
+
+def test_rays_along_the_plane_are_outside() -> None:
+    quad = BOARDS[2]
+    _, _, inside = exact_hit(quad, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 520.0]]), np.array([[1.0, 0, 0], [1.0, 0, 0]]))
+    assert not inside.any()
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [[0, 0, 0], [1, 0, 0], [2, 1, 0], [0, 1, 0]],
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]],
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]],
+        [[0, 0, np.nan], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0]],
+    ],
+    ids=["trapezium", "warped", "no area", "nan", "triangle"],
+)
+def test_other_shapes_are_refused(corners: list) -> None:
+    with pytest.raises(ValueError, match="quad 1 "):
+        PlanarScene([BOARDS[0], np.array(corners, dtype=np.float64)])
