@@ -74,7 +74,14 @@ def build(
     except PipelineError as error:
         if as_json:  # one object at the end, also after a failure
             counts = dict.fromkeys(("executed", "cached", "failed", "skipped"), 0)
-            head = {"stage": str(stage), "out": None, **counts, "seconds": 0.0, "certificate": None, "tasks": []}
+            head: dict[str, Any] = {
+                "stage": str(stage),
+                "out": None,
+                **counts,
+                "seconds": 0.0,
+                "certificate": None,
+                "tasks": [],
+            }
             say(json.dumps({**head, "error": str(error)}, indent=1))
         raise
     again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
@@ -287,13 +294,11 @@ def _report(result: Any, again: list[str], *, quiet: bool) -> None:
 
 
 def _human(size: float) -> str:
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if size < 1000:
-            break
+    units = ["bytes", "kB", "MB", "GB", "TB"]
+    while size >= 1000 and len(units) > 1:
         size /= 1000
-    else:
-        unit = "TB"
-    return f"{size:.0f} {unit}" if unit == "bytes" else f"{size:.1f} {unit}"
+        units.pop(0)
+    return f"{size:.3g} {units[0]}"
 
 
 def _print_version() -> None:

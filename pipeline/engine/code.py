@@ -36,7 +36,8 @@ class _Module:
 
 def check_kind(kind: str, packages: tuple[str, ...]) -> None:
     """Refuse module names outside the accepted packages: a record or a spec must not choose what gets imported."""
-    if not any(kind.startswith(f"{package}.") for package in packages) or not kind.replace(".", "_").isidentifier():
+    below = any(kind.startswith(f"{package}.") for package in packages)
+    if not below or not all(part.isidentifier() for part in kind.split(".")):
         raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 

@@ -1,0 +1,126 @@
+"""Keys: equal for equal work, different for everything else."""
+
+import math
+
+import pytest
+from engine import toy
+
+from pipeline.engine.code import UnknownKind, code_of, fingerprint
+from pipeline.engine.digest import canonical, key_of, plain
+from pipeline.engine.graph import TaskGraph
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (1, 1.0),
+        (1, True),
+        (0, None),
+        ("1", 1),
+        (0.0, -0.0),
+        (0.1 + 0.2, 0.3),
+        ([1, [2]], [[1], 2]),
+        (["ab", "c"], ["a", "bc"]),
+        ({"a": {"b": 1}}, {"a": 1, "b": 1}),
+        ([], {}),
+        ("", None),
+        (math.inf, -math.inf),
+    ],
+)
+def test_different_values_have_different_keys(one, other):
+    assert key_of("test", one) != key_of("test", other)
+
+
+def test_the_order_of_names_does_not_count():
+    assert key_of("test", {"a": 1, "b": 2}) == key_of("test", {"b": 2, "a": 1})
+
+
+def test_a_list_and_a_tuple_are_the_same():
+    assert canonical((1.5, (2,))) == canonical([1.5, [2]])
+    assert plain({"a": (1, (2,))}) == {"a": [1, [2]]}
+
+
+def test_nan_is_refused_and_infinity_is_a_value():
+    with pytest.raises(ValueError, match="NaN"):
+        canonical([math.nan])
+    assert canonical(math.inf)
+
+
+def test_numbers_of_numpy_are_refused():
+    class Float64(float):
+        pass
+
+    with pytest.raises(TypeError, match="Float64"):
+        plain({"a": Float64(1)})
+
+
+def test_purposes_have_separate_keys():
+    assert key_of("task/v1", 1) != key_of("out/v1", 1)
+
+
+def test_comments_layout_and_docstrings_do_not_count(kit):
+    before = fingerprint("toykit.tasks.lens")
+    lens = kit / "tasks" / "lens.py"
+    lens.write_text(
+        "# A comment.\n" + lens.read_text().replace("Write the power.", "Other words.").replace("(out /", "( out /")
+    )
+    assert fingerprint("toykit.tasks.lens") == before
+
+
+def test_code_that_is_only_called_counts(kit):
+    before = fingerprint("toykit.tasks.lens")
+    (kit / "physics.py").write_text("def doubled(x):\n    return x + x\n")
+    assert fingerprint("toykit.tasks.lens") != before
+
+
+def test_imports_inside_functions_and_relative_ones_count(kit):
+    (kit / "tasks" / "lens.py").write_text("def run(params, inputs, out):\n    from ..physics import doubled\n")
+    before = fingerprint("toykit.tasks.lens")
+    (kit / "physics.py").write_text("def doubled(x):\n    return 3 * x\n")
+    assert fingerprint("toykit.tasks.lens") != before
+
+
+def test_modules_that_are_not_reached_do_not_count(kit):
+    before = fingerprint("toykit.tasks.rays")
+    (kit / "physics.py").write_text("broken = 1\n")
+    assert fingerprint("toykit.tasks.rays") == before
+
+
+def test_version_and_libraries_are_read_without_importing(kit):
+    text = 'VERSION = 7\nLIBRARIES = ("networkx",)\nraise RuntimeError("imported")\n'
+    (kit / "tasks" / "lens.py").write_text(text)
+    code = code_of("toykit.tasks.lens")
+    assert code["version"] == 7
+    assert set(code["libraries"]) == {"python", "networkx"}
+
+
+@pytest.mark.parametrize(
+    "kind", ["os", "toykit.physics", "toykit.tasks", "toykit.tasks.", "toykit.tasks.../x", "toykit.tasksx.a"]
+)
+def test_kinds_outside_the_accepted_packages_are_refused(kind):
+    with pytest.raises(UnknownKind):
+        TaskGraph(("toykit.tasks",)).add("a", kind, {})
+
+
+def test_only_tasks_of_the_pipeline_are_accepted_by_default():
+    with pytest.raises(UnknownKind):
+        TaskGraph().add("a", "toykit.tasks.lens", {})
+
+
+def test_a_task_can_only_read_tasks_that_exist():
+    graph = toy.graph_of(("lens", "lens", {}))
+    with pytest.raises(ValueError, match="does not exist"):
+        graph.add("rays", "toykit.tasks.rays", {}, {"lens": "lenz"})
+    with pytest.raises(ValueError, match="two tasks"):
+        graph.add("lens", "toykit.tasks.lens", {})
+
+
+def test_the_longest_path_goes_first(tmp_path):
+    priorities = toy.project(tmp_path).graph.priorities()
+    assert priorities["lens"] == 4 and priorities["report"] == 1
+
+
+def test_a_misspelt_task_gets_a_hint(tmp_path):
+    with pytest.raises(Exception, match="did you mean 'rays/cam'"):
+        toy.project(tmp_path).graph.select("rays/can")
+    assert len(toy.project(tmp_path).graph.select("image")) == 2

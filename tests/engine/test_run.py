@@ -1,0 +1,100 @@
+"""The driver loop: failures, force, prepare, healing."""
+
+from pathlib import Path
+
+import pytest
+from engine import toy
+
+from pipeline.engine.run import run
+from pipeline.engine.session import build
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_failure_carries_its_last_lines_and_its_log(tmp_path, store, jobs):
+    outcome = run(toy.graph_of(("fail", "fail", {"flag": str(tmp_path / "no")})), store, jobs=jobs)
+    failed = outcome.results["fail"]
+    assert failed.state == "failed"
+    assert "ValueError: the flag is not there" in failed.error
+    text = Path(failed.log).read_text()
+    assert text.startswith("about to look") and "ValueError" in text
+
+
+def test_failures_are_not_cached(tmp_path, store):
+    graph = toy.graph_of(("fail", "fail", {"flag": str(tmp_path / "flag")}))
+    assert run(graph, store).results["fail"].state == "failed"
+    (tmp_path / "flag").touch()
+    assert run(graph, store).results["fail"].state == "executed"
+
+
+def test_keep_going_runs_all_that_does_not_need_the_failed_task(tmp_path):
+    extra = [("fail", "fail", {"flag": str(tmp_path / "no")}), ("report/fail", "report", {}, {"a": "fail"})]
+    broken = toy.project(tmp_path / "out", extra=extra)
+    result = build(broken, jobs=1, keep_going=True)
+    assert (result.executed, result.failed, result.skipped) == (5, 1, 1)
+    assert result.exit_code == 1 and result.delivery is None
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_keep_going_nothing_is_started_after_a_failure(tmp_path, store):
+    first = ("a", "fail", {"flag": str(tmp_path / "no")})
+    graph = toy.graph_of(first, *((f"lens/{n}", "lens", {"power": float(n)}) for n in range(5)))
+    states = {name: result.state for name, result in run(graph, store).results.items()}
+    assert states["a"] == "failed" and set(states.values()) == {"failed", "skipped"}
+
+
+def test_prepare_is_called_once_and_only_if_something_runs(tmp_path):
+    calls = []
+    for _ in range(2):
+        build(toy.project(tmp_path / "out"), jobs=1, prepare=lambda: calls.append(1))
+    assert calls == [1]
+
+
+def test_a_forced_task_runs_and_its_readers_are_saved_by_early_cutoff(tmp_path):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    again = build(toy.project(tmp_path / "out"), jobs=1, force=["rays"])
+    assert toy.executed(again) == {"rays/cam"}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_task_that_gives_other_bytes_when_forced_is_reported(tmp_path, jobs):
+    noisy = toy.bare(toy.graph_of(("noisy", "noisy", {})), tmp_path / "out")
+    build(noisy, jobs=jobs)
+    events = []
+    build(noisy, jobs=jobs, force=["noisy"], on_event=events.append)
+    assert any("NON-DETERMINISM" in event.get("text", "") for event in events)
+
+
+def test_a_full_disk_is_the_machines_fault_and_stops_the_build(tmp_path):
+    graph = toy.graph_of(("full", "full", {}), ("report", "report", {}), ("lens", "lens", {"power": 1.0}))
+    result = build(toy.bare(graph, tmp_path / "out"), jobs=1, keep_going=True)
+    assert result.exit_code == 5 and result.failed == 1 and result.skipped == 2
+
+
+def test_a_link_is_no_output(tmp_path, store):
+    result = run(toy.graph_of(("linked", "linked", {})), store).results["linked"]
+    assert result.state == "failed" and "plain files" in result.error
+
+
+def test_a_blob_damaged_between_lookup_and_use_is_made_again(tmp_path, cache):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    hit = []
+
+    def damage(event):
+        if event["event"] == "done" and event["task"] == "rays/cam" and not hit:
+            hit.append(event)
+            for blob in (cache / "cas").rglob("*"):
+                if blob.is_file() and blob.read_bytes().startswith(b"near"):
+                    blob.unlink()
+
+    poses = [[[9.0, 0.0], [0.0, 1.0]], [[8.0, 0.0], [0.0, 1.0]]]
+    result = build(toy.project(tmp_path / "out", poses=poses), jobs=1, on_event=damage)
+    assert hit and result.exit_code == 0
+    assert toy.executed(result) == {"rays/cam", "image/cam/0000", "image/cam/0001", "report"}
+
+
+def test_edited_code_is_not_run_under_the_old_import(tmp_path, kit):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    image = kit / "tasks" / "image.py"
+    image.write_text(image.read_text().replace("{len(near)}", "{len(near) + 1}"))
+    assert build(toy.project(tmp_path / "out"), jobs=1).failed == 1  # this process still has the old code
+    assert build(toy.project(tmp_path / "out"), jobs=2).failed == 0  # a new worker reads the new one

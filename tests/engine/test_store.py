@@ -1,0 +1,109 @@
+"""The store gives the right bytes or a miss, whatever happened to its files."""
+
+import os
+import random
+import subprocess
+import sys
+
+import pytest
+from engine import toy
+
+from pipeline.engine.session import build
+from pipeline.engine.store import DamagedBlob, Store
+from pipeline.engine.workspace import sweep
+
+KEY = "ab" * 32
+
+
+@pytest.fixture
+def record(store):
+    """A record with one blob."""
+    entry = store.put_bytes(b"some bytes")
+    return store.put_record(KEY, {"outputs": {"a.txt": entry}, "components": {}, "made_by": {"seconds": 0}})
+
+
+def test_a_record_cut_at_every_byte_is_a_miss(store, record):
+    path = store.path("record", KEY)
+    whole = path.read_bytes()
+    for size in range(len(whole)):
+        path.unlink(missing_ok=True)
+        path.write_bytes(whole[:size])
+        assert store.record(KEY) is None
+    path.write_bytes(whole)
+    assert store.record(KEY) == record
+
+
+def test_a_record_under_another_key_is_a_miss(store, record):
+    other = store.path("record", "cd" * 32)
+    other.parent.mkdir(parents=True)
+    other.write_bytes(store.path("record", KEY).read_bytes())
+    assert store.record("cd" * 32) is None
+
+
+def test_a_flipped_bit_in_a_blob_is_noticed_and_quarantined(store, record):
+    digest = record["outputs"]["a.txt"]["sha256"]
+    path = store.path("blob", digest)
+    path.chmod(0o644)
+    path.write_bytes(b"some bytez")
+    assert store.record(KEY) is None
+    assert not path.exists()
+    assert store.counts["damaged"] == 2  # the blob, and the record that promised it
+    with pytest.raises(DamagedBlob):
+        store.blob(digest)
+
+
+@pytest.mark.parametrize(
+    "replace", [lambda p: p.mkdir(), lambda p: os.mkfifo(p), lambda p: p.symlink_to("/etc/passwd")]
+)
+def test_what_is_not_a_plain_file_is_a_miss(store, record, replace):
+    for path in (store.path("blob", record["outputs"]["a.txt"]["sha256"]), store.path("record", KEY)):
+        path.unlink(missing_ok=True)
+        replace(path)
+        assert store.record(KEY) is None
+
+
+def test_the_first_record_of_a_key_stays(cache, record):
+    said = []
+    store = Store(cache, warn=said.append)
+    other = {"outputs": {"a.txt": store.put_bytes(b"other")}, "components": {}, "made_by": {}}
+    assert store.put_record(KEY, other)["outputs"] == record["outputs"]
+    assert "NON-DETERMINISM" in said[0]
+
+
+def test_only_digests_become_paths(store):
+    with pytest.raises(ValueError, match="not a digest"):
+        store.path("blob", "../../etc/passwd")
+
+
+def test_a_hard_linked_file_is_copied_and_stays_where_it_was(store, tmp_path):
+    users = tmp_path / "users.txt"
+    users.write_text("mine")
+    linked = store.new_path()
+    linked.hardlink_to(users)
+    entry = store.put_file(linked)
+    assert users.stat().st_ino != store.path("blob", entry["sha256"]).stat().st_ino
+    assert users.read_text() == "mine"
+
+
+def test_only_folders_of_dead_processes_are_swept(store, cache):
+    store.new_path().write_bytes(b"alive")
+    code = "import os, sys\nfrom pipeline.engine.store import Store\nstore = Store(sys.argv[1])\nstore.new_path().mkdir()\nos._exit(0)"
+    subprocess.run([sys.executable, "-c", code, str(cache)], check=True)
+    assert sweep(cache / "tmp") == 1
+    assert len(list((cache / "tmp").iterdir())) == 1
+
+
+def test_a_flipped_bit_in_every_file_of_the_store_is_repaired(tmp_path, cache):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    right = toy.contents(tmp_path / "out")
+    chance = random.Random(0)
+    files = [path for table in ("ac", "cas") for path in (cache / table).rglob("*") if path.is_file()]
+    for path in files:
+        whole = bytearray(path.read_bytes())
+        whole[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
+        path.unlink()
+        path.write_bytes(whole)
+        again = build(toy.project(tmp_path / "out"), jobs=1)
+        assert again.executed and not again.failed
+        assert toy.contents(tmp_path / "out") == right
+    assert len(files) > 8

@@ -1,0 +1,84 @@
+"""Worker processes: what they import, and what their death costs."""
+
+import json
+import subprocess
+import sys
+import threading
+
+import pytest
+from engine import toy
+
+from pipeline.engine.run import run
+from pipeline.engine.session import build
+
+
+def test_a_killed_worker_costs_only_its_task(tmp_path, store):
+    graph = toy.graph_of(
+        ("killed", "killed", {"folder": str(tmp_path), "times": 1}),
+        *((f"slow/{n}", "slow", {"folder": str(tmp_path), "name": str(n), "seconds": 0.1}) for n in range(4)),
+    )
+    outcome = run(graph, store, jobs=2)
+    assert {result.state for result in outcome.results.values()} == {"executed"}
+    assert len(list(tmp_path.glob("ran-*"))) == 4
+
+
+def test_a_task_that_keeps_killing_its_worker_is_given_up(tmp_path, store):
+    graph = toy.graph_of(("killed", "killed", {"folder": str(tmp_path), "times": 9}), ("lens", "lens", {"power": 1.0}))
+    outcome = run(graph, store, jobs=2, keep_going=True)
+    failed = outcome.results["killed"]
+    assert failed.state == "failed" and "SIGKILL" in failed.error
+    assert len(list(tmp_path.glob("death*"))) == 3
+    assert outcome.results["lens"].state == "executed"
+
+
+def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
+    outcome = run(toy.graph_of(("probe", "probe", {})), store, jobs=2)
+    entry = outcome.records["probe"]["outputs"]["probe.json"]
+    facts = json.loads(store.blob(entry["sha256"]).read_text())
+    imported = {name.split(".")[0] for name in facts["modules"]}
+    assert not imported & {"pxr", "typer", "rich", "colour", "networkx", "numpy", "numba"}
+    assert "pipeline.cli" not in facts["modules"]
+    assert set(facts["threads"].values()) == {"1"}
+
+
+def test_a_worker_ends_with_its_driver(tmp_path, cache, kit):
+    code = (
+        "import sys; sys.path[:0] = sys.argv[3:]\n"
+        "from pathlib import Path\nfrom engine import toy\nfrom pipeline.engine.run import run\n"
+        "from pipeline.engine.store import Store\nimport os, threading, time\n"
+        "task = ('slow', 'slow', {'folder': sys.argv[2], 'name': 'a', 'seconds': 60})\n"
+        "def leave():\n    while not list(Path(sys.argv[2]).glob('ran-*')): time.sleep(0.02)\n    os._exit(7)\n"
+        "threading.Thread(target=leave).start()\n"
+        "run(toy.graph_of(task), Store(sys.argv[1]), jobs=2)\n"
+    )
+    paths = [str(kit.parent), str(toy.KIT.parents[1])]
+    # The worker inherits stderr: reading it to its end waits for the worker too.
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(cache), str(tmp_path), *paths], stderr=subprocess.PIPE, timeout=20, check=False
+    )
+    assert done.returncode == 7
+
+
+def test_two_builders_compute_once(tmp_path):
+    tasks = [(f"slow/{n}", "slow", {"folder": str(tmp_path), "name": str(n), "seconds": 0.2}) for n in range(3)]
+    results = []
+
+    def one():
+        results.append(build(toy.bare(toy.graph_of(*tasks), tmp_path / "out"), jobs=2))
+
+    threads = [threading.Thread(target=one) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(list(tmp_path.glob("ran-*"))) == 3
+    assert sum(result.executed for result in results) == 3
+    assert sum(result.cached for result in results) == 3
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_a_task_prints_lands_in_its_log(tmp_path, store, jobs, capfd):
+    run(toy.project(tmp_path / "out").graph, store, jobs=jobs)
+    assert "rendering" not in capfd.readouterr().out
+    logs = [path.read_text() for path in (store.root / "logs").rglob("*.log")]
+    assert logs == ["rendering\n"] * 2

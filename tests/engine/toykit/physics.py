@@ -1,0 +1,6 @@
+"""What the toy tasks call."""
+
+
+def doubled(x):
+    """Twice x."""
+    return x * 2

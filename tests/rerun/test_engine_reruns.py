@@ -1,0 +1,140 @@
+"""What runs again after an edit, and that the plan says so beforehand."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from engine import toy
+
+from pipeline.engine.explain import describe
+from pipeline.engine.session import build, plan_of, tasks_of
+
+EDITED = [toy.POSES[0], [[3.0, 0.0], [0.0, 1.0]]]
+
+
+def states(project, **arguments):
+    return {task.name: task.state for task in plan_of(project, **arguments)}
+
+
+def reasons(project, name):
+    return [str(reason) for task in plan_of(project) if task.name == name for reason in task.reasons]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_second_build_runs_nothing_and_rewrites_nothing(tmp_path, jobs):
+    assert build(toy.project(tmp_path / "out"), jobs=jobs).executed == 5
+    before = toy.snapshot(tmp_path / "out")
+    again = build(toy.project(tmp_path / "out"), jobs=jobs)
+    assert (again.executed, again.cached) == (0, 5)
+    assert toy.snapshot(tmp_path / "out") == before
+
+
+def test_an_edited_pose_reruns_its_frame_and_the_report_only(tmp_path):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    before = toy.snapshot(tmp_path / "out")
+    again = build(toy.project(tmp_path / "out", poses=EDITED), jobs=1)
+    assert toy.executed(again) == {"image/cam/0001", "report"}
+    after = toy.snapshot(tmp_path / "out")
+    changed = {name for name in after if after[name] != before[name]}
+    assert changed == {"frames/0001/cam/image.txt", "report/index.html", "manifest.json"}
+
+
+def test_undoing_an_edit_runs_nothing(tmp_path):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    first = toy.contents(tmp_path / "out")
+    build(toy.project(tmp_path / "out", poses=EDITED), jobs=1)
+    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+    assert toy.contents(tmp_path / "out") == first
+
+
+def test_equal_bytes_stop_a_rerun_early(tmp_path):
+    build(toy.project(tmp_path / "out", power=4.0), jobs=1)
+    edited = toy.project(tmp_path / "out", power=4.1)
+    planned = states(edited)
+    assert planned.pop("lens") == "run"
+    assert set(planned.values()) == {"maybe"}
+    assert toy.executed(build(edited, jobs=1)) == {"lens"}
+
+
+def test_edited_code_reruns_its_kind_and_a_comment_nothing(tmp_path, kit):
+    build(toy.project(tmp_path / "out"), jobs=2)
+    image = kit / "tasks" / "image.py"
+    image.write_text("# A comment.\n" + image.read_text())
+    assert build(toy.project(tmp_path / "out"), jobs=2).executed == 0
+    image.write_text(image.read_text().replace("VERSION = 1", "VERSION = 2"))
+    assert reasons(toy.project(tmp_path / "out"), "image/cam/0000") == ["code changed", "version: 1 -> 2"]
+    # The bytes are the same ones, so the report has nothing to do.
+    assert toy.executed(build(toy.project(tmp_path / "out"), jobs=2)) == {"image/cam/0000", "image/cam/0001"}
+
+
+def test_the_plan_names_the_parameter_with_old_and_new_value(tmp_path):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    edited = toy.project(tmp_path / "out", poses=EDITED)
+    assert reasons(edited, "image/cam/0001") == ["params.pose: [[2.0, 0.0], [0.0, 1.0]] -> [[3.0, 0.0], [0.0, 1.0]]"]
+    assert reasons(edited, "report") == ["image/cam/0001 must run first"]
+    assert reasons(edited, "rays/cam") == []
+
+
+def test_the_plan_says_new_forced_and_missing(tmp_path, cache):
+    project = toy.project(tmp_path / "out")
+    assert reasons(project, "lens") == ["never built"]
+    build(project, jobs=1)
+    assert states(project, force=["lens"])["lens"] == "run"
+    for blob in (cache / "cas").rglob("*"):
+        if blob.is_file() and blob.read_bytes().startswith(b"far"):
+            blob.unlink()
+    assert reasons(project, "rays/cam") == ["missing in the store: planes/far.bin"]
+
+
+def test_a_long_plan_is_grouped(tmp_path):
+    poses = [[[float(n), 0.0], [0.0, 1.0]] for n in range(40)]
+    build(toy.project(tmp_path / "out", poses=poses), jobs=1)
+    moved = [[[n + 0.5, 0.0], [0.0, 1.0]] for n in range(40)]
+    lines = list(describe(plan_of(toy.project(tmp_path / "out", poses=moved))))
+    assert lines[0] == "42 tasks: 2 cached, 40 to run, 1 maybe".replace("42", "43")
+    assert "… and 35 more image (run): changed params.pose" in lines
+    assert len(lines) < 20
+
+
+def test_until_runs_a_part_and_leaves_the_folder_alone(tmp_path):
+    result = build(toy.project(tmp_path / "out"), jobs=1, until=["cameras/cam/near.bin"])
+    assert toy.executed(result) == {"lens", "rays/cam"}
+    assert result.delivery is None and not (tmp_path / "out").exists()
+    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 3
+
+
+def test_a_target_is_a_task_a_pattern_or_a_file(tmp_path):
+    project = toy.project(tmp_path / "out")
+    assert tasks_of(project, "image") == tasks_of(project, "image/*/000?")
+    assert tasks_of(project, "report/index.html") == ["report"]
+    assert tasks_of(project, str(tmp_path / "out" / "report" / "index.html")) == ["report"]
+
+
+_BUILD = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[3:]
+from engine import toy
+from pipeline.engine.session import build
+result = build(toy.project(Path(sys.argv[1]) / "out"), jobs=int(sys.argv[2]))
+sys.exit(result.exit_code)
+"""
+
+
+def test_folder_workers_locale_time_zone_and_hash_seed_change_no_byte(tmp_path, kit):
+    places = {
+        "here": ("1", {"TZ": "UTC", "LC_ALL": "C", "PYTHONHASHSEED": "1"}),
+        "other/place": ("2", {"TZ": "Asia/Tokyo", "LC_ALL": "C.UTF-8", "PYTHONHASHSEED": "77"}),
+    }
+    outs = []
+    for name, (jobs, environment) in places.items():
+        folder = tmp_path / name
+        folder.mkdir(parents=True)
+        settings = {**os.environ, **environment, "PIPELINE_CACHE": str(folder / "store")}
+        paths = [str(kit.parent), str(toy.KIT.parents[1])]
+        command = [sys.executable, "-c", _BUILD, str(folder), jobs, *paths]
+        subprocess.run(command, check=True, env=settings, cwd=folder)
+        outs.append(toy.contents(folder / "out"))
+    assert outs[0] == outs[1]
+    assert not any(str(tmp_path).encode() in data for data in outs[0].values())
