@@ -68,6 +68,7 @@ class Lines:
 
     def __init__(self, verbosity: int) -> None:
         self._verbosity = verbosity
+        self._stream = sys.stderr  # the real one: a task that runs in this process has its own sys.stderr
         self._tally = Tally()
 
     def __enter__(self) -> "Lines":
@@ -90,7 +91,7 @@ class Lines:
         return state == "failed" or self._verbosity > 0 or (state == "executed" and self._verbosity == 0)
 
     def _say(self, text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
+        print(text, file=self._stream, flush=True)
 
 
 class Bar:
@@ -102,7 +103,11 @@ class Bar:
 
         self._tally = Tally()
         columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-        self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+        # The stream by itself, because sys.stderr points at a log while a task runs in this process.
+        console = Console(file=sys.stderr)
+        self._progress = Progress(
+            *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+        )
         self._bar = self._progress.add_task("", total=None)
 
     def __enter__(self) -> "Bar":

@@ -26,6 +26,7 @@ from typing import Any
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import Signature, copy, digest_of, locked, machine_errors, read_regular, signature
 from pipeline.engine.workspace import Workspace, sweep
+from pipeline.errors import EnvironmentFault
 
 _TRAILER = b"\n#sha256="
 _FORMAT = 1
@@ -64,6 +65,8 @@ class Store:
         self.counts: Counter[str] = Counter()
         self._verified: dict[str, Signature] = {}
         self._workspace = Workspace(self.root / "tmp")
+        if self.root.exists() and not self.root.is_dir():
+            raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
         if not (self.root / "VERSION").is_file():
             with machine_errors("make the store", self.root):
                 self.root.mkdir(parents=True, exist_ok=True)

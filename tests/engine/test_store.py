@@ -87,7 +87,10 @@ def test_a_hard_linked_file_is_copied_and_stays_where_it_was(store, tmp_path):
 
 def test_only_folders_of_dead_processes_are_swept(store, cache):
     store.new_path().write_bytes(b"alive")
-    code = "import os, sys\nfrom pipeline.engine.store import Store\nstore = Store(sys.argv[1])\nstore.new_path().mkdir()\nos._exit(0)"
+    code = (
+        "import os, sys\nfrom pipeline.engine.store import Store\n"
+        "store = Store(sys.argv[1])\nstore.new_path().mkdir()\nos._exit(0)"
+    )
     subprocess.run([sys.executable, "-c", code, str(cache)], check=True)
     assert sweep(cache / "tmp") == 1
     assert len(list((cache / "tmp").iterdir())) == 1

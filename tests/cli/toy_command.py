@@ -1,0 +1,75 @@
+"""The command with toy tasks: a stage is a JSON file with the arguments of `toy.project`, and its problems.
+
+python toy_command.py FOLDER_WITH_TOYKIT VERB ...
+"""
+
+import json
+import sys
+import types
+from dataclasses import dataclass
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path[:0] = [sys.argv.pop(1), str(Path(__file__).parents[1])]
+
+from engine import toy
+
+from pipeline import cli
+from pipeline.engine import session
+from pipeline.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem as the stage checker reports it."""
+
+    severity: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"stage:1: {self.severity}: {self.text}"
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain data."""
+        return {"severity": self.severity, "message": self.text}
+
+
+def load(path, allow_roots=()):
+    """Problems of a stage."""
+    if not path.exists():
+        raise UsageError(f"{path} does not exist")
+    facts = json.loads(path.read_text())
+    problems = [Problem(*problem) for problem in facts.get("problems", [])]
+    return types.SimpleNamespace(dataset=None, problems=problems, flattened="")
+
+
+def project(path, out=None, allow_roots=()):
+    """A project, if the stage has no errors."""
+    errors = [str(problem) for problem in load(path).problems if problem.severity == "error"]
+    if errors:
+        raise UsageError("\n".join(errors))
+    facts = json.loads(path.read_text())
+    if facts.get("bug"):
+        raise ZeroDivisionError("an unexpected thing")
+    return toy.project(out or Path("build") / path.stem, **facts.get("project", {}))
+
+
+def build(path, out=None, allow_roots=(), **arguments):
+    """Build a stage."""
+    return session.build(project(path, out, allow_roots), **arguments)
+
+
+def fakes() -> dict[str, types.ModuleType]:
+    """What the command imports of other rooms."""
+    modules = {}
+    for name, functions in {"pipeline.tasks.build": (project, build), "pipeline.scene.load": (load,)}.items():
+        modules[name] = types.ModuleType(name)
+        for function in functions:
+            setattr(modules[name], function.__name__, function)
+    return modules
+
+
+if __name__ == "__main__":
+    sys.modules.update(fakes())
+    sys.argv[0] = "pipeline"
+    cli.main()
