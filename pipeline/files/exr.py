@@ -29,6 +29,9 @@ _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 _IN_CALLING_THREAD = 0
 
 _CRC, _PART_COUNT = "content_crc32", "part_count"
+# The best that deflate can do, by its own documentation.
+_MAX_COMPRESSION_RATIO = 1032
+
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
 _GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
 _RESERVED = _STRUCTURE | _GEOMETRY | {_CRC, _PART_COUNT}
@@ -107,6 +110,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     with path.open("rb"):  # a missing or unreadable file is the system's error, not a damaged one
         pass
     try:
+        _require_plausible_size(path, OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD))
         file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
     except (RuntimeError, ValueError) as error:
         raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
@@ -115,6 +119,17 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     if counts != {str(len(found))}:
         raise DamagedFile(path, f"{len(found)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
     return {part.name: part for part in found}
+
+
+def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:
+    """Refuse a damaged width or height before OpenEXR allocates it: one bit can ask for minutes and all memory."""
+    size = 0
+    for part in headers.parts:
+        first, last = part.header["dataWindow"]
+        extent = last.astype(np.int64) - first + 1
+        size += 4 * len(part.header["channels"]) * int(extent[0]) * int(extent[1])
+    if size > _MAX_COMPRESSION_RATIO * path.stat().st_size:
+        raise DamagedFile(path, f"{size} bytes of pixels cannot come from so short a file")
 
 
 def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) -> OpenEXR.Part:

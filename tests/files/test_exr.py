@@ -146,6 +146,24 @@ def test_an_altered_file_never_gives_other_content(tmp_path: Path) -> None:
     assert noticed > 0.9 * len(places)
 
 
+def test_a_damaged_width_costs_neither_memory_nor_time(tmp_path: Path) -> None:
+    """One flipped bit in the header would make OpenEXR fill gigabytes before it finds that the file is short."""
+    path = tmp_path / "x.exr"
+    write_exr(path, [Part(name="a", channels={"X": noise(30, 20)})])
+    whole = path.read_bytes()
+    place = whole.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4 + 8 + 2
+    path.write_bytes(whole[:place] + bytes([16]) + whole[place + 1 :])
+    with pytest.raises(DamagedFile, match="so short a file"):
+        read_exr(path)
+
+
+def test_an_empty_looking_image_is_plausible(tmp_path: Path) -> None:
+    """A large part of one value packs as tightly as anything can."""
+    pixels = np.full((2000, 3000), np.nan)
+    write_exr(tmp_path / "x.exr", [Part(name="j", channels={"X": pixels, "Y": pixels})])
+    assert read_exr(tmp_path / "x.exr")["j"].shape == (2000, 3000)
+
+
 def test_foreign_and_missing_files_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("not an image")
     with pytest.raises(DamagedFile, match="not a readable OpenEXR file"):
