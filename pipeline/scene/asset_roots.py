@@ -70,7 +70,8 @@ def _outside(layer_file: str, resolved: str, asset: str | None) -> Problem:
 
 def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
     for attribute in prim.GetAuthoredAttributes():
-        for asset in _assets(attribute.Get()):
+        values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
+        for asset in [asset for value in values for asset in _assets(value)]:
             if asset.resolvedPath and not is_inside(asset.resolvedPath, roots):
                 message = f"@{asset.path}@ lies outside the folders that a stage may read"
                 hint = "move it below the project, or allow its folder with --allow-root"

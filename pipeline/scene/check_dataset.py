@@ -52,7 +52,7 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
     frames = read(root, "plen:frames") or ()
     for number, count in Counter(frames).items():
         if count > 1:
-            message = f'"plen:frames" names {number} {count} times'
+            message = f'"plen:frames" lists frame {number} more than once'
             yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
     if not frame_numbers(root):
         stage = root.GetStage()

@@ -117,14 +117,8 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
 
 
 def _is_finite(prim: Usd.Prim, number: int) -> bool:
-    values = [op.GetAttr().Get(float(number)) for link in ancestry(prim) for op in xform_ops(link)]
-    return all(math.isfinite(item) for value in values for item in _op_numbers(value))
-
-
-def _op_numbers(value: object) -> list[float]:
-    if hasattr(value, "GetImaginary"):
-        return [float(value.GetReal()), *map(float, value.GetImaginary())]  # type: ignore[attr-defined]
-    return numbers(plain(value))
+    values = [plain(op.GetAttr().Get(float(number))) for link in ancestry(prim) for op in xform_ops(link)]
+    return all(math.isfinite(item) for value in values for item in numbers(value))
 
 
 def _check_before_camera(
@@ -142,7 +136,7 @@ def _check_before_camera(
         nearest_mm = float(apply(camera_from_board, corners)[:, 2].min())
         if nearest_mm > first_mm:
             continue
-        where = "behind the camera" if nearest_mm <= 0 else "inside the lens"
+        where = "behind" if nearest_mm <= 0 else "into the lens of"
         message = (
             f'"{board.GetName()}" reaches {where} "{camera_name(camera, root)}" at time code {number}: its nearest'
             f" corner lies at z = {nearest_mm:.6g} mm, the first vertex at {first_mm:.6g} mm"

@@ -53,8 +53,7 @@ def _check_type(prim: Usd.Prim) -> Iterator[Problem]:
 
 def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
     registry = Usd.SchemaRegistry()
-    authored = prim.GetMetadata("apiSchemas")
-    for full in authored.GetAddedOrExplicitItems() if authored else []:
+    for full in _authored_apis(prim):
         name, instance = registry.GetTypeNameAndInstance(full)
         if not registry.FindAppliedAPIPrimDefinition(name):
             hint = did_you_mean(name, _known_apis())
@@ -64,6 +63,12 @@ def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
         can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
         if not can:
             yield problem(prim, "api-not-applicable", can.whyNot)
+
+
+def _authored_apis(prim: Usd.Prim) -> list[str]:
+    """Names that somebody wrote; `GetAppliedSchemas` would add those that come with them."""
+    edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
+    return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))
 
 
 def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:

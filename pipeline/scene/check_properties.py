@@ -48,8 +48,9 @@ def _hint(is_ours: bool, type_name: str) -> str | None:
 
 
 def _check_required(prim: Usd.Prim) -> Iterator[Problem]:
-    if prim.IsAbstract():
-        return
+    ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
+    if prim.IsAbstract() or not all(prim.CanApplyAPI(name) for name in ours):
+        return  # a misapplied schema is reported as that
     for name in [name for names in schema_facts(prim, "plenRequired") for name in names]:
         relationship = prim.GetRelationship(name)
         if relationship:
@@ -73,7 +74,7 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
         elif wanted:
             prim = stage.GetPrimAtPath(path)
             if not (prim and prim.IsA(wanted)):
-                got = (prim.GetTypeName() or "untyped prim") if prim else "property"
+                got = (prim.GetTypeName() or "prim without a type") if prim else "property"
                 yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
 
 

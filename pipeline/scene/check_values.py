@@ -102,7 +102,13 @@ def check_numbers(attribute: Usd.Attribute, value: Any, time: float | None) -> I
 def _check_supported(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
     name = attribute.GetName()
     if name in SUPPORTED and value not in SUPPORTED[name]:
-        choices = ", ".join(map(str, SUPPORTED[name]))
+        is_array = attribute.GetTypeName().isArray
+        choices = ", ".join(_shown(choice, is_array) for choice in SUPPORTED[name])
         hint = f"supported: {choices}" if choices else "leave it out"
-        message = f'"{name}" = {value if value != () else "[]"} is not supported yet'
+        message = f'"{name}" = {_shown(value, is_array)} is not supported yet'
         yield problem(attribute, "not-yet-supported", message, hint=hint, time=time)
+
+
+def _shown(value: Any, is_array: bool) -> str:
+    """A plain value as usda writes it."""
+    return str(list(value)) if is_array else str(value)

@@ -78,7 +78,9 @@ def _from_composition(error: Pcp.ErrorBase) -> Problem:
         text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
     message, _, _ = text.partition(" introduced by ")
     message = re.sub(r"@(/[^@]*)@", lambda match: f"@{shown_path(match[1])}@", message)
-    line = _line_of_asset(layer, message) or line_of(layer, path)
+    # An asset that opens may be mentioned more than once; then the prim says more.
+    opens = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
+    line = (None if opens else _line_of_asset(layer, str(error))) or line_of(layer, path)
     return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
 
 
@@ -86,13 +88,10 @@ def _site(error: Pcp.ErrorBase) -> tuple[str, str]:
     return error.rootSite.layerStack.rootLayer.realPath, str(error.rootSite.path)
 
 
-def _line_of_asset(layer: str, message: str) -> int | None:
-    """Line where a layer mentions the first asset of a message; messages hold it resolved, the layer as written."""
-    mentioned = re.search(r"@([^@]*)@", message)
-    if not mentioned:
-        return None
-    name = mentioned[1].rpartition("/")[2]
-    lines = [line for asset, line in text_map(layer).assets.items() if asset.rpartition("/")[2] == name]
+def _line_of_asset(layer: str, text: str) -> int | None:
+    """Line where a layer mentions an asset of a message; messages hold it resolved, the layer as written."""
+    names = {mentioned.rpartition("/")[2] for mentioned in re.findall(r"@([^@]*)@", text)}
+    lines = [line for asset, line in text_map(layer).assets.items() if asset.rpartition("/")[2] in names]
     return lines[0] if len(lines) == 1 else None
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.frames import rigid
+from pipeline.scene.values import plain
 
 
 def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
@@ -58,11 +59,9 @@ def inverse(a_from_b: np.ndarray) -> np.ndarray:
 
 def quaternion(op: UsdGeom.XformOp, time: float) -> tuple[float, float, float, float] | None:
     """Real part and imaginary parts of an orient operation; None if it has no value."""
-    value = op.Get(time)
-    if value is None:
-        return None
-    x, y, z = value.GetImaginary()
-    return float(value.GetReal()), float(x), float(y), float(z)
+    # Of the attribute: the operation itself would give an inverse one already turned round.
+    value = op.GetAttr().Get(time)
+    return None if value is None else plain(value)
 
 
 def is_orient(op: UsdGeom.XformOp) -> bool:

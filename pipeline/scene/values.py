@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from pxr import Plug, Sdf, Tf, Usd
+from pxr import Gf, Plug, Sdf, Tf, Usd
 
 from pipeline.scene.register import PLUGIN_NAME
 
@@ -57,6 +57,8 @@ def plain(value: Any) -> Any:
         return value + 0.0
     if isinstance(value, Sdf.AssetPath):
         return value.path
+    if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
+        return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
     return tuple(plain(item) for item in value)
 
 

@@ -1,0 +1,84 @@
+"""Every file in tests/data/bad is wrong in one way, and `load` says so in the words of EXPECTED.txt.
+
+The second line of each file says what is wrong, the third which codes that must give; EXPECTED.txt pins the words.
+After an intended change of words:  python tests/scene/test_bad_files.py > tests/data/bad/EXPECTED.txt
+"""
+
+import os
+import re
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.scene.problems import Problem, StageError
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests/data/bad").glob("*.usda"))
+WARNINGS = {"up-axis", "normalised"}
+
+
+@pytest.fixture(autouse=True)
+def _at_the_root(monkeypatch):
+    """Messages show paths relative to the working directory."""
+    monkeypatch.chdir(ROOT)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_a_bad_file_gives_exactly_the_problems_that_it_announces(file):
+    expected = re.search(r"^# expect: (.*)$", Path(file).read_text(), re.MULTILINE)[1].split()
+
+    loaded = loaded_once(file)
+
+    assert [problem.code for problem in loaded.problems] == expected
+    assert {problem.code for problem in loaded.problems if not problem.is_error} <= WARNINGS
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_problem_names_a_file_and_what_is_known_of_the_place(file):
+    for problem in loaded_once(file).problems:
+        assert problem.file
+        assert problem.line or problem.code in {"usd-open"}
+
+
+def test_every_mistake_is_reported_in_the_expected_words():
+    assert report() == (ROOT / "tests/data/bad/EXPECTED.txt").read_text()
+
+
+@pytest.mark.parametrize("file", [file for file in FILES if "no_up_axis" not in file and "rounded" not in file])
+def test_nothing_is_read_from_a_stage_with_an_error(file):
+    loaded = loaded_once(file)
+
+    assert loaded.dataset is None
+    assert loaded.flattened == ""
+    with pytest.raises(StageError) as caught:
+        require_dataset(loaded, file)
+    assert caught.value.exit_code == 2
+    assert caught.value.problems == loaded.problems
+
+
+def test_a_missing_file_is_a_problem_and_not_a_traceback():
+    (problem,) = load("nowhere.usda").problems
+
+    assert problem == Problem(code="file-missing", message="no such file", file="nowhere.usda")
+
+
+@cache
+def loaded_once(file: str) -> Loaded:
+    """Every test here asks about the same few stages."""
+    return load(file)
+
+
+def report() -> str:
+    """All messages, under the names of their files."""
+    texts = [
+        f"## {Path(file).name}\n" + "".join(f"{problem}\n" for problem in loaded_once(file).problems) for file in FILES
+    ]
+    return "".join(texts)
+
+
+if __name__ == "__main__":
+    os.chdir(ROOT)
+    sys.stdout.write(report())
