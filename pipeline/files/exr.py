@@ -122,9 +122,12 @@ def read_exr(path: str | Path) -> dict[str, Part]:
 
 
 def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:
-    """Refuse a damaged width or height before OpenEXR allocates it: one bit can ask for minutes and all memory."""
+    """Refuse a damaged size before OpenEXR allocates it: one bit can ask for minutes and all memory."""
     size = 0
     for part in headers.parts:
+        tile = part.header.get("tiles")
+        if tile is not None and (tile.xSize, tile.ySize) != (TILE_PX, TILE_PX):
+            raise DamagedFile(path, f"tiles of {tile.xSize} x {tile.ySize} pixels, not of {TILE_PX}")
         first, last = part.header["dataWindow"]
         extent = last.astype(np.int64) - first + 1
         size += 4 * len(part.header["channels"]) * int(extent[0]) * int(extent[1])

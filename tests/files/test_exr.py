@@ -146,14 +146,20 @@ def test_an_altered_file_never_gives_other_content(tmp_path: Path) -> None:
     assert noticed > 0.9 * len(places)
 
 
-def test_a_damaged_width_costs_neither_memory_nor_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("attribute", "byte", "message"),
+    [(b"dataWindow\0box2i\0", 8 + 2, "so short a file"), (b"tiles\0tiledesc\0", 4 + 3, "tiles of 128 x")],
+)
+def test_a_damaged_size_costs_neither_memory_nor_time(
+    tmp_path: Path, attribute: bytes, byte: int, message: str
+) -> None:
     """One flipped bit in the header would make OpenEXR fill gigabytes before it finds that the file is short."""
     path = tmp_path / "x.exr"
     write_exr(path, [Part(name="a", channels={"X": noise(30, 20)})])
     whole = path.read_bytes()
-    place = whole.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4 + 8 + 2
+    place = whole.index(attribute) + len(attribute) + 4 + byte  # 4: the length of the value
     path.write_bytes(whole[:place] + bytes([16]) + whole[place + 1 :])
-    with pytest.raises(DamagedFile, match="so short a file"):
+    with pytest.raises(DamagedFile, match=message):
         read_exr(path)
 
 
