@@ -39,8 +39,9 @@ class Inline:
     def __init__(self, store: Store, packages: tuple[str, ...]) -> None:
         self._store, self._packages = store, packages
         self._waiting: collections.deque[Plain] = collections.deque()
-        for name, value in ONE_THREAD.items():
-            os.environ.setdefault(name, value)
+        if "numpy" not in sys.modules:  # afterwards nobody reads them any more, or they make Numba raise
+            for name, value in ONE_THREAD.items():
+                os.environ.setdefault(name, value)
 
     @property
     def free(self) -> int:

@@ -49,7 +49,7 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
                 return {"name": spec["name"], "state": "cached", "seconds": 0.0, "record": record}
             with _logging(log):
                 record = _compute(spec, store, packages)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         text = "".join(traceback.format_exception(error))
         _append(log, text)
         reply = {"name": spec["name"], "state": "failed", "error": _tail(text), "log": str(log)}

@@ -212,7 +212,10 @@ def _selection(project: Project, force: Iterable[str], until: Iterable[str]) -> 
 
 
 def _jobs(jobs: int | None) -> int:
-    return max(1, jobs if jobs is not None else len(os.sched_getaffinity(0)))
+    if jobs is not None:
+        return max(1, jobs)
+    # What this process may use, where the system can tell; a container often may use less than there is.
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _history_name(project: Project) -> str:

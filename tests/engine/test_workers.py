@@ -4,12 +4,14 @@ import json
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 from engine import toy
 
 from pipeline.engine.run import run
 from pipeline.engine.session import build
+from pipeline.engine.store import Store
 
 
 def test_a_killed_worker_costs_only_its_task(tmp_path, store):
@@ -82,3 +84,31 @@ def test_what_a_task_prints_lands_in_its_log(tmp_path, store, jobs, capfd):
     assert "rendering" not in capfd.readouterr().out
     logs = [path.read_text() for path in (store.root / "logs").rglob("*.log")]
     assert logs == ["rendering\n"] * 2
+
+
+_BUILD = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[2:]
+from engine import toy
+from pipeline.engine.session import build
+build(toy.project(Path(sys.argv[1]), poses=[[[float(n)]] for n in range(60)]), jobs=2)
+"""
+
+
+def test_a_builder_killed_at_any_time_leaves_nothing_wrong(tmp_path, cache, kit):
+    poses = [[[float(n)]] for n in range(60)]
+    command = [sys.executable, "-c", _BUILD, str(tmp_path / "out"), str(kit.parent), str(toy.KIT.parents[1])]
+    for milliseconds in range(250, 700, 50):
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        time.sleep(milliseconds / 1000)
+        process.kill()
+        process.wait()
+    assert build(toy.project(tmp_path / "out", poses=poses), jobs=1).exit_code == 0
+    again = build(toy.project(tmp_path / "out", poses=poses), jobs=1)
+    assert again.executed == 0
+    fresh = Store(tmp_path / "fresh")
+    build(toy.project(tmp_path / "fresh_out", poses=poses), jobs=1, store=fresh)
+    assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "fresh_out")
+    assert not [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
+    assert len(list((cache / "tmp").iterdir())) <= 1
