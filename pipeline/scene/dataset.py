@@ -17,6 +17,8 @@ class CameraEntry:
     ----------
     name : str
         Path of the camera prim below the dataset's root with "/" replaced by ".": it stands in every table.
+    prim_path : str
+        Of the camera on the composed stage, for messages.
     lens_name : str
         `plen:name` of the lens, or its prim name; for reports only.
     index_source : str
@@ -68,7 +70,17 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dataset:
-    """All that a build needs to know of a stage."""
+    """All that a build needs to know of a stage.
+
+    Attributes
+    ----------
+    stage_name : str
+        Name of the default prim: it tells datasets apart without a path of the machine.
+    seed : int
+        Of all random numbers.
+    background : float
+        Radiance of everything that is not a target, relative.
+    """
 
     stage_name: str
     seed: int

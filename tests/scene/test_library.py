@@ -1,0 +1,156 @@
+"""The shipped stages and the examples are flawless, written as USD writes, and say what their sources say."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Sdf, Usd, UsdGeom
+
+from pipeline.scene.load import load, open_dataset
+from pipeline.scene.poses import world_from
+
+ROOT = Path(__file__).resolve().parents[2]
+LIBRARY = sorted((ROOT / "stages").rglob("*.usda"))
+EXAMPLES = sorted((ROOT / "examples").glob("*/dataset.usda"))
+TINY = sorted((ROOT / "tests/data").glob("tiny_*/dataset.usda"))
+ALL = [*LIBRARY, *EXAMPLES, *TINY]
+
+
+def name_of(path):
+    """A short test id."""
+    return path.relative_to(ROOT).as_posix()
+
+
+def test_there_is_a_library_and_two_examples():
+    assert len(LIBRARY) == 8
+    assert [path.parent.name for path in EXAMPLES] == ["01_conventional", "02_plenoptic"]
+
+
+@pytest.mark.parametrize("path", ALL, ids=name_of)
+def test_the_checker_finds_nothing(path):
+    assert load(path).problems == []
+
+
+@pytest.mark.parametrize("path", ALL, ids=name_of)
+def test_the_text_is_what_usd_would_write(path):
+    layer = Sdf.Layer.FindOrOpen(path.as_posix())
+
+    assert path.read_text() == layer.ExportToString().rstrip("\n") + "\n"
+
+
+@pytest.mark.parametrize("path", ALL, ids=name_of)
+def test_every_layer_says_units_axis_rate_root_and_what_it_is(path):
+    layer = Sdf.Layer.FindOrOpen(path.as_posix())
+    root = layer.pseudoRoot
+
+    assert (root.GetInfo("metersPerUnit"), root.GetInfo("upAxis")) == (0.001, "Y")
+    assert layer.timeCodesPerSecond == 24
+    assert [prim.name for prim in layer.rootPrims] == [layer.defaultPrim]
+    assert len(layer.documentation) > 40
+
+
+@pytest.mark.parametrize("path", ALL, ids=name_of)
+def test_every_layer_says_what_unknown_types_fall_back_to(path):
+    stage = Usd.Stage.Open(path.as_posix())
+    ours = {str(prim.GetTypeName()) for prim in stage.TraverseAll() if prim.GetTypeName().startswith("Plen")}
+
+    assert ours <= set(stage.GetMetadata("fallbackPrimTypes") or {})
+
+
+def test_the_tronnier_lens_is_the_printed_one():
+    """Radius, thickness, index, semi-diameter from W. J. Smith, Modern Lens Design, p. 312, scaled to 100 mm."""
+    printed = [
+        (58.95, 7.52, 1.67, 25.2),
+        (169.66, 0.24, 1.0, 25.2),
+        (38.55, 8.05, 1.67, 23.0),
+        (81.54, 6.55, 1.699, 23.0),
+        (25.5, 11.41, 1.0, 18.0),
+        (math.inf, 9.0, 1.0, 4.5),  # stopped down by the rig; 17.1 as printed
+        (-28.99, 2.36, 1.603, 17.0),
+        (81.54, 12.13, 1.658, 20.0),
+        (-40.77, 0.38, 1.0, 20.0),
+        (874.13, 6.44, 1.717, 20.0),
+        (-79.46, 72.228, 1.0, 20.0),
+    ]
+    (entry,) = open_dataset(EXAMPLES[0]).cameras
+    surfaces = entry.camera.prescription.surfaces
+
+    assert [(s.radius_mm, s.thickness_mm, s.index, s.semi_diameter_mm) for s in surfaces] == printed
+    assert entry.camera.prescription.stop_index == 5
+
+
+def test_the_plenoptic_rig_is_the_one_of_the_paper():
+    """Michels, Petersen and Koch 2019, section 4."""
+    (entry,) = open_dataset(EXAMPLES[1]).cameras
+    camera, array = entry.camera, entry.camera.microlenses
+
+    assert array.focal_lengths_mm == (1.9, 2.1, 2.3)
+    assert (array.pitch_mm, array.width_mm, array.height_mm, array.distance_mm) == (0.2173, 21.73, 21.73, 1.7)
+    assert camera.sensor_distance_mm - array.distance_mm == pytest.approx(123.3, abs=1e-12)
+    assert camera.prescription.stop.semi_diameter_mm == 5.0
+    assert (entry.truth["lambda_d"], entry.truth["lambda_alpha_deg"]) == (0.15, 10.0)
+
+
+def test_the_full_sensor_is_a_variant_of_the_plenoptic_rig():
+    stage = Usd.Stage.Open((ROOT / "stages/rigs/plenoptic_michels_2019.usda").as_posix())
+    stage.SetEditTarget(stage.GetSessionLayer())
+    stage.GetPrimAtPath("/Rig").GetVariantSet("sensor").SetVariantSelection("full")
+
+    assert tuple(stage.GetPrimAtPath("/Rig/Sensor").GetAttribute("plen:resolution").Get(1)) == (2173, 2173)
+
+
+@pytest.mark.parametrize("path", [*EXAMPLES, *TINY], ids=name_of)
+def test_quaternions_are_of_unit_length_to_rounding(path):
+    stage = Usd.Stage.Open(path.as_posix())
+    for prim in stage.TraverseAll():
+        orient = prim.GetAttribute("xformOp:orient")
+        for time in orient.GetTimeSamples() if orient else []:
+            assert abs(orient.Get(time).GetLength() - 1) < 1e-12
+
+
+@pytest.mark.parametrize("path", [*EXAMPLES, ROOT / "stages/targets/checkerboard_4x7.usda"], ids=name_of)
+def test_the_preview_shows_the_board_that_is_built(path):
+    """Its squares lie where `Checkerboard.radiance` says, in size and colour, and face the viewer."""
+    stage = Usd.Stage.Open(path.as_posix())
+    board = next(prim for prim in stage.TraverseAll() if prim.IsA("PlenCheckerboard"))
+    mesh = UsdGeom.Mesh(board.GetChild("Preview"))
+    points = np.array(mesh.GetPointsAttr().Get(1)) * board.GetChild("Preview").GetAttribute("xformOp:scale").Get(1)[0]
+    faces = np.array(mesh.GetFaceVertexIndicesAttr().Get(1)).reshape(-1, 4)
+    colours = np.array(mesh.GetDisplayColorAttr().Get(1))
+    target = _checkerboard(board)
+
+    centres = points[faces].mean(axis=1)
+    assert np.array_equal(target.radiance(centres[:, 0], centres[:, 1]), colours[:, 0])
+    assert np.array_equal(points.max(axis=0)[:2], target.half_extent_mm)
+    edges = points[faces]
+    assert (np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 1])[:, 2] > 0).all()
+
+
+def _checkerboard(prim):
+    from pipeline.scene.reading import read_checkerboard
+
+    return read_checkerboard(prim)
+
+
+@pytest.mark.parametrize("path", [*EXAMPLES, *TINY], ids=name_of)
+def test_the_pinhole_preview_has_the_shape_of_the_sensor(path):
+    """In tenths of a millimetre, as USD counts film backs in a stage in millimetres."""
+    (entry,) = open_dataset(path).cameras
+    stage = Usd.Stage.Open(path.as_posix())
+    camera = UsdGeom.Camera(stage.GetPrimAtPath(entry.prim_path))
+    sensor = entry.camera.sensor
+
+    assert camera.GetHorizontalApertureAttr().Get(1) == pytest.approx(10 * sensor.width_px * sensor.pitch_mm, rel=1e-6)
+    assert camera.GetVerticalApertureAttr().Get(1) == pytest.approx(10 * sensor.height_px * sensor.pitch_mm, rel=1e-6)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=name_of)
+def test_the_preview_camera_sees_the_board_in_every_frame(path):
+    """A pinhole is not the lens, so only the middle of the board is asked for here."""
+    dataset = open_dataset(path)
+    stage = Usd.Stage.Open(path.as_posix())
+    for frame in dataset.frames:
+        camera = UsdGeom.Camera(stage.GetPrimAtPath(dataset.cameras[0].prim_path)).GetCamera(frame.number)
+        board = world_from(stage.GetPrimAtPath(dataset.targets[0].prim_path), float(frame.number), 1.0)
+        assert camera.frustum.Intersects(tuple(map(float, board[:3, 3])))

@@ -1,0 +1,100 @@
+"""From a path on the stage to a line of text."""
+
+import pytest
+
+from pipeline.scene.lines import line_of, sample_key, text_map
+
+TEXT = '''#usda 1.0
+(
+    doc = """def Xform "NotAPrim"
+    { double x = 1 }"""
+    customLayerData = {
+        string x = "{"
+    }
+)
+
+def Xform "A" (
+    variants = {
+        string look = "red"
+    }
+    prepend variantSets = "look"
+)
+{
+    # double comment = 2
+    double3 xformOp:translate.timeSamples = {
+        1: (0, 0, -1),
+        2.5: (0, 0, -2),
+    }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    rel plen:lens = </A/B>
+
+    def "B" (
+        prepend references = @./b.usda@
+    )
+    {
+        double y = 1 (
+            doc = "y"
+        )
+    }
+    variantSet "look" = {
+        "red" {
+            double inside = 3
+        }
+    }
+}
+'''
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A layer with everything that could confuse a scanner."""
+    path = tmp_path / "a.usda"
+    path.write_text(TEXT)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("path", "starts"),
+    [
+        ("/A", 'def Xform "A"'),
+        ("/A.xformOp:translate", "double3"),
+        ("/A.xformOp:translate" + sample_key(1), "1: "),
+        ("/A.xformOp:translate" + sample_key(2.5), "2.5: "),
+        ("/A.xformOp:translate" + sample_key(9), "double3"),
+        ("/A.plen:lens", "rel"),
+        ("/A/B", 'def "B"'),
+        ("/A/B.y", "double y"),
+        ("/A/B.missing", 'def "B"'),
+        ("/A{look=red}.inside", "double inside"),
+    ],
+)
+def test_a_path_leads_to_its_line(file, path, starts):
+    assert TEXT.splitlines()[line_of(file, path) - 1].strip().startswith(starts)
+
+
+def test_what_stands_in_strings_and_comments_is_no_prim(file):
+    assert line_of(file, "/NotAPrim") is None
+    assert line_of(file, "/A.comment") == line_of(file, "/A")
+
+
+def test_assets_are_found(file):
+    assert TEXT.splitlines()[text_map(file).assets["./b.usda"] - 1].strip().startswith("prepend references")
+
+
+def test_nothing_is_written_twice_here(file):
+    assert text_map(file).repeated == []
+
+
+def test_default_and_samples_of_one_property_are_two_statements(tmp_path):
+    path = tmp_path / "a.usda"
+    path.write_text('#usda 1.0\ndef "A"\n{\n    double x = 1\n    double x.timeSamples = {\n        1: 2,\n    }\n}\n')
+
+    assert text_map(path).repeated == []
+
+
+def test_a_file_that_is_not_text_has_no_lines(tmp_path):
+    path = tmp_path / "a.usdc"
+    path.write_bytes(b"PXR-USDC\x00\x00")
+
+    assert line_of(path, "/A") is None
+    assert line_of(tmp_path / "nowhere.usda", "/A") is None

@@ -1,0 +1,283 @@
+"""Records are exactly what the stage says, in millimetres and in our frames."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pipeline
+from pipeline.records import to_plain
+from pipeline.scene.load import load, open_dataset
+from pipeline.scene.problems import StageError
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
+HEAD = """#usda 1.0
+(
+    defaultPrim = "Dataset"
+    endTimeCode = 1
+    metersPerUnit = {unit}
+    startTimeCode = 1
+    timeCodesPerSecond = 24
+    upAxis = "Y"
+)
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a whole dataset into one file, with a camera of two surfaces; gives its path."""
+
+    def writer(board, rig="", unit="0.001", dataset=""):
+        path = tmp_path / "dataset.usda"
+        path.write_text(
+            HEAD.format(unit=unit)
+            + f"""
+def PlenDataset "Dataset"
+{{
+    rel plen:cameras = </Dataset/Rig/Camera>
+    rel plen:targets = </Dataset/Arm/Board>
+    {dataset}
+
+    def Xform "Rig"
+    {{
+        {rig}
+        def Camera "Camera" (
+            prepend apiSchemas = ["PlenCameraAPI"]
+        )
+        {{
+            rel plen:camera:lens = </Dataset/Rig/Lens>
+            rel plen:camera:sensor = </Dataset/Rig/Sensor>
+            uniform double plen:camera:sensorDistance = 50
+        }}
+        def PlenLens "Lens"
+        {{
+            uniform token[] plen:surfaceOrder = ["Front", "Stop"]
+            def PlenSurface "Stop"
+            {{
+                uniform bool plen:isStop = 1
+                uniform double plen:semiDiameter = 4
+            }}
+            def PlenSurface "Front"
+            {{
+                uniform double plen:index = 1
+                uniform double plen:radius = 50
+                uniform double plen:semiDiameter = 5
+                uniform double plen:thickness = 3
+            }}
+        }}
+        def PlenSensor "Sensor"
+        {{
+            uniform double2 plen:offset = (-0.0, 0.25)
+            uniform double plen:pixelPitch = 0.01
+            uniform int2 plen:resolution = (20, 10)
+        }}
+    }}
+    {board}
+}}
+"""
+        )
+        return path
+
+    return writer
+
+
+def board(arm="", pose=""):
+    """An Xform "Arm" that holds a board of 3 x 2 corners."""
+    return f"""
+    def Xform "Arm"
+    {{
+        {arm}
+        def PlenCheckerboard "Board"
+        {{
+            uniform int plen:columns = 3
+            uniform int plen:rows = 2
+            uniform double plen:squareSize = 2
+            {pose}
+        }}
+    }}
+"""
+
+
+def translate(x, y, z):
+    """A pose without rotation."""
+    return f'double3 xformOp:translate = ({x}, {y}, {z})\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+
+
+def test_open_dataset_is_at_the_top_of_the_package():
+    assert pipeline.open_dataset is open_dataset
+
+
+def test_the_tiny_dataset_reads_as_written():
+    dataset = open_dataset(TINY)
+    (entry,), (target,) = dataset.cameras, dataset.targets
+
+    assert (dataset.stage_name, dataset.seed, dataset.background) == ("TinyConventional", 3, 0.0)
+    assert (entry.name, entry.prim_path) == ("Rig.Camera", "/TinyConventional/Rig/Camera")
+    assert (entry.lens_name, entry.index_source) == ("Tronnier double Gauss 100 mm f/2", "printed")
+    assert (entry.wavelength_nm, entry.weight, entry.footprint, entry.image_samples) == (
+        587.56,
+        "irradiance",
+        "point",
+        64,
+    )
+    assert dataclasses.astuple(entry.camera.sensor) == (32, 24, 0.1, 0.0, 0.0)
+    assert entry.camera.microlenses is None
+    assert (entry.camera.near_mm, entry.camera.far_mm) == (None, None)
+    assert dataclasses.astuple(entry.sampling) == (1, 64, 3)
+    assert (target.name, target.target.columns, target.target.rows, target.target.square_mm) == ("Board", 3, 2, 1.4)
+    assert [frame.number for frame in dataset.frames] == [1, 2]
+
+
+def test_truth_settings_carry_the_fields_that_the_search_wants():
+    from pipeline.truth.settings import TruthSettings
+
+    (entry,) = open_dataset(TINY).cameras
+
+    assert TruthSettings(**entry.truth) == TruthSettings()
+
+
+def test_records_are_plain_values_all_through():
+    to_plain(open_dataset(TINY))
+
+
+def test_surfaces_stand_in_the_order_that_the_lens_states(write):
+    (entry,) = open_dataset(write(board(pose=translate(0, 0, -400)))).cameras
+
+    assert [surface.is_stop for surface in entry.camera.prescription.surfaces] == [False, True]
+    assert math.isinf(entry.camera.prescription.stop.radius_mm)
+
+
+def test_minus_zero_does_not_reach_a_record(write):
+    dataset = open_dataset(write(board(pose=translate("-0.0", 0, -400))))
+
+    assert math.copysign(1, dataset.cameras[0].camera.sensor.offset_x_mm) == 1
+    matrices = [*dataset.frames[0].camera_from_world.values(), *dataset.frames[0].world_from_target.values()]
+    assert all(math.copysign(1, value) == 1 for matrix in matrices for row in matrix for value in row if value == 0)
+
+
+@pytest.mark.parametrize(("unit", "distance"), [("0.001", 400), ("0.01", 40), ("1", 0.4)])
+def test_poses_are_in_millimetres_whatever_the_unit_of_the_stage(write, unit, distance):
+    (frame,) = open_dataset(write(board(pose=translate(0, 0, -distance)), unit=unit)).frames
+
+    assert frame.world_from_target["Board"][2][3] == pytest.approx(-400, rel=1e-15)
+
+
+def test_our_own_lengths_are_millimetres_whatever_the_unit_of_the_stage(write):
+    dataset = open_dataset(write(board(pose=translate(0, 0, -0.4)), unit="1"))
+
+    assert dataset.cameras[0].camera.sensor.pitch_mm == 0.01
+    assert dataset.targets[0].target.square_mm == 2.0
+
+
+def test_a_board_before_the_camera_lies_at_positive_z_of_the_vision_frame(write):
+    (frame,) = open_dataset(write(board(pose=translate(1, 2, -400)))).frames
+
+    camera_from_target = np.array(frame.camera_from_world["Rig.Camera"]) @ np.array(frame.world_from_target["Board"])
+
+    assert np.array_equal(camera_from_target[:3, 3], [1, -2, 400])
+    assert np.array_equal(camera_from_target[:3, :3], np.diag([1, -1, -1]))
+
+
+def test_the_transforms_of_parents_count(write):
+    """A quarter turn of the arm about y carries a board on its -x axis to -z ... and past the camera's own parent."""
+    arm = 'double xformOp:rotateY = -90\nuniform token[] xformOpOrder = ["xformOp:rotateY"]'
+    rig = translate(0, 5, 0)
+    (frame,) = open_dataset(write(board(arm=arm, pose=translate(-400, 0, 0)), rig=rig)).frames
+
+    world_from_target = np.array(frame.world_from_target["Board"])
+
+    assert world_from_target[:3, 3] == pytest.approx([0, 0, -400], abs=1e-10)
+    assert world_from_target[:3, 2] == pytest.approx([-1, 0, 0], abs=1e-15)
+    assert np.array(frame.camera_from_world["Rig.Camera"])[:3, 3] == pytest.approx([0, 5, 0], abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        "double3 xformOp:rotateXYZ = (10, 20, 30)\ndouble3 xformOp:translate = (1, 2, -400)\n"
+        'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]',
+        "quatd xformOp:orient = (0.9238795325112867, 0.3826834323650898, 0, 0)\n"
+        "double3 xformOp:translate = (1, 2, -400)\n"
+        'uniform token[] xformOpOrder = ["xformOp:translate", "!invert!xformOp:orient"]',
+    ],
+)
+def test_rigid_transforms_agree_with_those_of_usd(write, pose):
+    from pxr import Usd, UsdGeom
+
+    path = write(board(pose=pose))
+    (frame,) = open_dataset(path).frames
+    stage = Usd.Stage.Open(path.as_posix())
+    theirs = UsdGeom.XformCache(1).GetLocalToWorldTransform(stage.GetPrimAtPath("/Dataset/Arm/Board"))
+
+    assert np.array(frame.world_from_target["Board"]) == pytest.approx(np.array(theirs).T, abs=1e-12)
+
+
+def test_a_quaternion_slightly_off_unit_length_is_normalised_with_a_warning(write):
+    pose = (
+        "quatd xformOp:orient = (0.9239, 0.3827, 0, 0)\ndouble3 xformOp:translate = (0, 0, -400)\n"
+        'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]'
+    )
+    loaded = load(write(board(pose=pose)))
+    rotation = np.array(loaded.dataset.frames[0].world_from_target["Board"])[:3, :3]
+
+    assert [(problem.severity, problem.code) for problem in loaded.problems] == [("warning", "normalised")]
+    assert rotation.T @ rotation == pytest.approx(np.eye(3), abs=1e-15)
+
+
+def test_frames_can_be_listed(write):
+    pose = (
+        "double3 xformOp:translate.timeSamples = {\n7: (0, 0, -400),\n3: (0, 0, -410),\n}\n"
+        'uniform token[] xformOpOrder = ["xformOp:translate"]'
+    )
+    dataset = open_dataset(write(board(pose=pose), dataset="uniform int[] plen:frames = [7, 3]"))
+
+    assert [(frame.number, frame.world_from_target["Board"][2][3]) for frame in dataset.frames] == [
+        (3, -410.0),
+        (7, -400.0),
+    ]
+
+
+def test_an_edited_file_reads_as_it_is_now(write):
+    path = write(board(pose=translate(0, 0, -400)))
+    open_dataset(path)
+    path.write_text(path.read_text().replace("-400", "-500"))
+
+    assert open_dataset(path).frames[0].world_from_target["Board"][2][3] == -500.0
+
+
+def test_a_lens_passes_the_check_but_is_no_dataset():
+    lens = ROOT / "stages/lenses/double_gauss_100mm_tronnier.usda"
+
+    assert load(lens).problems == []
+    with pytest.raises(StageError, match="no-dataset"):
+        open_dataset(lens)
+
+
+@pytest.mark.parametrize("name", ["tiny_conventional", "tiny_plenoptic"])
+def test_the_flattened_stage_stands_alone_and_reads_the_same(tmp_path, name):
+    loaded = load(ROOT / f"tests/data/{name}/dataset.usda")
+    alone = tmp_path / "dataset.usda"
+    alone.write_text(loaded.flattened)
+
+    again = load(alone)
+
+    assert again.problems == []
+    assert again.dataset == loaded.dataset
+    assert again.flattened == loaded.flattened
+    assert str(ROOT) not in loaded.flattened
+    assert "@" not in loaded.flattened
+
+
+def test_comments_and_split_layers_change_nothing(tmp_path):
+    original = open_dataset(TINY)
+    (tmp_path / "pyproject.toml").write_text("")
+    text = TINY.read_text().replace("../../../stages/", "").replace("def Plen", "# a comment\ndef Plen")
+    (tmp_path / "whole.usda").write_text(text)
+    head = text[: text.index(")\n\n") + 2]
+    head = head.replace("    defaultPrim", "    subLayers = [\n        @./whole.usda@\n    ]\n    defaultPrim")
+    (tmp_path / "dataset.usda").write_text(head)
+
+    assert open_dataset(tmp_path / "dataset.usda") == original

@@ -1,0 +1,188 @@
+"""The schema library: fresh, documented, registered, and visible to programs that do not know us."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pxr import Gf, Plug, Sdf, Usd, Vt
+
+from pipeline.scene.register import library_path, plugin_path
+from pipeline.scene.values import range_of
+
+ROOT = Path(__file__).resolve().parents[2]
+CONCRETE = ("PlenDataset", "PlenLens", "PlenSurface", "PlenMicrolensArray", "PlenSensor", "PlenCheckerboard")
+APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
+
+
+def definition(name):
+    """The prim definition of a concrete type or an API schema."""
+    registry = Usd.SchemaRegistry()
+    return registry.FindConcretePrimDefinition(name) or registry.FindAppliedAPIPrimDefinition(name)
+
+
+ATTRIBUTES = [
+    (schema, name)
+    for schema in (*CONCRETE, *APIS)
+    for name in definition(schema).GetPropertyNames()
+    if name.startswith("plen:") and definition(schema).GetAttributeDefinition(name)
+]
+
+
+def documentation(schema, name):
+    """Full documentation of a property."""
+    return definition(schema).GetPropertyMetadata(name, "documentation") or ""
+
+
+def is_numeric(schema, name):
+    """Whether an attribute holds numbers."""
+    value = definition(schema).GetAttributeDefinition(name).GetTypeName().defaultValue
+    return isinstance(value, int | float | Gf.Vec2i | Gf.Vec2d | Vt.IntArray | Vt.DoubleArray) and not isinstance(
+        value, bool
+    )
+
+
+def run(code, **environment):
+    """Run code in a fresh Python with nothing of ours imported; gives what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, **environment}, capture_output=True, text=True, check=False
+    )
+    return done.stdout + done.stderr
+
+
+def test_the_generated_files_are_fresh():
+    pytest.importorskip("jinja2")
+
+    done = subprocess.run([sys.executable, str(ROOT / "schemas/generate.py"), "--check"], check=False)
+
+    assert done.returncode == 0
+
+
+def test_the_generated_files_hold_no_documentation_of_usd_itself():
+    layer = Sdf.Layer.FindOrOpen((ROOT / "schemas/plenScene/resources/generatedSchema.usda").as_posix())
+
+    foreign = [prop for prim in layer.rootPrims for prop in prim.properties if not prop.name.startswith("plen:")]
+
+    assert foreign  # inherited ones stand there, because concrete types are flattened
+    assert not any(prop.documentation or len(prop.customData) for prop in foreign)
+
+
+@pytest.mark.parametrize("name", CONCRETE)
+def test_tf_type_prim_type_and_identifier_are_one_name(name):
+    info = Usd.SchemaRegistry().FindSchemaInfo(name)
+
+    assert info.identifier == name
+    assert info.type.typeName == name
+
+
+@pytest.mark.parametrize(("schema", "name"), ATTRIBUTES)
+def test_every_attribute_is_documented(schema, name):
+    text = documentation(schema, name)
+
+    assert len(text) > 20
+    assert text.split("\n", 1)[0].rstrip()[0].isupper()
+
+
+@pytest.mark.parametrize(("schema", "name"), [pair for pair in ATTRIBUTES if is_numeric(*pair)])
+def test_every_number_states_its_range_and_its_unit(schema, name):
+    text = documentation(schema, name)
+
+    assert range_of(text) is not None
+    assert text.rsplit("\n", 1)[1].strip().startswith("Units: ")
+
+
+@pytest.mark.parametrize(("schema", "name"), [pair for pair in ATTRIBUTES if is_numeric(*pair)])
+def test_limits_say_what_the_range_says_as_far_as_usd_can(schema, name):
+    span = range_of(documentation(schema, name))
+    hard = (definition(schema).GetPropertyMetadata(name, "limits") or {}).get("hard", {})
+
+    if "minimum" in hard:
+        assert hard["minimum"] == span.low
+    if "maximum" in hard:
+        assert hard["maximum"] == span.high
+
+
+@pytest.mark.parametrize(("schema", "name"), [pair for pair in ATTRIBUTES if is_numeric(*pair)])
+def test_every_fallback_lies_in_its_range(schema, name):
+    value = definition(schema).GetAttributeFallbackValue(name)
+    span = range_of(documentation(schema, name))
+
+    numbers = [] if value is None else [value] if isinstance(value, int | float) else list(value)
+    assert all(span.holds(number) for number in numbers)
+
+
+@pytest.mark.parametrize(("schema", "name"), ATTRIBUTES)
+def test_usd_knows_the_unit_of_a_length_or_angle_too(schema, name):
+    unit = documentation(schema, name).rsplit("Units: ", 1)[-1].strip()
+    shown = definition(schema).GetPropertyMetadata(name, "displayUnit")
+
+    assert unit not in {"mm", "deg"} or Sdf.GetNameForUnit(shown) == unit
+
+
+@pytest.mark.parametrize("name", APIS)
+def test_the_apis_apply_to_cameras_and_to_nothing_else(name):
+    stage = Usd.Stage.CreateInMemory()
+
+    assert stage.DefinePrim("/Camera", "Camera").CanApplyAPI(name)
+    assert not stage.DefinePrim("/Xform", "Xform").CanApplyAPI(name)
+    assert not stage.DefinePrim("/Lens", "PlenLens").CanApplyAPI(name)
+
+
+def test_the_camera_api_brings_truth_and_image_settings():
+    stage = Usd.Stage.CreateInMemory()
+    camera = stage.DefinePrim("/Camera", "Camera")
+    camera.ApplyAPI("PlenCameraAPI")
+
+    assert camera.HasAPI("PlenTruthAPI")
+    assert camera.GetAttribute("plen:truth:lambdaD").Get(1) == 0.15
+    assert camera.GetAttribute("plen:image:samples").Get(1) == 256
+
+
+def test_no_size_has_a_silent_default():
+    for schema, name in [
+        ("PlenSurface", "plen:semiDiameter"),
+        ("PlenSensor", "plen:pixelPitch"),
+        ("PlenMicrolensArray", "plen:pitch"),
+        ("PlenCheckerboard", "plen:squareSize"),
+        ("PlenCameraAPI", "plen:camera:near"),
+    ]:
+        assert definition(schema).GetAttributeFallbackValue(name) is None
+
+
+def test_required_and_target_names_are_properties():
+    types = Plug.Registry().GetPluginWithName("plenScene").metadata["Types"]
+    for schema, facts in types.items():
+        named = [*facts.get("plenRequired", []), *facts.get("plenTargets", {})]
+        assert set(named) <= set(definition(schema).GetPropertyNames() if named else [])
+
+
+def test_a_foreign_program_finds_the_schemas_and_the_library_by_path():
+    code = (
+        "import sys\n"
+        "from pxr import Usd\n"
+        "stage = Usd.Stage.Open('rigs/plenoptic_michels_2019.usda')\n"
+        "print(stage.GetPrimAtPath('/Rig/Lens/Stop').IsA('PlenSurface'))\n"
+        "print(stage.GetPrimAtPath('/Rig/Camera').GetAttribute('plen:truth:lambdaAlpha').Get(1))\n"
+        "print('pipeline' in sys.modules)\n"
+    )
+
+    output = run(code, PXR_PLUGINPATH_NAME=plugin_path(), PXR_AR_DEFAULT_SEARCH_PATH=library_path())
+
+    assert output.split() == ["True", "10.0", "False"]
+
+
+def test_a_late_import_fails_loudly():
+    code = (
+        "from pxr import Usd\n"
+        "Usd.Stage.CreateInMemory().DefinePrim('/A', 'Xform')  # builds the schema registry\n"
+        "import pipeline.scene\n"
+    )
+
+    assert "SchemaNotLoaded" in run(code)
+
+
+def test_finding_the_schemas_twice_is_harmless():
+    code = "import pipeline.scene; print('fine')"
+
+    assert run(code, PXR_PLUGINPATH_NAME=plugin_path()) == "fine\n"
