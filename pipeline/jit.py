@@ -33,7 +33,7 @@ def _user_cache() -> Path:
 def _source_digest() -> str:
     package = Path(__file__).resolve().parent
     digest = hashlib.sha256()
-    for room in ("optics", "camera", "truth", "jit.py"):
+    for room in ("optics", "camera", "target", "truth", "jit.py"):
         files = sorted((package / room).rglob("*.py")) or [package / room]
         for file in files:
             text = file.read_text(encoding="utf-8")

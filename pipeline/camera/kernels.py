@@ -44,7 +44,7 @@ def microlens_region(optics, outlines, lenses, aperture, lens, x, y, slack, poly
     """The part of a microlens aperture whose rays can pass the main lens, for a sensor position; its vertex count.
 
     With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
-    meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f): the outline clips a through its inverse.
+    meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f): the outline clips a, mapped back.
     """
     sensor_z, plane_z, rear_z, step = optics[0], optics[1], optics[2], optics[3]
     vx, vy, focal = lenses[lens, 0], lenses[lens, 1], lenses[lens, 2]
@@ -146,9 +146,9 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
     dx, dy, dz = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
     alive, cosine, weight = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
-    seeds = np.zeros((REPLICAS, 2), np.uint32)
-    per_replica = bits.shape[0]
-    samples = per_replica * REPLICAS
+    crossing = np.empty((4, PACKET))
+    first_bits, second_bits = np.ascontiguousarray(bits[:, 0]), np.ascontiguousarray(bits[:, 1])
+    near, far, samples = planes[0], planes[1], bits.shape[0]
     for n in range(positions.shape[0]):
         moments[n, :] = np.nan
         moments[n, WEIGHT], moments[n, FREE_WEIGHT] = 0.0, 0.0
@@ -166,51 +166,61 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
         if not area > 0.0:
             continue
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
-        for r in range(REPLICAS):
-            seeds[r, 0], seeds[r, 1] = hash32(base, 2 * r), hash32(base, 2 * r + 1)
         sums[:] = 0.0
         total[:] = 0.0
         started = False
-        for first in range(0, samples, PACKET):
+        for packet in range(REPLICAS * ((samples + PACKET - 1) // PACKET)):
+            r, first = packet % REPLICAS, packet // REPLICAS * PACKET
             size = min(PACKET, samples - first)
+            u_seed, v_seed = hash32(base, 2 * r), hash32(base, 2 * r + 1)
             for i in range(size):
-                r, k = (first + i) // per_replica, (first + i) % per_replica
-                u, v = scrambled(bits[k, 0], seeds[r, 0]), scrambled(bits[k, 1], seeds[r, 1])
-                x[i], y[i] = point_in_fan(polygon, count, cumulative, cx, cy, u, v)
+                x[i] = scrambled(first_bits[first + i], u_seed)
+            for i in range(size):
+                y[i] = scrambled(second_bits[first + i], v_seed)
+            for i in range(size):
+                x[i], y[i] = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
             for i in range(size):
                 dx[i], dy[i], dz[i], weight[i] = start_ray(optics, lenses, lens[n], sx, sy, x[i], y[i])
                 z[i] = optics[1]
                 alive[i] = 1.0
             trace_packet(table, x, y, z, dx, dy, dz, alive, cosine, size)
             for i in range(size):
-                if alive[i] == 0.0:
-                    continue
-                a, b = cross(planes[0], x[i], y[i], z[i], dx[i], dy[i], dz[i])
-                c, d = cross(planes[1], x[i], y[i], z[i], dx[i], dy[i], dz[i])
-                if not started:
-                    # Sums run about the first crossing: spreads are a millionth of the squared positions.
-                    pivot[0], pivot[1], pivot[2], pivot[3] = a, b, c, d
-                    started = True
-                a, b, c, d = a - pivot[0], b - pivot[1], c - pivot[2], d - pivot[3]
-                w = weight[i]
-                s = sums[(first + i) // per_replica]
-                s[0] += w
-                s[1] += w * a
-                s[2] += w * b
-                s[3] += w * c
-                s[4] += w * d
-                total[0] += w * a * a
-                total[1] += w * a * b
-                total[2] += w * a * c
-                total[3] += w * a * d
-                total[4] += w * b * b
-                total[5] += w * b * c
-                total[6] += w * b * d
-                total[7] += w * c * c
-                total[8] += w * c * d
-                total[9] += w * d * d
+                crossing[0, i], crossing[1, i] = cross(near, x[i], y[i], z[i], dx[i], dy[i], dz[i])
+                crossing[2, i], crossing[3, i] = cross(far, x[i], y[i], z[i], dx[i], dy[i], dz[i])
+            if not started:
+                for i in range(size):
+                    if alive[i] > 0.0:
+                        # Sums run about the first crossing: spreads are a millionth of the squared positions.
+                        pivot[:] = crossing[:, i]
+                        started = True
+                        break
+            if started:
+                _accumulate(crossing, weight, alive, size, pivot, sums[r], total)
         if started:
-            _finish(sums, total, pivot, area / samples, moments[n])
+            _finish(sums, total, pivot, area / (samples * REPLICAS), moments[n])
+
+
+@inline
+def _accumulate(crossing, weight, alive, size, pivot, sums, total):
+    """Add a packet's weights, first and second moments about the pivot; sums stay in registers."""
+    p0, p1, p2, p3 = pivot[0], pivot[1], pivot[2], pivot[3]
+    w0 = m0 = m1 = m2 = m3 = 0.0
+    c0 = c1 = c2 = c3 = c4 = c5 = c6 = c7 = c8 = c9 = 0.0
+    for i in range(size):
+        if alive[i] == 0.0:
+            continue
+        w = weight[i]
+        a, b, c, d = crossing[0, i] - p0, crossing[1, i] - p1, crossing[2, i] - p2, crossing[3, i] - p3
+        wa, wb, wc, wd = w * a, w * b, w * c, w * d
+        w0 += w
+        m0, m1, m2, m3 = m0 + wa, m1 + wb, m2 + wc, m3 + wd
+        c0, c1, c2, c3 = c0 + wa * a, c1 + wa * b, c2 + wa * c, c3 + wa * d
+        c4, c5, c6 = c4 + wb * b, c5 + wb * c, c6 + wb * d
+        c7, c8, c9 = c7 + wc * c, c8 + wc * d, c9 + wd * d
+    for k, value in enumerate((w0, m0, m1, m2, m3)):
+        sums[k] += value
+    for k, value in enumerate((c0, c1, c2, c3, c4, c5, c6, c7, c8, c9)):
+        total[k] += value
 
 
 @inline
@@ -240,7 +250,21 @@ def _finish(sums, total, pivot, sample_area, row):
 
 @kernel
 def image_rays(
-    optics, table, outlines, lenses, aperture, bits, seed, pitch, pixels, positions, strata, origin, direction, weight, owner
+    optics,
+    table,
+    outlines,
+    lenses,
+    aperture,
+    bits,
+    seed,
+    pitch,
+    pixels,
+    positions,
+    strata,
+    origin,
+    direction,
+    weight,
+    owner,
 ):
     """Rays that leave the camera from the squares of many pixels, compacted.
 
@@ -267,8 +291,8 @@ def image_rays(
     x, y, z = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
     dx, dy, dz = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
     alive, cosine, share = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
-    samples = bits.shape[0]
-    written = 0
+    samples, written = bits.shape[0], 0
+    digits = np.ascontiguousarray(bits.T)
     for n in range(positions.shape[0]):
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
         for j in range(strata.shape[1]):
@@ -289,12 +313,15 @@ def image_rays(
             for first in range(0, samples, PACKET):
                 size = min(PACKET, samples - first)
                 for i in range(size):
-                    k = first + i
-                    u, v = scrambled(bits[k, 2], s2), scrambled(bits[k, 3], s3)
-                    px = sx + pitch * (scrambled(bits[k, 0], s0) - 0.5)
-                    py = sy + pitch * (scrambled(bits[k, 1], s1) - 0.5)
-                    x[i], y[i] = point_in_fan(polygon, count, cumulative, cx, cy, u, v)
-                    dx[i], dy[i], dz[i], share[i] = start_ray(optics, lenses, lens, px, py, x[i], y[i])
+                    x[i], y[i] = scrambled(digits[2, first + i], s2), scrambled(digits[3, first + i], s3)
+                for i in range(size):
+                    # Where on the pixel the ray starts, kept in the arrays of its direction.
+                    dx[i] = sx + pitch * (scrambled(digits[0, first + i], s0) - 0.5)
+                    dy[i] = sy + pitch * (scrambled(digits[1, first + i], s1) - 0.5)
+                for i in range(size):
+                    x[i], y[i] = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
+                for i in range(size):
+                    dx[i], dy[i], dz[i], share[i] = start_ray(optics, lenses, lens, dx[i], dy[i], x[i], y[i])
                     z[i] = optics[1]
                     alive[i] = 1.0
                 trace_packet(table, x, y, z, dx, dy, dz, alive, cosine, size)

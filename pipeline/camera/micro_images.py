@@ -27,19 +27,22 @@ class MicroImages:
         Exit-pupil radius * B / P, the contour of half illumination.
     reach_mm : (n,) float64
         Beyond this distance from the centre no light of the microlens arrives.
+    tree : cKDTree
+        Of the centres.
     """
 
     centre_mm: np.ndarray
     radius_mm: float
     reach_mm: np.ndarray
+    tree: cKDTree
 
     def owner(self, positions_mm: np.ndarray) -> np.ndarray:
         """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
-        return cKDTree(self.centre_mm).query(positions_mm)[1]
+        return self.tree.query(positions_mm)[1]
 
     def contributors(self, positions_mm: np.ndarray, slack_mm: float) -> np.ndarray:
         """Rows of the microlenses whose light may reach within `slack_mm` of each position, (n, _NEIGHBOURS)."""
-        distance, rows = cKDTree(self.centre_mm).query(positions_mm, k=min(_NEIGHBOURS, len(self.centre_mm)))
+        distance, rows = self.tree.query(positions_mm, k=min(_NEIGHBOURS, len(self.centre_mm)))
         distance, rows = distance.reshape(len(positions_mm), -1), rows.reshape(len(positions_mm), -1)
         lit = distance <= self.reach_mm[rows] + slack_mm
         if rows.shape[1] == _NEIGHBOURS and lit[:, -1].any():
@@ -75,7 +78,8 @@ def micro_images(tracer: Tracer) -> MicroImages:
     spread = np.abs(1 + array.distance_mm / to_pupil - array.distance_mm / focal)
     corner = array.pitch_mm / np.sqrt(3)
     reach = 1.1 * radius + 1.1 * corner * spread
-    return MicroImages(vertex - slope * array.distance_mm, float(radius), reach)
+    centre = vertex - slope * array.distance_mm
+    return MicroImages(centre, float(radius), reach, cKDTree(centre))
 
 
 def owners(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:

@@ -39,7 +39,9 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
     matched = None
     if array:
         # The exit pupil's image through a microlens vertex is as wide as the MLA pitch.
-        matched = (to_sensor - array.distance_mm) / array.distance_mm * array.pitch_mm / abs(lens.exit_pupil.magnification)
+        matched = (
+            (to_sensor - array.distance_mm) / array.distance_mm * array.pitch_mm / abs(lens.exit_pupil.magnification)
+        )
     return {
         "efl_mm": lens.efl_mm,
         "bfd_mm": lens.bfd_mm,

@@ -21,8 +21,13 @@ def write_json(path: str | Path, obj: Any) -> None:
         Floats are written by `repr`; infinities as the strings "inf" and "-inf", which `float` reads, because JSON
         has no word for them; NaN and other types are refused with the place where they stand.
     """
+    Path(path).write_bytes(json_bytes(obj))
+
+
+def json_bytes(obj: Any) -> bytes:
+    """What `write_json` writes."""
     text = json.dumps(_plain(obj, "$"), indent=2, ensure_ascii=False, allow_nan=False)
-    Path(path).write_bytes((text + "\n").encode())
+    return (text + "\n").encode()
 
 
 def read_json(path: str | Path) -> Any:

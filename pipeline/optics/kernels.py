@@ -1,8 +1,8 @@
 """Sequential trace of rays through a table of surfaces, in packets.
 
-A packet keeps its rays in small arrays that stay in the cache. The outer loop runs over the surfaces, the inner one over
-the rays; the inner loop has no branch, so the compiler turns it into SIMD code. A blocked ray only loses its `alive`
-flag and is carried along. Lengths in mm, directions are unit vectors with a positive z component.
+A packet keeps its rays in small arrays that stay in the cache. The outer loop runs over the surfaces, the inner one
+over the rays; the inner loop has no branch, so the compiler turns it into SIMD code. A blocked ray only loses its
+`alive` flag and is carried along. Lengths in mm, directions are unit vectors with a positive z component.
 
 The intersection is the cancellation-free root of the quadratic next to the vertex (it is exact for planes, too):
 t = F / (G + sqrt(G^2 - c F)) with F = c (x^2 + y^2), G = N - c (x L + y M), after moving the ray to the vertex plane.

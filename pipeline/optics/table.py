@@ -1,7 +1,7 @@
 """A prescription as the flat table that kernels read, for light going either way.
 
-Both tables let rays travel along +z of their own frame, so kernels know one direction only:
-`towards_scene` uses the vision frame (origin at the stop, z forward), `towards_sensor` the lens frame moved to the stop.
+Both tables let rays travel along +z of their own frame, so kernels know one direction only: `towards_scene` uses the
+vision frame (origin at the stop, z forward), `towards_sensor` the lens frame moved to the stop.
 """
 
 import numpy as np

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.errors import PipelineError
+from pipeline.target.kernels import checkerboard_points
 
 
 class TargetError(PipelineError):
@@ -63,12 +64,12 @@ class Checkerboard:
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
     def radiance(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Radiance at points of the board's plane, target frame; NaN outside the white margin."""
-        half_x, half_y = self.half_extent_mm
-        column = np.floor(x_mm / self.square_mm + (self.columns + 1) / 2)
-        row = np.floor((self.rows + 1) / 2 - y_mm / self.square_mm)
-        inside = (column >= 0) & (column <= self.columns) & (row >= 0) & (row <= self.rows)
-        black = inside & ((column + row) % 2 == 0)
-        value = np.where(black, self.black, self.white)
-        outside = (np.abs(x_mm) > half_x) | (np.abs(y_mm) > half_y)
-        return np.where(outside, np.nan, value)
+        """Radiance at points of the board's plane, target frame, (n,); NaN outside the white margin."""
+        value = np.empty(len(x_mm))
+        checkerboard_points(*self.artwork, x_mm, y_mm, value)
+        return value
+
+    @property
+    def artwork(self) -> tuple[int, int, float, float, float]:
+        """Leading arguments of the kernels in `target.kernels`."""
+        return self.columns, self.rows, self.square_mm, self.white, self.black

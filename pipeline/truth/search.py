@@ -16,7 +16,7 @@ ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
 
 @inline
 def _holds(a, b, c, d, px, py):
-    """Whether the quadrilateral a b c d holds the point; neighbours that share an edge never both do (even-odd rule)."""
+    """Whether the quadrilateral a b c d holds the point; of two quads that share an edge only one does (even-odd)."""
     inside = False
     for p, q in ((a, b), (b, c), (c, d), (d, a)):
         if (p[1] > py) != (q[1] > py) and px < (q[0] - p[0]) * (py - p[1]) / (q[1] - p[1]) + p[0]:

@@ -1,0 +1,112 @@
+"""Build a dataset: the way from a stage to its output folder."""
+
+import importlib.metadata
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import pipeline
+from pipeline.engine import session
+from pipeline.engine.events import silent
+from pipeline.engine.session import Project, Result
+from pipeline.scene.load import load, require_dataset
+from pipeline.tasks.focus import CONVENTIONS
+from pipeline.tasks.graph import graph_of
+
+_VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
+
+
+def default_out(stage: Path) -> Path:
+    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`, in the working directory."""
+    stage = stage.resolve()
+    return Path("build") / (stage.parent.name if stage.stem == "dataset" else stage.stem)
+
+
+def project(path: str | Path, out: str | Path | None = None, allow_roots: Iterable[str | Path] = ()) -> Project:
+    """Everything that a build of a stage consists of. Nothing is run or written.
+
+    Raises
+    ------
+    StageError
+        The stage does not pass `check`; the error carries all problems.
+    """
+    path = Path(path)
+    loaded = load(path, allow_roots)
+    dataset = require_dataset(loaded, path)
+    graph, files = graph_of(dataset)
+    files["dataset.usda"] = loaded.flattened.encode()
+    head = {
+        "stage": f"{path.name} </{dataset.stage_name}>",
+        "conventions": CONVENTIONS,
+        "versions": {
+            "pipeline": pipeline.__version__,
+            **{name: importlib.metadata.version(name) for name in _VERSIONS},
+        },
+        "seeds": {"dataset": dataset.seed},
+        "certificate": None,
+    }
+    return Project(
+        graph=graph,
+        files=files,
+        head=head,
+        out=Path(out) if out else default_out(path),
+        stage_id=str(path.resolve()),
+    )
+
+
+def build(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    jobs: int | None = None,
+    keep_going: bool = False,
+    force: Iterable[str] = (),
+    until: Iterable[str] = (),
+    allow_roots: Iterable[str | Path] = (),
+    on_event: Callable[[dict[str, Any]], None] | None = None,
+) -> Result:
+    """Build a dataset stage: run what is missing, fill the output folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        The stage, e.g. `examples/02_plenoptic/dataset.usda`.
+    out : str or Path, optional
+        Output folder; see `default_out`.
+    jobs : int, optional
+        Worker processes, by default one per core; 1 runs everything in this process.
+    keep_going : bool
+        Go on with what does not depend on a task that failed.
+    force, until : iterable of str
+        Tasks to run in any case; tasks after which to stop.
+    allow_roots : iterable of str or Path
+        Further folders that the stage may reference.
+    on_event : callable, optional
+        Gets a dict for every start and end of a task.
+
+    Returns
+    -------
+    Result
+        With `out`, `executed`, `cached`, `failed` and the tasks; failures are in it, not raised.
+
+    Raises
+    ------
+    StageError
+        The stage does not pass `check`; then nothing is written.
+    """
+    return session.build(
+        project(path, out, allow_roots),
+        jobs=jobs,
+        keep_going=keep_going,
+        force=force,
+        until=until,
+        on_event=on_event or silent,
+        prepare=_compile_kernels,
+    )
+
+
+def _compile_kernels() -> None:
+    """Compile all kernels once, before several workers would each do it."""
+    from pipeline.tasks.compile import compile_kernels
+
+    compile_kernels()

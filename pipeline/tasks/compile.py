@@ -1,0 +1,29 @@
+"""Compile every kernel by running a tiny camera through it; afterwards workers find the code in the kernel cache."""
+
+import numpy as np
+
+from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.render.imaging import irradiance
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.kernels import checkerboard_light
+from pipeline.truth import search
+
+
+def compile_kernels() -> None:
+    """Run every kernel once, with the argument types of real work."""
+    stop = Surface(semi_diameter_mm=1.0, is_stop=True)
+    sensor = Sensor(width_px=2, height_px=2, pitch_mm=0.01)
+    tracer = Tracer(Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0))
+    pixels = np.zeros((1, 2), np.int64)
+    tracer.moments(np.zeros((1, 2)), np.array([-1]), parallel_planes(1.0, 2.0), 4, pixels)
+    irradiance(tracer, None, 1, None)
+    board = Checkerboard(columns=2, rows=1, square_mm=1.0)
+    board.radiance(np.zeros(1), np.zeros(1))
+    rays = np.array([[0.0, 0.0, 1.0]])
+    checkerboard_light(*board.artwork, np.eye(4), np.ones(1, bool), rays, rays, np.zeros(1))
+    image, cell, quads = np.zeros((2, 2, 2)), np.zeros((2, 2), np.int64), np.zeros((1, 3), np.int64)
+    search.quads_that_hold(image, cell, np.zeros((1, 2)), quads)
+    search.solve_quads(image, cell, np.zeros((1, 2)), quads, True, 0.1, 0.1, np.zeros(1, np.int64), np.zeros((1, 9)))
+    search.nearest_positions(image, cell, np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1, 2), np.int64))

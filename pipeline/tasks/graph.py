@@ -1,0 +1,127 @@
+"""From a dataset to its graph of tasks, and to the list of files that a build delivers.
+
+Params hold exactly what a task reads, in the camera's own frame, so that moving a rig touches no ray. Names stand only
+in the params of the tasks that write them.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pipeline.engine.deliver import Source
+from pipeline.engine.graph import TaskGraph
+from pipeline.records import to_plain
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame
+from pipeline.tasks.poses import poses_json, targets_json, vision_from_target
+from pipeline.tasks.rays_tile import tile_rows
+
+_KIND = "pipeline.tasks."
+
+
+def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
+    """All tasks of a dataset, and what of their outputs lies where in the output folder."""
+    graph, files = TaskGraph(), dict[str, Source]()
+    for entry in dataset.targets:
+        files[f"targets/{entry.name}.json"] = targets_json(entry)
+    for camera in dataset.cameras:
+        _add_camera(graph, files, camera)
+        for frame in dataset.frames:
+            _add_frame(graph, files, dataset, camera, frame)
+    return graph, files
+
+
+def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
+    name, folder = entry.name, f"cameras/{entry.name}"
+    labels = {key: getattr(entry, key) for key in ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")}
+    focus = graph.add(f"focus/{name}", f"{_KIND}focus", {"camera": to_plain(entry.camera), "labels": labels})
+    reads = {"camera": focus}
+    rays = _add_rays(graph, entry, reads)
+    white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
+    files[f"{folder}/camera.json"] = (focus, "camera.json")
+    files[f"{folder}/rays.exr"] = (rays, "rays.exr")
+    files[f"{folder}/white.exr"] = (white, "white.exr")
+    files[f"{folder}/white.png"] = (white, "white.png")
+    if entry.camera.microlenses:
+        table = graph.add(f"micro_images/{name}", f"{_KIND}micro_images", {}, reads)
+        files[f"{folder}/micro_images.csv"] = (table, "micro_images.csv")
+
+
+def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
+    """The tile tasks of a camera and the task that joins them; returns its name."""
+    sensor, sampling = entry.camera.sensor, to_plain(entry.sampling)
+    rows = tile_rows(sensor.width_px, sensor.height_px, entry.sampling.supersampling, entry.sampling.samples)
+    tiles = {
+        f"tile{number}": graph.add(
+            f"rays_tile/{entry.name}/{number:04d}",
+            f"{_KIND}rays_tile",
+            {"first_row": first, "end_row": end, **sampling},
+            reads,
+        )
+        for number, (first, end) in enumerate(rows)
+    }
+    light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
+    params = {"tiles": len(tiles), **sampling, **light}
+    return graph.add(f"rays/{entry.name}", f"{_KIND}rays", params, {**reads, **tiles})
+
+
+def _image_params(entry: CameraEntry) -> dict[str, Any]:
+    return {
+        "samples": entry.image_samples,
+        "seed": entry.sampling.seed,
+        "weight": entry.weight,
+        "wavelength_nm": entry.wavelength_nm,
+    }
+
+
+def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry, frame: Frame) -> None:
+    name, folder = f"{entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{entry.name}"
+    reads = {"camera": f"focus/{entry.name}"}
+    poses = {target.name: vision_from_target(frame, entry.name, target.name) for target in dataset.targets}
+    artwork = [
+        {"target": to_plain(target.target), "vision_from_target": _matrix(poses[target.name])}
+        for target in dataset.targets
+    ]
+    image = graph.add(
+        f"image/{name}",
+        f"{_KIND}image",
+        {**_image_params(entry), "targets": artwork, "background": dataset.background},
+        reads,
+    )
+    named = [{"name": target.name, **art} for target, art in zip(dataset.targets, artwork, strict=True)]
+    truth_reads = {"rays": f"rays/{entry.name}"}
+    if entry.camera.microlenses:
+        truth_reads["micro_images"] = f"micro_images/{entry.name}"
+    if entry.truth["method"] == "image":
+        planes = [{"name": target["name"], "vision_from_target": target["vision_from_target"]} for target in named]
+        light = {"weight": entry.weight, "wavelength_nm": entry.wavelength_nm}
+        params = {"targets": planes, **to_plain(entry.sampling), **light}
+        truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
+        files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
+    truth = graph.add(f"truth/{name}", f"{_KIND}truth", _truth_params(entry, frame, named), truth_reads)
+    files[f"{folder}/poses.json"] = poses_json(frame, entry.name, poses)
+    files[f"{folder}/image.exr"] = (image, "image.exr")
+    files[f"{folder}/image.png"] = (image, "image.png")
+    files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
+
+
+def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]]) -> dict[str, Any]:
+    labels = {
+        "weight": entry.weight,
+        "wavelength_nm": entry.wavelength_nm,
+        "index_source": entry.index_source,
+        "footprint": entry.footprint,
+        "stop_diameter_mm": 2 * entry.camera.prescription.stop.semi_diameter_mm,
+        "samples": entry.sampling.samples,
+        "seed": entry.sampling.seed,
+    }
+    return {
+        "frame": frame.number,
+        "camera": entry.name,
+        "targets": targets,
+        "truth": to_plain(entry.truth),
+        "labels": labels,
+    }
+
+
+def _matrix(transform: np.ndarray) -> list[list[float]]:
+    return to_plain(transform.tolist())

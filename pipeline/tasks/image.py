@@ -1,0 +1,39 @@
+"""Task `image`: the image of one camera in one frame, linear and as a preview."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.files.exr import Part, write_exr
+from pipeline.files.png import write_png
+from pipeline.records import from_plain
+from pipeline.render.imaging import irradiance
+from pipeline.render.light import TargetLight
+from pipeline.render.spectra import srgb_preview
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.tasks.cameras import Inputs, tracer_of
+
+LIBRARIES = ("numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
+
+
+def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
+    """Params: targets (list of {target, vision_from_target}), background, samples, seed, weight, wavelength_nm."""
+    tracer, images = tracer_of(inputs, params["seed"])
+    targets = [
+        (from_plain(Checkerboard, entry["target"]), np.array(entry["vision_from_target"]))
+        for entry in params["targets"]
+    ]
+    light = TargetLight(targets, params["background"])
+    write_image(out, "image", irradiance(tracer, images, params["samples"], light.radiance), params, tracer)
+
+
+def write_image(out: Path, name: str, pixels: np.ndarray, params: dict[str, Any], tracer: Any) -> None:
+    """Write `name`.exr, relative irradiance with its reference in the header, and `name`.png, an 8-bit preview."""
+    attributes = {
+        "content": "relative irradiance: integral of L cos(theta) d omega over W_ref",
+        "W_ref_sr": tracer.reference_weight_sr,
+        **{key: params[key] for key in ("weight", "wavelength_nm", "samples", "seed")},
+    }
+    write_exr(out / f"{name}.exr", [Part(name=name, channels={"Y": pixels}, attributes=attributes)])
+    write_png(out / f"{name}.png", srgb_preview(pixels, 1.0))

@@ -1,0 +1,56 @@
+"""Task `rays_tile`: bundles of a band of rows of a camera's fine grid. Tiles only spread the work over cores."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera import kernels
+from pipeline.camera.micro_images import owners
+from pipeline.camera.tracer import parallel_planes
+from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.truth.grid import image_from_fine
+
+LIBRARIES = ("numpy", "numba", "scipy")
+
+NEAR, FAR, HIT_FRACTION, VARIANCE, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
+"""Columns of bundles.npy; the last is their number."""
+
+_RAYS_PER_TILE = 40_000_000
+_POSITIONS_AT_ONCE = 1 << 16
+
+
+def tile_rows(width_px: int, height_px: int, supersampling: int, samples: int) -> list[tuple[int, int]]:
+    """First and end row (of the image) of every tile: a function of the work alone, never of the machine."""
+    rays_per_row = width_px * supersampling**2 * samples
+    rows = max(1, min(height_px, _RAYS_PER_TILE // rays_per_row))
+    return [(first, min(first + rows, height_px)) for first in range(0, height_px, rows)]
+
+
+def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
+    """Params: first_row, end_row, supersampling, samples, seed."""
+    tracer, images = tracer_of(inputs, params["seed"])
+    camera, k = tracer.camera, params["supersampling"]
+    height, width = (params["end_row"] - params["first_row"]) * k, camera.sensor.width_px * k
+    assert camera.near_mm is not None and camera.far_mm is not None
+    planes = parallel_planes(camera.near_mm, camera.far_mm)
+    bundles = np.empty((height * width, WIDTH), np.float32)
+    cells = np.empty(height * width, np.int32)
+    covariance = np.empty((height * width, 10), np.float32)
+    for first in range(0, height * width, _POSITIONS_AT_ONCE):
+        here = np.arange(first, min(first + _POSITIONS_AT_ONCE, height * width))
+        pixels = np.stack([here % width, here // width + params["first_row"] * k], axis=1)
+        positions = tracer.positions_mm(*image_from_fine(pixels.T, k))
+        lens = owners(tracer, images, positions)
+        moments = tracer.moments(positions, lens, planes, params["samples"], pixels)
+        free = moments[:, kernels.FREE_WEIGHT] if images else tracer.reference_weight_sr
+        bundles[here, NEAR], bundles[here, FAR] = moments[:, 0:2], moments[:, 2:4]
+        bundles[here, HIT_FRACTION] = moments[:, kernels.WEIGHT] / free
+        bundles[here, VARIANCE] = moments[:, kernels.VARIANCE : kernels.COLUMNS]
+        covariance[here] = moments[:, kernels.COVARIANCE : kernels.WEIGHT]
+        cells[here] = lens if images else 0
+    # Of every pixel the bundle next to its centre keeps its second moments.
+    kept = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
+    np.save(out / "bundles.npy", bundles.reshape(height, width, WIDTH), allow_pickle=False)
+    np.save(out / "cells.npy", cells.reshape(height, width), allow_pickle=False)
+    np.save(out / "covariance.npy", np.ascontiguousarray(kept), allow_pickle=False)

@@ -1,0 +1,55 @@
+"""Blur of a target point in the image, from the second moments of its bundle, to first order."""
+
+import numpy as np
+
+
+def deviations(covariance: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Covariances of a bundle at the target plane's distance, the plane's tilt ignored.
+
+    With delta_n and delta_f the deviations at the near and far plane, u = (1 - t) delta_n + t delta_f is the deviation
+    at the target and v = delta_f - delta_n that of the direction.
+
+    Parameters
+    ----------
+    covariance : (n, 4, 4) float64
+    share : (n,) float64
+        t of `position_image.crossing_share`.
+
+    Returns
+    -------
+    uu, uv : (n, 2, 2) float64
+        Cov(u, u) and Cov(u, v) [mm^2].
+    """
+    t = share[:, None, None]
+    nn, nf, ff = covariance[:, :2, :2], covariance[:, :2, 2:], covariance[:, 2:, 2:]
+    fn = nf.transpose(0, 2, 1)
+    uu = (1 - t) ** 2 * nn + t * (1 - t) * (nf + fn) + t**2 * ff
+    uv = (1 - t) * (nf - nn) + t * (ff - fn)
+    return uu, uv
+
+
+def on_plane(uu: np.ndarray, way: np.ndarray, vision_from_target: np.ndarray) -> np.ndarray:
+    """Covariance of the hits in the target's x and y: u projected along the mean ray onto the plane, (n, 2, 2) [mm^2].
+
+    Parameters
+    ----------
+    way : (n, 3) float64
+        Direction of the mean ray, any length.
+    """
+    axes, normal = vision_from_target[:3, :2], vision_from_target[:3, 2]
+    along = way @ normal
+    # Rows e_i of P = I - w n^T / (n . w), restricted to the x and y components of u.
+    project = axes.T[None, :, :2] - (way @ axes)[:, :, None] * normal[None, None, :2] / along[:, None, None]
+    return project @ uu @ project.transpose(0, 2, 1)
+
+
+def in_image(covariance: np.ndarray, target_from_image: np.ndarray) -> np.ndarray:
+    """Covariance on the target mapped to the image by the inverse Jacobian of J, (n, 2, 2) [px^2]."""
+    image_from_target = np.linalg.inv(target_from_image)
+    return image_from_target @ covariance @ image_from_target.transpose(0, 2, 1)
+
+
+def signed_radius_px(blur_px2: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """rho = sign(tr Cov(u, v)) sqrt(2 (blur_xx + blur_yy)): positive when the target lies beyond best focus."""
+    trace = np.trace(blur_px2, axis1=1, axis2=2)
+    return np.sign(np.trace(uv, axis1=1, axis2=2)) * np.sqrt(2 * np.maximum(trace, 0))

@@ -1,0 +1,242 @@
+"""Correspondences of one target in one frame: search, half-pixel rule, blur, and the rules of which rows exist."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipeline.truth import blur, search
+from pipeline.truth.grid import RayGrid, fine_from_image, image_from_fine, matrix_4
+from pipeline.truth.position_image import crossing_share
+from pipeline.truth.settings import TruthSettings
+from pipeline.units import DEGREE_RAD
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Raw solutions of a search, one row each.
+
+    Attributes
+    ----------
+    point, cell : (n,) int64
+    x_px, y_px : (n,) float64
+    jacobian : (n, 2, 2) float64
+        Derivative of J by image position: mm on the target per px; columns are x and y.
+    noise_gain : (n,) float64
+        Standard error of the solution over that of a single position of the grid.
+    """
+
+    point: np.ndarray
+    cell: np.ndarray
+    x_px: np.ndarray
+    y_px: np.ndarray
+    jacobian: np.ndarray
+    noise_gain: np.ndarray
+
+    def only(self, kept: np.ndarray) -> "Found":
+        """The rows where `kept` is true."""
+        return Found(*(getattr(self, name)[kept] for name in self.__slots__))
+
+
+def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+    """Search target points in a position image.
+
+    Parameters
+    ----------
+    image : (K h, K w, 2) float64
+        J in the target frame.
+    points_mm : (p, 3) float64
+        Target points; flat targets have z = 0.
+
+    Returns
+    -------
+    Found
+        At most one row per point and cell.
+    dict
+        Counts of candidates, rejections by reason, and ambiguous rows.
+    """
+    image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
+    if settings.search == "nearest":
+        return _find_nearest(image, points, grid, settings)
+    return _find_quads(image, points, grid, settings)
+
+
+def _find_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+    none = np.empty((0, 3), np.int64)
+    quads = np.empty((search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
+    search.quads_that_hold(image, grid.cell, points, quads)
+    status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), 9), np.nan)
+    use_filter = settings.filter != "none"
+    limits = settings.lambda_d, settings.lambda_alpha_deg * DEGREE_RAD
+    search.solve_quads(image, grid.cell, points, quads, use_filter, *limits, status, solutions)
+    cell = grid.cell[quads[:, 2], quads[:, 1]]
+    counts = {
+        "quads": len(quads),
+        "rejected_window": int(np.sum(status == search.WINDOW)),
+        "rejected_lengths": int(np.sum(status == search.LENGTHS)),
+        "rejected_angles": int(np.sum(status == search.ANGLES)),
+    }
+    accepted = np.flatnonzero(status == search.ACCEPTED)
+    # Best first: the quad whose nearest value lies closest to the point wins its (point, cell).
+    accepted = accepted[np.lexsort((solutions[accepted, 2], cell[accepted], quads[accepted, 0]))]
+    pair = np.stack([quads[accepted, 0], cell[accepted]], axis=1)
+    first = np.ones(len(accepted), bool)
+    first[1:] = (pair[1:] != pair[:-1]).any(axis=1)
+    counts["ambiguous"] = int(np.sum(~first))
+    best = solutions[accepted[first]]
+    s, t = best[:, 7], best[:, 8]
+    found = Found(
+        pair[first, 0],
+        pair[first, 1],
+        image_from_fine(best[:, 0], grid.supersampling),
+        image_from_fine(best[:, 1], grid.supersampling),
+        best[:, 3:7].reshape(-1, 2, 2).transpose(0, 2, 1) * grid.supersampling,
+        np.sqrt((1 - s - t) ** 2 + s**2 + t**2),
+    )
+    return found, counts
+
+
+def _find_nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+    shape = (len(points), len(grid.microlenses))
+    best, where = np.full(shape, settings.nearest_threshold_mm), np.full((*shape, 2), -1)
+    search.nearest_positions(image, grid.cell, points, best, where)
+    point, cell = np.nonzero(where[..., 0] >= 0)
+    column, row = where[point, cell].T
+    found = Found(
+        point,
+        cell,
+        image_from_fine(column, grid.supersampling),
+        image_from_fine(row, grid.supersampling),
+        _central_jacobian(image, column, row) * grid.supersampling,
+        np.ones(len(point)),
+    )
+    return found, {"quads": 0, "ambiguous": 0}
+
+
+def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Derivative of J per step of the grid by central differences, (n, 2, 2); NaN at the edge of a bundle."""
+    height, width = image.shape[:2]
+    left, right = np.maximum(column - 1, 0), np.minimum(column + 1, width - 1)
+    above, below = np.maximum(row - 1, 0), np.minimum(row + 1, height - 1)
+    along_x = (image[row, right] - image[row, left]) / (right - left)[:, None]
+    along_y = (image[below, column] - image[above, column]) / (below - above)[:, None]
+    return np.stack([along_x, along_y], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Correspondences:
+    """Rows of correspondences.csv that depend on optics, sorted by point, l, k.
+
+    Attributes
+    ----------
+    found : Found
+    sigma_px : (n, 2) float64
+        Standard error from the ray sampling.
+    hit_fraction, rho_px : (n,) float64
+    blur_px2 : (n, 2, 2) float64
+        NaN where the second moments are not known.
+    counts : dict
+        What was found, rejected and dropped, by reason.
+    """
+
+    found: Found
+    sigma_px: np.ndarray
+    hit_fraction: np.ndarray
+    blur_px2: np.ndarray
+    rho_px: np.ndarray
+    counts: dict[str, int]
+
+
+def correspond(
+    image: np.ndarray,
+    points_mm: np.ndarray,
+    grid: RayGrid,
+    vision_from_target: np.ndarray,
+    settings: TruthSettings,
+) -> Correspondences:
+    """Ground truth of one target: all rows that exist, with their blur and error."""
+    found, counts = find(image, points_mm, grid, settings)
+    found, counts = _existing(found, counts, grid, settings)
+    order = np.lexsort((*grid.microlenses[found.cell][:, :2].T, found.point))
+    found = found.only(order)
+    covariance, ray_near, ray_far = _bundle_at(found, grid)
+    share, _, way = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
+    uu, uv = blur.deviations(covariance, share)
+    blurred = blur.in_image(blur.on_plane(uu, way, vision_from_target), found.jacobian)
+    return Correspondences(
+        found,
+        _sigma(found, grid, blurred, covariance),
+        _sampled(grid.hit_fraction, found, grid),
+        blurred,
+        blur.signed_radius_px(blurred, uv),
+        counts,
+    )
+
+
+def _existing(found: Found, counts: dict, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+    """Drop rows outside the image, outside their own cell, or with too little light; count them by reason."""
+    width, height = grid.size_px
+    inside = (np.abs(found.x_px - (width - 1) / 2) <= width / 2) & (np.abs(found.y_px - (height - 1) / 2) <= height / 2)
+    counts = {**counts, "dropped_outside_image": int(np.sum(~inside))}
+    found = found.only(inside)
+    if grid.centres_px is not None:
+        owner = cKDTree(grid.centres_px).query(np.stack([found.x_px, found.y_px], axis=1))[1]
+        counts["dropped_outside_cell"] = int(np.sum(owner != found.cell))
+        found = found.only(owner == found.cell)
+    dark = ~(_sampled(grid.hit_fraction, found, grid) >= settings.min_hit_fraction)
+    counts["dropped_hit_fraction"] = int(np.sum(dark))
+    found = found.only(~dark)
+    return found, {**counts, "rows": len(found.point)}
+
+
+def _nearest_fine(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the fine position nearest to each solution."""
+    k = grid.supersampling
+    row = np.rint(fine_from_image(found.y_px, k)).astype(int).clip(0, grid.cell.shape[0] - 1)
+    column = np.rint(fine_from_image(found.x_px, k)).astype(int).clip(0, grid.cell.shape[1] - 1)
+    return row, column
+
+
+def _sampled(values: np.ndarray, found: Found, grid: RayGrid) -> np.ndarray:
+    return values[_nearest_fine(found, grid)]
+
+
+def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariance (n, 4, 4) and mean crossings (n, 2) of the whole pixel nearest to each row, in the row's own cell.
+
+    NaN where none of the nine pixels around belongs to the cell.
+    """
+    width, height = grid.size_px
+    k, n = grid.supersampling, len(found.point)
+    covariance, near, far = np.full((n, 10), np.nan), np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+    closest = np.full(n, np.inf)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            x = (np.rint(found.x_px).astype(int) + dx).clip(0, width - 1)
+            y = (np.rint(found.y_px).astype(int) + dy).clip(0, height - 1)
+            # The fine position next to the pixel's centre tells whose bundle the pixel kept.
+            fine = y * k + k // 2, x * k + k // 2
+            distance = np.hypot(x - found.x_px, y - found.y_px)
+            usable = (grid.cell[fine] == found.cell) & (distance < closest) & ~np.isnan(grid.covariance[y, x, 0])
+            closest = np.where(usable, distance, closest)
+            covariance[usable] = grid.covariance[y, x][usable]
+            near[usable], far[usable] = grid.near[fine][usable], grid.far[fine][usable]
+    return matrix_4(covariance), near, far
+
+
+def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard error of each row: that of the worse plane, scaled by the blur.
+
+    The mean of a bundle errs in proportion to the bundle's width, because both are linear in where rays cross the
+    pupil; so the error at the target is that at the near or far plane times the ratio of the blurs.
+    """
+    row, column = _nearest_fine(found, grid)
+    widths = []
+    for image, block in ((grid.near, covariance[:, :2, :2]), (grid.far, covariance[:, 2:, 2:])):
+        jacobian = _central_jacobian(image, column, row) * grid.supersampling
+        regular = np.abs(np.linalg.det(jacobian)) > 0
+        jacobian = np.where(regular[:, None, None], jacobian, np.nan)
+        widths.append(np.diagonal(blur.in_image(block, jacobian), axis1=1, axis2=2))
+    worst = np.fmax(*widths)
+    here = np.diagonal(blurred, axis1=1, axis2=2)
+    return grid.error_px[row, column] * np.sqrt(here / worst) * found.noise_gain[:, None]

@@ -1,0 +1,67 @@
+"""The position images of a camera, as the ground truth reads them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class RayGrid:
+    """What `rays` keeps of a camera: bundles on a grid K times finer than the image.
+
+    Attributes
+    ----------
+    supersampling : int
+        K.
+    near_mm, far_mm : float
+        Vision z of the two planes.
+    near, far : (K h, K w, 2) float64
+        J_near and J_far: mean crossings, vision frame [mm].
+    covariance : (h, w, 10) float64
+        Upper triangle of the covariance of (x_near, y_near, x_far, y_far) at K = 1 [mm^2].
+    hit_fraction : (K h, K w) float64
+    error_px : (K h, K w, 2) float64
+        Standard error of J from the ray sampling, on the worse of the two planes [px].
+    cell : (K h, K w) int64
+        Row of the microlens in `microlenses`; 0 throughout for a conventional camera.
+    microlenses : (m, 3) int64
+        k, l and type of the microlenses; one row of zeros for a conventional camera.
+    centres_px : (m, 2) float64 or None
+        Micro-image centres; None for a conventional camera.
+    """
+
+    supersampling: int
+    near_mm: float
+    far_mm: float
+    near: np.ndarray
+    far: np.ndarray
+    covariance: np.ndarray
+    hit_fraction: np.ndarray
+    error_px: np.ndarray
+    cell: np.ndarray
+    microlenses: np.ndarray
+    centres_px: np.ndarray | None
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the image."""
+        return self.covariance.shape[1], self.covariance.shape[0]
+
+
+def fine_from_image(x_px: np.ndarray, supersampling: int) -> np.ndarray:
+    """Position in the K times finer grid of an image position: x_K = (x + 1/2) K - 1/2."""
+    return (x_px + 0.5) * supersampling - 0.5
+
+
+def image_from_fine(x_fine: np.ndarray, supersampling: int) -> np.ndarray:
+    """Image position of a position in the K times finer grid: x = (x_K + 1/2) / K - 1/2, the half-pixel rule."""
+    return (x_fine + 0.5) / supersampling - 0.5
+
+
+def matrix_4(covariance: np.ndarray) -> np.ndarray:
+    """Full (..., 4, 4) matrices from upper triangles (..., 10)."""
+    full = np.empty((*covariance.shape[:-1], 4, 4))
+    rows, columns = np.triu_indices(4)
+    full[..., rows, columns] = covariance
+    full[..., columns, rows] = covariance
+    return full
