@@ -10,7 +10,7 @@ from pipeline.optics.prescription import Prescription
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem
 from pipeline.scene.reading import read_prescription
-from pipeline.scene.values import read, target
+from pipeline.scene.values import read, target, target_paths
 
 _MICROLENS_TYPES = (1, 3)
 
@@ -19,8 +19,9 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     """Problems of a Camera with PlenCameraAPI as a whole."""
     for name in ("plen:camera:lens", "plen:camera:sensor", "plen:camera:microlenses"):
         relationship = camera.GetRelationship(name)
-        if len(relationship.GetTargets()) > 1:
-            message = f'"{name}" has {len(relationship.GetTargets())} targets, a camera has one'
+        count = len(target_paths(relationship))
+        if count > 1:
+            message = f'"{name}" has {count} targets, a camera has one'
             yield problem(relationship, "several-targets", message)
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
@@ -46,7 +47,7 @@ def _prescription(lens: Usd.Prim | None) -> Prescription | None:
     """The record of a lens; None where the lens alone is wrong already, and reported as that."""
     try:
         return read_prescription(lens) if lens else None
-    except (PipelineError, TypeError):
+    except PipelineError:
         return None
 
 
@@ -63,7 +64,7 @@ def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
 
 def _check_microlens_distance(camera: Usd.Prim) -> Iterator[Problem]:
     attribute = camera.GetAttribute("plen:camera:microlensDistance")
-    has_array = bool(camera.GetRelationship("plen:camera:microlenses").GetTargets())
+    has_array = bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))
     if has_array and not attribute.HasAuthoredValue():
         message = 'a camera with microlenses needs "plen:camera:microlensDistance"'
         yield problem(camera, "missing-value", message, hint="it has no fallback: write it")

@@ -11,6 +11,7 @@ from pipeline.optics.prescription import PrescriptionError, Surface
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
 from pipeline.scene.reading import ordered_surfaces, read_surface
+from pipeline.scene.values import UnreadableValue, read
 
 # Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
@@ -35,7 +36,7 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
 
 def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
     order = lens.GetAttribute("plen:surfaceOrder")
-    names = list(order.Get() or []) if order else []
+    names = list(read(lens, "plen:surfaceOrder") or ())
     children = [child.GetName() for child in lens.GetChildren() if child.IsA("PlenSurface")]
     for name, count in Counter(names).items():
         if count > 1:
@@ -49,7 +50,7 @@ def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
-    stops = [prim.GetName() for prim in prims if prim.GetAttribute("plen:isStop").Get()]
+    stops = [prim.GetName() for prim in prims if read(prim, "plen:isStop")]
     if not stops:
         hint = "write uniform bool plen:isStop = 1 on one of its surfaces"
         yield problem(lens, "no-stop", "the lens has no aperture stop", hint=hint)
@@ -61,7 +62,7 @@ def _surface(prim: Usd.Prim) -> Surface | None:
     """The record of a surface; None where its values alone are wrong already, and reported as that."""
     try:
         surface = read_surface(prim)
-    except (PrescriptionError, TypeError):
+    except (PrescriptionError, UnreadableValue):
         return None
     finite = math.isfinite(surface.thickness_mm + surface.semi_diameter_mm + surface.index)
     return surface if finite else None
@@ -70,8 +71,8 @@ def _surface(prim: Usd.Prim) -> Surface | None:
 def _check_sphere(prim: Usd.Prim) -> Iterator[Problem]:
     try:
         read_surface(prim)
-    except TypeError:
-        pass  # a missing or wrongly typed value, reported as that
+    except UnreadableValue:
+        pass  # reported as a missing value or a wrong type
     except PrescriptionError as error:
         if "beyond" in error.what:
             yield problem(prim, "beyond-sphere", error.what)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from pxr import Plug, Tf, Usd
+from pxr import Plug, Tf, Usd, Vt
 
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
@@ -73,7 +73,9 @@ def _authored_apis(prim: Usd.Prim) -> list[str]:
 
 def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     order = prim.GetAttribute("xformOpOrder")
-    named = [token.removeprefix("!invert!") for token in ((order.Get() or []) if order else [])]
+    value = order.Get() if order else None
+    # What is no array of tokens is reported as a wrong type.
+    named = [token.removeprefix("!invert!") for token in value] if isinstance(value, Vt.TokenArray) else []
     for name in named:
         if name != "!resetXformStack!" and not prim.HasProperty(name):
             # USD raises later, when somebody asks for the transform.

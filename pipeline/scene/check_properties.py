@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.scene.check_values import authored_values, check_attribute, check_numbers
-from pipeline.scene.places import problem
+from pipeline.scene.check_values import authored_values, check_attribute, check_value
+from pipeline.scene.places import problem, specs
 from pipeline.scene.problems import Problem, did_you_mean
-from pipeline.scene.values import schema_facts
+from pipeline.scene.values import schema_facts, target_paths
 
 # Anyone may add properties here, on any prim.
 _FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
@@ -20,14 +20,26 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     for prop in prim.GetAuthoredProperties():
         if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
             for time, value in authored_values(prop):
-                yield from check_numbers(prop, value, time)
+                yield from check_value(prop, value, time)
         elif prop.GetName() not in known:
             yield from _check_unknown(prop, known)
+        elif wrong := _wrong_kind(prop, definition):
+            yield wrong
         elif isinstance(prop, Usd.Attribute):
             yield from check_attribute(prop, definition)
         else:
             yield from _check_relationship(prop)
     yield from _check_required(prim)
+
+
+def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem | None:
+    """An attribute where the schema has a relationship, or the other way round: USD believes the schema."""
+    wants_relationship = bool(definition.GetRelationshipDefinition(prop.GetName()))
+    for spec in specs(prop):
+        if isinstance(spec, Sdf.RelationshipSpec) != wants_relationship:
+            kind = "a relationship (rel)" if wants_relationship else "an attribute"
+            return problem(prop, "wrong-type", f'"{prop.GetName()}" must be written as {kind}')
+    return None
 
 
 def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
@@ -53,11 +65,7 @@ def _check_required(prim: Usd.Prim) -> Iterator[Problem]:
         return  # a misapplied schema is reported as that
     for name in [name for names in schema_facts(prim, "plenRequired") for name in names]:
         relationship = prim.GetRelationship(name)
-        if relationship:
-            missing = not relationship.HasAuthoredTargets() or not relationship.GetTargets()
-        else:
-            missing = not prim.GetAttribute(name).HasAuthoredValue()
-        if missing:
+        if not (target_paths(relationship) if relationship else prim.GetAttribute(name).HasAuthoredValue()):
             wanted = wanted_target(prim, name)
             hint = f"point it at a {wanted}" if wanted else "it has no fallback: write it"
             yield problem(prim, "missing-value", f'{prim.GetTypeName()} needs "{name}"', hint=hint)
@@ -66,7 +74,7 @@ def _check_required(prim: Usd.Prim) -> Iterator[Problem]:
 def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
     stage, name = relationship.GetStage(), relationship.GetName()
     wanted = wanted_target(relationship.GetPrim(), name)
-    for path in relationship.GetTargets():
+    for path in target_paths(relationship):
         if not stage.GetObjectAtPath(path):
             hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
             message = f'"{name}" points at <{path}>, which does not exist'
@@ -76,6 +84,8 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
             if not (prim and prim.IsA(wanted)):
                 got = (prim.GetTypeName() or "prim without a type") if prim else "property"
                 yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
+            elif not prim.IsActive():
+                yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
 
 
 def wanted_target(prim: Usd.Prim, name: str) -> str | None:

@@ -38,27 +38,29 @@ def check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) ->
     if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
         yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples')
     for time, value in authored_values(attribute):
-        bad = [*_check_tokens(attribute, value, time), *check_numbers(attribute, value, time)]
+        bad = list(check_value(attribute, value, time)) or list(_check_tokens(attribute, value, time))
         yield from bad or _check_supported(attribute, value, time)
 
 
+def check_value(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+    """A value as USD gives it: of the type that the attribute claims, finite and in range."""
+    wanted = attribute.GetTypeName()
+    if type(value) is not type(wanted.defaultValue):
+        message = f'"{attribute.GetName()}" must hold a {wanted}, not {value}'
+        yield problem(attribute, "wrong-type", message, time=time)
+    elif not isinstance(value, Sdf.AssetPath | Sdf.AssetPathArray):
+        yield from _check_numbers(attribute, plain(value), time)
+
+
 def authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, Any]]:
-    """Pairs of a time, None for the value without time, and the plain value there."""
+    """Pairs of a time, None for the value without time, and USD's value there."""
     if not attribute.HasAuthoredValue():
         return
     default = attribute.Get()
     if default is not None:
-        yield None, plain_or_none(default)
+        yield None, default
     for time in attribute.GetTimeSamples():
-        yield time, plain_or_none(attribute.Get(time))
-
-
-def plain_or_none(value: Any) -> Any:
-    """A plain value; None for what has no plain form."""
-    try:
-        return plain(value)
-    except TypeError:
-        return None
+        yield time, attribute.Get(time)
 
 
 def _check_written_type(attribute: Usd.Attribute, wanted: Sdf.ValueTypeName) -> Iterator[Problem]:
@@ -76,7 +78,7 @@ def _check_written_type(attribute: Usd.Attribute, wanted: Sdf.ValueTypeName) -> 
 
 def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
     allowed = list(attribute.GetMetadata("allowedTokens") or [])
-    for token in ([value] if isinstance(value, str) else value or []) if allowed else []:
+    for token in ([value] if isinstance(value, str) else value) if allowed else []:
         if token not in allowed:
             choices = f"allowed: {', '.join(allowed)}"
             guess = did_you_mean(token, allowed)
@@ -84,7 +86,7 @@ def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> I
             yield problem(attribute, "bad-token", message, hint=f"{guess} {choices}" if guess else choices, time=time)
 
 
-def check_numbers(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
     """The first number of a value that is not finite, or not in the range that its documentation states."""
     name = attribute.GetName()
     span = range_of(attribute.GetDocumentation()) if name.startswith("plen:") else None
@@ -101,11 +103,11 @@ def check_numbers(attribute: Usd.Attribute, value: Any, time: float | None) -> I
 
 def _check_supported(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
     name = attribute.GetName()
-    if name in SUPPORTED and value not in SUPPORTED[name]:
+    if name in SUPPORTED and plain(value) not in SUPPORTED[name]:
         is_array = attribute.GetTypeName().isArray
         choices = ", ".join(_shown(choice, is_array) for choice in SUPPORTED[name])
         hint = f"supported: {choices}" if choices else "leave it out"
-        message = f'"{name}" = {_shown(value, is_array)} is not supported yet'
+        message = f'"{name}" = {_shown(plain(value), is_array)} is not supported yet'
         yield problem(attribute, "not-yet-supported", message, hint=hint, time=time)
 
 

@@ -10,7 +10,7 @@ from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Matrix, TargetEntry
 from pipeline.scene.poses import inverse, product, world_from
-from pipeline.scene.values import read, target, targets
+from pipeline.scene.values import need, read, target, targets
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.units import mm_per_unit
 
@@ -29,11 +29,11 @@ def read_dataset(root: Usd.Prim) -> Dataset:
     """The records of a PlenDataset whose stage passed the checks."""
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenCheckerboard")
-    seed = read(root, "plen:seed")
+    seed = need(root, "plen:seed")
     return Dataset(
         stage_name=root.GetName(),
         seed=seed,
-        background=read(root, "plen:background"),
+        background=need(root, "plen:background"),
         cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
         targets=tuple(
             TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_checkerboard(prim))
@@ -68,17 +68,17 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     return CameraEntry(
         name=camera_name(prim, root),
         prim_path=str(prim.GetPath()),
-        lens_name=read(lens, "plen:name") or lens.GetName(),
-        index_source=read(lens, "plen:indexSource"),
-        wavelength_nm=read(prim, "plen:camera:wavelength"),
-        weight=read(prim, "plen:camera:weight"),
-        footprint=read(prim, "plen:truth:footprint"),
+        lens_name=need(lens, "plen:name") or lens.GetName(),
+        index_source=need(lens, "plen:indexSource"),
+        wavelength_nm=need(prim, "plen:camera:wavelength"),
+        weight=need(prim, "plen:camera:weight"),
+        footprint=need(prim, "plen:truth:footprint"),
         camera=read_camera(prim),
         sampling=Sampling(
-            supersampling=read(prim, "plen:truth:supersampling"), samples=read(prim, "plen:truth:samples"), seed=seed
+            supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
         ),
-        truth={field: read(prim, name) for field, name in _TRUTH.items()},
-        image_samples=read(prim, "plen:image:samples"),
+        truth={field: need(prim, name) for field, name in _TRUTH.items()},
+        image_samples=need(prim, "plen:image:samples"),
     )
 
 
@@ -88,9 +88,9 @@ def read_camera(prim: Usd.Prim) -> Camera:
     return Camera(
         prescription=read_prescription(target(prim, "plen:camera:lens", "PlenLens")),
         sensor=read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
-        sensor_distance_mm=read(prim, "plen:camera:sensorDistance"),
-        microlenses=read_microlenses(array, read(prim, "plen:camera:microlensDistance")) if array else None,
-        circle_of_confusion_px=read(prim, "plen:camera:circleOfConfusion"),
+        sensor_distance_mm=need(prim, "plen:camera:sensorDistance"),
+        microlenses=read_microlenses(array, need(prim, "plen:camera:microlensDistance")) if array else None,
+        circle_of_confusion_px=need(prim, "plen:camera:circleOfConfusion"),
         near_mm=read(prim, "plen:camera:near"),
         far_mm=read(prim, "plen:camera:far"),
     )
@@ -110,22 +110,22 @@ def read_prescription(lens: Usd.Prim) -> Prescription:
 def read_surface(prim: Usd.Prim) -> Surface:
     """A PlenSurface."""
     return Surface(
-        radius_mm=read(prim, "plen:radius"),
-        thickness_mm=read(prim, "plen:thickness"),
-        semi_diameter_mm=read(prim, "plen:semiDiameter"),
-        index=read(prim, "plen:index"),
-        is_stop=read(prim, "plen:isStop"),
+        radius_mm=need(prim, "plen:radius"),
+        thickness_mm=need(prim, "plen:thickness"),
+        semi_diameter_mm=need(prim, "plen:semiDiameter"),
+        index=need(prim, "plen:index"),
+        is_stop=need(prim, "plen:isStop"),
     )
 
 
 def read_sensor(prim: Usd.Prim) -> Sensor:
     """A PlenSensor."""
-    width_px, height_px = read(prim, "plen:resolution")
-    offset_x_mm, offset_y_mm = read(prim, "plen:offset")
+    width_px, height_px = need(prim, "plen:resolution")
+    offset_x_mm, offset_y_mm = need(prim, "plen:offset")
     return Sensor(
         width_px=width_px,
         height_px=height_px,
-        pitch_mm=read(prim, "plen:pixelPitch"),
+        pitch_mm=need(prim, "plen:pixelPitch"),
         offset_x_mm=offset_x_mm,
         offset_y_mm=offset_y_mm,
     )
@@ -133,15 +133,15 @@ def read_sensor(prim: Usd.Prim) -> Sensor:
 
 def read_microlenses(prim: Usd.Prim, distance_mm: float) -> MicrolensArray:
     """A PlenMicrolensArray at a distance from the sensor."""
-    offset_x_mm, offset_y_mm = read(prim, "plen:offset")
+    offset_x_mm, offset_y_mm = need(prim, "plen:offset")
     return MicrolensArray(
-        layout=read(prim, "plen:layout"),
-        pitch_mm=read(prim, "plen:pitch"),
-        focal_lengths_mm=read(prim, "plen:focalLengths"),
-        width_mm=read(prim, "plen:width"),
-        height_mm=read(prim, "plen:height"),
+        layout=need(prim, "plen:layout"),
+        pitch_mm=need(prim, "plen:pitch"),
+        focal_lengths_mm=need(prim, "plen:focalLengths"),
+        width_mm=need(prim, "plen:width"),
+        height_mm=need(prim, "plen:height"),
         distance_mm=distance_mm,
-        rotation_deg=read(prim, "plen:rotation"),
+        rotation_deg=need(prim, "plen:rotation"),
         offset_x_mm=offset_x_mm,
         offset_y_mm=offset_y_mm,
     )
@@ -150,11 +150,11 @@ def read_microlenses(prim: Usd.Prim, distance_mm: float) -> MicrolensArray:
 def read_checkerboard(prim: Usd.Prim) -> Checkerboard:
     """A PlenCheckerboard."""
     return Checkerboard(
-        columns=read(prim, "plen:columns"),
-        rows=read(prim, "plen:rows"),
-        square_mm=read(prim, "plen:squareSize"),
-        white=read(prim, "plen:white"),
-        black=read(prim, "plen:black"),
+        columns=need(prim, "plen:columns"),
+        rows=need(prim, "plen:rows"),
+        square_mm=need(prim, "plen:squareSize"),
+        white=need(prim, "plen:white"),
+        black=need(prim, "plen:black"),
     )
 
 

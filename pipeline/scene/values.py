@@ -6,11 +6,16 @@ from typing import Any
 
 from pxr import Gf, Plug, Sdf, Tf, Usd
 
+from pipeline.errors import PipelineError
 from pipeline.scene.register import PLUGIN_NAME
 
 _RANGE = re.compile(r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])(, not 0)?\s*$", re.MULTILINE)
 # All our attributes are uniform, and time samples on them are errors: every time gives the same value.
 _ANY_TIME = 0.0
+
+
+class UnreadableValue(PipelineError):
+    """A value that is missing or of a wrong type; the checks of values have said so already."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +89,20 @@ def read(prim: Usd.Prim, name: str) -> Any:
     return plain(value) if type(value) is type(definition.GetTypeName().defaultValue) else None
 
 
+def need(prim: Usd.Prim, name: str) -> Any:
+    """Value of one of our attributes, fallback included.
+
+    Raises
+    ------
+    UnreadableValue
+        There is none, or one of a wrong type.
+    """
+    value = read(prim, name)
+    if value is None:
+        raise UnreadableValue(f'<{prim.GetPath()}> has no usable "{name}"')
+    return value
+
+
 def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
     """What our plugInfo.json says under `key` of the type and the applied schemas of a prim."""
     registry = Usd.SchemaRegistry()
@@ -106,7 +125,14 @@ def target(prim: Usd.Prim, name: str, wanted: str) -> Any:
 
 def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
     """Prims of a type that a relationship points at, in its order."""
-    relationship = prim.GetRelationship(name)
     stage = prim.GetStage()
-    prims = [stage.GetPrimAtPath(path) for path in (relationship.GetForwardedTargets() if relationship else [])]
+    prims = [stage.GetPrimAtPath(path) for path in target_paths(prim.GetRelationship(name))]
     return [found for found in prims if found and found.IsA(wanted)]
+
+
+def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:
+    """Paths that a relationship points at; none where an attribute was written in its place."""
+    try:
+        return list(relationship.GetTargets()) if relationship else []
+    except Tf.ErrorException:
+        return []

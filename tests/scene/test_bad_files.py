@@ -65,6 +65,17 @@ def test_a_missing_file_is_a_problem_and_not_a_traceback():
     assert problem == Problem(code="file-missing", message="no such file", file="nowhere.usda")
 
 
+def test_a_stage_that_lacks_any_one_line_is_read_or_refused_but_never_a_traceback(tmp_path):
+    lines = load("tests/data/tiny_plenoptic/dataset.usda").flattened.splitlines(keepends=True)
+    path = tmp_path / "dataset.usda"
+    for left_out in range(len(lines)):
+        path.write_text("".join(lines[:left_out] + lines[left_out + 1 :]))
+
+        loaded = load(path)
+
+        assert (loaded.dataset is None) == bool(loaded.errors)
+
+
 @cache
 def loaded_once(file: str) -> Loaded:
     """Every test here asks about the same few stages."""
