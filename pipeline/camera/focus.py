@@ -85,7 +85,7 @@ def focused(camera: Camera) -> Camera:
 
     Unless authored they are the ends of the depth of field (the union over microlens types), at least 10 % before and
     behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The choice
-    affects conditioning only: what is computed for a target depends on it no further than the rounding of stored images.
+    affects conditioning only: what is computed for a target depends on it only by the rounding of stored images.
     """
     found = foci(camera)
     middle = sorted(focus.focus_distance_mm for focus in found)[len(found) // 2]

@@ -59,6 +59,11 @@ def point_in_fan(polygon, count, cumulative, cx, cy, u, v):
 @inline
 def clip(polygon, count, nx, ny, limit, scratch):
     """Keep the part of a convex polygon where nx x + ny y <= limit, in place; returns the new count."""
+    crosses = False
+    for i in range(count):
+        crosses |= nx * polygon[i, 0] + ny * polygon[i, 1] > limit
+    if not crosses:
+        return count
     kept = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0

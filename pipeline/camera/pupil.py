@@ -14,7 +14,7 @@ from pipeline.camera.chief import chief_heights
 from pipeline.optics.kernels import trace_rays
 
 HEIGHTS = 48
-DIRECTIONS = 40
+DIRECTIONS = 24
 MARGIN = 0.02
 """Inflation of an outline about its centre: covers interpolation in height and the chords between directions."""
 _BISECTIONS = 40
