@@ -1,5 +1,7 @@
 """Make USD know our schemas and our library of stages, or say why it cannot."""
 
+import os
+
 from pxr import Ar, Plug, Usd
 
 from pipeline.errors import EnvironmentFault
@@ -41,4 +43,6 @@ def register() -> None:
             "USD ignores the plenScene schemas, because it had opened a stage before they were registered",
             hint=f"import pipeline.scene before opening a stage, or set PXR_PLUGINPATH_NAME={plugin_path()}",
         )
-    Ar.DefaultResolver.SetDefaultSearchPath([library_path()])
+    # Setting the path takes the place of what the environment says, so that is repeated here.
+    theirs = [folder for folder in os.environ.get("PXR_AR_DEFAULT_SEARCH_PATH", "").split(os.pathsep) if folder]
+    Ar.DefaultResolver.SetDefaultSearchPath([library_path(), *theirs])

@@ -186,3 +186,18 @@ def test_finding_the_schemas_twice_is_harmless():
     code = "import pipeline.scene; print('fine')"
 
     assert run(code, PXR_PLUGINPATH_NAME=plugin_path()) == "fine\n"
+
+
+def test_a_library_of_ones_own_is_searched_after_ours(tmp_path):
+    (tmp_path / "mine.usda").write_text("#usda 1.0\n")
+    code = (
+        "import pipeline.scene\n"
+        "from pxr import Ar\n"
+        "print(Ar.GetResolver().Resolve('mine.usda'))\n"
+        "print(Ar.GetResolver().Resolve('mlas/michels_2019.usda'))\n"
+    )
+
+    mine, ours = run(code, PXR_AR_DEFAULT_SEARCH_PATH=str(tmp_path)).split()
+
+    assert mine.endswith("mine.usda")
+    assert ours.startswith(library_path())
