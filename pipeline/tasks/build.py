@@ -10,7 +10,7 @@ from pipeline.engine import session
 from pipeline.engine.events import silent
 from pipeline.engine.session import Project, Result
 from pipeline.scene.load import load, require_dataset
-from pipeline.tasks.focus import CONVENTIONS
+from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
 
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")

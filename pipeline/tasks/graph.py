@@ -33,11 +33,11 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
     labels = {key: getattr(entry, key) for key in ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")}
-    focus = graph.add(f"focus/{name}", f"{_KIND}focus", {"camera": to_plain(entry.camera), "labels": labels})
-    reads = {"camera": focus}
+    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {"camera": to_plain(entry.camera)})}
+    report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
     rays = _add_rays(graph, entry, reads)
     white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
-    files[f"{folder}/camera.json"] = (focus, "camera.json")
+    files[f"{folder}/camera.json"] = (report, "camera.json")
     files[f"{folder}/rays.exr"] = (rays, "rays.exr")
     files[f"{folder}/white.exr"] = (white, "white.exr")
     files[f"{folder}/white.png"] = (white, "white.png")

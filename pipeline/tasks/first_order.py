@@ -1,0 +1,29 @@
+"""Task `first_order`: the first-order report of a camera, camera.json.
+
+It is not part of `focus`, because it writes names: renaming a lens must not touch a ray.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.camera.report import report
+from pipeline.files.jsonfile import write_json
+from pipeline.tasks.cameras import Inputs, focused_camera
+
+LIBRARIES = ("numpy",)
+
+CONVENTIONS = {
+    "pixel": "(0, 0) is the centre of the top-left pixel, x right, y down",
+    "vision_frame": "origin at the centre of the aperture stop, x right, y down, z forward, mm",
+    "target_frame": "origin at the pattern centre, x right, y up, z towards the viewer, mm",
+    "distances": "vision z from the aperture stop, mm",
+}
+
+
+def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
+    """Params: labels (what the report says besides)."""
+    labels, figures = params["labels"], report(focused_camera(inputs))
+    lens = {"name": labels["lens_name"], "index_source": labels["index_source"], **figures.pop("lens")}
+    head = {name: figures.pop(name) for name in ("resolution", "pixel_pitch_mm", "sensor_mm", "sensor_distance_mm")}
+    light = {"weight": labels["weight"], "footprint": labels["footprint"], "wavelengths_nm": [labels["wavelength_nm"]]}
+    write_json(out / "camera.json", {**head, "conventions": CONVENTIONS, **light, "lens": lens, **figures})

@@ -1,0 +1,46 @@
+"""Who may import whom, and what a process that only needs little does not load."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from importlinter.cli import lint_imports
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_rooms_import_only_downwards_and_libraries_enter_by_one_door(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert lint_imports(cache_dir=None) == 0
+
+
+@pytest.mark.parametrize(
+    ("module", "absent"),
+    [
+        ("pipeline", ("numpy", "pxr", "numba", "typer", "rich", "colour")),
+        ("pipeline.cli", ("numpy", "pxr", "numba", "colour", "networkx")),
+        ("pipeline.tasks.rays", ("pxr", "typer", "rich", "colour", "networkx")),
+        ("pipeline.tasks.rays_tile", ("pxr", "typer", "rich", "colour", "networkx")),
+        ("pipeline.tasks.truth", ("pxr", "typer", "rich", "colour", "embreex")),
+        ("pipeline.camera.camera", ("pxr", "numba", "networkx", "OpenEXR")),
+    ],
+)
+def test_importing_a_module_does_not_load(module, absent):
+    code = f"import sys, {module}; print([name for name in {absent!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
+
+
+def test_no_module_is_long_and_no_function_very_long():
+    import ast
+
+    too_long = []
+    for path in sorted((ROOT / "pipeline").rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if len(text.splitlines()) > 400:
+            too_long.append(str(path))
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno > 110:
+                too_long.append(f"{path}:{node.name}")
+    assert too_long == []

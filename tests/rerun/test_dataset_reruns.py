@@ -1,0 +1,231 @@
+"""What an edit of a stage reruns: exactly the tasks that read what changed, counted by executions, never by clocks."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import pipeline
+
+DATA = Path(__file__).parents[1] / "data"
+RAYS = {"rays_tile", "rays"}
+
+
+class Workshop:
+    """A copy of a tiny dataset that can be edited and built again; `run` counts the executed tasks by kind."""
+
+    def __init__(self, folder: Path, tiny: str) -> None:
+        self.stage = folder / "dataset.usda"
+        text = (DATA / tiny / "dataset.usda").read_text(encoding="utf-8")
+        # By search path: the copy does not lie beside the library.
+        self.stage.write_text(text.replace("@../../../stages/", "@"), encoding="utf-8")
+        self.out = folder / "out"
+
+    def edit(self, old: str, new: str) -> None:
+        text = self.stage.read_text(encoding="utf-8")
+        assert old in text, f"{old!r} is not in the stage"
+        self.stage.write_text(text.replace(old, new), encoding="utf-8")
+
+    def run(self) -> Counter:
+        result = pipeline.build(self.stage, self.out, jobs=1)
+        assert result.exit_code == 0, [task.error for task in result.failures]
+        return Counter(task.kind for task in result.tasks if task.state == "executed")
+
+    def ran_names(self) -> list[str]:
+        result = pipeline.build(self.stage, self.out, jobs=1)
+        return sorted(task.name for task in result.tasks if task.state == "executed")
+
+
+@pytest.fixture(scope="module")
+def warm_store(tmp_path_factory):
+    """One store for the module, filled by one build of each tiny dataset: every test edits from there."""
+    return tmp_path_factory.mktemp("store")
+
+
+@pytest.fixture
+def conventional(tmp_path, warm_store, monkeypatch):
+    return _workshop(tmp_path, warm_store, monkeypatch, "tiny_conventional")
+
+
+@pytest.fixture
+def plenoptic(tmp_path, warm_store, monkeypatch):
+    return _workshop(tmp_path, warm_store, monkeypatch, "tiny_plenoptic")
+
+
+def _workshop(tmp_path, warm_store, monkeypatch, tiny):
+    monkeypatch.setenv("PIPELINE_CACHE", str(warm_store))
+    workshop = Workshop(tmp_path, tiny)
+    workshop.run()
+    return workshop
+
+
+def _facts(folder: Path) -> dict[str, tuple[int, bytes]]:
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    return {path.relative_to(folder).as_posix(): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+
+
+@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
+def test_a_second_build_executes_nothing_and_rewrites_no_file(name, request):
+    workshop = request.getfixturevalue(name)
+    before = _facts(workshop.out)
+    assert workshop.run() == Counter()
+    assert _facts(workshop.out) == before
+
+
+def test_one_pose_sample_reruns_that_frame_and_undoing_it_reruns_nothing(conventional):
+    conventional.edit("2: (0.3, -0.2, -432)", "2: (0.31, -0.2, -432)")
+    assert conventional.ran_names() == ["image/Rig.Camera/0002", "truth/Rig.Camera/0002"]
+    conventional.edit("2: (0.31, -0.2, -432)", "2: (0.3, -0.2, -432)")
+    assert conventional.run() == Counter()
+
+
+def test_a_comment_and_the_order_of_properties_rerun_nothing(conventional):
+    conventional.edit("    rel plen:targets", "    # a remark\n    rel plen:targets")
+    conventional.edit("        uniform int plen:columns = 3\n        uniform int plen:rows = 2\n", "")
+    conventional.edit("            1: (0, 0, -434.4),", "            1: (0, 0, -434.40),")
+    conventional.edit(
+        "        uniform double plen:squareSize = 1.4\n",
+        "        uniform double plen:squareSize = 1.4\n        uniform int plen:rows = 2\n"
+        "        uniform int plen:columns = 3\n",
+    )
+    assert conventional.run() == Counter()
+
+
+def test_a_split_over_two_layers_reruns_nothing(conventional):
+    text = conventional.stage.read_text(encoding="utf-8")
+    whole = conventional.stage.with_name("whole.usda")
+    whole.write_text(text, encoding="utf-8")
+    conventional.edit("    rel plen:cameras = </TinyConventional/Rig/Camera>\n    uniform int plen:seed = 3\n", "")
+    lower = conventional.stage.with_name("lower.usda")
+    lower.write_text(text, encoding="utf-8")
+    head, _, body = text.partition("def PlenDataset")
+    upper = head.replace("#usda 1.0\n(", "#usda 1.0\n(\n    subLayers = [\n        @./lower.usda@\n    ]", 1)
+    conventional.stage.write_text(upper + 'over "TinyConventional"\n{\n    uniform int plen:seed = 3\n}\n', "utf-8")
+    assert body
+    assert conventional.run() == Counter()
+
+
+def test_binary_layers_and_another_folder_rerun_nothing(conventional, tmp_path):
+    from pxr import Sdf
+
+    moved = tmp_path / "elsewhere"
+    moved.mkdir()
+    layer = Sdf.Layer.FindOrOpen(str(conventional.stage))
+    lower = moved / "lower.usdc"
+    assert layer.Export(str(lower))
+    text = conventional.stage.read_text(encoding="utf-8")
+    head, _, _ = text.partition("def PlenDataset")
+    head = head.replace("#usda 1.0\n(", "#usda 1.0\n(\n    subLayers = [\n        @./lower.usdc@\n    ]", 1)
+    (moved / "dataset.usda").write_text(head + 'over "TinyConventional"\n{\n}\n', encoding="utf-8")
+    conventional.stage, conventional.out = moved / "dataset.usda", moved / "out"
+    assert conventional.run() == Counter()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "kinds"),
+    [
+        ("uniform int plen:seed = 3", "uniform int plen:seed = 4", {"image", "white", "truth"} | RAYS),
+        ("plen:truth:samples = 64", "plen:truth:samples = 128", {"truth"} | RAYS),
+        ("plen:image:samples = 64", "plen:image:samples = 32", {"image", "white"}),
+        ("plen:squareSize = 1.4", "plen:squareSize = 1.5", {"image", "truth"}),
+        ("plen:columns = 3", "plen:columns = 3\n        uniform double plen:black = 0.1", {"image", "truth"}),
+        ("plen:seed = 3", "plen:seed = 3\n    uniform double plen:background = 0.2", {"image"}),
+        (
+            "verticalAperture = 24",
+            "verticalAperture = 24\n            uniform double plen:truth:lambdaD = 0.2",
+            {"truth"},
+        ),
+        ('def PlenCheckerboard "Board"', 'def PlenCheckerboard "Plate"', {"truth"}),
+    ],
+)
+def test_an_edited_value_reruns_its_readers_only(conventional, old, new, kinds):
+    conventional.edit(old, new)
+    if "Plate" in new:
+        conventional.edit("</TinyConventional/Board>", "</TinyConventional/Plate>")
+    assert set(conventional.run()) == kinds
+
+
+def test_renaming_the_camera_reruns_only_what_writes_its_name(plenoptic):
+    plenoptic.edit('def "Rig"', 'def "Gestell"')
+    plenoptic.edit("/Rig/", "/Gestell/")
+    assert set(plenoptic.run()) == {"truth"}
+
+
+def test_moving_rig_and_board_together_never_touches_rays(conventional):
+    moved = (
+        "    double3 xformOp:translate = (512, 64, -128)\n"
+        '    uniform token[] xformOpOrder = ["xformOp:translate"]\n    rel plen:targets'
+    )
+    conventional.edit("    rel plen:targets", moved)
+    assert not RAYS & set(conventional.run())
+
+
+def test_a_lens_edit_reruns_everything_of_its_camera(conventional):
+    conventional.edit(
+        'over "Sensor"',
+        'over "Lens"\n        {\n            over "Stop"\n            {\n'
+        '                uniform double plen:semiDiameter = 4\n            }\n        }\n\n        over "Sensor"',
+    )
+    assert set(conventional.run()) == {"focus", "first_order", "image", "white", "truth"} | RAYS
+
+
+def test_a_lens_name_reruns_the_report_and_stops_there(conventional):
+    conventional.edit(
+        'over "Sensor"',
+        'over "Lens"\n        {\n            uniform string plen:name = "mine"\n        }\n\n        over "Sensor"',
+    )
+    assert set(conventional.run()) == {"first_order"}
+
+
+def test_method_image_adds_position_images_and_keeps_the_rays(conventional):
+    conventional.edit(
+        "verticalAperture = 24", 'verticalAperture = 24\n            uniform token plen:truth:method = "image"'
+    )
+    assert set(conventional.run()) == {"positions", "truth"}
+    assert (conventional.out / "frames/0001/Rig.Camera/positions.exr").is_file()
+
+
+def test_a_frame_that_is_dropped_leaves_no_file(conventional):
+    conventional.edit("endTimeCode = 2", "endTimeCode = 1")
+    assert conventional.run() == Counter()
+    assert not (conventional.out / "frames/0002").exists()
+
+
+@pytest.mark.parametrize("tiny", ["tiny_conventional", "tiny_plenoptic"])
+def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tiny, tmp_path):
+    outs = []
+    settings = (("1", "C", "UTC", "0"), ("2", "C.UTF-8", "Asia/Kathmandu", "12345"))
+    for jobs, locale, zone, seed in settings:
+        folder = tmp_path / f"jobs{jobs}"
+        folder.mkdir()
+        workshop = Workshop(folder, tiny)
+        environment = {**os.environ, "LC_ALL": locale, "TZ": zone, "PYTHONHASHSEED": seed}
+        environment["PIPELINE_CACHE"] = str(folder / "store")
+        command = [sys.executable, "-m", "pipeline.cli", "build", "dataset.usda", "-o", "out", "-j", jobs, "-q"]
+        subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
+        outs.append({name: data for name, (_, data) in _facts(workshop.out).items()})
+    assert outs[0].keys() == outs[1].keys()
+    assert [name for name in outs[0] if outs[0][name] != outs[1][name]] == []
+    machine = str(tmp_path).encode()
+    assert [name for name, data in outs[0].items() if machine in data] == []
+
+
+def test_a_deleted_or_altered_file_comes_back_without_running_a_task(conventional):
+    before = {name: data for name, (_, data) in _facts(conventional.out).items()}
+    (conventional.out / "cameras/Rig.Camera/rays.exr").unlink()
+    table = conventional.out / "frames/0001/Rig.Camera/correspondences.csv"
+    table.write_text(table.read_text(encoding="utf-8").replace("two-plane", "two-plain"), encoding="utf-8")
+    assert conventional.run() == Counter()
+    assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
+
+
+def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch):
+    before = {name: data for name, (_, data) in _facts(conventional.out).items()}
+    shutil.rmtree(conventional.out)
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
+    assert conventional.run().total() == 9
+    assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
