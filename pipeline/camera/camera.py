@@ -130,7 +130,7 @@ class Sampling:
     supersampling : int
         K of the paper: position images are K times finer than the image along each axis.
     samples : int
-        Rays per position of a position image, over all replicas; a multiple of `REPLICAS`.
+        Rays per position of a position image, over all replicas; four times a power of two.
     seed : int
         `plen:seed` of the dataset.
     """

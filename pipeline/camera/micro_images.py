@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.camera.camera import CameraError
 from pipeline.camera.chief import chief_heights
-from pipeline.camera.kernels import NO_MICROLENS, SKIP
+from pipeline.camera.regions import NO_MICROLENS, SKIP
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 

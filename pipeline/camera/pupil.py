@@ -31,10 +31,13 @@ class Outlines:
         Distance of neighbouring heights; height i is i * step_mm, on the +x axis.
     vertices_mm : (HEIGHTS, DIRECTIONS, 2) float64
         Counter-clockwise polygons; all zero where nothing passes.
+    drift : float
+        How far an outline's centre moves per height of its point, near the axis.
     """
 
     step_mm: float
     vertices_mm: np.ndarray
+    drift: float
 
 
 def outlines(
@@ -63,7 +66,8 @@ def outlines(
         centre = edge.mean(axis=1, keepdims=True)
         inflation = (1 + margin) / np.cos(np.pi / DIRECTIONS)
         vertices[found] = centre + inflation * (edge - centre)
-    return Outlines(step, vertices)
+    drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if found[:2].all() else 0.0
+    return Outlines(step, vertices, drift)
 
 
 def passes(table: np.ndarray, plane_mm: float, heights: np.ndarray, points: np.ndarray) -> np.ndarray:

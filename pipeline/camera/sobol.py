@@ -18,14 +18,14 @@ def sobol_bits(count: int) -> np.ndarray:
 
     Returns
     -------
-    (count, DIMENSIONS) uint32
+    (DIMENSIONS, count) uint32
         Bit 0 holds the most significant binary digit.
     """
     index = np.arange(count, dtype=np.uint32)
-    points = np.zeros((count, DIMENSIONS), np.uint32)
+    points = np.zeros((DIMENSIONS, count), np.uint32)
     for dimension in range(DIMENSIONS):
         for bit, direction in enumerate(_directions(dimension)):
-            points[:, dimension] ^= np.where(index >> np.uint32(bit) & np.uint32(1), direction, np.uint32(0))
+            points[dimension] ^= np.where(index >> np.uint32(bit) & np.uint32(1), direction, np.uint32(0))
     return _reversed_bits(points)
 
 

@@ -6,10 +6,12 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.camera import kernels
-from pipeline.camera.camera import Camera
+from pipeline.camera.camera import REPLICAS, Camera
 from pipeline.camera.lattice import Lattice, lattice
+from pipeline.camera.moments import COLUMNS, WEIGHT
 from pipeline.camera.polygon import regular
 from pipeline.camera.pupil import MARGIN, outlines
+from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.sobol import sobol_bits
 from pipeline.optics.table import towards_scene
 
@@ -77,7 +79,9 @@ class Tracer:
             aperture = regular(6, array.pitch_mm / 2, array.rotation_deg)
         bounds = outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
         sampling_plane = self.film_z_mm if array else float(self.table[0, 0])
-        optics = np.array([self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm])
+        optics = np.array(
+            [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
+        )
         return optics, self.table, bounds.vertices_mm, lenses, aperture
 
     def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
@@ -97,9 +101,9 @@ class Tracer:
     def moments(
         self, positions_mm: np.ndarray, lens: np.ndarray, planes: np.ndarray, samples: int, pixels: np.ndarray
     ) -> np.ndarray:
-        """Moments of bundles on two planes, (n, kernels.COLUMNS); see `kernels.bundle_moments`."""
-        result = np.empty((len(positions_mm), kernels.COLUMNS))
-        bits = sobol_bits(samples // kernels.REPLICAS)
+        """Moments of bundles on two planes, (n, COLUMNS); see `camera.moments`."""
+        result = np.empty((len(positions_mm), COLUMNS))
+        bits = sobol_bits(samples // REPLICAS)
         positions, pixels = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(pixels, np.int64)
         seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF
         kernels.bundle_moments(
@@ -110,13 +114,13 @@ class Tracer:
     @cached_property
     def reference_weight_sr(self) -> float:
         """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr]."""
-        lens, position = kernels.NO_MICROLENS, np.zeros((1, 2))
+        lens, position = NO_MICROLENS, np.zeros((1, 2))
         if self.lattice is not None:
             lens = int(np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[0])
             position = -np.array([[self.lattice.x_mm[lens], self.lattice.y_mm[lens]]])
         planes = parallel_planes(1.0, 2.0)
         rows = self.moments(position, np.array([lens]), planes, REFERENCE_SAMPLES, np.array([[-1, -1]]))
-        return float(rows[0, kernels.WEIGHT])
+        return float(rows[0, WEIGHT])
 
 
 def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.files.exr import Part, write_exr
 from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.rays_tile import FAR, HIT_FRACTION, NEAR, VARIANCE
+from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.error import in_pixels, jacobian
 
 LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
@@ -25,8 +25,8 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         _stacked(inputs, params["tiles"], name) for name in ("bundles", "cells", "covariance")
     )
     near, far = bundles[..., NEAR], bundles[..., FAR]
-    near_error = in_pixels(bundles[..., VARIANCE][..., :2], jacobian(near, cells), k)
-    far_error = in_pixels(bundles[..., VARIANCE][..., 2:], jacobian(far, cells), k)
+    near_error = in_pixels(bundles[..., ERROR_SQUARED][..., :2], jacobian(near, cells), k)
+    far_error = in_pixels(bundles[..., ERROR_SQUARED][..., 2:], jacobian(far, cells), k)
     head: dict[str, Any] = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",

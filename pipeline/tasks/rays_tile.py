@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera import kernels
 from pipeline.camera.micro_images import owners
+from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.tracer import parallel_planes
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.truth.grid import image_from_fine
 
 LIBRARIES = ("numpy", "numba", "scipy")
 
-NEAR, FAR, HIT_FRACTION, VARIANCE, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
+NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last is their number."""
 
 _RAYS_PER_TILE = 40_000_000
@@ -43,11 +43,11 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         positions = tracer.positions_mm(*image_from_fine(pixels.T, k))
         lens = owners(tracer, images, positions)
         moments = tracer.moments(positions, lens, planes, params["samples"], pixels)
-        free = moments[:, kernels.FREE_WEIGHT] if images else tracer.reference_weight_sr
+        free = moments[:, FREE_WEIGHT] if images else tracer.reference_weight_sr
         bundles[here, NEAR], bundles[here, FAR] = moments[:, 0:2], moments[:, 2:4]
-        bundles[here, HIT_FRACTION] = moments[:, kernels.WEIGHT] / free
-        bundles[here, VARIANCE] = moments[:, kernels.VARIANCE : kernels.COLUMNS]
-        covariance[here] = moments[:, kernels.COVARIANCE : kernels.WEIGHT]
+        bundles[here, HIT_FRACTION] = moments[:, WEIGHT] / free
+        bundles[here, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
+        covariance[here] = moments[:, COVARIANCE:WEIGHT]
         cells[here] = lens if images else 0
     # Of every pixel the bundle next to its centre keeps its second moments.
     kept = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]

@@ -1,0 +1,77 @@
+"""Packets of rays that start on the sensor: random points on a region, aim, weight. Kernels only; vision frame, mm."""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.polygon import point_in_fan
+from pipeline.camera.sobol import scrambled
+from pipeline.jit import inline
+from pipeline.optics.kernels import PACKET, trace_packet
+
+
+@inline
+def new_packet():
+    """Buffers of a packet: x, y, z, direction x, y, z, alive, a scratch array and the weight."""
+    return (
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+    )
+
+
+@inline
+def draw(bits, first, size, seed, values):
+    """Scrambled coordinates of samples first ... first + size of one dimension."""
+    for i in range(size):
+        values[i] = scrambled(bits[first + i], seed)
+
+
+@inline
+def start_packet(table, optics, lenses, lens, start_x, start_y, region, fan_of, size, packet):
+    """Send rays from sensor positions through random points of a region and trace them into the scene.
+
+    Parameters
+    ----------
+    start_x, start_y : (PACKET,) float64
+        Where on the sensor each ray starts.
+    region, fan_of : tuple
+        From `regions.new_region` and `regions.bound`.
+    packet : tuple
+        From `new_packet`; x and y hold two random numbers per ray on entry, the rays behind the front vertex on exit.
+    """
+    x, y, z, dx, dy, dz, alive, scratch, weight = packet
+    polygon, _, _, cumulative = region
+    count, cx, cy, _ = fan_of
+    for i in range(size):
+        x[i], y[i] = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
+    for i in range(size):
+        dx[i], dy[i], dz[i], weight[i] = aim(optics, lenses, lens, start_x[i], start_y[i], x[i], y[i])
+        z[i] = optics[1]
+        alive[i] = 1.0
+    trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
+
+
+@inline
+def aim(optics, lenses, lens, x, y, qx, qy):
+    """Direction behind the microlens, if any, and weight of the ray from the sensor at (x, y) to (qx, qy).
+
+    A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs
+    cos(theta) d omega = h^2 / d^4 dA: irradiance.
+    """
+    h = optics[1] - optics[0]
+    sx, sy = (qx - x) / h, (qy - y) / h
+    squared = 1.0 + sx * sx + sy * sy
+    weight = 1.0 / (h * h * squared * squared)
+    if lens >= 0:
+        # An ideal thin lens changes slopes by offset / focal length.
+        sx -= (qx - lenses[lens, 0]) / lenses[lens, 2]
+        sy -= (qy - lenses[lens, 1]) / lenses[lens, 2]
+    w = 1.0 / math.sqrt(1.0 + sx * sx + sy * sy)
+    return sx * w, sy * w, w, weight

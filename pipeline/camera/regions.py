@@ -1,0 +1,100 @@
+"""Where on the sampling plane the rays of a sensor position can pass: polygons that bound the sampling tightly.
+
+Kernels only; vision frame, mm. `optics` holds z of sensor, sampling plane and rear vertex plane, the height step of the
+outlines and their drift (see `camera.pupil`). `lens` is the row of a microlens, or NO_MICROLENS.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.polygon import MAX_VERTICES, clip, fan
+from pipeline.jit import inline
+
+NO_MICROLENS, SKIP = -1, -2
+
+
+@inline
+def new_region():
+    """Buffers of a region: polygon, outline, scratch and cumulative areas of its fan."""
+    polygon, outline, scratch = np.empty((3, MAX_VERTICES, 2))
+    return polygon, outline, scratch, np.empty(MAX_VERTICES)
+
+
+@inline
+def bound(optics, outlines, lenses, aperture, lens, x, y, slack, region):
+    """Bound the rays of a sensor position by a polygon.
+
+    Parameters
+    ----------
+    slack : float
+        The sensor position may move by this much in any direction.
+    region : tuple
+        From `new_region`; written.
+
+    Returns
+    -------
+    count, centre_x, centre_y, area
+        The polygon's fan; area 0 where nothing passes.
+    """
+    polygon, outline, scratch, cumulative = region
+    if lens == NO_MICROLENS:
+        count = outline_at(optics[3], outlines, x, y, polygon)
+    else:
+        count = _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, polygon, outline, scratch)
+    if count < 3:
+        return 0, 0.0, 0.0, 0.0
+    cx, cy, area = fan(polygon, count, cumulative)
+    return count, cx, cy, area
+
+
+@inline
+def outline_at(step, outlines, x, y, polygon):
+    """The outline on the rear vertex plane for a point (x, y), interpolated in height and turned to its azimuth."""
+    height = math.sqrt(x * x + y * y)
+    position = min(height / step, outlines.shape[0] - 1.0)
+    i = min(int(position), outlines.shape[0] - 2)
+    f = position - i
+    c, s = (x / height, y / height) if height > 0.0 else (1.0, 0.0)
+    for j in range(outlines.shape[1]):
+        px = (1.0 - f) * outlines[i, j, 0] + f * outlines[i + 1, j, 0]
+        py = (1.0 - f) * outlines[i, j, 1] + f * outlines[i + 1, j, 1]
+        polygon[j, 0], polygon[j, 1] = c * px - s * py, s * px + c * py
+    return outlines.shape[1]
+
+
+@inline
+def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, polygon, outline, scratch):
+    """The part of a microlens aperture whose rays can pass the main lens, for a sensor position; its vertex count.
+
+    With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
+    meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f), while the outline of v + a is that of
+    v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a.
+    """
+    vx, vy, focal = lenses[lens, 0], lenses[lens, 1], lenses[lens, 2]
+    behind, ahead = optics[1] - optics[0], optics[2] - optics[1]
+    scale = 1.0 + ahead / behind - ahead / focal - optics[4]
+    bx, by = vx + ahead * (vx - x) / behind, vy + ahead * (vy - y) / behind
+    count = aperture.shape[0]
+    for i in range(count):
+        polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
+    size = outline_at(optics[3], outlines, vx, vy, outline)
+    # A negative scale mirrors the region through its centre.
+    sign = 1.0 if scale > 0.0 else -1.0
+    reach = slack * ahead / behind
+    for j in range(size):
+        k = j + 1 if j + 1 < size else 0
+        ex, ey = outline[k, 0] - outline[j, 0], outline[k, 1] - outline[j, 1]
+        length = math.sqrt(ex * ex + ey * ey)
+        if length == 0.0:
+            return 0
+        # Outward normal of a counter-clockwise edge.
+        nx, ny = ey / length, -ex / length
+        limit = nx * (outline[j, 0] - bx) + ny * (outline[j, 1] - by) + reach
+        count = clip(polygon, count, sign * nx, sign * ny, limit / abs(scale), scratch)
+        if count < 3:
+            return 0
+    for i in range(count):
+        polygon[i, 0] += vx
+        polygon[i, 1] += vy
+    return count
