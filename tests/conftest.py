@@ -1,0 +1,48 @@
+"""What several rooms of the tests share: the Tronnier lens, small cameras, and their position images.
+
+Kernels are compiled once per machine and source: nothing here touches PIPELINE_JIT_CACHE.
+"""
+
+import pytest
+from laws import rigs
+
+from pipeline.camera.camera import Camera
+from pipeline.camera.tracer import Tracer
+from pipeline.optics.prescription import Prescription
+from pipeline.truth.grid import RayGrid
+
+
+@pytest.fixture(scope="session")
+def tronnier() -> Prescription:
+    """The double Gauss 100 mm f/2 with its full stop."""
+    return rigs.tronnier()
+
+
+@pytest.fixture(scope="session")
+def conventional() -> Camera:
+    """The double Gauss at about f/11 before 96 x 72 pixels of 50 micrometres."""
+    return rigs.conventional()
+
+
+@pytest.fixture(scope="session")
+def plenoptic() -> Camera:
+    """The paper's plenoptic camera before 128 x 96 pixels of 10 micrometres."""
+    return rigs.plenoptic(extent_mm=3.0)
+
+
+@pytest.fixture(scope="session")
+def plenoptic_tracer() -> Tracer:
+    """Of the paper's whole array."""
+    return Tracer(rigs.plenoptic())
+
+
+@pytest.fixture(scope="session")
+def conventional_grid(conventional: Camera, tmp_path_factory: pytest.TempPathFactory) -> RayGrid:
+    """K = 1, 1,024 rays per position."""
+    return rigs.ray_grid(tmp_path_factory.mktemp("conventional"), conventional, 1, 1024)
+
+
+@pytest.fixture(scope="session")
+def plenoptic_grid(plenoptic: Camera, tmp_path_factory: pytest.TempPathFactory) -> RayGrid:
+    """K = 2, 1,024 rays per position."""
+    return rigs.ray_grid(tmp_path_factory.mktemp("plenoptic"), plenoptic, 2, 1024)

@@ -1,0 +1,120 @@
+"""Lenses, cameras and position images for proofs, built in code: no stage is read.
+
+The Tronnier double Gauss 100 mm f/2 is US patent 2,673,491, as printed in Smith, Modern Lens Design, p. 312; radii,
+indices n_d and apertures as in the scene collection of pbrt-v4.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.camera.camera import Camera, MicrolensArray, Sensor
+from pipeline.camera.focus import focused
+from pipeline.files.jsonfile import write_json
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.records import to_plain
+from pipeline.tasks import micro_images, rays, rays_tile
+from pipeline.tasks.cameras import FOCUSED
+from pipeline.tasks.truth import read_grid
+from pipeline.truth.grid import RayGrid
+
+TRONNIER = (
+    # radius, thickness, index behind, semi-diameter; the stop is the plane
+    (58.95, 7.52, 1.67, 25.2),
+    (169.66, 0.24, 1.0, 25.2),
+    (38.55, 8.05, 1.67, 23.0),
+    (81.54, 6.55, 1.699, 23.0),
+    (25.5, 11.41, 1.0, 18.0),
+    (math.inf, 9.0, 1.0, 17.1),
+    (-28.99, 2.36, 1.603, 17.0),
+    (81.54, 12.13, 1.658, 20.0),
+    (-40.77, 0.38, 1.0, 20.0),
+    (874.13, 6.44, 1.717, 20.0),
+    (-79.46, 72.228, 1.0, 20.0),
+)
+
+
+def tronnier(stop_semi_mm: float = 17.1) -> Prescription:
+    """The double Gauss with its stop closed to a semi-diameter."""
+    return Prescription(
+        surfaces=tuple(
+            Surface(
+                radius_mm=radius,
+                thickness_mm=thickness,
+                index=index,
+                semi_diameter_mm=stop_semi_mm if math.isinf(radius) else semi,
+                is_stop=math.isinf(radius),
+            )
+            for radius, thickness, index, semi in TRONNIER
+        )
+    )
+
+
+def hole(semi_mm: float) -> Prescription:
+    """No lens: a stop alone."""
+    return Prescription(surfaces=(Surface(semi_diameter_mm=semi_mm, is_stop=True),))
+
+
+def bare(prescription: Prescription, sensor: Sensor, distance_mm: float, near_far_mm: tuple[float, float]) -> Camera:
+    """A conventional camera with authored near and far planes."""
+    near, far = near_far_mm
+    return Camera(prescription=prescription, sensor=sensor, sensor_distance_mm=distance_mm, near_mm=near, far_mm=far)
+
+
+def conventional(stop_semi_mm: float = 4.5, width_px: int = 96, height_px: int = 72, pitch_mm: float = 0.05) -> Camera:
+    """The double Gauss before few coarse pixels, focused at 434 mm."""
+    sensor = Sensor(width_px=width_px, height_px=height_px, pitch_mm=pitch_mm)
+    return focused(Camera(prescription=tronnier(stop_semi_mm), sensor=sensor, sensor_distance_mm=131.81))
+
+
+def michels_array(extent_mm: float = 21.73) -> MicrolensArray:
+    """The microlenses of Michels, Petersen and Koch 2019, or the centre of them."""
+    return MicrolensArray(
+        pitch_mm=0.2173,
+        focal_lengths_mm=(1.9, 2.1, 2.3),
+        width_mm=extent_mm,
+        height_mm=extent_mm,
+        distance_mm=1.7,
+    )
+
+
+def plenoptic(extent_mm: float = 21.73, width_px: int = 128, height_px: int = 96, pitch_mm: float = 0.01) -> Camera:
+    """The plenoptic camera of that paper: stop 10 mm, array 123.3 mm behind it, here with few pixels."""
+    return focused(
+        Camera(
+            prescription=tronnier(5.0),
+            sensor=Sensor(width_px=width_px, height_px=height_px, pitch_mm=pitch_mm),
+            sensor_distance_mm=125.0,
+            microlenses=michels_array(extent_mm),
+        )
+    )
+
+
+def facing(distance_mm: float, tilt_deg: float = 0.0, x_mm: float = 0.0, y_mm: float = 0.0) -> np.ndarray:
+    """vision_from_target of a target that looks at the camera, then turned about the vertical axis."""
+    angle = math.radians(tilt_deg)
+    turn = np.array([[math.cos(angle), 0, math.sin(angle)], [0, 1, 0], [-math.sin(angle), 0, math.cos(angle)]])
+    pose = np.eye(4)
+    pose[:3, :3] = turn @ np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = x_mm, y_mm, distance_mm
+    return pose
+
+
+def ray_grid(folder: Path, camera: Camera, supersampling: int, samples: int, seed: int = 1) -> RayGrid:
+    """Position images of a camera, made by the tasks of a build and read back from their files."""
+    sensor = camera.sensor
+    sampling = {"supersampling": supersampling, "samples": samples, "seed": seed}
+    for name in ("camera", "tile", "rays", "table"):
+        (folder / name).mkdir(parents=True)
+    write_json(folder / "camera" / FOCUSED, to_plain(camera))
+    inputs = {"camera": {FOCUSED: folder / "camera" / FOCUSED}}
+    rays_tile.run({"first_row": 0, "end_row": sensor.height_px, **sampling}, inputs, folder / "tile")
+    inputs["tile0"] = {f"{name}.npy": folder / "tile" / f"{name}.npy" for name in ("bundles", "cells", "covariance")}
+    light = {"weight": "irradiance", "footprint": "point", "wavelength_nm": 587.56}
+    rays.run({"tiles": 1, **sampling, **light}, inputs, folder / "rays")
+    inputs["rays"] = {"rays.exr": folder / "rays" / "rays.exr"}
+    if camera.microlenses:
+        micro_images.run({}, inputs, folder / "table")
+        inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
+    return read_grid(inputs)

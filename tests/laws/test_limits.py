@@ -1,0 +1,140 @@
+"""Claim: where geometry has a closed form, rays and position images have it, too.
+
+Pinhole: central projection. Thin lens: the lens equation, by order of convergence. Axis: first-order optics, likewise.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from laws import rigs
+from tolerances import ORDER, STORED_PX
+
+from pipeline.camera.camera import Sensor
+from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.table import towards_scene
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.truth.correspond import correspond
+from pipeline.truth.position_image import on_target
+from pipeline.truth.settings import TruthSettings
+
+PINHOLE_MM = 1e-6
+
+
+def orders(errors: list[float]) -> np.ndarray:
+    """Observed orders of convergence of errors whose step halves each time."""
+    return np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 35.0])
+def test_a_pinhole_camera_projects_centrally(tilt_deg: float) -> None:
+    """J of every position lies within the hole's own projection of the line through its centre."""
+    camera = rigs.bare(rigs.hole(PINHOLE_MM), Sensor(width_px=9, height_px=7, pitch_mm=3.0), 50.0, (300.0, 500.0))
+    tracer, pose = Tracer(camera), rigs.facing(400.0, tilt_deg, 5.0, -3.0)
+    y_px, x_px = np.mgrid[:7, :9].reshape(2, -1)
+    planes = np.stack([target_plane(pose), parallel_planes(300.0, 500.0)[1]])
+    positions = tracer.positions_mm(x_px, y_px)
+    found = tracer.moments(positions, np.full(63, NO_MICROLENS), planes, 256, np.stack([x_px, y_px], axis=1))
+    # The image is upright: what lies right of the axis (vision x > 0) is seen right of the image centre.
+    way = np.stack([(x_px - 4) * 3.0 / 50.0, (y_px - 3) * 3.0 / 50.0, np.ones(63)], axis=1)
+    share = pose[:3, 3] @ pose[:3, 2] / (way @ pose[:3, 2])
+    expected = (share[:, None] * way - pose[:3, 3]) @ pose[:3, :2]
+    slant = np.linalg.norm(way, axis=1) * np.abs(share) / np.abs(way @ pose[:3, 2])
+    reach_mm = PINHOLE_MM * (1 + slant / 50.0)
+    assert np.all(np.abs(found[:, :2] - expected) <= 2 * reach_mm[:, None])
+
+
+def test_a_pinhole_camera_sees_points_where_central_projection_puts_them(tmp_path: Path) -> None:
+    """The whole way of ground truth: position images, search, half-pixel rule; x_px = c + f X / Z, y down."""
+    camera = rigs.bare(rigs.hole(PINHOLE_MM), Sensor(width_px=48, height_px=40, pitch_mm=0.5), 50.0, (380.0, 420.0))
+    board, pose = Checkerboard(columns=4, rows=3, square_mm=20.0), rigs.facing(400.0, 0.0, 5.0, -3.0)
+    for k in (1, 2, 3):
+        grid = rigs.ray_grid(tmp_path / str(k), camera, k, 64)
+        image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
+        found = correspond(image, board.points_mm(), grid, pose, TruthSettings()).found
+        assert list(found.point) == list(range(12))
+        column, row = np.arange(12) % 4, np.arange(12) // 4
+        x_mm, y_mm = 5.0 + 20.0 * (column - 1.5), -3.0 + 20.0 * (row - 1)
+        np.testing.assert_allclose(found.x_px, 23.5 + x_mm * 50 / 400 / 0.5, rtol=0, atol=STORED_PX)
+        np.testing.assert_allclose(found.y_px, 19.5 + y_mm * 50 / 400 / 0.5, rtol=0, atol=STORED_PX)
+
+
+def biconvex(thickness_mm: float) -> Prescription:
+    """f = 1 / ((n - 1) (2 / R)) = 50 mm when thin; the stop touches it in front."""
+    return Prescription(
+        surfaces=(
+            Surface(semi_diameter_mm=10.0, is_stop=True),
+            Surface(radius_mm=50.0, thickness_mm=thickness_mm, index=1.5, semi_diameter_mm=20.0),
+            Surface(radius_mm=-50.0, semi_diameter_mm=20.0),
+        )
+    )
+
+
+def axis_crossing_mm(lens: Prescription, start_mm: float, slope: float) -> float:
+    """Vision z where the ray from the axis at `start_mm` with a slope meets the axis again."""
+    length = math.hypot(slope, 1.0)
+    position, direction = np.array([[0.0, 0.0, start_mm]]), np.array([[slope / length, 0.0, 1.0 / length]])
+    trace_rays(towards_scene(lens), position, direction, np.ones(1))
+    return float(position[0, 2] - position[0, 0] * direction[0, 2] / direction[0, 0])
+
+
+def test_a_lens_that_grows_thin_obeys_the_lens_equation() -> None:
+    """From 75 mm behind f = 50 mm to 150 mm before it: halve the thickness, and the error halves. In rays and first
+    order."""
+    thicknesses = [0.1 / 2**i for i in range(5)]
+    rays = [axis_crossing_mm(biconvex(t), -75.0, 1e-6) - 150.0 for t in thicknesses]
+    paraxial = [first_order(biconvex(t)).object_mm(-75.0) - 150.0 for t in thicknesses]
+    focal = [first_order(biconvex(t)).efl_mm - 50.0 for t in thicknesses]
+    for errors in (rays, paraxial, focal):
+        assert np.all(np.abs(orders(errors) - 1) < ORDER)
+        assert np.all(np.diff(np.abs(orders(errors) - 1)) < 0)
+
+
+def test_rays_near_the_axis_obey_first_order_optics() -> None:
+    """Halve the slope of the ray, and its focus error falls fourfold: conjugates, both foci, both pupils."""
+    lens, slopes = rigs.tronnier(), [0.04 / 2**i for i in range(5)]
+    constants = first_order(lens)
+    for image_mm in (-125.0, -131.81):
+        expected = constants.object_mm(image_mm)
+        errors = [axis_crossing_mm(lens, image_mm, slope) - expected for slope in slopes]
+        assert np.all(np.abs(orders(errors)[1:] - 2) < ORDER)
+        assert constants.image_mm(expected) == pytest.approx(image_mm, rel=1e-12)
+
+
+def test_rays_parallel_to_the_axis_meet_it_in_the_front_focus() -> None:
+    """Halve the height, and the error falls fourfold; backwards through the lens, from a height on the rear vertex."""
+    lens, errors = rigs.tronnier(), []
+    for height in (4.0, 2.0, 1.0, 0.5, 0.25):
+        position, direction = np.array([[height, 0.0, -40.0]]), np.array([[0.0, 0.0, 1.0]])
+        trace_rays(towards_scene(lens), position, direction, np.ones(1))
+        crossing = position[0, 2] - position[0, 0] * direction[0, 2] / direction[0, 0]
+        errors.append(crossing - first_order(lens).front_focus_mm)
+    assert np.all(np.abs(orders(errors)[1:] - 2) < ORDER)
+
+
+def test_rays_through_the_centre_of_the_stop_seem_to_come_from_the_pupils() -> None:
+    """Halve the slope, and the error falls fourfold; the entrance pupil forwards, the exit pupil backwards."""
+    lens = rigs.tronnier()
+    constants, table = first_order(lens), towards_scene(lens)
+    front = table[6:]
+    assert len(front) == lens.stop_index
+    errors = []
+    for slope in (0.08, 0.04, 0.02, 0.01, 0.005):
+        position, direction = np.zeros((1, 3)), np.array([[slope, 0.0, 1.0]]) / math.hypot(slope, 1.0)
+        trace_rays(front, position, direction, np.ones(1))
+        crossing = position[0, 2] - position[0, 0] * direction[0, 2] / direction[0, 0]
+        errors.append(crossing - constants.entrance_pupil.z_mm)
+    assert np.all(np.abs(orders(errors)[1:] - 2) < ORDER)
+    rear, errors = table[:6], []
+    for offset in (0.08, 0.04, 0.02, 0.01, 0.005):
+        # Aim at the exit pupil's centre: the stop is met at a height that falls with the cube of the slope.
+        way = np.array([[offset, 0.0, 1.0]]) / math.hypot(offset, 1.0)
+        position = np.array([[0.0, 0.0, constants.exit_pupil.z_mm]]) - 120.0 * way
+        trace_rays(rear, position, way, np.ones(1))
+        errors.append(position[0, 0])
+    assert np.all(np.abs(orders(errors)[1:] - 3) < ORDER)

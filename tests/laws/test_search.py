@@ -1,0 +1,189 @@
+"""Claim: the search finds positions where they are, maps them back by the half-pixel rule, and rejects what it should,
+for the reason that it should.
+"""
+
+import numpy as np
+import pytest
+from laws import rigs
+from tolerances import HALF_PIXEL_PX
+
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.truth import search
+from pipeline.truth.correspond import correspond, find
+from pipeline.truth.grid import RayGrid, fine_from_image
+from pipeline.truth.position_image import on_target
+from pipeline.truth.settings import TruthSettings
+
+AFFINE = np.array([[0.31, 0.04], [-0.06, -0.29]])
+SHIFT_MM = np.array([-3.0, 4.2])
+
+
+def grid_of(supersampling: int, width: int = 24, height: int = 20) -> RayGrid:
+    """One lit cell without blur: what the search reads besides the position image."""
+    fine = (height * supersampling, width * supersampling)
+    return RayGrid(
+        supersampling=supersampling,
+        near_mm=1.0,
+        far_mm=2.0,
+        near=np.zeros((*fine, 2)),
+        far=np.zeros((*fine, 2)),
+        covariance=np.zeros((height, width, 10)),
+        hit_fraction=np.ones(fine),
+        error_px=np.zeros((*fine, 2)),
+        cell=np.zeros(fine, np.int64),
+        microlenses=np.zeros((1, 3), np.int64),
+        centres_px=None,
+    )
+
+
+def centres_px(supersampling: int, width: int = 24, height: int = 20) -> np.ndarray:
+    """Image positions of the centres of the fine pixels, by counting their edges from the image's corner at -1/2."""
+    x = np.linspace(-0.5, width - 0.5, width * supersampling + 1)
+    y = np.linspace(-0.5, height - 0.5, height * supersampling + 1)
+    return np.stack(np.meshgrid((x[:-1] + x[1:]) / 2, (y[:-1] + y[1:]) / 2), axis=-1)
+
+
+def points_at(positions_px: np.ndarray) -> np.ndarray:
+    """Target points that the affine position image sees at image positions."""
+    return np.column_stack([positions_px @ AFFINE.T + SHIFT_MM, np.zeros(len(positions_px))])
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4, 10])
+def test_positions_come_back_from_a_k_times_finer_image(k: int) -> None:
+    """On an affine J the search is exact: 1e-9 px at any K."""
+    positions = np.random.default_rng(k).uniform(2.0, 17.0, (30, 2))
+    image = centres_px(k) @ AFFINE.T + SHIFT_MM
+    found, counts = find(image, points_at(positions), grid_of(k), TruthSettings())
+    np.testing.assert_array_equal(found.point, np.arange(30))
+    np.testing.assert_allclose(np.stack([found.x_px, found.y_px], axis=1), positions, rtol=0, atol=HALF_PIXEL_PX)
+    np.testing.assert_allclose(found.jacobian, np.broadcast_to(AFFINE, (30, 2, 2)), rtol=0, atol=HALF_PIXEL_PX)
+    assert counts["quads"] == 30
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4, 10])
+def test_the_often_printed_rule_is_off_by_half_a_pixel_less_half_a_fine_one(k: int) -> None:
+    """The solution of the kernel in the fine grid, divided by K alone, misses by (K - 1) / (2 K) on both axes."""
+    positions = np.random.default_rng(k).uniform(2.0, 17.0, (30, 2))
+    image, points = centres_px(k) @ AFFINE.T + SHIFT_MM, points_at(positions)[:, :2].copy()
+    cell = np.zeros(image.shape[:2], np.int64)
+    quads, status, solutions = np.empty((30, 3), np.int64), np.empty(30, np.int64), np.empty((30, 9))
+    assert search.quads_that_hold(image, cell, points, quads) == 30
+    search.solve_quads(image, cell, points, quads, True, 0.15, 0.17, status, solutions)
+    miss = solutions[:, :2] / k - positions[quads[:, 0]]
+    np.testing.assert_allclose(miss, (k - 1) / (2 * k), rtol=0, atol=HALF_PIXEL_PX)
+
+
+def test_on_a_projective_image_the_error_falls_with_the_square_of_the_step() -> None:
+    """Interpolation is linear: double K, and the rms error falls about fourfold."""
+    homography = np.array([[0.3, 0.02, -3.0], [0.01, -0.3, 3.0], [0.004, 0.003, 1.0]])
+
+    def seen(positions: np.ndarray) -> np.ndarray:
+        h = np.concatenate([positions, np.ones((*positions.shape[:-1], 1))], axis=-1) @ homography.T
+        return h[..., :2] / h[..., 2:]
+
+    positions, errors = np.random.default_rng(1).uniform(2.0, 17.0, (400, 2)), []
+    points = np.column_stack([seen(positions), np.zeros(400)])
+    for k in (1, 2, 4, 8):
+        found, _ = find(seen(centres_px(k)), points, grid_of(k), TruthSettings())
+        errors.append(np.sqrt(np.mean((np.stack([found.x_px, found.y_px], axis=1) - positions[found.point]) ** 2)))
+    assert errors[0] < 0.02
+    assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:]) - 2) < 0.2)
+
+
+def filtered(image: np.ndarray, settings: TruthSettings, cell: np.ndarray | None = None) -> dict:
+    """Counts for one target point at image position (8.4, 9.3) of a grid of one millimetre per pixel."""
+    grid = grid_of(1)
+    if cell is not None:
+        grid.cell[:] = cell
+    return find(image, np.array([[8.4, 9.3, 0.0]]), grid, settings)[1]
+
+
+def rejections(counts: dict) -> tuple[int, int, int]:
+    """By window, lengths and angles."""
+    return counts["rejected_window"], counts["rejected_lengths"], counts["rejected_angles"]
+
+
+def test_a_stretched_row_is_rejected_for_its_lengths_once_beyond_the_limit() -> None:
+    """One of three columns of distances longer by e deviates from their mean by (2/3) e / (1 + e/3)."""
+    for e, expected in ((0.243 - 0.002, (0, 0, 0)), (0.2433 + 0.002, (0, 1, 0))):
+        image = centres_px(1)
+        image[:, 10:, 0] += e
+        assert rejections(filtered(image, TruthSettings())) == expected
+    image[:, 10:, 0] += 0.5
+    assert rejections(filtered(image, TruthSettings(lambda_d=1.0))) == (0, 0, 0)
+    assert rejections(filtered(image, TruthSettings(filter="none"))) == (0, 0, 0)
+
+
+def test_a_kink_is_rejected_for_its_angles_once_beyond_the_limit() -> None:
+    """One of three rows sheared by a turns its angles by atan(a), two thirds of it from the mean; lengths pass."""
+    limit = np.tan(np.radians(15.0))
+    for shear, expected in ((limit - 0.003, (0, 0, 0)), (limit + 0.003, (0, 0, 1))):
+        image = centres_px(1)
+        image[11:, :, 0] += shear
+        assert rejections(filtered(image, TruthSettings())) == expected
+    assert rejections(filtered(image, TruthSettings(lambda_alpha_deg=20.0))) == (0, 0, 0)
+
+
+def test_an_outlier_of_noise_is_rejected_for_its_lengths() -> None:
+    """A single value of the sixteen moved by a third of a step, any of them."""
+    for row in range(8, 12):
+        for column in range(7, 11):
+            if (row, column) in {(9, 8), (9, 9), (10, 8), (10, 9)}:
+                continue
+            image = centres_px(1)
+            image[row, column] += [0.25, 0.25]
+            assert rejections(filtered(image, TruthSettings())) == (0, 1, 0)
+
+
+def test_a_window_that_is_not_filled_or_not_in_one_cell_is_rejected() -> None:
+    """One empty value, or one of another micro-image, among the sixteen; one step further off does no harm."""
+    for row, column, expected in ((8, 7, 1), (11, 10, 1), (8, 11, 0), (12, 10, 0), (7, 7, 0)):
+        image, cell = centres_px(1), np.zeros((20, 24), np.int64)
+        image[row, column] = np.nan
+        assert rejections(filtered(image, TruthSettings())) == (expected, 0, 0)
+        cell[row, column] = -1
+        assert rejections(filtered(centres_px(1), TruthSettings(), cell)) == (expected, 0, 0)
+
+
+def test_a_point_near_the_image_edge_has_no_window() -> None:
+    """Three pixels from the edge are enough, two are not."""
+    image = centres_px(1)
+    for x, expected in ((0.5, (1, 0, 0)), (1.5, (0, 0, 0)), (21.5, (0, 0, 0)), (22.5, (1, 0, 0))):
+        _, counts = find(image, np.array([[x, 9.3, 0.0]]), grid_of(1), TruthSettings())
+        assert rejections(counts) == expected
+
+
+def test_the_nearest_search_returns_the_nearest_centre_within_its_threshold() -> None:
+    """As found by comparing with all positions; beyond the threshold, nothing."""
+    positions = np.random.default_rng(2).uniform(1.0, 17.0, (50, 2))
+    image, points = centres_px(2) @ AFFINE.T + SHIFT_MM, points_at(positions)
+    settings = TruthSettings(search="nearest", nearest_threshold_mm=0.06)
+    found, _ = find(image, points, grid_of(2), settings)
+    distance = np.linalg.norm(image.reshape(-1, 1, 2) - points[:, :2], axis=2)
+    near = np.flatnonzero(distance.min(axis=0) < 0.06)
+    assert 5 < len(near) < 45
+    np.testing.assert_array_equal(found.point, near)
+    expected = centres_px(2).reshape(-1, 2)[distance.argmin(axis=0)[near]]
+    np.testing.assert_allclose(np.stack([found.x_px, found.y_px], axis=1), expected, rtol=0, atol=HALF_PIXEL_PX)
+
+
+def test_fine_and_whole_pixels_share_their_edges() -> None:
+    """The image's corner, -1/2, is a corner at any K."""
+    for k in (1, 2, 3, 10):
+        assert fine_from_image(np.array([-0.5, 9.5]), k).tolist() == [-0.5, 10 * k - 0.5]
+
+
+@pytest.mark.parametrize("filter_name", ["lengths-and-angles", "none"])
+def test_every_quad_that_held_a_point_is_a_row_or_is_counted(plenoptic_grid: RayGrid, filter_name: str) -> None:
+    """Quads = rejections + ambiguous + drops + rows, with every kind of drop provoked."""
+    board, pose = Checkerboard(columns=4, rows=3, square_mm=0.7), rigs.facing(440.0, 15.0)
+    image = on_target(plenoptic_grid.near, plenoptic_grid.far, plenoptic_grid.near_mm, plenoptic_grid.far_mm, pose)
+    settings = TruthSettings(filter=filter_name, lambda_d=0.1, min_hit_fraction=0.6)
+    counts = correspond(image, board.points_mm(), plenoptic_grid, pose, settings).counts
+    parts = [count for name, count in counts.items() if name.startswith(("rejected", "dropped"))]
+    assert counts["quads"] == sum(parts) + counts["ambiguous"] + counts["rows"]
+    assert counts["rows"] > 50
+    assert counts["dropped_hit_fraction"] > 0
+    if filter_name != "none":
+        assert counts["rejected_window"] > 0
+        assert counts["rejected_lengths"] + counts["rejected_angles"] > 0

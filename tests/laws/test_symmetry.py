@@ -1,0 +1,222 @@
+"""Claim: what physics cannot tell apart, the tracer does not: directions of travel, mirror images, places in the world,
+and the bounds within which it happens to sample.
+"""
+
+import numpy as np
+import pytest
+from laws import rigs
+from scipy.spatial.transform import Rotation
+from tolerances import HONEST, REVERSED_MM, ROUNDING_MM, SIGMAS
+
+from pipeline.camera import kernels, moments as columns, regions
+from pipeline.camera.micro_images import micro_images
+from pipeline.camera.moments import VARIANCE
+from pipeline.camera.regions import NO_MICROLENS, bound, new_region
+from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.frames import VISION_FROM_CAMERA, apply, inverse, rigid
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import towards_scene, towards_sensor
+from pipeline.scene.dataset import Frame
+from pipeline.tasks.poses import vision_from_target
+from pipeline.truth.position_image import on_target
+
+
+def random_rays(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """From a sensor 131.81 mm behind the stop to its rear surface."""
+    rng = np.random.default_rng(seed)
+    start = np.column_stack([rng.uniform(-20, 20, (count, 2)), np.full(count, -131.81)])
+    aim = np.column_stack([rng.uniform(-14, 14, (count, 2)), np.full(count, -30.31)])
+    way = aim - start
+    return start, way / np.linalg.norm(way, axis=1, keepdims=True)
+
+
+def test_a_ray_sent_back_returns_to_its_start() -> None:
+    """Towards the scene, then turned round and towards the sensor by the other table: 1e-12 mm."""
+    lens = rigs.tronnier()
+    start, way = random_rays(2000)
+    position, direction, alive = start.copy(), way.copy(), np.ones(len(start))
+    trace_rays(towards_scene(lens), position, direction, alive)
+    kept = alive > 0
+    assert kept.sum() > 500
+    turn = VISION_FROM_CAMERA[:3, :3]
+    # One millimetre further on, so that the first surface is met anew.
+    back, homeward = (position + direction)[kept] @ turn.T, -direction[kept] @ turn.T
+    alive = np.ones(len(back))
+    trace_rays(towards_sensor(lens), back, homeward, alive)
+    assert alive.all()
+    back, homeward = back @ turn.T, homeward @ turn.T
+    np.testing.assert_allclose(homeward, -way[kept], rtol=0, atol=REVERSED_MM)
+    arrival = back + ((-131.81 - back[:, 2]) / homeward[:, 2])[:, None] * homeward
+    np.testing.assert_allclose(arrival, start[kept], rtol=0, atol=REVERSED_MM)
+
+
+@pytest.mark.parametrize("mirror", [(-1, 1, 1), (1, -1, 1), (-1, -1, 1)])
+def test_mirrored_rays_stay_mirrored_to_the_last_bit(mirror: tuple[int, int, int]) -> None:
+    """A centred lens cannot tell left from right; changing signs rounds nothing."""
+    start, way = random_rays(2000)
+    one, other = [start.copy(), way.copy(), np.ones(2000)], [start * mirror, way * mirror, np.ones(2000)]
+    for rays in (one, other):
+        trace_rays(towards_scene(rigs.tronnier()), *rays)
+    np.testing.assert_array_equal(one[0] * mirror, other[0])
+    np.testing.assert_array_equal(one[1] * mirror, other[1])
+    np.testing.assert_array_equal(one[2], other[2])
+
+
+def moments(tracer: Tracer, positions: np.ndarray, lens: np.ndarray, samples: int, first_pixel: int = 0) -> np.ndarray:
+    """Of positions as if they belonged to pixels numbered from `first_pixel`: those decide the random numbers."""
+    pixels = np.stack([np.arange(len(positions)) + first_pixel, np.zeros(len(positions), int)], axis=1)
+    return tracer.moments(positions, lens, parallel_planes(374.0, 494.0), samples, pixels)
+
+
+def plenoptic_positions(tracer: Tracer, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions all over the cells of microlenses all over the array, and the microlens of each."""
+    images, rng = micro_images(tracer), np.random.default_rng(8)
+    lens = rng.integers(0, len(images.centre_mm), count)
+    positions = images.centre_mm[lens] + rng.uniform(-0.12, 0.12, (count, 2))
+    return positions, images.owner(positions)
+
+
+def test_the_position_image_of_a_centred_rig_is_odd() -> None:
+    """J(-x) = -J(x) within the stated errors of both, at f/2; random numbers differ."""
+    tracer, rng = Tracer(rigs.conventional(17.1, 640, 480)), np.random.default_rng(4)
+    positions = rng.uniform(-12, 12, (200, 2))
+    lens = np.full(200, regions.NO_MICROLENS)
+    one, other = moments(tracer, positions, lens, 1024), moments(tracer, -positions, lens, 1024, 5000)
+    difference = one[:, :4] + other[:, :4]
+    variance = one[:, columns.VARIANCE :] + other[:, columns.VARIANCE :]
+    assert np.sqrt(np.mean(difference**2) / np.mean(variance)) < HONEST[1]
+
+
+def test_moving_rig_and_board_together_changes_no_position_image() -> None:
+    """Any rigid motion of the world cancels in vision_from_target."""
+    rng, tracer = np.random.default_rng(5), Tracer(rigs.conventional())
+    world_from_camera = rigid(Rotation.from_rotvec([0.2, -0.1, 0.4]).as_matrix(), np.array([30.0, 8.0, -120.0]))
+    camera_from_world = inverse(world_from_camera)
+    world_from_board = world_from_camera @ rigs.facing(430.0, 25.0, 4.0, 2.0)
+    positions = tracer.positions_mm(np.array([10.0, 50.0, 90.0]), np.array([5.0, 30.0, 70.0]))
+    values = moments(tracer, positions, np.full(3, regions.NO_MICROLENS), 256)
+    images = []
+    for _ in range(5):
+        moved_from_world = rigid(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-500, 500, 3))
+        frame = Frame(
+            number=1,
+            camera_from_world={"rig": camera_from_world @ inverse(moved_from_world)},
+            world_from_target={"board": moved_from_world @ world_from_board},
+        )
+        pose = vision_from_target(frame, "rig", "board")
+        images.append(on_target(values[:, :2], values[:, 2:4], 374.0, 494.0, pose))
+    still = on_target(values[:, :2], values[:, 2:4], 374.0, 494.0, rigs.facing(430.0, 25.0, 4.0, 2.0))
+    for image in images:
+        np.testing.assert_allclose(image, still, rtol=0, atol=ROUNDING_MM)
+
+
+def test_near_and_far_planes_are_a_matter_of_conditioning_only() -> None:
+    """Two planes elsewhere give the same J, because crossings with them are linear in one another."""
+    tracer, pose = Tracer(rigs.conventional(17.1)), rigs.facing(440.0, 40.0, 4.0, 2.0)
+    positions, lens = tracer.positions_mm(np.array([10.0, 90.0]), np.array([5.0, 70.0])), np.full(2, -1)
+    found = []
+    for near, far in ((374.0, 494.0), (100.0, 1000.0), (434.0, 435.0)):
+        row = tracer.moments(positions, lens, parallel_planes(near, far), 256, np.zeros((2, 2)))
+        found.append(on_target(row[:, :2], row[:, 2:4], near, far, pose))
+    np.testing.assert_allclose(found[1], found[0], rtol=0, atol=ROUNDING_MM)
+    np.testing.assert_allclose(found[2], found[0], rtol=0, atol=ROUNDING_MM)
+
+
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+def test_results_do_not_depend_on_the_sampling_bounds(kind: str) -> None:
+    """Bounds inflated by 30 instead of 2 per cent: same hit fraction, J and second moments within their errors.
+
+    Each value is the mean over 16 seeds, which also give its standard error.
+    """
+    if kind == "conventional":
+        camera = rigs.conventional(17.1, 800, 600)
+        heights = np.array([0.0, 5.0, 12.0, 18.0, 21.0, 24.0])
+        azimuth = np.array([0.0, 0.3, 1.2, 2.5, 4.0, 5.5])
+        positions = heights[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+        lens = np.full(6, regions.NO_MICROLENS)
+    else:
+        camera = rigs.plenoptic()
+        positions, lens = plenoptic_positions(Tracer(camera), 40)
+    runs = [
+        np.stack([moments(Tracer(camera, seed, margin), positions, lens, 1024) for seed in range(16)])[..., :15]
+        for margin in (0.02, 0.3)
+    ]
+    lit = np.all([~np.isnan(run).any(axis=(0, 2)) for run in runs], axis=0)
+    assert lit.sum() >= 6
+    (tight, tight_error), (wide, wide_error) = (
+        (run[:, lit].mean(axis=0), run[:, lit].std(axis=0, ddof=1) / 4.0) for run in runs
+    )
+    error = np.hypot(tight_error, wide_error)
+    deviation = (tight - wide) / np.where(error > 0, error, 1.0)
+    assert np.all(np.abs(tight - wide)[error == 0] < ROUNDING_MM)
+    assert np.abs(deviation).max() < SIGMAS
+    assert np.sqrt(np.mean(deviation[error > 0] ** 2)) < HONEST[1]
+
+
+def sampling_region(tracer: Tracer, position: np.ndarray, lens: int) -> np.ndarray:
+    """Vertices of the region that the tracer samples for a position, (n, 2)."""
+    optics, _, outlines, lenses, aperture = tracer.arrays
+    region = regions.new_region()
+    count, _, _, _ = regions.bound(optics, outlines, lenses, aperture, lens, *position, 0.0, region)
+    return region[0][:count]
+
+
+def outside(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Whether points lie outside of a convex counter-clockwise polygon."""
+    if len(polygon) < 3:
+        return np.ones(len(points), bool)
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    side = edge[:, 0] * (points[:, 1, None] - polygon[:, 1]) - edge[:, 1] * (points[:, 0, None] - polygon[:, 0])
+    return (side < 0).any(axis=1)
+
+
+def passing(tracer: Tracer, start_z: float, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Whether rays through points of the plane z = `start_z` pass the lens."""
+    alive = np.ones(len(points))
+    start = np.column_stack([points, np.full(len(points), start_z)])
+    trace_rays(tracer.table, start, direction / np.linalg.norm(direction, axis=1, keepdims=True), alive)
+    return alive > 0
+
+
+@pytest.mark.parametrize("stop_semi_mm", [2.0, 8.0, 17.1])
+def test_no_ray_outside_the_bounds_passes_a_conventional_camera(stop_semi_mm: float) -> None:
+    """Trial rays all over the rear surface, from the axis to 29 mm off it, where an open stop is vignetted by a third."""
+    tracer, rng = Tracer(rigs.conventional(stop_semi_mm, 1200, 900)), np.random.default_rng(6)
+    seen = 0
+    for height in (0.0, 0.317, 4.0, 9.5, 15.3, 20.0, 22.7, 24.2, 26.9, 28.4, 29.0):
+        azimuth = rng.uniform(0, 2 * np.pi)
+        position = height * np.array([np.cos(azimuth), np.sin(azimuth)])
+        points = rng.uniform(-20, 20, (60_000, 2))
+        way = np.column_stack([points - position, np.full(len(points), tracer.table[0, 0] - tracer.sensor_z_mm)])
+        passes = passing(tracer, tracer.table[0, 0], points, way)
+        seen += passes.sum()
+        assert not np.any(passes & outside(sampling_region(tracer, position, regions.NO_MICROLENS), points))
+    assert seen > 1000
+
+
+def test_no_ray_outside_the_bounds_passes_a_plenoptic_camera() -> None:
+    """Trial rays all over the hexagons, from the middle of cells to beyond their edges, all over the array."""
+    tracer, rng = Tracer(rigs.plenoptic()), np.random.default_rng(7)
+    positions, lens = plenoptic_positions(tracer, 300)
+    lenses, seen, cut = tracer.arrays[3], 0, 0
+    for position, row in zip(positions, lens, strict=True):
+        vertex, focal = lenses[row, :2], lenses[row, 2]
+        offsets = rng.uniform(-0.13, 0.13, (4000, 2))
+        angles = np.pi * np.arange(6) / 3
+        normals = np.stack([np.cos(angles), np.sin(angles)])
+        offsets = offsets[(offsets @ normals < 0.2173 / 2).all(axis=1)]
+        points = vertex + offsets
+        slopes = (points - position) / 1.7 - offsets / focal
+        passes = passing(tracer, tracer.film_z_mm, points, np.column_stack([slopes, np.ones(len(points))]))
+        seen, cut = seen + passes.sum(), cut + int(0 < passes.sum() < len(passes))
+        assert not np.any(passes & outside(sampling_region(tracer, position, row), points))
+    assert seen > 100_000
+    assert cut > 100
+
+
+def test_apply_and_inverse_agree_with_the_textbook() -> None:
+    """A rigid transform there and back is the identity for points; rotation first, then translation."""
+    quarter = rigid(Rotation.from_rotvec([0.0, 0.0, np.pi / 2]).as_matrix(), np.array([10.0, 0.0, 0.0]))
+    points = np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 3.0]])
+    np.testing.assert_allclose(apply(quarter, points), [[10.0, 1.0, 0.0], [8.0, 0.0, 3.0]], atol=1e-14)
+    np.testing.assert_allclose(apply(inverse(quarter), apply(quarter, points)), points, atol=1e-14)

@@ -1,0 +1,87 @@
+"""Claim: the packet tracer and a textbook tracer agree on every ray, point, direction and clipping alike."""
+
+import math
+
+import numpy as np
+import pytest
+from laws import rigs
+from naive import textbook
+from tolerances import TEXTBOOK_MM
+
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.table import towards_scene
+
+SINGLET = Prescription(
+    surfaces=(
+        Surface(radius_mm=60.0, thickness_mm=8.0, index=1.8, semi_diameter_mm=30.0),
+        Surface(radius_mm=-60.0, thickness_mm=5.0, semi_diameter_mm=30.0),
+        Surface(semi_diameter_mm=12.0, is_stop=True),
+    )
+)
+BALL = Prescription(
+    surfaces=(
+        Surface(radius_mm=10.0, thickness_mm=10.0, index=1.9, semi_diameter_mm=10.0),
+        Surface(semi_diameter_mm=8.0, thickness_mm=10.0, index=1.9, is_stop=True),
+        Surface(radius_mm=-10.0, semi_diameter_mm=10.0),
+    )
+)
+
+
+def random_rays(lens: Prescription, behind_mm: float, field_mm: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """From anywhere on a square sensor to anywhere on 1.2 times the rear surface."""
+    rng = np.random.default_rng(20)
+    rear_mm = -lens.vertices_from_stop_mm[-1]
+    start = np.column_stack([rng.uniform(-field_mm, field_mm, (count, 2)), np.full(count, rear_mm - behind_mm)])
+    aim_mm = 1.2 * lens.surfaces[-1].semi_diameter_mm
+    aim = np.column_stack([rng.uniform(-aim_mm, aim_mm, (count, 2)), np.full(count, rear_mm)])
+    way = aim - start
+    return start, way / np.linalg.norm(way, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("lens", "behind_mm", "field_mm"),
+    [(rigs.tronnier(), 101.5, 40.0), (rigs.tronnier(5.0), 101.5, 15.0), (SINGLET, 70.0, 30.0), (BALL, 3.0, 8.0)],
+    ids=["double Gauss", "stopped down", "singlet", "ball"],
+)
+def test_packets_and_textbook_agree_on_every_ray(lens: Prescription, behind_mm: float, field_mm: float) -> None:
+    """Also on which rays are blocked; some pass and some do not."""
+    position, direction = random_rays(lens, behind_mm, field_mm, 20_000)
+    expected_position, expected_direction, passes = textbook.trace(lens, position, direction)
+    alive = np.ones(len(position))
+    trace_rays(towards_scene(lens), position, direction, alive)
+    assert 0.02 < passes.mean() < 0.98
+    np.testing.assert_array_equal(alive > 0, passes)
+    np.testing.assert_allclose(position[passes], expected_position[passes], rtol=0, atol=TEXTBOOK_MM)
+    np.testing.assert_allclose(direction[passes], expected_direction[passes], rtol=0, atol=TEXTBOOK_MM)
+
+
+def test_a_ray_beyond_the_critical_angle_is_blocked() -> None:
+    """From glass of index 1.5 into air the limit is arcsin(1 / 1.5): just below it passes, just above it does not."""
+    slab = Prescription(
+        surfaces=(
+            Surface(semi_diameter_mm=1e3, index=1.5, thickness_mm=1.0),
+            Surface(semi_diameter_mm=1e3, index=1.5, is_stop=True),
+        )
+    )
+    critical = math.asin(1 / 1.5)
+    for angle, passes in ((critical - 1e-9, 1.0), (critical + 1e-9, 0.0)):
+        position, alive = np.array([[0.0, 0.0, -1.0]]), np.ones(1)
+        trace_rays(towards_scene(slab), position, np.array([[math.sin(angle), 0.0, math.cos(angle)]]), alive)
+        assert alive[0] == passes
+
+
+def test_rays_do_not_know_the_packet_they_travel_in() -> None:
+    """Any order and any number of companions: the same bits."""
+    position, direction = random_rays(rigs.tronnier(), 101.5, 20.0, 1000)
+    together, alone, shuffled = ([position.copy(), direction.copy(), np.ones(1000)] for _ in range(3))
+    order = np.random.default_rng(1).permutation(1000)
+    shuffled = [array[order] for array in shuffled]
+    table = towards_scene(rigs.tronnier())
+    trace_rays(table, *together)
+    trace_rays(table, *shuffled)
+    for i in range(1000):
+        trace_rays(table, *(array[i : i + 1] for array in alone))
+    for whole, single, mixed in zip(together, alone, shuffled, strict=True):
+        np.testing.assert_array_equal(whole, single)
+        np.testing.assert_array_equal(whole[order], mixed)

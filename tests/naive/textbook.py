@@ -1,0 +1,69 @@
+"""A second ray tracer, written for reading: spheres as centres and radii, Snell's law as vectors, NumPy, no packets.
+
+It shares with the kernels only the prescription, and works in the vision frame: origin at the stop, z towards the
+scene, rays from the sensor forwards. Source of both formulas: Glassner (ed.), An Introduction to Ray Tracing, 1989,
+chapters 2 and 4.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.optics.prescription import Prescription
+
+
+def trace(
+    prescription: Prescription, position_mm: np.ndarray, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points on the front surface, unit directions behind it, and which rays pass every edge, (n, 3), (n, 3), (n,)."""
+    position, direction = position_mm.copy(), direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    passes = np.ones(len(position), bool)
+    surfaces = prescription.surfaces
+    with np.errstate(invalid="ignore"):
+        for i in reversed(range(len(surfaces))):
+            surface, vertex = surfaces[i], np.array([0.0, 0.0, -prescription.vertices_from_stop_mm[i]])
+            ahead = surfaces[i - 1].index if i else 1.0
+            position, normal, hit = _meet(surface.radius_mm, vertex, position, direction)
+            passes &= hit & (np.hypot(position[:, 0], position[:, 1]) <= surface.semi_diameter_mm)
+            direction, refracted = _refract(direction, normal, surface.index / ahead)
+            passes &= refracted
+    return position, direction, passes
+
+
+def _meet(
+    radius_mm: float, vertex: np.ndarray, position: np.ndarray, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where rays meet a surface, its normal against the ray, and whether they do.
+
+    A positive radius has its centre towards the sensor, at smaller z. Of a sphere's two intersections the one on the
+    vertex' half of the sphere counts.
+    """
+    if math.isinf(radius_mm):
+        t = (vertex[2] - position[:, 2]) / direction[:, 2]
+        return position + t[:, None] * direction, np.tile([0.0, 0.0, -1.0], (len(t), 1)), np.ones(len(t), bool)
+    centre = vertex - [0.0, 0.0, radius_mm]
+    offset = position - centre
+    along = np.sum(offset * direction, axis=1)
+    squared = along**2 - np.sum(offset**2, axis=1) + radius_mm**2
+    roots = np.stack([-along - np.sqrt(squared), -along + np.sqrt(squared)])
+    points = position + roots[..., None] * direction
+    point = np.where((points[0, :, 2] - centre[2])[:, None] * radius_mm > 0, points[0], points[1])
+    other = np.where((points[1, :, 2] - centre[2])[:, None] * radius_mm > 0, points[1], points[0])
+    point = np.where((np.abs(point[:, 2] - vertex[2]) <= np.abs(other[:, 2] - vertex[2]))[:, None], point, other)
+    normal = (point - centre) / radius_mm
+    return point, np.where((np.sum(normal * direction, axis=1) > 0)[:, None], -normal, normal), squared >= 0
+
+
+def _refract(direction: np.ndarray, normal: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+    """Snell's law as vectors, and whether there is no total reflection; `ratio` is index before over index behind."""
+    cosine = -np.sum(direction * normal, axis=1)
+    squared = 1 - ratio**2 * (1 - cosine**2)
+    behind = ratio * direction + (ratio * cosine - np.sqrt(squared))[:, None] * normal
+    return behind, squared >= 0
+
+
+def at_plane(position: np.ndarray, direction: np.ndarray, vision_from_target: np.ndarray) -> np.ndarray:
+    """Crossings with a target's plane in the target frame, (n, 2), by solving for both coordinates and the path."""
+    axes = np.broadcast_to(vision_from_target[:3, :2], (len(position), 3, 2))
+    matrix = np.concatenate([axes, -direction[:, :, None]], axis=2)
+    return np.linalg.solve(matrix, (position - vision_from_target[:3, 3])[..., None])[:, :2, 0]
