@@ -136,16 +136,11 @@ def _differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(old.keys() | new.keys()):
             yield from _differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
-    elif _are_lists_of_records(old, new):
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for index, (one, other) in enumerate(zip(old, new, strict=True)):
             yield from _differences(one, other, f"{where}[{index}]")
     elif old != new:
         yield Reason(type=ReasonType.CHANGED, field=where, old=old, new=new)
-
-
-def _are_lists_of_records(old: Any, new: Any) -> bool:
-    lists = isinstance(old, list) and isinstance(new, list) and len(old) == len(new)
-    return lists and all(isinstance(item, dict) for item in [*old, *new])
 
 
 def _short(value: Any) -> str:
