@@ -71,7 +71,7 @@ def test_edited_code_reruns_its_kind_and_a_comment_nothing(tmp_path, kit):
 def test_the_plan_names_the_parameter_with_old_and_new_value(tmp_path):
     build(toy.project(tmp_path / "out"), jobs=1)
     edited = toy.project(tmp_path / "out", poses=EDITED)
-    assert reasons(edited, "image/cam/0001") == ["params.pose: [[2.0, 0.0], [0.0, 1.0]] -> [[3.0, 0.0], [0.0, 1.0]]"]
+    assert reasons(edited, "image/cam/0001") == ["params.pose[0][0]: 2.0 -> 3.0"]
     assert reasons(edited, "report") == ["image/cam/0001 must run first"]
     assert reasons(edited, "rays/cam") == []
 
