@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test lint proofs bench wheel clean
+.PHONY: demo test lint proofs bench picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -27,6 +27,17 @@ bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
+
+# The pictures of README.md and of the examples.
+picture: $(STAMP)
+	$(BIN)/pipeline build examples/01_conventional/dataset.usda
+	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
+	$(BIN)/python docs/picture.py examples/01_conventional/picture.png \
+		build/01_conventional/frames/0006/Rig.Camera --window 50 125 430 310 --zoom 2
+	$(BIN)/python docs/picture.py examples/02_plenoptic/picture.png \
+		$(patsubst %,build/02_plenoptic/frames/%/Rig.Camera,0002 0001 0003) --window 366 230 78 78 --zoom 4
+	$(BIN)/python docs/picture.py docs/micro_images.png \
+		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 
 wheel: $(STAMP)
 	$(BIN)/python -m build --wheel --outdir dist

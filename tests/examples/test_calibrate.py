@@ -1,0 +1,125 @@
+"""The script of example 01 reads what a build writes, and finds the camera that made it."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.files.tables import write_table
+from pipeline.frames import apply, rigid, rotation_vector
+from pipeline.scene.dataset import CameraEntry
+from pipeline.scene.load import open_dataset
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.tasks.build import build
+from pipeline.tasks.poses import vision_from_target
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples/01_conventional/dataset.usda"
+PRINCIPAL_MM, PUPIL_MM = 128.0, -6.0
+
+COARSE = f"""#usda 1.0
+(
+    defaultPrim = "Conventional"
+    endTimeCode = 6
+    metersPerUnit = 0.001
+    startTimeCode = 1
+    subLayers = [
+        @{EXAMPLE.as_posix()}@
+    ]
+    timeCodesPerSecond = 24
+    upAxis = "Y"
+)
+
+over "Conventional"
+{{
+    over "Rig"
+    {{
+        over "Camera"
+        {{
+            uniform int plen:image:samples = 4
+            uniform int plen:truth:samples = 256
+        }}
+    }}
+}}
+"""
+
+
+def calibrate(out: Path) -> tuple[float, float, np.ndarray]:
+    """What the script prints: RMS [px], deviation of the principal distance [%], board errors (n, 4) [mm, degrees]."""
+    script = EXAMPLE.parent / "calibrate.py"
+    run = subprocess.run([sys.executable, script, out], capture_output=True, text=True, check=True, cwd=out)
+    rms = float(re.search(r"RMS (\S+) px", run.stdout)[1])
+    share = float(re.search(r"difference (\S+) %", run.stdout)[1])
+    errors = re.findall(r"off by \((\S+), (\S+), (\S+)\) mm, (\S+) degrees", run.stdout)
+    return rms, share, np.array(errors, float)
+
+
+def write_frame(folder: Path, number: int, entry: CameraEntry, board: Checkerboard, pose: np.ndarray) -> None:
+    """What a build writes of a frame, seen through a pinhole at the entrance pupil."""
+    points = board.points_mm()
+    seen = apply(pose, points) - [0, 0, PUPIL_MM]
+    pitch, sensor = entry.camera.sensor.pitch_mm, entry.camera.sensor
+    pixels = (
+        PRINCIPAL_MM / pitch * seen[:, :2] / seen[:, 2:] + np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
+    )
+    columns = dict(zip(("x_px", "y_px"), pixels.T, strict=True))
+    columns |= dict(zip(("target_x_mm", "target_y_mm", "target_z_mm"), points.T, strict=True))
+    folder = folder / f"frames/{number:04d}/{entry.name}"
+    folder.mkdir(parents=True)
+    write_table(folder / "correspondences.csv", ["by a pinhole, with a comma, and another"], columns)
+    where = {"camera_from_target": pose.tolist(), "rvec": rotation_vector(pose).tolist()}
+    (folder / "poses.json").write_text(json.dumps({"targets": {"Board": where}}))
+
+
+def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
+    """Positions in single precision, as OpenCV takes them, leave 3e-5 px and 1e-3 %: nothing else is in the way."""
+    dataset = open_dataset(EXAMPLE)
+    (entry,), (target,) = dataset.cameras, dataset.targets
+    for frame in dataset.frames:
+        pose = vision_from_target(frame, entry.name, target.name)
+        write_frame(tmp_path, frame.number, entry, target.target, rigid(pose[:3, :3], pose[:3, 3]))
+    sensor = entry.camera.sensor
+    camera = {
+        "resolution": [sensor.width_px, sensor.height_px],
+        "pixel_pitch_mm": sensor.pitch_mm,
+        "principal_distance_mm": PRINCIPAL_MM,
+        "lens": {"entrance_pupil": {"z_mm": PUPIL_MM}},
+    }
+    (tmp_path / "cameras/Rig.Camera").mkdir(parents=True)
+    (tmp_path / "cameras/Rig.Camera/camera.json").write_text(json.dumps(camera))
+    (tmp_path / "manifest.json").write_text("{}")
+
+    rms, share, boards = calibrate(tmp_path)
+
+    assert rms < 1e-4
+    assert abs(share) < 2e-3
+    assert boards == pytest.approx(0, abs=0.01)
+
+
+def test_the_lens_of_the_example_is_found_as_far_as_it_is_a_pinhole(tmp_path, monkeypatch):
+    """A quarter of its rays: sampling moves the principal distance by some 0.5 % and all boards with it; 3 times that."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    stage = tmp_path / "coarse.usda"
+    stage.write_text(COARSE)
+    build(stage, tmp_path / "out", allow_roots=[ROOT], jobs=1)
+
+    rms, share, boards = calibrate(tmp_path / "out")
+
+    assert len(boards) == 6
+    assert 0.001 < rms < 0.03
+    assert abs(share) < 1.5
+    assert boards[:, :2] == pytest.approx(0, abs=0.05)
+    assert np.ptp(boards[:, 2]) < 0.2
+    assert boards[:, 3].max() < 0.15
+
+
+def test_a_folder_without_a_build_is_named(tmp_path):
+    script = EXAMPLE.parent / "calibrate.py"
+    run = subprocess.run([sys.executable, script, tmp_path], capture_output=True, text=True, check=False)
+
+    assert run.returncode == 1
+    assert f"{tmp_path} holds no finished build" in run.stderr
