@@ -101,7 +101,7 @@ def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
 
 
 def test_the_lens_of_the_example_is_found_as_far_as_it_is_a_pinhole(tmp_path, monkeypatch):
-    """A quarter of its rays: sampling moves the principal distance by some 0.5 % and all boards with it; 3 times that."""
+    """With a quarter of its rays: sampling moves the principal distance, and all boards with it, by some 0.5 %."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     stage = tmp_path / "coarse.usda"
     stage.write_text(COARSE)
