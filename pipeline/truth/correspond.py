@@ -239,4 +239,20 @@ def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndar
         widths.append(np.diagonal(blur.in_image(block, jacobian), axis1=1, axis2=2))
     worst = np.fmax(*widths)
     here = np.diagonal(blurred, axis1=1, axis2=2)
-    return grid.error_px[row, column] * np.sqrt(here / worst) * found.noise_gain[:, None]
+    return _pooled_error(grid, row, column, found.cell) * np.sqrt(here / worst) * found.noise_gain[:, None]
+
+
+def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    """Root mean square of the errors of the up to nine positions around, in the same cell, (n, 2) [px].
+
+    The error of a single position comes from four replicas and is itself uncertain by 40 %.
+    """
+    total, count = np.zeros((len(row), 2)), np.zeros((len(row), 1))
+    for j in (-1, 0, 1):
+        for i in (-1, 0, 1):
+            y, x = (row + j).clip(0, grid.cell.shape[0] - 1), (column + i).clip(0, grid.cell.shape[1] - 1)
+            error = grid.error_px[y, x]
+            usable = (grid.cell[y, x] == cell) & ~np.isnan(error).any(axis=1)
+            total[usable] += error[usable] ** 2
+            count[usable] += 1
+    return np.sqrt(np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0))
