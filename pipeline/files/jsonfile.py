@@ -26,8 +26,22 @@ def write_json(path: str | Path, obj: Any) -> None:
 
 def json_bytes(obj: Any) -> bytes:
     """What `write_json` writes."""
-    text = json.dumps(_plain(obj, "$"), indent=2, ensure_ascii=False, allow_nan=False)
-    return (text + "\n").encode()
+    return (_text(_plain(obj, "$"), "\n") + "\n").encode()
+
+
+def _text(value: Any, newline: str) -> str:
+    """JSON text with a line per item, but lists of plain values, such as the row of a matrix, on one line."""
+    deeper = newline + "  "
+    if isinstance(value, dict) and value:
+        items = [f"{_word(name)}: {_text(item, deeper)}" for name, item in value.items()]
+        return "{" + deeper + f",{deeper}".join(items) + newline + "}"
+    if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
+        return "[" + deeper + f",{deeper}".join(_text(item, deeper) for item in value) + newline + "]"
+    return _word(value)
+
+
+def _word(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def read_json(path: str | Path) -> Any:
