@@ -23,7 +23,8 @@ def test_the_file_is_exactly_this(tmp_path: Path) -> None:
         },
     )
     assert (tmp_path / "x").read_bytes() == (
-        '{\n  "z": 0.1,\n  "a": [1, 2.5],\n  "pose": [\n    [1.0, 0.0],\n    [0.0, 1.0]\n  ],\n  "none": [],\n  "far": "inf",\n'
+        '{\n  "z": 0.1,\n  "a": [1, 2.5],\n  "pose": [\n    [1.0, 0.0],\n    [0.0, 1.0]\n  ],\n  "none": [],\n'
+        '  "far": "inf",\n'
         '  "lens": {\n    "name": "f/2 µ",\n    "n": null\n  }\n}\n'
     ).encode()
 
