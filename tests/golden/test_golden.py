@@ -48,7 +48,9 @@ def golden(request, capsys):
 def built(request, tmp_path_factory):
     """Name and output folder of a tiny dataset."""
     out = tmp_path_factory.mktemp("golden")
-    result = pipeline.build(DATA / request.param / "dataset.usda", out / "out", jobs=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PIPELINE_CACHE", str(out / "store"))
+        result = pipeline.build(DATA / request.param / "dataset.usda", out / "out", jobs=1)
     assert result.exit_code == 0
     return request.param, out / "out"
 
