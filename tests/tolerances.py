@@ -25,7 +25,7 @@ REVERSED_MM = 1e-12
 """A ray traced there and back [mm]: about 40 roundings of numbers near 100 mm (1.4e-14 mm each)."""
 
 ROUNDING_MM = 1e-10
-"""Two ways to compute the same length near 500 mm [mm]: roundings grow a hundredfold where lines cross at small angles."""
+"""Two ways to compute the same length near 500 mm [mm]: roundings grow where lines cross at small angles."""
 
 TEXTBOOK_MM = 1e-11
 """Two formulas for the same ray through eleven surfaces [mm]: the textbook's root of the quadratic cancels digits."""
@@ -43,10 +43,10 @@ STRATIFIED = 1e-4
 """Of an integral over 16,384 stratified points, smooth but sixfold brighter at one edge [relative]: 3e-5 is seen."""
 
 HONEST = (0.7, 1.4)
-"""rms of actual error over stated error [1]: each is the spread of four replicas only, good to 40 %, pooled over many."""
+"""rms of actual error over stated error [1]: each is the spread of only four replicas, here pooled."""
 
 RULE_OF_BIAS = 0.03
 """Figures of the two-plane bias are printed to three digits and were found with other random rays [relative]."""
 
 FIRST_ORDER_BLUR = 0.02
-"""Covariance mapped by a constant Jacobian [relative]: distortion and coma across a blur of a few pixels, and sampling."""
+"""Covariance mapped by a constant Jacobian [relative]: distortion and coma across a blur, and sampling."""

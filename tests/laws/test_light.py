@@ -1,5 +1,6 @@
 """Claim: weights are projected solid angles, images obey the cos^4 law, and random points are what they say."""
 
+import itertools
 import math
 
 import numpy as np
@@ -67,7 +68,7 @@ def test_the_weights_of_a_camera_that_blocks_nothing_add_up_to_its_free_weight()
 
 
 def test_the_light_on_the_axis_is_that_of_the_exit_pupil() -> None:
-    """pi sin^2 of the marginal ray: halve the stop, and its relative difference from the paraxial pupil falls fourfold."""
+    """pi sin^2 of the marginal ray: halve the stop, and its difference from the paraxial pupil falls fourfold."""
     errors = []
     for stop_semi_mm in (16.0, 8.0, 4.0):
         camera = rigs.conventional(stop_semi_mm)
@@ -77,7 +78,7 @@ def test_the_light_on_the_axis_is_that_of_the_exit_pupil() -> None:
         weights = [Tracer(camera, seed).reference_weight_sr for seed in range(8)]
         errors.append(np.mean(weights) / paraxial - 1)
     assert abs(errors[0]) > 0.002
-    for wide, narrow in zip(errors[:-1], errors[1:], strict=True):
+    for wide, narrow in itertools.pairwise(errors):
         assert narrow == pytest.approx(wide / 4, rel=0.25, abs=5e-5)
 
 
@@ -101,7 +102,6 @@ def test_the_white_image_of_a_tiny_stop_follows_cos_to_the_fourth() -> None:
     deviation = (images.mean(axis=0) - expected) / np.hypot(error, expected * shared / (math.pi * (0.01 / 30) ** 2))
     assert np.abs(deviation).max() < SIGMAS
     assert np.sqrt(np.mean(deviation**2)) < 1.3
-    np.testing.assert_allclose(images.mean(axis=0), expected, rtol=2e-3)
 
 
 def test_sobol_points_are_those_of_joe_and_kuo() -> None:

@@ -1,0 +1,56 @@
+"""Bundles without any cleverness: independent uniform points all over an aperture, traced by the textbook.
+
+No sampling bounds, no Sobol points, no packets; each bundle comes with the weights cos(theta) d omega.
+"""
+
+import numpy as np
+from naive import textbook
+
+from pipeline.camera.camera import Camera
+
+
+def hexagon(count: int, pitch_mm: float, rng: np.random.Generator) -> np.ndarray:
+    """Uniform points of a lattice cell whose edges face +x and every 60 degrees, by rejection, (count, 2)."""
+    normals = np.stack([np.cos(np.pi * np.arange(6) / 3), np.sin(np.pi * np.arange(6) / 3)])
+    points = rng.uniform(-0.6 * pitch_mm, 0.6 * pitch_mm, (2 * count, 2))
+    points = points[(points @ normals < pitch_mm / 2).all(axis=1)]
+    assert len(points) >= count
+    return points[:count]
+
+
+def rays_through(
+    camera: Camera,
+    start_mm: np.ndarray,
+    vertex_mm: np.ndarray | None,
+    focal_mm: float | None,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays from sensor points, (2,) or (count, 2), through one microlens, or through the rear surface if there is none.
+
+    Returns
+    -------
+    position, direction : (count, 3) float64
+    weight : (count,) float64
+        0 for blocked rays; the sum is the integral of cos(theta) d omega [sr].
+    """
+    lens = camera.prescription
+    rear_mm = -lens.vertices_from_stop_mm[-1]
+    if vertex_mm is None or focal_mm is None or camera.microlenses is None:
+        half = lens.surfaces[-1].semi_diameter_mm
+        radius, angle = half * np.sqrt(rng.uniform(0, 1, count)), rng.uniform(0, 2 * np.pi, count)
+        points, area = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1), np.pi * half**2
+        plane_mm, bend = rear_mm, np.zeros((count, 2))
+    else:
+        array = camera.microlenses
+        offset, area = hexagon(count, array.pitch_mm, rng), np.sqrt(3) / 2 * array.pitch_mm**2
+        points, bend = vertex_mm + offset, offset / focal_mm
+        plane_mm = array.distance_mm - camera.sensor_distance_mm
+    ahead = plane_mm + camera.sensor_distance_mm
+    slope = (points - start_mm) / ahead
+    cosine = 1 / np.sqrt(1 + np.sum(slope**2, axis=1))
+    solid = area * cosine**3 / ahead**2
+    position = np.column_stack([points, np.full(count, plane_mm)])
+    direction = np.column_stack([slope - bend, np.ones(count)])
+    position, direction, passes = textbook.trace(lens, position, direction)
+    return position, direction, np.where(passes, cosine * solid / count, 0.0)
