@@ -90,16 +90,15 @@ def hits_of(camera: Camera, start: np.ndarray, pose: np.ndarray, count: int) -> 
 
 
 @pytest.mark.parametrize("distance_mm", [400.0, 470.0])
-def test_blur_columns_are_the_covariance_of_a_brute_force_bundle(
-    conventional: Camera, conventional_grid: RayGrid, distance_mm: float
-) -> None:
+def test_blur_columns_are_the_covariance_of_a_brute_force_bundle(tmp_path: Path, distance_mm: float) -> None:
     """Defocused untilted board: hits of random rays all over the rear surface, mapped to the image to first order."""
-    board, pose = Checkerboard(columns=2, rows=1, square_mm=7.0), rigs.facing(distance_mm)
-    found, tracer = truth_of(conventional_grid, board, pose), Tracer(conventional)
+    camera, board = rigs.conventional(4.5, 24, 18), Checkerboard(columns=2, rows=1, square_mm=1.5)
+    pose = rigs.facing(distance_mm)
+    found, tracer = truth_of(rigs.ray_grid(tmp_path / "many rays", camera, 1, 16_384), board, pose), Tracer(camera)
     assert len(found.found.point) == 2
     for x, y, blur in zip(found.found.x_px, found.found.y_px, found.blur_px2, strict=True):
         (wide, weight), *steps = (
-            hits_of(conventional, tracer.positions_mm(np.array([x + dx]), np.array([y + dy]))[0], pose, count)
+            hits_of(camera, tracer.positions_mm(np.array([x + dx]), np.array([y + dy]))[0], pose, count)
             for dx, dy, count in (
                 (0, 0, 240_000),
                 *((*step, 20_000) for step in np.vstack([np.eye(2), -np.eye(2)]) / 2),
