@@ -16,6 +16,7 @@ from pipeline.camera.micro_images import MicroImages, micro_images
 from pipeline.camera.moments import FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.regions import NO_MICROLENS, SKIP
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.truth.grid import fine_from_image, image_from_fine
 from pipeline.truth.position_image import on_target
 
 _PROBES = np.stack(np.meshgrid((-0.6, 0.0, 0.6), (-0.6, 0.0, 0.6)), axis=-1).reshape(-1, 2)
@@ -37,10 +38,11 @@ class Reference:
     position_px : (n, 2) float64
     sigma_px : (n, 2) float64
         Standard error of the position from the spread of the replicas.
-    hit_fraction : (n,) float64
     bias_px : (n, 2) float64
         By how much the method `two-plane` misses this position even with perfect position images: the same rays'
         mean crossings of the near and far plane, joined by a line, against their mean hit.
+    grid_px : (n, 2) float64
+        By how much the local linear solve misses it on a grid K times finer than the image, again with the same rays.
     last_step_px : float
         Largest length of the last Newton step: convergence.
     """
@@ -49,16 +51,17 @@ class Reference:
     cell: np.ndarray
     position_px: np.ndarray
     sigma_px: np.ndarray
-    hit_fraction: np.ndarray
     bias_px: np.ndarray
+    grid_px: np.ndarray
     last_step_px: float
 
 
 class Solver:
     """Solves J(x) = p for one camera, near and far planes settled, with `rays` rays per evaluation."""
 
-    def __init__(self, tracer: Tracer, rays: int, min_hit_fraction: float) -> None:
+    def __init__(self, tracer: Tracer, rays: int, min_hit_fraction: float, supersampling: int) -> None:
         self.tracer, self.rays, self.min_hit_fraction = tracer, rays, min_hit_fraction
+        self.supersampling = supersampling
         self.images: MicroImages | None = micro_images(tracer) if tracer.camera.microlenses else None
         self.free_sr = None if self.images else tracer.reference_weight_sr
         self.pool = ThreadPoolExecutor(os.cpu_count() or 1)
@@ -80,14 +83,16 @@ class Solver:
         kept = self._exists(x, cell, rows)
         pitch = self.tracer.camera.sensor.pitch_mm
         variance = np.einsum("nij,nj->ni", inverse**2, rows[:, VARIANCE : VARIANCE + 2])
-        bias = self._bias(vision_from_target, planes, x[kept], cell[kept], inverse[kept], numbers[kept])
+        here = x[kept], cell[kept]
+        exact = self._moments(*here, planes, _BIAS_RAYS, numbers[kept])[:, :2]
+        bias = self._bias(vision_from_target, *here, inverse[kept], numbers[kept], exact)
         return Reference(
             point[kept],
             cell[kept],
             self.tracer.pixels_at(x[kept]),
             np.sqrt(variance[kept]) / pitch,
-            self._hit_fraction(rows[kept]),
             bias / pitch,
+            self._grid_error_px(planes, *here, numbers[kept], exact),
             float(np.hypot(*step[kept].T).max(initial=0.0)) / pitch,
         )
 
@@ -191,19 +196,33 @@ class Solver:
     def _bias(
         self,
         vision_from_target: np.ndarray,
-        planes: np.ndarray,
         x: np.ndarray,
         cell: np.ndarray,
         inverse: np.ndarray,
         numbers: np.ndarray,
+        exact: np.ndarray,
     ) -> np.ndarray:
         """What two planes shift the solution by, (n, 2) [mm]; the same rays on both sides, so their noise cancels."""
         near_mm, far_mm = self.tracer.camera.near_mm, self.tracer.camera.far_mm
         assert near_mm is not None and far_mm is not None
-        exact = self._moments(x, cell, planes, _BIAS_RAYS, numbers)[:, :2]
         two = self._moments(x, cell, parallel_planes(near_mm, far_mm), _BIAS_RAYS, numbers)
         joined = on_target(two[:, 0:2], two[:, 2:4], near_mm, far_mm, vision_from_target)
         return -_times(inverse, joined - exact)
+
+    def _grid_error_px(
+        self, planes: np.ndarray, x: np.ndarray, cell: np.ndarray, numbers: np.ndarray, exact: np.ndarray
+    ) -> np.ndarray:
+        """What J, linear between the nearest position of the fine grid and its two neighbours, shifts by, (n, 2)."""
+        fine = fine_from_image(self.tracer.pixels_at(x), self.supersampling)
+        nearest = np.rint(fine)
+        step = np.where(fine >= nearest, 1.0, -1.0)
+        corners = []
+        for offset in ((0, 0), (1, 0), (0, 1)):
+            image = image_from_fine(nearest + step * offset, self.supersampling)
+            corners.append(self._moments(self.tracer.positions_mm(*image.T), cell, planes, _BIAS_RAYS, numbers)[:, :2])
+        sides = np.stack([corners[1] - corners[0], corners[2] - corners[0]], axis=-1)
+        share = np.linalg.solve(sides, (exact - corners[0])[..., None])[..., 0]
+        return (nearest + share * step - fine) / self.supersampling
 
     def _moments(
         self, x: np.ndarray, cell: np.ndarray, planes: np.ndarray, rays: int, numbers: np.ndarray

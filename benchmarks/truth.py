@@ -3,8 +3,12 @@
     python benchmarks/truth.py [--small] [STAGE ...]
 
 Builds each stage (both examples by default) with the methods `two-plane` and `image`, at the K and samples that it
-authors, and compares correspondences.csv with solutions of J(x) = p that know no grid and no filter. Differences are
-lengths in px. Nothing of the build is reused: neither its random numbers nor its position images.
+authors, and compares correspondences.csv with solutions of J(x) = p that know no grid and no filter. Nothing of the
+build is reused: neither its random numbers nor its position images.
+
+Columns, lengths in px: rows that exist, of these found, their share; mean, rms and max of the differences; rms of
+what may explain them: the standard error that the tables claim (sigma), the local linear solve without noise (grid),
+the two-plane method without noise (bias, none in the method `image`); and the reference's own standard error (ref).
 """
 
 import argparse
@@ -31,6 +35,7 @@ EXAMPLES = [ROOT / "examples" / name / "dataset.usda" for name in ("01_conventio
 TINY = [ROOT / "tests" / "data" / name / "dataset.usda" for name in ("tiny_conventional", "tiny_plenoptic")]
 METHODS = ("two-plane", "image")
 _OTHER_SEED = 0x5EED0000
+_PARTS = ("grid_px", "bias_px", "sigma_px")
 Key = tuple[int, str, int, int, int]
 """Frame, target, point, k, l."""
 
@@ -42,7 +47,7 @@ class Solution:
     position_px: np.ndarray
     sigma_px: np.ndarray
     bias_px: np.ndarray
-    hit_fraction: float
+    grid_px: np.ndarray
     type: int
 
 
@@ -110,7 +115,7 @@ def read_rows(files: list[Path]) -> dict[Key, tuple[np.ndarray, np.ndarray]]:
 def solve_all(dataset: Dataset, entry: CameraEntry, rays: int) -> tuple[dict[Key, Solution], float]:
     """Reference solutions of all frames and targets, and the largest last Newton step [px]."""
     tracer = Tracer(focused(entry.camera), entry.sampling.seed ^ _OTHER_SEED)
-    solver = Solver(tracer, rays, float(entry.truth["min_hit_fraction"]))
+    solver = Solver(tracer, rays, float(entry.truth["min_hit_fraction"]), entry.sampling.supersampling)
     solutions: dict[Key, Solution] = {}
     last_step = 0.0
     for frame in dataset.frames:
@@ -130,7 +135,7 @@ def _solutions(tracer: Tracer, found: Reference) -> list[tuple[tuple[int, int, i
     rows = []
     for i, (point, cell) in enumerate(zip(found.point.tolist(), found.cell.tolist(), strict=True)):
         k, l, kind = (int(grid.k[cell]), int(grid.l[cell]), int(grid.type[cell])) if grid else (0, 0, 0)
-        values = found.position_px[i], found.sigma_px[i], found.bias_px[i], float(found.hit_fraction[i])
+        values = found.position_px[i], found.sigma_px[i], found.bias_px[i], found.grid_px[i]
         rows.append(((point, k, l), Solution(*values, kind)))
     return rows
 
@@ -154,23 +159,26 @@ def print_differences(
     groups = {"all": set(solutions)}
     for kind in range(len(focal) if len(focal) > 1 else 0):
         groups[f"f {focal[kind]:g}"] = {key for key, solution in solutions.items() if solution.type == kind}
-    print("  method     type    exist  found  share   mean     rms      max      sigma    bias     ref")
+    print("  method     type    exist  found  share   mean     rms      max      sigma    grid     bias     ref")
     for method, rows in found.items():
         for name, keys in groups.items():
-            print(f"  {method:10s} {name:6s} {_line(keys, rows, solutions)}")
+            print(f"  {method:10s} {name:6s} {_line(method, keys, rows, solutions)}")
         extra = rows.keys() - solutions.keys()
         if extra:
             print(f"  {method:10s} found {len(extra)} rows that the reference does not know")
 
 
-def _line(keys: set[Key], rows: dict[Key, tuple[np.ndarray, np.ndarray]], solutions: dict[Key, Solution]) -> str:
+def _line(
+    method: str, keys: set[Key], rows: dict[Key, tuple[np.ndarray, np.ndarray]], solutions: dict[Key, Solution]
+) -> str:
     both = sorted(keys & rows.keys())
     if not both:
         return f"{len(keys):6d} {0:6d}"
     apart = np.array([rows[key][0] - solutions[key].position_px for key in both])
     length = np.hypot(*apart.T)
-    figures = [length.mean(), _rms(apart), length.max(), _rms(np.array([rows[key][1] for key in both]))]
-    figures += [_rms(np.array([getattr(solutions[key], name) for key in both])) for name in ("bias_px", "sigma_px")]
+    grid, bias, own = (_rms(np.array([getattr(solutions[key], name) for key in both])) for name in _PARTS)
+    sigma = _rms(np.array([rows[key][1] for key in both]))
+    figures = [length.mean(), _rms(apart), length.max(), sigma, grid, bias if method == "two-plane" else 0.0, own]
     head = f"{len(keys):6d} {len(both):6d} {len(both) / len(keys):6.1%}  "
     return head + "  ".join(f"{figure:7.5f}" for figure in figures)
 
