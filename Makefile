@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test lint proofs bench picture wheel clean
+.PHONY: demo test lint bench picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -19,9 +19,6 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python schemas/generate.py --check
-
-proofs: $(STAMP)
-	$(BIN)/python -m pytest -q -m slow
 
 bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid
