@@ -61,7 +61,7 @@ class MicrolensArray:
     rotation_deg : float
         Of the lattice, from +x towards +y of the sensor frame.
     offset_x_mm, offset_y_mm : float
-        Of lens (0, 0) from the optical axis, sensor frame.
+        Of lens (0, 0) from the sensor's centre, sensor frame: array and sensor move together.
     """
 
     layout: str = "hexagonal"

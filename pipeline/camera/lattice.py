@@ -18,7 +18,7 @@ class Lattice:
     k, l, type : (n,) int64
         Axial indices and type.
     x_mm, y_mm : (n,) float64
-        Vertices in the sensor frame's axes, from the optical axis.
+        Vertices in the sensor frame, from the sensor's centre.
     """
 
     k: np.ndarray

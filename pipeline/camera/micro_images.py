@@ -62,7 +62,7 @@ def micro_images(tracer: Tracer) -> MicroImages:
     array, grid = tracer.camera.microlenses, tracer.lattice
     if array is None or grid is None:
         raise CameraError("a conventional camera has no micro-images")
-    vertex = -np.stack([grid.x_mm, grid.y_mm], axis=1)
+    vertex = tracer.vertices_mm
     height = np.hypot(*vertex.T)
     # The crossing is an odd, smooth function of the height: trace each height once.
     unique, inverse = np.unique(height, return_inverse=True)

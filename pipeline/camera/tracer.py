@@ -63,6 +63,14 @@ class Tracer:
         return lattice(self.camera.microlenses) if self.camera.microlenses else None
 
     @cached_property
+    def vertices_mm(self) -> np.ndarray:
+        """Microlens vertices across the optical axis, vision frame (n, 2); none for a conventional camera."""
+        if self.lattice is None:
+            return np.zeros((0, 2))
+        sensor = self.camera.sensor
+        return -np.stack([self.lattice.x_mm - sensor.offset_x_mm, self.lattice.y_mm - sensor.offset_y_mm], axis=1)
+
+    @cached_property
     def arrays(self) -> tuple[np.ndarray, ...]:
         """Leading arguments of the kernels: optics, table, outlines, lenses, aperture."""
         camera, array = self.camera, self.camera.microlenses
@@ -71,9 +79,9 @@ class Tracer:
         reach += np.hypot(sensor.offset_x_mm, sensor.offset_y_mm)
         lenses, aperture = np.zeros((0, 3)), np.zeros((0, 2))
         if array and self.lattice:
-            reach = np.hypot(self.lattice.x_mm, self.lattice.y_mm).max()
+            reach = np.hypot(*self.vertices_mm.T).max()
             focal = np.array(array.focal_lengths_mm)[self.lattice.type]
-            lenses = np.stack([-self.lattice.x_mm, -self.lattice.y_mm, focal], axis=1)
+            lenses = np.column_stack([self.vertices_mm, focal])
             # Cells of a hexagonal lattice with rows along x have an edge normal along x. Vision x, y are sensor -x, -y:
             # a half turn, under which rotation angles stay what they are.
             aperture = regular(6, array.pitch_mm / 2, array.rotation_deg)
@@ -117,7 +125,7 @@ class Tracer:
         lens, position = NO_MICROLENS, np.zeros((1, 2))
         if self.lattice is not None:
             lens = int(np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[0])
-            position = -np.array([[self.lattice.x_mm[lens], self.lattice.y_mm[lens]]])
+            position = self.vertices_mm[[lens]]
         planes = parallel_planes(1.0, 2.0)
         rows = self.moments(position, np.array([lens]), planes, REFERENCE_SAMPLES, np.array([[-1, -1]]))
         return float(rows[0, WEIGHT])

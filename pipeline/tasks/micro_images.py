@@ -13,7 +13,7 @@ LIBRARIES = ("numpy", "scipy", "numba")
 HEADER = (
     "micro-images: one row per microlens, k and l are axial indices of the lattice",
     "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down; vertices in the sensor frame, mm,"
-    " from the optical axis",
+    " from the sensor's centre",
     "centre: sensor hit of the real ray through the centre of the aperture stop and the microlens vertex",
     "radius: exit-pupil radius * B / P, the contour of half illumination; complete: the circle lies in the image",
     "empty: centroid_x_px, centroid_y_px (the centroid of the lit area is not computed yet)",
