@@ -74,7 +74,7 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
             size = min(PACKET, samples - first)
             draw(bits[0], first, size, hash32(base, 2 * r), x)
             draw(bits[1], first, size, hash32(base, 2 * r + 1), y)
-            start_packet(table, optics, lenses, lens[n], start_x, start_y, region, fan_of, size, packet)
+            start_packet(table, optics, lenses, lens[n], sx, sy, start_x, start_y, region, fan_of, size, packet)
             cross_packet(near, far, packet, size, crossing)
             if not started:
                 started = set_pivot(crossing, alive, size, pivot)
@@ -147,7 +147,7 @@ def image_rays(
                 for i in range(size):
                     start_x[i] = sx + pitch * (start_x[i] - 0.5)
                     start_y[i] = sy + pitch * (start_y[i] - 0.5)
-                start_packet(table, optics, lenses, lens, start_x, start_y, region, fan_of, size, packet)
+                start_packet(table, optics, lenses, lens, sx, sy, start_x, start_y, region, fan_of, size, packet)
                 for i in range(size):
                     if alive[i] > 0.0:
                         origin[written] = x[i], y[i], z[i]

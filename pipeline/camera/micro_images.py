@@ -9,7 +9,7 @@ from pipeline.camera.camera import CameraError
 from pipeline.camera.chief import chief_heights
 from pipeline.camera.regions import NO_MICROLENS, SKIP
 from pipeline.camera.tracer import Tracer
-from pipeline.optics.first_order import first_order
+from pipeline.optics.first_order import exit_pupil
 
 _NEIGHBOURS = 4
 """No point of a plane lies within reach of more than three micro-images of a hexagonal array that hardly overlap."""
@@ -70,7 +70,7 @@ def micro_images(tracer: Tracer) -> MicroImages:
     ahead = tracer.table[0, 0] - tracer.film_z_mm
     outward = np.divide(vertex, height[:, None], out=np.zeros_like(vertex), where=height[:, None] > 0)
     slope = (crossing - height)[:, None] * outward / ahead
-    pupil = first_order(tracer.camera.prescription).exit_pupil
+    pupil = exit_pupil(tracer.camera.prescription)
     to_pupil = pupil.z_mm - tracer.film_z_mm
     radius = pupil.diameter_mm / 2 * array.distance_mm / to_pupil
     focal = np.array(array.focal_lengths_mm)[grid.type]

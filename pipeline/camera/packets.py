@@ -34,11 +34,13 @@ def draw(bits, first, size, seed, values):
 
 
 @inline
-def start_packet(table, optics, lenses, lens, start_x, start_y, region, fan_of, size, packet):
+def start_packet(table, optics, lenses, lens, centre_x, centre_y, start_x, start_y, region, fan_of, size, packet):
     """Send rays from sensor positions through random points of a region and trace them into the scene.
 
     Parameters
     ----------
+    centre_x, centre_y : float
+        The sensor position that the region was bound for.
     start_x, start_y : (PACKET,) float64
         Where on the sensor each ray starts.
     region, fan_of : tuple
@@ -49,8 +51,11 @@ def start_packet(table, optics, lenses, lens, start_x, start_y, region, fan_of, 
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
     polygon, _, _, cumulative = region
     count, cx, cy, _ = fan_of
+    # Without a microlens the region moves along with the sensor position, by the drift of the outlines.
+    drift = optics[4] if lens < 0 else 0.0
     for i in range(size):
-        x[i], y[i] = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
+        px, py = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
+        x[i], y[i] = px + drift * (start_x[i] - centre_x), py + drift * (start_y[i] - centre_y)
     for i in range(size):
         dx[i], dy[i], dz[i], weight[i] = aim(optics, lenses, lens, start_x[i], start_y[i], x[i], y[i])
         z[i] = optics[1]

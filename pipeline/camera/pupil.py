@@ -1,9 +1,10 @@
 """Where light can leave a lens backwards: outlines of the passing rays, per height off the axis.
 
 From a point at height h on a plane behind the lens (sensor or microlens array) the rays that pass fill a region of the
-rear vertex plane. Its outline is traced in `DIRECTIONS` directions at `HEIGHTS` heights and interpolated in between, so
-that bounds are continuous in the field. Outlines only bound the sampling: they are inflated, and every ray is still
-clipped at every surface.
+rear vertex plane. Its edge is traced in `_TRACED` directions at `HEIGHTS` heights and enclosed by a polygon whose edges
+support it, with normals in `DIRECTIONS` fixed directions: corners of a vignetted pupil stay inside, and polygons of
+different heights can be interpolated vertex by vertex, so that bounds are continuous in the field. Outlines only bound
+the sampling: they are inflated, and every ray is still clipped at every surface.
 """
 
 from dataclasses import dataclass
@@ -16,8 +17,9 @@ from pipeline.optics.kernels import trace_rays
 HEIGHTS = 48
 DIRECTIONS = 24
 MARGIN = 0.02
-"""Inflation of an outline about its centre: covers interpolation in height and the chords between directions."""
-_BISECTIONS = 40
+"""Inflation of an outline about its centre: covers interpolation in height and what lies between traced directions."""
+_TRACED = 720
+_BISECTIONS = 26
 _GRID = 65
 
 
@@ -30,7 +32,7 @@ class Outlines:
     step_mm : float
         Distance of neighbouring heights; height i is i * step_mm, on the +x axis.
     vertices_mm : (HEIGHTS, DIRECTIONS, 2) float64
-        Counter-clockwise polygons; all zero where nothing passes.
+        Counter-clockwise polygons, some of their edges short or of no length; all zero where nothing passes.
     drift : float
         How far an outline's centre moves per height of its point, near the axis.
     """
@@ -62,10 +64,9 @@ def outlines(
     found = ~np.isnan(inside[:, 0])
     vertices = np.zeros((HEIGHTS, DIRECTIONS, 2))
     if found.any():
-        edge = _edges(table, plane_mm, heights[found], inside[found])
-        centre = edge.mean(axis=1, keepdims=True)
-        inflation = (1 + margin) / np.cos(np.pi / DIRECTIONS)
-        vertices[found] = centre + inflation * (edge - centre)
+        enclosing = _supporting(_edges(table, plane_mm, heights[found], inside[found]))
+        centre = enclosing.mean(axis=1, keepdims=True)
+        vertices[found] = centre + (1 + margin) * (enclosing - centre)
     drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if found[:2].all() else 0.0
     return Outlines(step, vertices, drift)
 
@@ -99,10 +100,9 @@ def _inner_points(table: np.ndarray, stop_row: int, plane_mm: float, heights: np
 
 
 def _edges(table: np.ndarray, plane_mm: float, heights: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Last passing point in every direction by bisection, (n, DIRECTIONS, 2)."""
-    angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    ray = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    shape = (heights.size, DIRECTIONS)
+    """First blocked point in every traced direction by bisection, (n, _TRACED, 2)."""
+    ray = _directions(_TRACED)
+    shape = (heights.size, _TRACED)
     low, high = np.zeros(shape), np.full(shape, 2.5 * np.sqrt(table[0, 3]))
     height = np.broadcast_to(heights[:, None], shape).copy()
     for _ in range(_BISECTIONS):
@@ -110,3 +110,20 @@ def _edges(table: np.ndarray, plane_mm: float, heights: np.ndarray, inside: np.n
         ok = passes(table, plane_mm, height, inside[:, None] + middle[..., None] * ray)
         low, high = np.where(ok, middle, low), np.where(ok, high, middle)
     return inside[:, None] + high[..., None] * ray
+
+
+def _directions(count: int) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _supporting(points: np.ndarray) -> np.ndarray:
+    """Polygons around sets of points (n, m, 2) whose edges have normals in fixed directions, (n, DIRECTIONS, 2)."""
+    normal = _directions(DIRECTIONS)
+    support = (points @ normal.T).max(axis=1)
+    # Neighbouring support lines n_i . x = h_i meet in a vertex.
+    following = np.roll(support, -1, axis=1)
+    turn = 2 * np.pi / DIRECTIONS
+    along = (following - support * np.cos(turn)) / np.sin(turn)
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
+    return support[..., None] * normal + along[..., None] * tangent

@@ -12,6 +12,8 @@ from pipeline.camera.polygon import MAX_VERTICES, clip, fan
 from pipeline.jit import inline
 
 NO_MICROLENS, SKIP = -1, -2
+_SHORTEST_EDGE_MM = 1e-9
+"""Shorter edges of an outline are corners: they bound nothing, and rounding may turn them round."""
 
 
 @inline
@@ -79,6 +81,8 @@ def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, pol
     for i in range(count):
         polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
     size = outline_at(optics[3], outlines, vx, vy, outline)
+    if outline[0, 0] == outline[size // 2, 0] and outline[0, 1] == outline[size // 2, 1]:
+        return 0
     # A negative scale mirrors the region through its centre.
     sign = 1.0 if scale > 0.0 else -1.0
     reach = slack * ahead / behind
@@ -86,8 +90,8 @@ def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, pol
         k = j + 1 if j + 1 < size else 0
         ex, ey = outline[k, 0] - outline[j, 0], outline[k, 1] - outline[j, 1]
         length = math.sqrt(ex * ex + ey * ey)
-        if length == 0.0:
-            return 0
+        if length < _SHORTEST_EDGE_MM:
+            continue
         # Outward normal of a counter-clockwise edge.
         nx, ny = ey / length, -ex / length
         limit = nx * (outline[j, 0] - bx) + ny * (outline[j, 1] - by) + reach

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
+
+_LEAST_POWER_PER_MM = 1e-9
+"""A focal length of a thousand kilometres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,10 +70,18 @@ class FirstOrder:
 
 
 def first_order(prescription: Prescription) -> FirstOrder:
-    """First-order constants at the prescription's wavelength, air on both sides."""
+    """First-order constants at the prescription's wavelength, air on both sides.
+
+    Raises
+    ------
+    PrescriptionError
+        The lens is afocal.
+    """
     surfaces, stop = prescription.surfaces, prescription.stop_index
     vertices = prescription.vertices_from_stop_mm
     whole = _matrix(surfaces, 1.0)
+    if abs(whole[1, 0]) < _LEAST_POWER_PER_MM:
+        raise PrescriptionError("the lens is afocal: it has no focal length")
     efl = float(-1.0 / whole[1, 0])
     bfd = float(-whole[0, 0] / whole[1, 0])
     front_focus = -(vertices[0] + float(whole[1, 1] / whole[1, 0]))
@@ -83,7 +94,7 @@ def first_order(prescription: Prescription) -> FirstOrder:
         front_principal_mm=front_focus - efl,
         rear_principal_mm=rear_focus + efl,
         entrance_pupil=_entrance_pupil(prescription, surfaces[:stop]),
-        exit_pupil=_exit_pupil(prescription, surfaces[stop:]),
+        exit_pupil=exit_pupil(prescription),
     )
 
 
@@ -99,8 +110,9 @@ def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:
     return matrix
 
 
-def _exit_pupil(prescription: Prescription, rear: tuple[Surface, ...]) -> Pupil:
+def exit_pupil(prescription: Prescription) -> Pupil:
     """Image of the stop through what stands behind it."""
+    rear = prescription.surfaces[prescription.stop_index :]
     before = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
     matrix = _matrix(rear, before)
     behind_mm = float(-matrix[0, 1] / matrix[1, 1])
