@@ -27,6 +27,9 @@ PRINTED_BFD_MM = 0.15
 NOMINAL_EFL = 0.0075
 """A focal length in the name of a lens [relative]: tables are scaled to it and rounded; what is off more is marked."""
 
+ROUND_TRIP_MM = 1e-9
+"""A lens through another program's file [mm]: a curvature is 1 / radius rounded, and inches are 25.4 mm."""
+
 REVERSED_MM = 1e-12
 """A ray traced there and back [mm]: about 40 roundings of numbers near 100 mm (1.4e-14 mm each)."""
 
