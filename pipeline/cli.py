@@ -194,8 +194,10 @@ def plugin_path() -> None:
 @imports.command("lens")
 def import_lens(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Zemax .zmx, CODE V .seq, pbrt .dat, Blender .csv.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here [stdout].")] = None,
-    spacing: Annotated[Spacing | None, typer.Option(help="Of pbrt tables: where thicknesses lie.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
+    ] = None,
+    spacing: Annotated[Spacing | None, typer.Option(help="Where a pbrt table has its thicknesses.")] = None,
 ) -> None:
     """Write the lens of another program's file as a stage, and say what could not be kept."""
     from pipeline.importing import import_lens, write_stage

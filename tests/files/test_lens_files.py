@@ -1,6 +1,8 @@
 """Lenses of the library go through the formats of other programs and come back as the same rays."""
 
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from files import lens_writers as write
 from pxr import Usd
 from tolerances import ROUND_TRIP_MM
 
+from pipeline.errors import PipelineError
 from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.importing import import_lens, write_stage
@@ -134,6 +137,42 @@ def test_zemax_refuses_with_file_and_line(line: str, said: str, tmp_path: Path) 
 def test_the_numbers_beside_a_zemax_glass_are_kept_with_its_name(tmp_path: Path) -> None:
     first, *_ = read(tmp_path, "a.zmx", zmx("  GLAS MYGLASS 0 0 1.6 50")).surfaces
     assert (first.index, first.abbe, first.glass) == (1.6, 50, "MYGLASS")
+
+
+@pytest.fixture
+def toy_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A catalogue of two glasses in place of the shipped one."""
+    glasses = [
+        SimpleNamespace(vendor="schott", name="N-TOY2", label="schott:N-TOY2", nd=1.7, vd=50.0),
+        SimpleNamespace(vendor="ohara", name="TOY", label="ohara:TOY", nd=1.8, vd=40.0),
+    ]
+
+    def find(name: str) -> SimpleNamespace:
+        found = [one for one in glasses if name in (one.label, one.name)]
+        if not found:
+            raise PipelineError(f'no glass "{name}" in the catalogue', hint="near names: all")
+        return found[0]
+
+    module = SimpleNamespace(find=find, catalogue=lambda: glasses)
+    monkeypatch.setitem(sys.modules, "pipeline.optics.glass", SimpleNamespace(catalogue=module))
+    monkeypatch.setitem(sys.modules, "pipeline.optics.glass.catalogue", module)
+
+
+@pytest.mark.usefixtures("toy_catalogue")
+def test_a_glass_without_index_comes_from_the_catalogue_of_its_vendor(tmp_path: Path) -> None:
+    first, *_ = read(tmp_path, "a.seq", SEQ.replace("620410.603236", "NTOY2_SCHOTT")).surfaces
+    assert (first.index, first.abbe, first.glass) == (1.7, 50.0, "schott:N-TOY2")
+    text = "GCAT MISC SCHOTT\n" + zmx("  GLAS N-TOY2 0 0 1.5 40")
+    assert read(tmp_path, "a.zmx", text).surfaces[0].index == 1.7
+    said = refused(tmp_path, "a.zmx", "GCAT SCHOTT\n" + zmx("  GLAS TOY 0 0 1.5 40"))  # another vendor's
+    assert "no index of glass TOY of SCHOTT, and no glass" in said and "near names" in said
+
+
+@pytest.mark.usefixtures("toy_catalogue")
+def test_numbers_beside_a_zemax_glass_that_are_not_its_own_are_named(tmp_path: Path) -> None:
+    lens = read(tmp_path, "a.zmx", zmx("  GLAS TOY 0 0 1.5168 64.2"))
+    assert lens.surfaces[0].index == 1.8
+    assert "surface 1: index 1.5168 beside glass TOY; the catalogue's 1.8 is taken" in [one.what for one in lens.lost]
 
 
 def test_an_even_asphere_is_read_and_not_written_yet(tmp_path: Path) -> None:

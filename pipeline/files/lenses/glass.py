@@ -11,7 +11,7 @@ from pipeline.files.lenses.text import UnreadableLens
 def medium(
     path: str | Path, line: int, surface: int, name: str, vendors: Sequence[str]
 ) -> tuple[float, float | None, str]:
-    """Index at the d line, Abbe number and full name of a glass, looked up at these vendors or else at all.
+    """Index at the d line, Abbe number and full name of a glass, at these vendors or, if none is stated, at any.
 
     Raises
     ------
@@ -38,7 +38,8 @@ def known(name: str, vendors: Sequence[str]) -> tuple[float, float | None, str] 
     except ModuleNotFoundError:
         return None
     error: PipelineError | None = None
-    for full in [*(f"{vendor.casefold()}:{name}" for vendor in vendors), name]:
+    # With vendors stated, the same name at another vendor would be another glass.
+    for full in [f"{vendor.casefold()}:{name}" for vendor in vendors] or [name]:
         try:
             glass = catalogue.find(_spelt(catalogue, full))
         except PipelineError as found:
