@@ -8,6 +8,7 @@ import os
 import shlex
 import sys
 import traceback
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,9 @@ app = typer.Typer(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
 )
 
+imports = typer.Typer(no_args_is_help=True, help="Turn files of other programs into stages.")
+app.add_typer(imports, name="import")
+
 Stage = Annotated[Path, typer.Argument(metavar="STAGE", help="The dataset: a USD stage.")]
 Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="OUT", help="Output folder [build/<name>].")]
 Roots = Annotated[
@@ -30,6 +34,13 @@ Roots = Annotated[
 Force = Annotated[list[str] | None, typer.Option("--force", "-f", metavar="TASK", help="Run this task in any case.")]
 Until = Annotated[list[str] | None, typer.Option("--until", metavar="TASK", help="Run this task and what it needs.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+
+
+class Spacing(StrEnum):
+    """Where the thicknesses of a pbrt table lie: before or after the surface of their row."""
+
+    BEFORE = "before"
+    AFTER = "after"
 
 
 class ReaderGone(Exception):
@@ -178,6 +189,30 @@ def plugin_path() -> None:
 
     say(str(share("schemas")))
     say(str(share("stages")))
+
+
+@imports.command("lens")
+def import_lens(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Zemax .zmx, CODE V .seq, pbrt .dat, Blender .csv.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
+    ] = None,
+    spacing: Annotated[Spacing | None, typer.Option(help="Where a pbrt table has its thicknesses.")] = None,
+) -> None:
+    """Write the lens of another program's file as a stage, and say what could not be kept."""
+    from pipeline.importing import import_lens, write_stage
+
+    imported = import_lens(file, spacing.value if spacing else None)
+    for line in imported.warnings:
+        note(line)
+    if out is None:
+        say(imported.text.rstrip("\n"))
+        return
+    problems = write_stage(imported.text, out)
+    for problem in problems:
+        note(str(problem))
+    say(str(out))
+    raise typer.Exit(2 if any(problem.is_error for problem in problems) else 0)
 
 
 def main() -> None:

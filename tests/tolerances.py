@@ -21,6 +21,15 @@ PRINTED_3_MM = 0.5001e-3
 PRINTED_2_MM = 0.5001e-2
 """Half a unit of a figure printed to two decimals [mm]."""
 
+PRINTED_BFD_MM = 0.15
+"""A back focal distance printed with a prescription [mm]: radii of three decimals and indices of three near 100 mm."""
+
+NOMINAL_EFL = 0.0075
+"""A focal length in the name of a lens [relative]: tables are scaled to it and rounded; what is off more is marked."""
+
+ROUND_TRIP_MM = 1e-9
+"""A lens through another program's file [mm]: a curvature is 1 / radius rounded, and inches are 25.4 mm."""
+
 REVERSED_MM = 1e-12
 """A ray traced there and back [mm]: about 40 roundings of numbers near 100 mm (1.4e-14 mm each)."""
 

@@ -1,0 +1,257 @@
+"""CODE V sequences (`.seq`): one lens of spheres, conics and even aspheres, object side first.
+
+Only commands that make a lens are obeyed. Those that change it in a way that we cannot represent are named, each with
+its line; a few, after which the numbers would mean something else, are refused.
+"""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.files.lenses.glass import medium
+from pipeline.files.lenses.sizing import Beam, sized
+from pipeline.files.lenses.text import UnreadableLens, number, radius_of, read_lines
+from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+
+_UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
+_COEFFICIENTS = {letter: 4 + 2 * i for i, letter in enumerate("ABCDEFGHJ")}
+_REFUSED = {
+    **dict.fromkeys(("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "DAR", "BEN", "GLB"), "a decentred or tilted surface"),
+    **dict.fromkeys(("XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF"), "a surface that is not of revolution"),
+}
+_NAMED = {
+    **dict.fromkeys(("VUX", "VLX", "VUY", "VLY"), "vignetting factors; only semi-diameters block rays"),
+    **dict.fromkeys(("REX", "REY", "ELX", "ELY", "HOL", "OBS"), "an aperture that is no circle"),
+    **dict.fromkeys(("ZOO",), "zoom positions; only the first one is read"),
+    **dict.fromkeys(("PIM", "PIK", "SLV"), "a solve; thicknesses are taken as written"),
+    **dict.fromkeys(("NAO", "NA"), "a numerical aperture; the stop decides"),
+}
+# Analysis, labels, couplings of the optimiser.
+_SILENT = "LEN VERSION INI WTW WTF GO SLB THC CCY GLC CUC KC AC BC CC DC EC FC GC HC JC DES DER"
+
+
+@dataclass(slots=True)
+class _Row:
+    line: int
+    shape: float
+    thickness: float
+    glass: str = ""
+    is_stop: bool = False
+    conic: float = 0.0
+    coefficients: dict[int, float] = field(default_factory=dict)
+    semi_diameter: float | None = None
+
+
+class _Sequence:
+    """What a file says, command by command."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = path
+        self.title = ""
+        self.shape: str | None = None
+        self.unit_mm: float | None = None
+        self.wavelengths: list[float] = []
+        self.reference = 1
+        self.beam = Beam()
+        self.rows: list[_Row] = []
+        self.current: _Row | None = None
+        self.image_seen = False
+        self.private: dict[str, float] = {}
+        self.private_wavelengths: list[float] | None = None
+        self.lost: list[Lost] = []
+
+    def obey(self, line: int, words: list[str]) -> None:
+        name, values = words[0].upper(), words[1:]
+        if self.private_wavelengths is not None:
+            self._private(line, name, words)
+        elif name in ("TIT", "TITLE"):
+            self.title = " ".join(values)
+        elif name == "RDM":
+            self.shape = "curvature" if values[:1] and values[0].upper() == "N" else "radius"
+        elif name == "DIM":
+            self._dimension(line, values)
+        elif name == "PRV":
+            self.private_wavelengths = []
+        elif name in ("SO", "SI", "S") or re.fullmatch(r"S\d+", name):
+            self._surface(line, name, values)
+        else:
+            self._setting(line, name, values)
+
+    def _dimension(self, line: int, values: list[str]) -> None:
+        self.unit_mm = _UNITS_MM.get(values[0].upper()) if values else None
+        if self.unit_mm is None:
+            raise UnreadableLens(self.path, f"DIM {' '.join(values)}: M, C or I expected", line=line)
+
+    def _numbers(self, line: int, name: str, values: list[str]) -> list[float]:
+        if not values:
+            raise UnreadableLens(self.path, f"{name} has no value", line=line)
+        return [number(self.path, line, value, name) for value in values]
+
+    def _setting(self, line: int, name: str, values: list[str]) -> None:
+        if name in ("EPD", "FNO"):
+            value = self._numbers(line, name, values)[0]
+            self.beam.pupil, self.beam.f_number = (value, None) if name == "EPD" else (None, value)
+        elif name == "WL":
+            self.wavelengths = self._numbers(line, name, values)
+        elif name == "REF":
+            self.reference = int(self._numbers(line, name, values)[0])
+        elif name in ("XAN", "YAN"):
+            self.beam.field_deg = max(self.beam.field_deg or 0, *map(abs, self._numbers(line, name, values)))
+        elif name in _REFUSED:
+            raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
+        elif name in _NAMED:
+            self.lost.append(Lost(what=f"{name}: {_NAMED[name]}", line=line))
+        elif not self._of_surface(line, name, values) and name not in _SILENT.split():
+            self.lost.append(Lost(what=f"{name} is not read", line=line))
+
+    def _surface(self, line: int, name: str, values: list[str]) -> None:
+        shape, thickness = [*self._numbers(line, name, values[:2]), 0.0][:2]
+        if name == "SO":
+            if not thickness >= 1e8:
+                what = f"the object distance of {thickness:g}: a dataset says where its targets are"
+                self.lost.append(Lost(what=what, line=line))
+            self.current = None
+            return
+        if name == "SI":
+            self.image_seen, self.current = True, None
+            if shape:
+                self.lost.append(Lost(what="the image surface is curved; sensors are flat", line=line))
+            if thickness:
+                self.lost.append(
+                    Lost(what=f"a defocus of {thickness:g}: the camera says where the sensor is", line=line)
+                )
+            return
+        glass = values[2] if len(values) > 2 else ""
+        self.current = _Row(line=line, shape=shape, thickness=thickness, glass=glass)
+        self.rows.append(self.current)
+
+    def _of_surface(self, line: int, name: str, values: list[str]) -> bool:
+        row, rest = self._addressed(line, values)
+        if name == "STO":
+            if row:
+                row.is_stop = True
+            return row is not None
+        if name not in ("K", "CON", "ASP", "SPH", "CIR", *_COEFFICIENTS):
+            return False
+        if row is None:
+            self.lost.append(Lost(what=f"{name} {' '.join(values)} of no lens surface", line=line))
+        elif name == "K":
+            row.conic = self._numbers(line, name, rest)[0]
+        elif name in _COEFFICIENTS:
+            row.coefficients[_COEFFICIENTS[name]] = self._numbers(line, name, rest)[0]
+        elif name == "CIR":
+            if rest[:1] and rest[0].upper() in ("EDG", "OBS", "HOL"):
+                self.lost.append(Lost(what=f"CIR {rest[0]}: only clear apertures block rays", line=line))
+            else:
+                row.semi_diameter = self._numbers(line, name, rest)[0]
+        return True
+
+    def _addressed(self, line: int, values: list[str]) -> tuple[_Row | None, list[str]]:
+        """The surface that a command means, named as S3 or else the current one, and the other words."""
+        named = re.fullmatch(r"S(\d+)", values[0].upper()) if values else None
+        if not named:
+            return self.current, values
+        place = int(named[1])
+        if not 1 <= place <= len(self.rows):
+            raise UnreadableLens(self.path, f"there is no surface S{place} yet", line=line)
+        return self.rows[place - 1], values[1:]
+
+    def _private(self, line: int, name: str, words: list[str]) -> None:
+        assert self.private_wavelengths is not None
+        if name == "END":
+            self.private_wavelengths = None
+        elif name == "PWL":
+            self.private_wavelengths = self._numbers(line, name, words[1:])
+        else:
+            listed = self._numbers(line, words[0], words[1:])
+            # Of the wavelengths that it lists, the one that is the d line.
+            near = [n for w, n in zip(self.private_wavelengths, listed, strict=False) if abs(w - 587.6) < 0.1]
+            if not near:
+                raise UnreadableLens(self.path, f"private glass {words[0]} has no index at 587.6 nm", line=line)
+            self.private[words[0].upper()] = near[0]
+
+
+def read_codev(path: str | Path) -> PrintedLens:
+    """A lens from a `.seq` file.
+
+    Raises
+    ------
+    UnreadableLens
+        The file leaves open what its numbers mean, or its lens cannot be represented.
+    """
+    sequence = _Sequence(path)
+    for line, words in _commands(read_lines(path)):
+        sequence.obey(line, words)
+    if sequence.shape is None:
+        hint = "add RDM (radii) or RDM N (curvatures) at its beginning"
+        raise UnreadableLens(path, "does not say whether surfaces have radii or curvatures", hint=hint)
+    if sequence.unit_mm is None:
+        raise UnreadableLens(path, "does not say its unit", hint="add DIM M (mm), C (cm) or I (inches)")
+    if not sequence.rows:
+        raise UnreadableLens(path, "holds no surfaces")
+    surfaces = tuple(_printed(sequence, i, row) for i, row in enumerate(sequence.rows, 1))
+    lens = PrintedLens(
+        name=sequence.title or Path(path).stem,
+        surfaces=surfaces,
+        lost=(*sequence.lost, *_wavelengths(sequence)),
+    )
+    return sized(path, lens, sequence.beam, sequence.unit_mm)
+
+
+def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
+    """Commands with their lines: `;` separates, `&` continues, `!` begins a comment, quotes hold words together."""
+    pending, start = "", 0
+    for i, text in enumerate(lines, 1):
+        body = re.sub(r"""('[^']*'|"[^"]*")|!.*""", lambda match: match[1] or "", text).rstrip()
+        start = start or i
+        if body.endswith("&"):
+            pending += body[:-1] + " "
+            continue
+        for command in re.findall(r"""(?:'[^']*'|"[^"]*"|[^;'"])+""", pending + body):
+            words = [word.strip("'\"") for word in re.findall(r"""'[^']*'|"[^"]*"|[^\s'"]+""", command)]
+            if words and words[0]:
+                yield start, words
+        pending, start = "", 0
+
+
+def _printed(sequence: _Sequence, place: int, row: _Row) -> PrintedSurface:
+    unit_mm = sequence.unit_mm or 1.0
+    radius = (row.shape or math.inf) if sequence.shape == "radius" else radius_of(row.shape)
+    index, abbe, glass = _medium(sequence, place, row)
+    semi_diameter = row.semi_diameter
+    return PrintedSurface(
+        radius_mm=radius * unit_mm,
+        thickness_mm=row.thickness * unit_mm,
+        semi_diameter_mm=None if semi_diameter is None else semi_diameter * unit_mm,
+        index=index,
+        glass=glass,
+        abbe=abbe,
+        is_stop=row.is_stop,
+        conic=row.conic,
+        asphere=tuple((p, value * unit_mm ** (1 - p)) for p, value in sorted(row.coefficients.items()) if value),
+    )
+
+
+def _medium(sequence: _Sequence, place: int, row: _Row) -> tuple[float, float | None, str]:
+    """Index, Abbe number and name: a private glass, a fictitious one (620410.603236 or 620.603), or a catalogue's."""
+    glass = row.glass
+    if not glass or glass.upper() == "AIR":
+        return 1.0, None, ""
+    if glass.upper() in ("REFL", "MIRROR"):
+        raise UnreadableLens(sequence.path, f"surface {place} is a mirror", line=row.line)
+    if glass.upper() in sequence.private:
+        return sequence.private[glass.upper()], None, glass
+    if fictitious := re.fullmatch(r"(\d{3,})\.(\d{3,})", glass):
+        return float(f"1.{fictitious[1]}"), float(f"{fictitious[2][:2]}.{fictitious[2][2:]}"), glass
+    name, _, vendor = glass.partition("_")
+    return medium(sequence.path, row.line, place, name, [vendor] if vendor else [])
+
+
+def _wavelengths(sequence: _Sequence) -> list[Lost]:
+    others = [w for w in sequence.wavelengths if abs(w - 587.6) > 0.1]
+    if not others:
+        return []
+    shown = ", ".join(f"{w:g}" for w in sequence.wavelengths)
+    return [Lost(what=f"wavelengths {shown} nm: the lens has its indices at the d line, the camera its wavelength")]

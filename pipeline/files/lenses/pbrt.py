@@ -1,0 +1,130 @@
+"""Lens tables of the renderer pbrt: rows `radius thickness index diameter` in mm, object side first.
+
+Two traps. The fourth column is the full diameter. And some files in circulation give the space before each surface
+where pbrt itself reads the space behind it; see `spacing_of` for how that is decided.
+"""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+from pipeline.files.lenses.text import UnreadableLens, number, read_lines
+from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+
+_OTHER = {"before": "after", "after": "before"}
+
+
+def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
+    """A lens from a `.dat` file.
+
+    Parameters
+    ----------
+    path : path
+    spacing : {"before", "after"}, optional
+        What the second column means; decided by the numbers if it is left out.
+
+    Raises
+    ------
+    UnreadableLens
+        The file is no lens table, or it has no stop, or its numbers leave the meaning of the second column open.
+    """
+    comments, nominal_mm, rows = _parsed(path)
+    surfaces = _with_stop(path, rows)
+    chosen, why = (spacing, "as told") if spacing else spacing_of(path, surfaces)
+    name = comments[0].strip(" \"'.") if comments and comments[0].strip() else Path(path).stem
+    lost = [Lost(what=f"thicknesses were read as the space {chosen} each surface ({why})")]
+    lost.append(Lost(what="pbrt files state no wavelength for their indices and no dispersion; taken as the d line"))
+    return PrintedLens(
+        name=name,
+        provenance=tuple(line.strip() for line in comments[1:] if line.strip(" -=#")),
+        surfaces=tuple(_shifted(surfaces) if chosen == "before" else surfaces),
+        nominal_efl_mm=nominal_mm,
+        lost=tuple(lost),
+    )
+
+
+def spacing_of(path: str | Path, surfaces: list[PrintedSurface]) -> tuple[str, str]:
+    """What the second column means, and by which rule.
+
+    A first thickness of 0 means "before": no lens begins with an element of no thickness. A last thickness of 0 means
+    "after": there is always a space before the last surface. Otherwise the reading wins in which no surfaces cross
+    inside their clear apertures and every glass has a thickness, if it is the only such one.
+    """
+    first, last = surfaces[0].thickness_mm, surfaces[-1].thickness_mm
+    if first == 0 and last != 0:
+        return "before", "the first row has thickness 0"
+    if last == 0 and first != 0:
+        return "after", "the last row has thickness 0"
+    possible = {"after": _is_possible(surfaces), "before": _is_possible(_shifted(surfaces))}
+    if sum(possible.values()) == 1:
+        chosen = "after" if possible["after"] else "before"
+        return chosen, f'read as "{_OTHER[chosen]}", surfaces would cross'
+    reason = "its thicknesses can be the spaces before or after each surface"
+    if not any(possible.values()):
+        reason = "its surfaces cross, whether the thicknesses are the spaces before or after each surface"
+    raise UnreadableLens(path, reason, hint="say which: --spacing after (as pbrt reads it) or --spacing before")
+
+
+def _parsed(path: str | Path) -> tuple[list[str], float | None, list[tuple[int, list[float]]]]:
+    comments: list[str] = []
+    nominal_mm = None
+    rows: list[tuple[int, list[float]]] = []
+    for line, text in enumerate(read_lines(path), 1):
+        body, mark, comment = text.partition("#")
+        if mark and not rows:
+            comments.append(comment)
+        cells = body.split()
+        if len(cells) == 1 and not rows and nominal_mm is None:
+            nominal_mm = number(path, line, cells[0], "the focal length")  # older files begin with it
+        elif len(cells) == 4:
+            rows.append((line, [number(path, line, cell, "a column of a lens table") for cell in cells]))
+        elif cells:
+            reason = f"a row has {len(cells)} columns, not 4: radius thickness index diameter"
+            raise UnreadableLens(path, reason, line=line)
+    if not rows:
+        raise UnreadableLens(path, "holds no surfaces")
+    return comments, nominal_mm, rows
+
+
+def _with_stop(path: str | Path, rows: list[tuple[int, list[float]]]) -> list[PrintedSurface]:
+    surfaces, stops = [], []
+    index_before = 1.0
+    for i, (line, (radius, thickness, listed, diameter)) in enumerate(rows):
+        index = listed or 1.0  # 0 is air
+        if radius == 0 and index == 1 and index_before == 1:
+            stops.append(i)
+        if not diameter > 0:
+            raise UnreadableLens(path, f"surface {i + 1} has diameter {diameter:g} mm", line=line)
+        surfaces.append(
+            PrintedSurface(
+                radius_mm=radius or math.inf, thickness_mm=thickness, semi_diameter_mm=diameter / 2, index=index
+            )
+        )
+        index_before = index
+    if len(stops) != 1:
+        reason = f"{len(stops)} rows of radius 0 stand in air, and the stop is the only one there may be"
+        lines = [rows[i][0] for i in stops]
+        raise UnreadableLens(path, reason, line=lines[1] if lines else None, hint="leave one such row: the stop")
+    surfaces[stops[0]] = replace(surfaces[stops[0]], is_stop=True)
+    return surfaces
+
+
+def _shifted(surfaces: list[PrintedSurface]) -> list[PrintedSurface]:
+    """Spaces before each surface turned into spaces behind it; the last one is not known, so 0."""
+    behind = [surface.thickness_mm for surface in surfaces[1:]] + [0.0]
+    return [replace(surface, thickness_mm=space) for surface, space in zip(surfaces, behind, strict=True)]
+
+
+def _is_possible(surfaces: list[PrintedSurface]) -> bool:
+    for front, behind in pairwise(surfaces):
+        height = min(front.semi_diameter_mm or 0, behind.semi_diameter_mm or 0)
+        gap = front.thickness_mm + _sag(behind, height) - _sag(front, height)
+        if gap < -1e-9 or (front.index > 1 and front.thickness_mm <= 0):
+            return False
+    return True
+
+
+def _sag(surface: PrintedSurface, height: float) -> float:
+    c = 0.0 if math.isinf(surface.radius_mm) else 1 / surface.radius_mm
+    return c * height**2 / (1 + math.sqrt(max(0.0, 1 - (c * height) ** 2)))

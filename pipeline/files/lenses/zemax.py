@@ -1,0 +1,241 @@
+"""Zemax lens files (`.zmx`): keyword lines, one block per surface, object and image among them.
+
+What changes the lens and cannot be represented is named with its line, or refused where the numbers would mean
+something else without it.
+"""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.errors import PipelineError
+from pipeline.files.lenses import glass as glasses
+from pipeline.files.lenses.sizing import Beam, sized
+from pipeline.files.lenses.text import UnreadableLens, number, radius_of, read_lines
+from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+
+_UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
+_POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter
+_PLACEHOLDER = (1.5, 40.0)  # what Zemax writes where it keeps no nd and Vd
+_SAME_INDEX = 5e-4
+_APERTURES = ("SQAP", "ELAP", "UDAD", "OBSC", "SPID", "UDOB", "OBEL", "OBSQ")
+_VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN", "VDSZ")
+# Drawing, analysis, merit functions, couplings, settings of the editor.
+_SILENT = """
+VERS MODE PFIL LANG NOTE GFAC GSTD ROPD PICB FWGT FWGN ZVAN ZVDX ZVDY SDMA RAIM PUSH PUPD EFFL CONF GLCZ WAVL WWGT WWGN
+PWAV POLS GLRS NSCD COFN SLAB FIMP HIDE MIRR PICK VPAR VCUR OPDX PZUP LABL MEMA MAZH CFGO TOL MOFF PLIM DMFS SCED EGDS
+COMM FLAP WAVN MNCA MNEA MXCA MXEA MNCG MNEG MXCG MXEG BLNK DPTH OPOV POPS PCON RSCE RWRE NSCS DRAX DGEO STAR HYPR TCED
+TCMM CRSR DISG FLOA FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
+"""
+
+
+@dataclass(slots=True)
+class _Row:
+    line: int
+    type_name: str = "STANDARD"
+    type_line: int = 0
+    curvature: float = 0.0
+    conic: float = 0.0
+    parameters: dict[int, float] = field(default_factory=dict)
+    thickness: float = 0.0
+    glass: list[str] = field(default_factory=list)
+    glass_line: int = 0
+    semi_diameter: float | None = None
+    is_automatic: bool = False
+    is_stop: bool = False
+
+
+class _System:
+    """What a file says, line by line."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = path
+        self.name = ""
+        self.vendors: list[str] = []
+        self.unit_mm: float | None = None
+        self.beam = Beam()
+        self.field_is_angle = True
+        self.wavelengths_um: list[float] = []
+        self.rows: list[_Row] = []
+        self.lost: list[Lost] = []
+        self.unread: dict[str, int] = {}
+
+    def obey(self, line: int, text: str) -> None:
+        keyword, _, rest = text.strip().partition(" ")
+        words = rest.split()
+        if keyword == "SURF":
+            self.rows.append(_Row(line=line))
+        elif self.rows and text[:1].isspace():
+            self._of_surface(line, keyword, words)
+        else:
+            self._of_system(line, keyword, words)
+
+    def _first(self, line: int, keyword: str, words: list[str], place: int = 0) -> float:
+        if len(words) <= place:
+            raise UnreadableLens(self.path, f"{keyword} has no value", line=line)
+        return number(self.path, line, words[place], keyword)
+
+    def _of_system(self, line: int, keyword: str, words: list[str]) -> None:
+        if keyword == "NAME":
+            self.name = " ".join(words)
+        elif keyword == "GCAT":
+            self.vendors = words
+        elif keyword == "UNIT":
+            self.unit_mm = _UNITS_MM.get(words[0].upper()) if words else None
+            if self.unit_mm is None:
+                raise UnreadableLens(self.path, f"unknown unit {' '.join(words[:1])}", line=line)
+        elif keyword == "ENPD":
+            self.beam.pupil = self._first(line, keyword, words)
+        elif keyword == "FNUM":
+            self.beam.f_number = self._first(line, keyword, words)
+        elif keyword == "FTYP":
+            self.field_is_angle = self._first(line, keyword, words) == 0
+        elif keyword in ("XFLN", "YFLN", "XFLD", "YFLD"):
+            angles = [abs(number(self.path, line, word, keyword)) for word in words]
+            self.beam.field_deg = max([self.beam.field_deg or 0.0, *angles])
+        elif keyword == "WAVM":
+            if self._first(line, keyword, words, 2) > 0:
+                self.wavelengths_um.append(self._first(line, keyword, words, 1))
+        elif keyword == "MNUM" and self._first(line, keyword, words) > 1:
+            self.lost.append(Lost(what=f"{words[0]} configurations; only the first one is read", line=line))
+        elif keyword in _VIGNETTING:
+            if any(number(self.path, line, word, keyword) for word in words):
+                self.lost.append(Lost(what=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line))
+        elif keyword and keyword not in _SILENT.split():
+            self.unread.setdefault(keyword, line)
+
+    def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
+        row = self.rows[-1]
+        if keyword == "TYPE":
+            row.type_name, row.type_line = (words[0].upper() if words else "STANDARD"), line
+        elif keyword == "CURV":
+            row.curvature = self._first(line, keyword, words)
+        elif keyword == "CONI":
+            row.conic = self._first(line, keyword, words)
+        elif keyword == "PARM":
+            row.parameters[int(self._first(line, keyword, words))] = self._first(line, keyword, words, 1)
+        elif keyword == "DISZ":
+            far = bool(words) and words[0].upper() == "INFINITY"
+            row.thickness = math.inf if far else self._first(line, keyword, words)
+        elif keyword == "GLAS":
+            row.glass, row.glass_line = words, line
+        elif keyword in ("DIAM", "CLAP"):
+            self._aperture(line, row, keyword, words)
+        elif keyword == "STOP":
+            row.is_stop = True
+        elif keyword in _APERTURES:
+            what = f"surface {len(self.rows) - 1}: {keyword}, an aperture that is no circle"
+            self.lost.append(Lost(what=what, line=line))
+        elif keyword and keyword not in _SILENT.split():
+            self.unread.setdefault(keyword, line)
+
+    def _aperture(self, line: int, row: _Row, keyword: str, words: list[str]) -> None:
+        """DIAM is a semi-diameter, for drawing unless it is fixed; CLAP a hard ring and stands above it."""
+        if keyword == "CLAP":
+            numbers = [number(self.path, line, word, keyword) for word in words[:3]]
+            inner, outer = numbers[-2:] if len(numbers) == 3 else (*numbers, 0.0, 0.0)[:2]
+            if inner:
+                self.lost.append(Lost(what=f"surface {len(self.rows) - 1}: the inner edge of a ring", line=line))
+            row.semi_diameter, row.is_automatic = outer, False
+        elif row.semi_diameter is None or row.is_automatic:
+            semi_diameter = self._first(line, keyword, words)
+            row.semi_diameter = semi_diameter or None
+            row.is_automatic = len(words) < 2 or number(self.path, line, words[1], keyword) == 0
+
+
+def read_zemax(path: str | Path) -> PrintedLens:
+    """A lens from a `.zmx` file.
+
+    Raises
+    ------
+    UnreadableLens
+        The file leaves open what its numbers mean, or its lens cannot be represented.
+    """
+    system = _System(path)
+    for line, text in enumerate(read_lines(path), 1):
+        system.obey(line, text)
+    if system.unit_mm is None:
+        raise UnreadableLens(path, "does not say its unit", hint="add a line UNIT MM")
+    if len(system.rows) < 3:
+        raise UnreadableLens(path, "holds no surface between object and image")
+    if not system.field_is_angle:
+        system.beam.field_deg = None
+    *_, image = system.rows
+    surfaces = tuple(_printed(system, i, row) for i, row in enumerate(system.rows[1:-1], 1))
+    return sized(
+        path,
+        PrintedLens(name=system.name or Path(path).stem, surfaces=surfaces, lost=tuple(_lost(system, image))),
+        system.beam,
+        system.unit_mm,
+    )
+
+
+def _lost(system: _System, image: _Row) -> list[Lost]:
+    lost = list(system.lost)
+    first = system.rows[0]
+    if math.isfinite(first.thickness) and first.thickness < 1e8:
+        what = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
+        lost.append(Lost(what=what, line=first.line))
+    if image.curvature:
+        lost.append(Lost(what="the image surface is curved; sensors are flat", line=image.line))
+    automatic = [i for i, row in enumerate(system.rows[1:-1], 1) if row.is_automatic and row.semi_diameter]
+    if automatic:
+        shown = ", ".join(map(str, automatic))
+        lost.append(Lost(what=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
+    others = [w for w in system.wavelengths_um if abs(w - 0.5876) > 1e-4]
+    if others:
+        shown = ", ".join(f"{w * 1000:g}" for w in dict.fromkeys(system.wavelengths_um))
+        lost.append(
+            Lost(what=f"wavelengths {shown} nm: the lens has its indices at the d line, the camera its wavelength")
+        )
+    lost += [Lost(what=f"{keyword} is not read", line=line) for keyword, line in system.unread.items()]
+    return lost
+
+
+def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
+    unit_mm = system.unit_mm or 1.0
+    if row.type_name not in ("STANDARD", *_POWER_OF_TERM):
+        reason = f"surface {place} is of type {row.type_name}, which cannot be represented"
+        raise UnreadableLens(system.path, reason, line=row.type_line)
+    if not math.isfinite(row.thickness):
+        raise UnreadableLens(system.path, f"surface {place} is infinitely far from the next one", line=row.line)
+    index, abbe, glass = _medium(system, place, row)
+    step = _POWER_OF_TERM.get(row.type_name, 0)
+    terms = {step * i: value for i, value in sorted(row.parameters.items()) if value and step}
+    return PrintedSurface(
+        radius_mm=radius_of(row.curvature) * unit_mm,
+        thickness_mm=row.thickness * unit_mm,
+        semi_diameter_mm=None if row.semi_diameter is None else row.semi_diameter * unit_mm,
+        index=index,
+        glass=glass,
+        abbe=abbe,
+        is_stop=row.is_stop,
+        conic=row.conic,
+        asphere=tuple((power, value * unit_mm ** (1 - power)) for power, value in terms.items()),
+    )
+
+
+def _medium(system: _System, place: int, row: _Row) -> tuple[float, float | None, str]:
+    """Index, Abbe number and name: a model glass has the file's numbers, a named one the catalogue's, if it knows it.
+
+    The numbers beside a named glass may be left over, or placeholders; without a catalogue the former cannot be seen.
+    """
+    if not row.glass:
+        return 1.0, None, ""
+    name, kind = row.glass[0], (row.glass[1] if len(row.glass) > 1 else "0")
+    if name.upper() == "MIRROR":
+        raise UnreadableLens(system.path, f"surface {place} is a mirror", line=row.glass_line)
+    numbers = [number(system.path, row.glass_line, word, "GLAS") for word in row.glass[3:5]]
+    shown = "" if name == "___BLANK" else name
+    is_printed = len(numbers) == 2 and numbers[0] > 1 and (kind == "1" or tuple(numbers) != _PLACEHOLDER)
+    if kind == "1" and is_printed:  # a model glass
+        return numbers[0], numbers[1] or None, shown
+    found = glasses.known(name, system.vendors)
+    if found and not isinstance(found, PipelineError):
+        if is_printed and abs(found[0] - numbers[0]) > _SAME_INDEX:
+            what = f"surface {place}: index {numbers[0]:g} beside glass {name}; the catalogue's {found[0]:.6g} is taken"
+            system.lost.append(Lost(what=what, line=row.glass_line))
+        return found
+    if is_printed:
+        return numbers[0], numbers[1] or None, shown
+    return glasses.medium(system.path, row.glass_line, place, name, system.vendors)

@@ -1,0 +1,135 @@
+"""A lens as a publication or a file of another program prints it, before it is known whether we can build it.
+
+What the source says and we cannot represent is kept as `Lost`: named, not dropped.
+"""
+
+import math
+from dataclasses import dataclass
+
+from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
+
+D_LINE_NM = 587.56
+"""The helium d line in air [nm], to which printed indices belong unless a source says otherwise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lost:
+    """Something that a source says and that does not become part of the lens.
+
+    Attributes
+    ----------
+    what : str
+        One sentence.
+    line : int or None
+        Where the source says it, counted from 1.
+    """
+
+    what: str
+    line: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintedSurface:
+    """One row of a printed prescription. Radius, thickness and signs are those of `prescription.Surface`.
+
+    Attributes
+    ----------
+    semi_diameter_mm : float or None
+        None where the source does not say.
+    index, abbe : float, float or None
+        Medium behind the surface at the wavelength of the lens; Abbe number, None where unknown.
+    glass : str
+        Name of that medium as printed; empty for air and for a glass that has no name.
+    conic : float
+        Conic constant; 0 is a sphere.
+    asphere : tuple of (int, float)
+        Powers p of the height and their coefficients [mm^(1 - p)], zeros left out.
+    """
+
+    radius_mm: float = math.inf
+    thickness_mm: float = 0.0
+    semi_diameter_mm: float | None = None
+    index: float = 1.0
+    glass: str = ""
+    abbe: float | None = None
+    is_stop: bool = False
+    conic: float = 0.0
+    asphere: tuple[tuple[int, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PrintedLens:
+    """A lens with what is known about where it comes from.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    provenance : tuple of str
+        Paragraphs: publication, where the numbers were read, notes.
+    surfaces : tuple of PrintedSurface
+        From the scene to the sensor; neither object nor image.
+    wavelength_nm : float
+        To which the indices belong.
+    nominal_efl_mm, nominal_bfd_mm : float or None
+        As the source states them, for an object at infinity; None where it does not.
+    lost : tuple of Lost
+        What the source says beyond this record.
+    """
+
+    name: str
+    provenance: tuple[str, ...] = ()
+    surfaces: tuple[PrintedSurface, ...]
+    wavelength_nm: float = D_LINE_NM
+    nominal_efl_mm: float | None = None
+    nominal_bfd_mm: float | None = None
+    lost: tuple[Lost, ...] = ()
+
+
+class NotRepresentable(PrescriptionError):
+    """A lens that somebody can build, but not we, or not yet."""
+
+
+def prescription_of(lens: PrintedLens) -> Prescription:
+    """The lens as it is traced.
+
+    Raises
+    ------
+    PrescriptionError
+        The lens cannot exist, or cannot be represented; it names all surfaces that are to blame.
+    """
+    wrong = [f"surface {i}: {what}" for i, surface in enumerate(lens.surfaces, 1) for what in not_yet(surface)]
+    if wrong:
+        raise NotRepresentable(f'"{lens.name}" cannot be represented: {"; ".join(wrong)}')
+    if lens.surfaces and lens.surfaces[-1].index != 1:
+        raise NotRepresentable(f'"{lens.name}" ends in a medium of index {lens.surfaces[-1].index}, not in air')
+    return Prescription(surfaces=tuple(_surface(surface, i) for i, surface in enumerate(lens.surfaces, 1)))
+
+
+def not_yet(surface: PrintedSurface) -> list[str]:
+    """What keeps one surface from being represented: the only place that says so."""
+    found = []
+    if surface.conic:
+        found.append(f"conic constant {surface.conic:g} is not supported yet")
+    if surface.asphere:
+        powers = ", ".join(f"r^{power}" for power, _ in surface.asphere)
+        found.append(f"an asphere (terms {powers}) is not supported yet")
+    if surface.semi_diameter_mm is None:
+        found.append("its semi-diameter is not known")
+    if not surface.thickness_mm >= 0:
+        found.append(f"thickness {surface.thickness_mm:g} mm leads back towards the scene")
+    return found
+
+
+def _surface(surface: PrintedSurface, number: int) -> Surface:
+    assert surface.semi_diameter_mm is not None  # not_yet has said so
+    try:
+        return Surface(
+            radius_mm=surface.radius_mm,
+            thickness_mm=surface.thickness_mm,
+            semi_diameter_mm=surface.semi_diameter_mm,
+            index=surface.index,
+            is_stop=surface.is_stop,
+        )
+    except PrescriptionError as error:
+        raise PrescriptionError(f"surface {number}: {error.what}", hint=error.hint) from None

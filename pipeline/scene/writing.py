@@ -1,0 +1,102 @@
+"""Records to USD text, as USD itself would write it: the way out of every importer."""
+
+import re
+import textwrap
+from collections.abc import Iterable
+from typing import Any
+
+from pxr import Sdf, Vt
+
+from pipeline.optics.first_order import first_order
+from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
+
+_DOC_WIDTH = 112
+
+
+def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
+    """A printed lens as a layer of its own.
+
+    Parameters
+    ----------
+    lens : PrintedLens
+    prim_name : str, optional
+        Name of the root prim; made of the name of the lens if it is left out.
+
+    Raises
+    ------
+    PrescriptionError
+        The lens cannot be represented.
+    """
+    prescription_of(lens)  # raises
+    name = prim_name or identifier(lens.name)
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    root = layer.pseudoRoot
+    layer.defaultPrim = name
+    layer.documentation = lens_documentation(lens)
+    root.SetInfo("metersPerUnit", 0.001)
+    root.SetInfo("upAxis", "Y")
+    layer.timeCodesPerSecond = 24
+    fallback = Vt.TokenArray(["Scope"])
+    root.SetInfo("fallbackPrimTypes", {"PlenLens": fallback, "PlenSurface": fallback})
+    prim = Sdf.PrimSpec(layer, name, Sdf.SpecifierDef, "PlenLens")
+    prim.kind = "component"
+    names = surface_names(lens)
+    _author(prim, "plen:name", Sdf.ValueTypeNames.String, lens.name)
+    _author(prim, "plen:surfaceOrder", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray(names))
+    _author(prim, "plen:wavelength", Sdf.ValueTypeNames.Double, lens.wavelength_nm)
+    for child, surface in zip(names, lens.surfaces, strict=True):
+        _write_surface(Sdf.PrimSpec(prim, child, Sdf.SpecifierDef, "PlenSurface"), surface)
+    return layer.ExportToString().rstrip("\n") + "\n"
+
+
+def lens_documentation(lens: PrintedLens) -> str:
+    """Name, provenance, and the nominal figures of a lens beside the computed ones."""
+    found = first_order(prescription_of(lens))
+    computed = (
+        f"Computed at infinity with the indices below: EFL {found.efl_mm:.4f} mm, BFD {found.bfd_mm:.4f} mm,"
+        f" f/{abs(found.f_number):.2f}."
+    )
+    figures = f"{_nominal(lens)} {computed}"
+    return "\n\n".join(_filled([f"{lens.name}.", *lens.provenance, figures]))
+
+
+def surface_names(lens: PrintedLens) -> list[str]:
+    """Names of the prims of the surfaces: S1, S2 and so on, and Stop."""
+    return ["Stop" if surface.is_stop else f"S{i}" for i, surface in enumerate(lens.surfaces, 1)]
+
+
+def identifier(text: str) -> str:
+    """A prim name made of any text: words in capitals, other characters left out."""
+    words = re.findall(r"[A-Za-z0-9]+", text)
+    joined = "".join(word[:1].upper() + word[1:] for word in words)
+    return joined if joined[:1].isalpha() else f"Lens{joined}"
+
+
+def _nominal(lens: PrintedLens) -> str:
+    known = [
+        f"{name} {value:.8g} mm"
+        for name, value in (("EFL", lens.nominal_efl_mm), ("BFD", lens.nominal_bfd_mm))
+        if value is not None
+    ]
+    return f"Nominal: {', '.join(known)}." if known else "The source states neither EFL nor BFD."
+
+
+def _filled(paragraphs: Iterable[str]) -> list[str]:
+    return [textwrap.fill(text, _DOC_WIDTH, break_long_words=False, break_on_hyphens=False) for text in paragraphs]
+
+
+def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
+    if surface.abbe is not None:
+        _author(prim, "plen:abbe", Sdf.ValueTypeNames.Double, surface.abbe)
+    if surface.glass:
+        _author(prim, "plen:glass", Sdf.ValueTypeNames.String, surface.glass)
+    _author(prim, "plen:index", Sdf.ValueTypeNames.Double, surface.index)
+    if surface.is_stop:
+        _author(prim, "plen:isStop", Sdf.ValueTypeNames.Bool, True)
+    _author(prim, "plen:radius", Sdf.ValueTypeNames.Double, surface.radius_mm)
+    _author(prim, "plen:semiDiameter", Sdf.ValueTypeNames.Double, surface.semi_diameter_mm)
+    _author(prim, "plen:thickness", Sdf.ValueTypeNames.Double, surface.thickness_mm)
+
+
+def _author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any) -> None:
+    Sdf.AttributeSpec(prim, name, type_name, Sdf.VariabilityUniform).default = value

@@ -1,0 +1,56 @@
+"""`pipeline import` as a user meets it: the stage on stdout or in a file, what was lost on stderr, exit codes."""
+
+import pytest
+
+from pipeline import cli
+
+TABLE = "# A doublet\n50 4 1.5 18\n-50 2 1 18\n0 3 0 10\n-40 3 1.6 18\n-60 0 1 18\n"
+
+
+@pytest.fixture
+def pipeline(tmp_path, monkeypatch, capsys):
+    """Run the command in an empty folder with a lens table: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.dat").write_text(TABLE)
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_a_lens_goes_to_stdout_and_what_was_decided_to_stderr(pipeline):
+    code, output, log = pipeline("import", "lens", "a.dat")
+    assert code == 0
+    assert output.startswith('#usda 1.0\n(\n    defaultPrim = "ADoublet"')
+    assert "Imported from a.dat, a lens table of pbrt." in output
+    assert "a.dat: warning: thicknesses were read as the space after each surface" in log
+
+
+def test_a_lens_goes_to_a_new_file_that_passes_check(pipeline, tmp_path):
+    assert pipeline("import", "lens", "a.dat", "-o", "b.usda")[:2] == (0, "b.usda\n")
+    assert pipeline("check", "b.usda")[0] == 0
+    code, output, log = pipeline("import", "lens", "a.dat", "-o", "b.usda")
+    assert (code, output) == (2, "") and "b.usda exists" in log
+    assert pipeline("import", "lens", "a.dat", "-o", "b.usd")[0] == 2
+    assert [path.name for path in tmp_path.glob("*.usd*")] == ["b.usda"]
+
+
+def test_a_lens_that_check_refuses_is_written_with_its_problems(pipeline, tmp_path):
+    (tmp_path / "a.dat").write_text(TABLE.replace("50 4 1.5", "50 0.5 1.5"))
+    code, output, log = pipeline("import", "lens", "a.dat", "-o", "b.usda", "--spacing", "after")
+    assert code == 2 and output == "b.usda\n"
+    assert "b.usda:" in log and "[surfaces-cross]" in log
+
+
+def test_a_wrong_file_ends_with_2_and_writes_nothing(pipeline, tmp_path):
+    (tmp_path / "a.dat").write_text(TABLE.replace("1.6", "glass"))
+    code, output, log = pipeline("import", "lens", "a.dat", "-o", "b.usda")
+    assert (code, output) == (2, "")
+    assert log.startswith('error: a.dat:5: a column of a lens table must be a number, not "glass"')
+    assert not (tmp_path / "b.usda").exists()
+    code, _, log = pipeline("import", "lens", "none.zmx")
+    assert code == 2 and log.startswith("error: none.zmx: No such file")

@@ -1,0 +1,59 @@
+"""Lenses written in the formats of other programs: independent twins of the importers, for round trips."""
+
+import math
+
+from pipeline.optics.prescription import Prescription
+
+D_UM = 0.5875618
+
+
+def zemax(lens: Prescription, encoding: str = "utf-16", unit: str = "MM") -> bytes:
+    """A Zemax file: curvatures, semi-diameters, model glasses; object and image surface around."""
+    mm = {"MM": 1.0, "IN": 25.4}[unit]
+    lines = ["VERS 140124 0 123457", "MODE SEQ", "NAME Round trip é", f"UNIT {unit} X W X CM MR CPMM"]
+    lines += ["ENPD 1.0E+1", "GCAT SCHOTT MISC", f"WAVM 1 {D_UM} 1.0E+0", "FTYP 0 0 1 1 0 0 0"]
+    lines += ["SURF 0", "  TYPE STANDARD", "  CURV 0.0", "  DISZ INFINITY"]
+    for i, s in enumerate(lens.surfaces, 1):
+        lines += [f"SURF {i}", *(["  STOP"] if s.is_stop else []), "  TYPE STANDARD"]
+        lines += [f"  CURV {s.curvature_per_mm * mm!r} 0 0 0 0", f"  DISZ {s.thickness_mm / mm!r}"]
+        if s.index != 1:
+            lines.append(f"  GLAS ___BLANK 1 0 {s.index!r} 5.0E+1 0 0 0 0 0 0")
+        lines.append(f"  DIAM {s.semi_diameter_mm / mm!r} 1 0 0 1")
+    lines += [f"SURF {len(lens.surfaces) + 1}", "  TYPE STANDARD", "  CURV 0.0", "  DISZ 0", "  DIAM 4.3 0 0 0 1"]
+    return ("\r\n".join(lines) + "\r\n").encode(encoding)
+
+
+def codev(lens: Prescription, curvatures: bool = False) -> bytes:
+    """A CODE V sequence: radii or curvatures, fictitious glasses, circular apertures."""
+    lines = [f'RDM{" N" if curvatures else ""};LEN  "VERSION: 11.0"', "TITLE 'Round trip; it is'", "DIM M", "EPD 10.0"]
+    lines += ["WL 587.6 ! the d line", "REF 1", "YAN 0.0 &", "  10.0", "SO 0.0 0.1e14"]
+    for s in lens.surfaces:
+        shape = s.curvature_per_mm if curvatures else (0.0 if math.isinf(s.radius_mm) else s.radius_mm)
+        digits = f"{s.index!r}"[2:].ljust(6, "0")
+        glass = f" {digits}.500000" if s.index != 1 else ""
+        lines += [f"S {shape!r} {s.thickness_mm!r}{glass}", *(["  STO"] if s.is_stop else [])]
+        lines.append(f"  CIR {s.semi_diameter_mm!r}; CCY 0")
+    return ("\n".join([*lines, "SI 0.0 0.0", "GO"]) + "\n").encode()
+
+
+def pbrt(lens: Prescription, spacing: str = "after") -> bytes:
+    """A lens table of pbrt: full diameters, radius 0 and index 0 at the stop, spaces before or after."""
+    lines = ["# Round trip", "# radius thickness n diameter"]
+    before = 0.0
+    for s in lens.surfaces:
+        radius = 0 if math.isinf(s.radius_mm) else s.radius_mm
+        thickness = before if spacing == "before" else s.thickness_mm
+        index = 0 if s.is_stop else s.index
+        lines.append(f"{radius!r}\t{thickness!r}\t{index!r}\t{2 * s.semi_diameter_mm!r}")
+        before = s.thickness_mm
+    return ("\n".join(lines) + "\n").encode()
+
+
+def blender(lens: Prescription) -> bytes:
+    """A lens table of the Blender add-on: empty radii for planes, 0 or nothing for the index of air."""
+    lines = ["radius;thickness;material;index;v-no;sa"]
+    for s in lens.surfaces:
+        radius = "" if math.isinf(s.radius_mm) else repr(s.radius_mm)
+        material = "air;;" if s.index == 1 else f"GLASS;{s.index!r};50.0"
+        lines.append(f"{radius};{s.thickness_mm!r};{material};{s.semi_diameter_mm!r}  ")
+    return ("\r\n".join([*lines, ";;;;;"]) + "\r\n").encode()

@@ -1,0 +1,286 @@
+"""Lenses of the library go through the formats of other programs and come back as the same rays."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from files import lens_writers as write
+from pxr import Usd
+from tolerances import ROUND_TRIP_MM
+
+from pipeline.errors import PipelineError
+from pipeline.files.lenses.read import read_lens
+from pipeline.files.lenses.text import UnreadableLens
+from pipeline.importing import import_lens, write_stage
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.table import towards_sensor
+from pipeline.scene.reading import read_prescription
+
+LENSES = Path(__file__).resolve().parents[2] / "stages/lenses"
+FORMATS = {
+    "zemax utf-16": ("lens.zmx", write.zemax),
+    "zemax utf-8": ("lens.zmx", lambda lens: write.zemax(lens, "utf-8")),
+    "zemax latin-1": ("lens.ZMX", lambda lens: write.zemax(lens, "latin-1")),
+    "zemax inches": ("lens.zmx", lambda lens: write.zemax(lens, "utf-16", "IN")),
+    "codev radii": ("lens.seq", write.codev),
+    "codev curvatures": ("lens.seq", lambda lens: write.codev(lens, curvatures=True)),
+    "pbrt after": ("lens.dat", write.pbrt),
+    "pbrt before": ("lens.dat", lambda lens: write.pbrt(lens, "before")),
+    "blender": ("lens.csv", write.blender),
+}
+# Without planes in air besides the stop; one of them has no thickness behind its last surface.
+NAMES = ["double_gauss_100mm_tronnier", "double_gauss_99p5mm_zemax", "telephoto_250mm_sigler", "fisheye_10mm_muller"]
+
+
+def stage_prescription(path: Path) -> Prescription:
+    """The lens of a stage."""
+    stage = Usd.Stage.Open(path.as_posix())
+    return read_prescription(stage.GetDefaultPrim())
+
+
+def rays(lens: Prescription) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """500 random rays into the front of a lens, traced to its last surface: points, directions, who is alive."""
+    rng = np.random.default_rng(7)
+    pupil = first_order(lens).entrance_pupil
+    spread = rng.uniform(-0.6, 0.6, (500, 2)) * pupil.diameter_mm
+    direction = np.column_stack([rng.uniform(-0.1, 0.1, (500, 2)), np.ones(500)])
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    start_mm = lens.vertices_from_stop_mm[0] - 5
+    position = np.column_stack([spread, np.full(500, -pupil.z_mm)])
+    position += direction * ((start_mm + pupil.z_mm) / direction[:, 2])[:, None]
+    alive = np.ones(500)
+    trace_rays(towards_sensor(lens), position, direction, alive)
+    return position, direction, alive
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_lens_comes_back_as_the_same_rays(kind: str, name: str, tmp_path: Path) -> None:
+    file_name, writer = FORMATS[kind]
+    lens = stage_prescription(LENSES / f"{name}.usda")
+    source, out = tmp_path / file_name, tmp_path / "lens.usda"
+    source.write_bytes(writer(lens))
+    assert write_stage(import_lens(source).text, out) == []
+    position, direction, alive = rays(lens)
+    found_position, found_direction, found_alive = rays(stage_prescription(out))
+    assert alive.sum() > 100
+    assert np.array_equal(alive, found_alive)
+    through = alive == 1
+    np.testing.assert_allclose(found_position[through], position[through], rtol=0, atol=ROUND_TRIP_MM)
+    np.testing.assert_allclose(found_direction[through], direction[through], rtol=0, atol=ROUND_TRIP_MM)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in LENSES.glob("*.usda")))
+def test_every_lens_of_the_library_survives_zemax(name: str, tmp_path: Path) -> None:
+    lens = stage_prescription(LENSES / f"{name}.usda")
+    (tmp_path / "lens.zmx").write_bytes(write.zemax(lens))
+    out = tmp_path / "lens.usda"
+    write_stage(import_lens(tmp_path / "lens.zmx").text, out)
+    found = stage_prescription(out)
+    for one, other in zip(found.surfaces, lens.surfaces, strict=True):
+        assert one.radius_mm == pytest.approx(other.radius_mm, rel=1e-15)
+        assert (one.thickness_mm, one.index, one.is_stop) == (other.thickness_mm, other.index, other.is_stop)
+        assert one.semi_diameter_mm == other.semi_diameter_mm
+
+
+def read(tmp_path: Path, name: str, text: str | bytes, **options: str):
+    """The lens of a file written on the spot."""
+    path = tmp_path / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_lens(path, **options)
+
+
+def refused(tmp_path: Path, name: str, text: str | bytes, **options: str) -> str:
+    """What is said about a file that cannot be read."""
+    with pytest.raises(UnreadableLens) as error:
+        read(tmp_path, name, text, **options)
+    return str(error.value).replace(f"{tmp_path}/", "")
+
+
+def zmx(*surface: str) -> str:
+    """A Zemax file with one element before a stop; extra lines belong to its first surface."""
+    body = ["  CURV 0.02", "  DISZ 4", "  GLAS ___BLANK 1 0 1.5 60", "  DIAM 9 1", *surface]
+    middle = ["SURF 2", "  CURV 0", "  DISZ 2", "  DIAM 9 1", "SURF 3", "  STOP", "  DISZ 90", "  DIAM 5 1"]
+    return "\n".join(["UNIT MM", "SURF 0", "  DISZ INFINITY", "SURF 1", *body, *middle, "SURF 4", "  CURV 0"]) + "\n"
+
+
+def test_zemax_names_what_it_cannot_keep(tmp_path: Path) -> None:
+    text = "COAT_FILE x\nVDYN 0.1 0\nWAVM 1 0.4861 1\nWAVM 2 0.5876 1\n" + zmx("  SQAP 3 3").replace(
+        "DIAM 5 1", "DIAM 5 0"
+    )
+    lost = {one.what.split(":")[0].split(" nm")[0]: one.line for one in read(tmp_path, "a.zmx", text).lost}
+    assert lost["COAT_FILE is not read"] == 1
+    assert lost["VDYN"] == 2
+    assert lost["surface 1"] == 13
+    assert "surfaces 3 have automatic semi-diameters, for drawing; here they block rays" in lost
+    assert "wavelengths 486.1, 587.6" in lost
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("  TYPE BICONICX", "a.zmx:9: surface 1 is of type BICONICX"),
+        ("  CURV x", 'a.zmx:9: CURV must be a number, not "x"'),
+        ("  GLAS MIRROR 0 0 1.5 40", "a.zmx:9: surface 1 is a mirror"),
+        ("  GLAS NOSUCH 0 0 1.5 40", "a.zmx:9: surface 1: the file gives no index of glass NOSUCH"),
+        ("  DISZ INFINITY", "a.zmx:4: surface 1 is infinitely far"),
+    ],
+)
+def test_zemax_refuses_with_file_and_line(line: str, said: str, tmp_path: Path) -> None:
+    assert refused(tmp_path, "a.zmx", zmx(line)).startswith(said)
+
+
+def test_the_numbers_beside_a_zemax_glass_are_kept_with_its_name(tmp_path: Path) -> None:
+    first, *_ = read(tmp_path, "a.zmx", zmx("  GLAS MYGLASS 0 0 1.6 50")).surfaces
+    assert (first.index, first.abbe, first.glass) == (1.6, 50, "MYGLASS")
+
+
+@pytest.fixture
+def toy_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A catalogue of two glasses in place of the shipped one."""
+    glasses = [
+        SimpleNamespace(vendor="schott", name="N-TOY2", label="schott:N-TOY2", nd=1.7, vd=50.0),
+        SimpleNamespace(vendor="ohara", name="TOY", label="ohara:TOY", nd=1.8, vd=40.0),
+    ]
+
+    def find(name: str) -> SimpleNamespace:
+        found = [one for one in glasses if name in (one.label, one.name)]
+        if not found:
+            raise PipelineError(f'no glass "{name}" in the catalogue', hint="near names: all")
+        return found[0]
+
+    module = SimpleNamespace(find=find, catalogue=lambda: glasses)
+    monkeypatch.setitem(sys.modules, "pipeline.optics.glass", SimpleNamespace(catalogue=module))
+    monkeypatch.setitem(sys.modules, "pipeline.optics.glass.catalogue", module)
+
+
+@pytest.mark.usefixtures("toy_catalogue")
+def test_a_glass_without_index_comes_from_the_catalogue_of_its_vendor(tmp_path: Path) -> None:
+    first, *_ = read(tmp_path, "a.seq", SEQ.replace("620410.603236", "NTOY2_SCHOTT")).surfaces
+    assert (first.index, first.abbe, first.glass) == (1.7, 50.0, "schott:N-TOY2")
+    text = "GCAT MISC SCHOTT\n" + zmx("  GLAS N-TOY2 0 0 1.5 40")
+    assert read(tmp_path, "a.zmx", text).surfaces[0].index == 1.7
+    said = refused(tmp_path, "a.zmx", "GCAT SCHOTT\n" + zmx("  GLAS TOY 0 0 1.5 40"))  # another vendor's
+    assert "no index of glass TOY of SCHOTT, and no glass" in said and "near names" in said
+
+
+@pytest.mark.usefixtures("toy_catalogue")
+def test_numbers_beside_a_zemax_glass_that_are_not_its_own_are_named(tmp_path: Path) -> None:
+    lens = read(tmp_path, "a.zmx", zmx("  GLAS TOY 0 0 1.5168 64.2"))
+    assert lens.surfaces[0].index == 1.8
+    assert "surface 1: index 1.5168 beside glass TOY; the catalogue's 1.8 is taken" in [one.what for one in lens.lost]
+
+
+def test_an_even_asphere_is_read_and_not_written_yet(tmp_path: Path) -> None:
+    text = zmx("  TYPE EVENASPH", "  CONI -0.5", "  PARM 1 0", "  PARM 2 1e-6").replace("UNIT MM", "UNIT CM")
+    first, *_ = read(tmp_path, "a.zmx", text).surfaces
+    assert (first.conic, first.asphere) == (-0.5, ((4, 1e-6 * 10.0**-3),))
+    with pytest.raises(UnreadableLens, match=r"surface 1: conic constant -0.5 .*terms r\^4"):
+        import_lens(tmp_path / "a.zmx")
+
+
+SEQ = "RDM\nDIM M\nEPD 10\nYAN 0 14\nSO 0 1e13\nS 50 4 620410.603236\nS 0 2\nS 0 90\n  STO\nSI 0 -0.4\nGO\n"
+
+
+def test_codev_fills_in_what_the_beam_needs_and_says_so(tmp_path: Path) -> None:
+    """Marginal ray 5 mm at the first vertex; the chief ray passes the stop 4 / 1.62 + 2 mm behind it or so."""
+    lens = read(tmp_path, "a.seq", SEQ)
+    first, _, stop = lens.surfaces
+    assert (first.index, first.abbe) == (1.62041, 60.3236)
+    power = 0.62041 / 50
+    behind = 4 / 1.62041 + 2
+    assert stop.semi_diameter_mm == pytest.approx(5 * (1 - power * behind), rel=1e-12)
+    slope = np.tan(np.radians(14))
+    assert first.semi_diameter_mm == pytest.approx(5 + slope * behind / (1 - power * behind), rel=1e-12)
+    said = [one.what for one in lens.lost]
+    assert any("surfaces 1, 2, 3 have no semi-diameter" in what for what in said)
+    assert any("a defocus of -0.4" in what for what in said)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("RDM\n", "", "a.seq: does not say whether surfaces have radii or curvatures"),
+        ("DIM M\n", "", "a.seq: does not say its unit"),
+        ("EPD 10\n", "", "a.seq: surfaces 1, 2, 3 have no semi-diameter"),
+        ("620410.603236", "NOSUCH_SCHOTT", "a.seq:6: surface 1: the file gives no index of glass NOSUCH of SCHOTT"),
+        ("620410.603236", "REFL", "a.seq:6: surface 1 is a mirror"),
+        ("S 0 2", "S 0 2\n  YDE 0.1", "a.seq:8: YDE: a decentred or tilted surface cannot be represented"),
+        ("S 50", "S fifty", 'a.seq:6: S must be a number, not "fifty"'),
+    ],
+)
+def test_codev_refuses_with_file_and_line(old: str, new: str, said: str, tmp_path: Path) -> None:
+    assert refused(tmp_path, "a.seq", SEQ.replace(old, new)).startswith(said)
+
+
+def test_codev_private_glasses_have_their_index_in_the_file(tmp_path: Path) -> None:
+    private = "PRV\nPWL 656.3 587.6 486.1\n'mine' 1.50 1.51 1.52\nEND\n"
+    first, *_ = read(tmp_path, "a.seq", private + SEQ.replace("620410.603236", "'mine'")).surfaces
+    assert (first.index, first.glass) == (1.51, "mine")
+
+
+ROWS = "50 4 1.5 18\n-50 2 1 18\n0 3 0 10\n-40 3 1.6 18\n-60 {last} 1 18\n"
+
+
+def test_pbrt_says_how_it_read_the_thicknesses(tmp_path: Path) -> None:
+    after = read(tmp_path, "a.dat", ROWS.format(last=0))
+    assert "the space after each surface (the last row has thickness 0)" in after.lost[0].what
+    before = read(tmp_path, "a.dat", "50 0 1.5 18\n-50 4 1 18\n0 2 0 10\n-40 3 1.6 18\n-60 3 1 18\n")
+    assert "the space before each surface (the first row has thickness 0)" in before.lost[0].what
+    assert before.surfaces == after.surfaces
+    assert before.surfaces[2].is_stop and before.surfaces[0].semi_diameter_mm == 9
+
+
+def test_pbrt_asks_when_both_readings_are_possible(tmp_path: Path) -> None:
+    text = ROWS.format(last=7)
+    said = refused(tmp_path, "a.dat", text)
+    assert "can be the spaces before or after each surface" in said and "--spacing after" in said
+    told = read(tmp_path, "a.dat", text, spacing="before")
+    assert [surface.thickness_mm for surface in told.surfaces] == [2, 3, 3, 7, 0]
+
+
+def test_pbrt_decides_by_surfaces_that_would_cross(tmp_path: Path) -> None:
+    text = "20 6 1.5 18\n-20 0.1 1 18\n0 9 0 10\n-40 3 1.6 18\n-60 7 1 18\n"
+    lens = read(tmp_path, "a.dat", text)
+    assert lens.lost[0].what.endswith('the space after each surface (read as "before", surfaces would cross)')
+
+
+def test_pbrt_planes_in_glass_are_no_stops_and_two_stops_are_refused(tmp_path: Path) -> None:
+    plane = "0 4 1.5 18\n-50 2 1 18\n0 3 0 10\n-40 3 1.6 18\n-60 0 1 18\n"
+    assert [surface.is_stop for surface in read(tmp_path, "a.dat", plane).surfaces] == [False] * 2 + [True] + [
+        False
+    ] * 2
+    assert refused(tmp_path, "a.dat", "0 1 1 5\n" + plane).startswith("a.dat:4: 2 rows of radius 0 stand in air")
+    assert refused(tmp_path, "a.dat", "1 2 3\n").startswith("a.dat:1: a row has 3 columns, not 4")
+
+
+BLENDER = "radius;thickness;material;index;v-no;sa\n50;4;BK7;1.5168;64.1;9\n;2;air;;;9\n;80;air;0;;5\n"
+
+
+def test_blender_takes_the_second_of_two_air_rows_for_the_stop(tmp_path: Path) -> None:
+    lens = read(tmp_path, "a.csv", BLENDER)
+    assert [surface.is_stop for surface in lens.surfaces] == [False, False, True]
+    assert (lens.surfaces[0].glass, lens.surfaces[0].abbe, lens.nominal_bfd_mm) == ("BK7", 64.1, 80)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("radius;", "r;", "a.csv:1: the first line must be"),
+        (";80;air", ";80;Air", "a.csv: has no stop"),
+        ("1.5168", "", "a.csv:2: glass BK7 has no index"),
+        ("50;4", "50;four", 'a.csv:2: "thickness" must be a number, not "four"'),
+    ],
+)
+def test_blender_refuses_with_file_and_line(old: str, new: str, said: str, tmp_path: Path) -> None:
+    assert refused(tmp_path, "a.csv", BLENDER.replace(old, new)).startswith(said)
+
+
+def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
+    assert "known are .zmx" in refused(tmp_path, "a.zar", "x")
+    assert refused(tmp_path, "a.zmx", b"PK\0\1").startswith("a.zmx: is no text")
+    assert "for lens tables of pbrt" in refused(tmp_path, "a.zmx", zmx(), spacing="after")

@@ -1,0 +1,81 @@
+"""Claim: every lens of the library has the focal length and the back focal distance that its file states.
+
+library_lenses.json holds what the sources state and what another program computed from their tables.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Usd
+from tolerances import NOMINAL_EFL, PRINTED_4_MM, PRINTED_BFD_MM
+
+from pipeline.optics.first_order import first_order
+from pipeline.optics.prescription import Prescription
+from pipeline.scene.load import load
+from pipeline.scene.reading import read_prescription
+
+ROOT = Path(__file__).resolve().parents[2]
+LENSES = json.loads((Path(__file__).parent / "library_lenses.json").read_text(encoding="utf-8"))["lenses"]
+FAR_FROM_NOMINAL = {  # and said to be, in the README of the library
+    "double_gauss_50mm_canon",
+    "double_gauss_100mm_mandler",
+    "double_gauss_100mm_matsubara",
+    "double_meniscus_100mm_protar",
+    "double_meniscus_100mm_topogon",
+}
+
+
+def path_of(name: str) -> Path:
+    """The file of a lens of the library."""
+    return ROOT / f"stages/lenses/{name}.usda"
+
+
+def prescription(name: str) -> Prescription:
+    """A lens of the library."""
+    stage = Usd.Stage.Open(path_of(name).as_posix())
+    return read_prescription(stage.GetDefaultPrim())
+
+
+def test_every_file_is_in_the_table_and_the_readme() -> None:
+    found = {path.stem for path in (ROOT / "stages/lenses").glob("*.usda")}
+    listed = re.findall(r"^\| (\w+) \| [^|]+ \| \d", (ROOT / "stages/lenses/README.md").read_text(), re.MULTILINE)
+    assert found == set(LENSES)
+    assert found == set(listed)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_check_finds_nothing(name: str) -> None:
+    assert load(path_of(name)).problems == []
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_first_order_values_are_those_of_another_program(name: str) -> None:
+    found, expected = first_order(prescription(name)), LENSES[name]["independent"]
+    assert found.efl_mm == pytest.approx(expected["efl_mm"], rel=0, abs=PRINTED_4_MM)
+    assert found.bfd_mm == pytest.approx(expected["bfd_mm"], rel=0, abs=PRINTED_4_MM)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_nominal_values_are_kept_or_known_not_to_be(name: str) -> None:
+    found, nominal = first_order(prescription(name)), LENSES[name]["nominal"]
+    assert (abs(found.efl_mm / nominal["efl_mm"] - 1) > NOMINAL_EFL) == (name in FAR_FROM_NOMINAL)
+    if nominal["bfd_mm"] is not None:
+        assert found.bfd_mm == pytest.approx(nominal["bfd_mm"], rel=0, abs=PRINTED_BFD_MM)
+
+
+@pytest.mark.parametrize("name", sorted(set(LENSES) - {"double_gauss_100mm_tronnier"}))
+def test_the_documentation_states_nominal_and_computed_values(name: str) -> None:
+    text = " ".join(Sdf.Layer.FindOrOpen(path_of(name).as_posix()).documentation.split())
+    nominal, computed = LENSES[name]["nominal"], LENSES[name]["independent"]
+    stated = f"Nominal: EFL {float(nominal['efl_mm']):.8g} mm"
+    if nominal["bfd_mm"] is not None:
+        stated += f", BFD {nominal['bfd_mm']:.8g} mm"
+    numbers = r"EFL ([\d.]+) mm, BFD ([\d.]+) mm"
+    found = re.search("Computed at infinity with the indices below: " + numbers, text)
+    assert found
+    assert [float(found[1]), float(found[2])] == pytest.approx(list(computed.values()), rel=0, abs=PRINTED_4_MM)
+    assert stated in text
+    assert "Published: " in text
+    assert "Numbers read from: " in text
