@@ -1,8 +1,8 @@
 """Claim: indices from the catalogue are those that glass makers print, and those of a commercial program.
 
-The catalogue states an n_d and a V_d with each entry. For Schott, Hoya and Sumita they are the vendor's printed figures:
-none of them equals what the formula gives, all agree with it to the printed digits or nearly so. Those of the other
-vendors repeat the formula and prove nothing; they are left out here.
+The catalogue states an n_d and a V_d with each entry. For Schott, Hoya and Sumita they are the vendor's printed
+figures: none of them equals what the formula gives, all agree with it to the printed digits or nearly so. Those of the
+other vendors repeat the formula and prove nothing; they are left out here.
 """
 
 import json

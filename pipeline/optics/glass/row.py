@@ -5,7 +5,7 @@ index and Abbe number. Nothing is ever taken in place of a name that is not know
 """
 
 import math
-import re
+from dataclasses import dataclass
 
 from pipeline.optics.glass.catalogue import find, listed, nearest
 from pipeline.optics.glass.dispersion import Cauchy, Constant, Dispersion, NormalLine, Polynomial, Sellmeier
@@ -19,7 +19,6 @@ MAX_ABBE_DIFFERENCE = 0.5
 MODEL_RANGE_NM = (400.0, 700.0)
 """Where the normal line was fitted."""
 
-_WRITTEN = re.compile(r"(\w+)\((.*)\)")
 _SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
 _FORMULAS = "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5)"
 
@@ -71,13 +70,12 @@ def _nameless(index: float | None, abbe: float | None, wavelength_nm: float) -> 
 
 def _written(text: str) -> Medium:
     """A formula in place of a name, with wavelengths in micrometres."""
-    match = _WRITTEN.fullmatch(text.strip())
+    kind, _, numbers = text.removesuffix(")").partition("(")
     try:
-        kind, numbers = match[1].casefold(), [float(part) for part in match[2].split(",")]  # type: ignore[index]
-        dispersion = _formula(kind, numbers)
-    except (TypeError, KeyError, ValueError):
+        dispersion = _formula(kind.casefold(), [float(number) for number in numbers.split(",")])
+    except ValueError:
         raise BadFormula(f'"{text}" is no dispersion formula', hint=f"write one of {_FORMULAS}") from None
-    return Medium(label=text.strip(), dispersion=_Checked(text, dispersion))
+    return Medium(label=text, dispersion=_Checked(text=text, dispersion=dispersion))
 
 
 def _formula(kind: str, numbers: list[float]) -> Dispersion:
@@ -92,23 +90,24 @@ def _formula(kind: str, numbers: list[float]) -> Dispersion:
         return Sellmeier(terms=tuple(zip(numbers[0::2], numbers[1::2], strict=True)))
     if kind == "schott":
         return Polynomial(constant=numbers[0], terms=tuple(zip(numbers[1:], _SCHOTT_EXPONENTS, strict=True)))
-    raise KeyError(kind)
+    raise ValueError(kind)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Checked:
     """A formula of unknown range: refuses to be evaluated to what no glass has."""
 
-    def __init__(self, text: str, dispersion: Dispersion) -> None:
-        self._text, self._dispersion = text, dispersion
+    text: str
+    dispersion: Dispersion
 
     def index(self, wavelength_um: float) -> float:
         """Refractive index relative to air [1]."""
         try:
-            n = self._dispersion.index(wavelength_um)
+            n = self.dispersion.index(wavelength_um)
         except (ValueError, ZeroDivisionError, OverflowError):
             n = math.nan
         if not 1 <= n < math.inf:
-            raise BadFormula(f'"{self._text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm')
+            raise BadFormula(f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm')
         return n
 
 
