@@ -20,12 +20,13 @@ MODEL_RANGE_NM = (400.0, 700.0)
 """Where the normal line was fitted."""
 
 _SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
+_KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(")
 _FORMULAS = "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5)"
 
 
 def names_an_entry(glass: str) -> bool:
     """Whether a glass is more than a name as printed: with its vendor, or as a formula."""
-    return ":" in glass or "(" in glass
+    return ":" in glass or _is_written(glass)
 
 
 def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm: float) -> Medium:
@@ -48,7 +49,7 @@ def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm
     if not glass:
         return _nameless(index, abbe, wavelength_nm)
     try:
-        found = _written(glass) if "(" in glass else find(glass)
+        found = _written(glass) if _is_written(glass) else find(glass)
     except (UnknownGlass, AmbiguousGlass) as error:
         raise _with_neighbours(error, glass, index, abbe) from None
     _compare(found, index, abbe, wavelength_nm)
@@ -66,6 +67,11 @@ def _nameless(index: float | None, abbe: float | None, wavelength_nm: float) -> 
     model = Medium(label=f"normal line {index:g}/{abbe:g}", dispersion=line, min_nm=low_nm, max_nm=high_nm)
     model.index(wavelength_nm)  # drawn through the printed index, it must hold there
     return model
+
+
+def _is_written(glass: str) -> bool:
+    # A bracket alone does not tell: K-PFK80(M) is a glass.
+    return glass.casefold().startswith(_KINDS)
 
 
 def _written(text: str) -> Medium:
@@ -88,9 +94,7 @@ def _formula(kind: str, numbers: list[float]) -> Dispersion:
         return Cauchy(coefficients=tuple(numbers))
     if kind == "sellmeier":
         return Sellmeier(terms=tuple(zip(numbers[0::2], numbers[1::2], strict=True)))
-    if kind == "schott":
-        return Polynomial(constant=numbers[0], terms=tuple(zip(numbers[1:], _SCHOTT_EXPONENTS, strict=True)))
-    raise ValueError(kind)
+    return Polynomial(constant=numbers[0], terms=tuple(zip(numbers[1:], _SCHOTT_EXPONENTS, strict=True)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
