@@ -59,3 +59,24 @@ RULE_OF_BIAS = 0.03
 
 FIRST_ORDER_BLUR = 0.02
 """Covariance mapped by a constant Jacobian [relative]: distortion and coma across a blur, and sampling."""
+
+MOVED_TRUTH_PX = 0.05
+"""Catalogue instead of printed indices, plenoptic rig of 800 x 600 pixels [px]: 0.04 stated, one digit."""
+
+STATED_INDEX = 5e-5
+"""n_d as a vendor states it beside its formula [1]: Sumita's prints are up to 3.8e-5 off their own formulas."""
+
+PRINTED_5_INDEX = 6e-6
+"""An index printed to five decimals [1]: half a unit, and a tenth of a unit for formulas with rounded coefficients."""
+
+CODEV_INDEX = 1e-6
+"""An index printed to six decimals [1]: half a unit, and as much again for the catalogue's edition."""
+
+PRINTED_ABBE = 0.01
+"""An Abbe number printed to two decimals [1]: one unit, because a vendor may compute it from rounded indices."""
+
+MODEL_MEDIAN, MODEL_95, MODEL_WORST = 1.9e-4, 5e-4, 1.4e-3
+"""Index from n_d and V_d alone, largest error from 400 to 700 nm [1]: median glass, 95 per cent, all."""
+
+MODEL_NARROW_MEDIAN, MODEL_NARROW_95, MODEL_NARROW_WORST = 9e-5, 2.2e-4, 9e-4
+"""The same from 436 to 656 nm [1]."""

@@ -7,6 +7,7 @@ from pxr import Usd
 from pipeline.camera.camera import REPLICAS
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
+from pipeline.scene.check_glass import check_wavelength
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem
 from pipeline.scene.reading import read_prescription
@@ -27,9 +28,10 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         yield from _check_samples(camera, name)
     yield from _check_microlens_distance(camera)
     lens = target(camera, "plen:camera:lens", "PlenLens")
-    prescription = _prescription(lens)
-    if lens and prescription:
-        yield from _check_wavelength(camera, lens)
+    if lens:
+        yield from check_wavelength(camera, lens)
+    prescription = _prescription(camera, lens)
+    if prescription:
         yield from _check_behind_lens(camera, prescription)
         yield from _check_near_far(camera, prescription)
 
@@ -43,10 +45,10 @@ def check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
         yield problem(attribute, "microlens-types", message)
 
 
-def _prescription(lens: Usd.Prim | None) -> Prescription | None:
-    """The record of a lens; None where the lens alone is wrong already, and reported as that."""
+def _prescription(camera: Usd.Prim, lens: Usd.Prim | None) -> Prescription | None:
+    """The record of a lens; None where lens or wavelength are wrong already, and reported as that."""
     try:
-        return read_prescription(lens) if lens else None
+        return read_prescription(lens, read(camera, "plen:camera:wavelength")) if lens else None
     except PipelineError:
         return None
 
@@ -71,14 +73,6 @@ def _check_microlens_distance(camera: Usd.Prim) -> Iterator[Problem]:
     elif attribute.HasAuthoredValue() and not has_array:
         message = '"plen:camera:microlensDistance" means nothing without "plen:camera:microlenses"'
         yield problem(attribute, "unused-value", message)
-
-
-def _check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
-    camera_nm, lens_nm = read(camera, "plen:camera:wavelength"), read(lens, "plen:wavelength")
-    if None not in (camera_nm, lens_nm) and camera_nm != lens_nm:
-        message = f"the camera sees {camera_nm} nm, but the indices of its lens are printed for {lens_nm} nm"
-        hint = "other wavelengths than the lens's are not supported yet"
-        yield problem(camera.GetAttribute("plen:camera:wavelength"), "not-yet-supported", message, hint=hint)
 
 
 def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:

@@ -18,7 +18,7 @@ from pipeline.scene.reading import (
     read_prescription,
     stage_mm_per_unit,
 )
-from pipeline.scene.values import numbers, plain, target, targets
+from pipeline.scene.values import numbers, plain, read, target, targets
 
 # How far a quaternion may be off unit length without a word: what its type resolves.
 _ROUNDING = {
@@ -125,7 +125,8 @@ def _check_before_camera(
     camera: Usd.Prim, board: Usd.Prim, root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
     """Every corner of the board, its margin included, must lie before the first vertex of the lens."""
-    prescription = read_prescription(target(camera, "plen:camera:lens", "PlenLens"))
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
     first_mm = -prescription.vertices_from_stop_mm[0]
     half_x, half_y = read_checkerboard(board).half_extent_mm
     corners = np.array([[x, y, 0.0] for x in (-half_x, half_x) for y in (-half_y, half_y)])

@@ -15,7 +15,6 @@ _NO_TILT = ((0.0, 0.0),)
 # What the schemas allow and the pipeline builds today. Attributes that are not named here are supported as a whole.
 SUPPORTED: dict[str, tuple[Any, ...]] = {
     "plen:conic": (0.0,),
-    "plen:indexSource": ("printed",),
     "plen:layout": ("hexagonal",),
     "plen:model": ("thin",),
     "plen:aperture": ("cell",),

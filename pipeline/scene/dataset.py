@@ -22,7 +22,7 @@ class CameraEntry:
     lens_name : str
         `plen:name` of the lens, or its prim name; for reports only.
     index_source : str
-        Where the refractive indices come from: `printed`.
+        Where the refractive indices come from: `printed`, or `catalogue` with the media from the scene to the sensor.
     truth : dict
         Fields of `truth.TruthSettings` (a dict, because scene and truth are strangers).
     image_samples : int

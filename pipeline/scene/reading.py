@@ -9,6 +9,7 @@ from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Matrix, TargetEntry
+from pipeline.scene.media import index_source, with_indices
 from pipeline.scene.poses import inverse, product, world_from
 from pipeline.scene.values import need, read, target, targets
 from pipeline.target.checkerboard import Checkerboard
@@ -69,7 +70,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         name=camera_name(prim, root),
         prim_path=str(prim.GetPath()),
         lens_name=need(lens, "plen:name") or lens.GetName(),
-        index_source=need(lens, "plen:indexSource"),
+        index_source=index_source(lens, ordered_surfaces(lens)),
         wavelength_nm=need(prim, "plen:camera:wavelength"),
         weight=need(prim, "plen:camera:weight"),
         footprint=need(prim, "plen:truth:footprint"),
@@ -86,7 +87,9 @@ def read_camera(prim: Usd.Prim) -> Camera:
     """A Camera with PlenCameraAPI."""
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     return Camera(
-        prescription=read_prescription(target(prim, "plen:camera:lens", "PlenLens")),
+        prescription=read_prescription(
+            target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
+        ),
         sensor=read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
         sensor_distance_mm=need(prim, "plen:camera:sensorDistance"),
         microlenses=read_microlenses(array, need(prim, "plen:camera:microlensDistance")) if array else None,
@@ -102,13 +105,14 @@ def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
     return [prim for prim in named if prim and prim.IsA("PlenSurface")]
 
 
-def read_prescription(lens: Usd.Prim) -> Prescription:
-    """A PlenLens."""
-    return Prescription(surfaces=tuple(read_surface(prim) for prim in ordered_surfaces(lens)))
+def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
+    """A PlenLens at a wavelength; without one at the wavelength of its printed indices."""
+    prims = ordered_surfaces(lens)
+    return Prescription(surfaces=with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm))
 
 
 def read_surface(prim: Usd.Prim) -> Surface:
-    """A PlenSurface."""
+    """A PlenSurface, its index as printed."""
     return Surface(
         radius_mm=need(prim, "plen:radius"),
         thickness_mm=need(prim, "plen:thickness"),

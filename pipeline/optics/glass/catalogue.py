@@ -1,0 +1,151 @@
+"""Glasses by vendor and name: the catalogue table that ships with the package; README.md here says where it comes from.
+
+A name is compared without case. `vendor:name` is one glass, a name alone is one only if a single vendor uses it: F5 of
+CDGM and F5 of Schott differ by 0.02 in n_d.
+"""
+
+import csv
+import difflib
+import gzip
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from pipeline.optics.glass.dispersion import Dispersion, Polynomial, Sellmeier
+from pipeline.optics.glass.errors import AmbiguousGlass, UnknownGlass
+from pipeline.optics.glass.medium import Medium
+
+_TABLE = Path(__file__).with_name("catalogue.csv.gz")
+_NEAR_NAMES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Glass(Medium):
+    """An entry of the catalogue.
+
+    Attributes
+    ----------
+    vendor, name : str
+        Its key; `label` is `vendor:name`.
+    series, status : str
+        Empty for a vendor's main catalogue; `preferred`, `standard`, `special` or empty where nothing is stated.
+    temperature_c : float or None
+        Temperature of the catalogue, None where it is not stated.
+    stated_nd, stated_vd : float or None
+        As the vendor prints them, rounded; for reports and tests only.
+    """
+
+    vendor: str
+    name: str
+    series: str
+    status: str
+    temperature_c: float | None
+    stated_nd: float | None
+    stated_vd: float | None
+
+
+def find(name: str) -> Glass:
+    """The glass of a name, with `vendor:` in front or without.
+
+    Raises
+    ------
+    UnknownGlass
+        No entry has this name. The hint lists near names.
+    AmbiguousGlass
+        Several vendors have an entry of this name and none is named.
+    """
+    vendor, _, bare = name.rpartition(":")
+    found = [one for one in _by_name().get(bare.casefold(), ()) if vendor.casefold() in ("", one.vendor)]
+    if not found:
+        near = near_names(name)
+        hint = f"near names: {listed(near)}" if near else "write vendor:name, as in schott:N-BK7"
+        raise UnknownGlass(f'no glass "{name}" in the catalogue', hint=hint)
+    if len(found) > 1:
+        what = f'"{name}" is a glass of {len(found)} vendors: {listed(found)}'
+        raise AmbiguousGlass(what, hint=f'write one of them with its vendor, as in "{found[-1].label}"')
+    return found[0]
+
+
+def near_names(name: str) -> list[Glass]:
+    """Glasses whose name resembles an unknown one: the same name at another vendor first."""
+    vendor, _, bare = name.casefold().rpartition(":")
+    exact = list(_by_name().get(bare, ()))
+    if exact:
+        return exact
+    close = [one for match in _close(bare, _by_name()) for one in _by_name()[match]]
+    return ([one for one in close if one.vendor == vendor] or close)[:_NEAR_NAMES]
+
+
+def nearest(nd: float, vd: float, max_dnd: float, max_dvd: float) -> list[Glass]:
+    """Glasses within a distance of an n_d and a V_d, nearest first, distances counted in these limits."""
+    found = []
+    for glass in catalogue():
+        if glass.nd is None or glass.vd is None:
+            continue
+        dnd, dvd = abs(glass.nd - nd) / max_dnd, abs(glass.vd - vd) / max_dvd
+        if max(dnd, dvd) <= 1:
+            found.append((dnd + dvd, glass.label, glass))
+    return [glass for _, _, glass in sorted(found, key=lambda row: row[:2])]
+
+
+def listed(glasses: Iterable[Glass]) -> str:
+    """Names with n_d and V_d, for messages."""
+    return ", ".join(
+        one.label if one.nd is None or one.vd is None else f"{one.label} ({one.nd:.5f}/{one.vd:.2f})" for one in glasses
+    )
+
+
+@cache
+def catalogue() -> tuple[Glass, ...]:
+    """All glasses, in the order of the table: by vendor, then by name."""
+    with gzip.open(_TABLE, "rt", encoding="utf-8", newline="") as stream:
+        return tuple(_glass(row) for row in csv.DictReader(stream))
+
+
+@cache
+def _by_name() -> dict[str, tuple[Glass, ...]]:
+    found: dict[str, tuple[Glass, ...]] = {}
+    for glass in catalogue():
+        key = glass.name.casefold()
+        found[key] = (*found.get(key, ()), glass)
+    return found
+
+
+def _close(bare: str, names: Iterable[str]) -> list[str]:
+    """Names that end like it (N-BK7 for BK7), then names that are spelt nearly so."""
+    names = list(names)
+    prefixed = [name for name in names if name.endswith("-" + bare)]
+    return prefixed + [
+        name for name in difflib.get_close_matches(bare, names, n=_NEAR_NAMES, cutoff=0.6) if name not in prefixed
+    ]
+
+
+def _glass(row: dict[str, str]) -> Glass:
+    return Glass(
+        label=f"{row['vendor']}:{row['glass']}",
+        dispersion=_dispersion(row),
+        min_nm=1000.0 * float(row["wl_min_um"]),
+        max_nm=1000.0 * float(row["wl_max_um"]),
+        vendor=row["vendor"],
+        name=row["glass"],
+        series=row["series"],
+        status=row["status"],
+        temperature_c=_number(row["temp_C"]),
+        stated_nd=_number(row["nd_vendor"]),
+        stated_vd=_number(row["Vd_vendor"]),
+    )
+
+
+def _dispersion(row: dict[str, str]) -> Dispersion:
+    numbers = [float(row[f"c{i}"]) for i in range(15) if row[f"c{i}"]]
+    constant, terms = numbers[0], tuple(zip(numbers[1::2], numbers[2::2], strict=True))
+    if row["formula"] == "3":
+        return Polynomial(constant=constant, terms=terms)
+    if row["formula"] == "1":  # prints resonances, formula 2 their squares
+        terms = tuple((strength, resonance * resonance) for strength, resonance in terms)
+    return Sellmeier(constant=constant, terms=terms)
+
+
+def _number(text: str) -> float | None:
+    return float(text) if text else None

@@ -1,0 +1,138 @@
+"""The medium of one row of a prescription: what its glass, printed index and Abbe number together say.
+
+In this order: a glass of the catalogue; a formula written in its place; without a name air, or the normal line through
+index and Abbe number. Nothing is ever taken in place of a name that is not known.
+"""
+
+import math
+from dataclasses import dataclass
+
+from pipeline.optics.glass.catalogue import find, listed, nearest
+from pipeline.optics.glass.dispersion import Cauchy, Constant, Dispersion, NormalLine, Polynomial, Sellmeier
+from pipeline.optics.glass.errors import AmbiguousGlass, BadFormula, GlassError, GlassMismatch, UnknownGlass
+from pipeline.optics.glass.medium import Medium
+
+MAX_INDEX_DIFFERENCE = 5e-4
+MAX_ABBE_DIFFERENCE = 0.5
+"""A printed index or Abbe number further off than this belongs to another glass: prints are rounded to 1e-3 and 0.1."""
+
+MODEL_RANGE_NM = (400.0, 700.0)
+"""Where the normal line was fitted."""
+
+_SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
+_KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(")
+_FORMULAS = "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5)"
+
+
+def names_an_entry(glass: str) -> bool:
+    """Whether a glass is more than a name as printed: with its vendor, or as a formula."""
+    return ":" in glass or _is_written(glass)
+
+
+def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm: float) -> Medium:
+    """The medium of a row.
+
+    Parameters
+    ----------
+    glass : str
+        `vendor:name`, a name that one vendor uses, a formula, or empty.
+    index, abbe : float or None
+        As printed, None where nothing is printed.
+    wavelength_nm : float
+        To which the printed index belongs.
+
+    Raises
+    ------
+    GlassError
+        It is not known, or not what is printed.
+    """
+    if not glass:
+        return _nameless(index, abbe, wavelength_nm)
+    try:
+        found = _written(glass) if _is_written(glass) else find(glass)
+    except (UnknownGlass, AmbiguousGlass) as error:
+        raise _with_neighbours(error, glass, index, abbe) from None
+    _compare(found, index, abbe, wavelength_nm)
+    return found
+
+
+def _nameless(index: float | None, abbe: float | None, wavelength_nm: float) -> Medium:
+    if index is None or index == 1:
+        return Medium(label="air", dispersion=Constant(n=1.0))
+    if abbe is None:
+        hint = 'write "plen:glass", or "plen:abbe" for a model, or plen:glass = "constant(n)" for no dispersion'
+        raise UnknownGlass(f"nothing is known of the dispersion of a medium with index {index}", hint=hint)
+    low_nm, high_nm = MODEL_RANGE_NM
+    line = NormalLine.through(index, abbe, wavelength_nm / 1000.0)
+    model = Medium(label=f"normal line {index:g}/{abbe:g}", dispersion=line, min_nm=low_nm, max_nm=high_nm)
+    model.index(wavelength_nm)  # drawn through the printed index, it must hold there
+    return model
+
+
+def _is_written(glass: str) -> bool:
+    # A bracket alone does not tell: K-PFK80(M) is a glass.
+    return glass.casefold().startswith(_KINDS)
+
+
+def _written(text: str) -> Medium:
+    """A formula in place of a name, with wavelengths in micrometres."""
+    kind, _, numbers = text.removesuffix(")").partition("(")
+    try:
+        dispersion = _formula(kind.casefold(), [float(number) for number in numbers.split(",")])
+    except ValueError:
+        raise BadFormula(f'"{text}" is no dispersion formula', hint=f"write one of {_FORMULAS}") from None
+    return Medium(label=text, dispersion=_Checked(text=text, dispersion=dispersion))
+
+
+def _formula(kind: str, numbers: list[float]) -> Dispersion:
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(kind)
+    if kind == "constant":
+        (n,) = numbers
+        return Constant(n=n)
+    if kind == "cauchy":
+        return Cauchy(coefficients=tuple(numbers))
+    if kind == "sellmeier":
+        return Sellmeier(terms=tuple(zip(numbers[0::2], numbers[1::2], strict=True)))
+    return Polynomial(constant=numbers[0], terms=tuple(zip(numbers[1:], _SCHOTT_EXPONENTS, strict=True)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Checked:
+    """A formula of unknown range: refuses to be evaluated to what no glass has."""
+
+    text: str
+    dispersion: Dispersion
+
+    def index(self, wavelength_um: float) -> float:
+        """Refractive index relative to air [1]."""
+        try:
+            n = self.dispersion.index(wavelength_um)
+        except (ValueError, ZeroDivisionError, OverflowError):
+            n = math.nan
+        if not 1 <= n < math.inf:
+            raise BadFormula(f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm')
+        return n
+
+
+def _compare(found: Medium, index: float | None, abbe: float | None, wavelength_nm: float) -> None:
+    """Refuse an entry that is not the printed glass."""
+    differences = []
+    if index is not None and not abs((known := found.index(wavelength_nm)) - index) <= MAX_INDEX_DIFFERENCE:
+        differences.append(f"index {known:.6f} at {wavelength_nm:.7g} nm, printed is {index:g} ({known - index:+.6f})")
+    if abbe is not None and (vd := found.vd) is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
+        differences.append(f"Abbe number {vd:.3f}, printed is {abbe:g} ({vd - abbe:+.3f})")
+    if differences:
+        error = GlassMismatch(f"{found.label} has {' and '.join(differences)}")
+        raise _with_neighbours(error, found.label, index, abbe)
+
+
+def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: float | None) -> GlassError:
+    """The same error; its hint also names glasses that are close to what is printed, those of the same name first."""
+    if index is None or abbe is None:
+        return error
+    name = glass.rpartition(":")[2].casefold()
+    close = nearest(index, abbe, MAX_INDEX_DIFFERENCE, MAX_ABBE_DIFFERENCE)
+    close = sorted(close, key=lambda one: one.name.casefold() != name)[:3]
+    fits = f"{index:g}/{abbe:g} fits {listed(close)}" if close else f"no glass of the catalogue has {index:g}/{abbe:g}"
+    return type(error)(error.what, hint=f"{error.hint}; {fits}" if error.hint else fits)
