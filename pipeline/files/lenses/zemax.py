@@ -19,6 +19,7 @@ _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the param
 _PLACEHOLDER = (1.5, 40.0)  # what Zemax writes where it keeps no nd and Vd
 _SAME_INDEX = 5e-4
 _APERTURES = ("SQAP", "ELAP", "UDAD", "OBSC", "SPID", "UDOB", "OBEL", "OBSQ")
+_OF_SURFACE = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "DIAM", "CLAP", "STOP")  # indented or not
 _VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN", "VDSZ")
 # Drawing, analysis, merit functions, couplings, settings of the editor.
 _SILENT = """
@@ -55,6 +56,7 @@ class _System:
         self.unit_mm: float | None = None
         self.beam = Beam()
         self.field_is_angle = True
+        self.wavelength_count = 24  # as many as a file lists, used or not
         self.wavelengths_um: list[float] = []
         self.rows: list[_Row] = []
         self.lost: list[Lost] = []
@@ -65,7 +67,7 @@ class _System:
         words = rest.split()
         if keyword == "SURF":
             self.rows.append(_Row(line=line))
-        elif self.rows and text[:1].isspace():
+        elif self.rows and (text[:1].isspace() or keyword in _OF_SURFACE):
             self._of_surface(line, keyword, words)
         else:
             self._of_system(line, keyword, words)
@@ -90,11 +92,13 @@ class _System:
             self.beam.f_number = self._first(line, keyword, words)
         elif keyword == "FTYP":
             self.field_is_angle = self._first(line, keyword, words) == 0
+            if len(words) > 3:
+                self.wavelength_count = int(self._first(line, keyword, words, 3))
         elif keyword in ("XFLN", "YFLN", "XFLD", "YFLD"):
             angles = [abs(number(self.path, line, word, keyword)) for word in words]
             self.beam.field_deg = max([self.beam.field_deg or 0.0, *angles])
         elif keyword == "WAVM":
-            if self._first(line, keyword, words, 2) > 0:
+            if self._first(line, keyword, words) <= self.wavelength_count:
                 self.wavelengths_um.append(self._first(line, keyword, words, 1))
         elif keyword == "MNUM" and self._first(line, keyword, words) > 1:
             self.lost.append(Lost(what=f"{words[0]} configurations; only the first one is read", line=line))
