@@ -174,6 +174,12 @@ def test_numbers_beside_a_zemax_glass_that_are_not_its_own_are_named(tmp_path: P
     assert "surface 1: index 1.5168 beside glass TOY; the catalogue's 1.8 is taken" in [one.what for one in lens.lost]
 
 
+def test_a_circular_aperture_of_zemax_stands_above_the_semi_diameter(tmp_path: Path) -> None:
+    lens = read(tmp_path, "a.zmx", zmx("  CLAP 1 7.5 0"))
+    assert lens.surfaces[0].semi_diameter_mm == 7.5
+    assert "surface 1: the inner edge of a ring" in [one.what for one in lens.lost]
+
+
 def test_an_even_asphere_is_read_and_not_written_yet(tmp_path: Path) -> None:
     text = zmx("  TYPE EVENASPH", "  CONI -0.5", "  PARM 1 0", "  PARM 2 1e-6").replace("UNIT MM", "UNIT CM")
     first, *_ = read(tmp_path, "a.zmx", text).surfaces
@@ -198,6 +204,13 @@ def test_codev_fills_in_what_the_beam_needs_and_says_so(tmp_path: Path) -> None:
     said = [one.what for one in lens.lost]
     assert any("surfaces 1, 2, 3 have no semi-diameter" in what for what in said)
     assert any("a defocus of -0.4" in what for what in said)
+
+
+def test_vignetting_factors_become_semi_diameters(tmp_path: Path) -> None:
+    """A field that loses a tenth of the pupil at either edge needs 0.5 mm less of the first surface."""
+    plain = read(tmp_path, "a.seq", SEQ).surfaces[0].semi_diameter_mm
+    text = SEQ.replace("YAN 0 14", "YAN 0 14\nVUY 0 0.1\nVLY 0 0.1")
+    assert read(tmp_path, "a.seq", text).surfaces[0].semi_diameter_mm == pytest.approx(plain - 0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize(

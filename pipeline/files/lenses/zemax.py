@@ -95,8 +95,8 @@ class _System:
             if len(words) > 3:
                 self.wavelength_count = int(self._first(line, keyword, words, 3))
         elif keyword in ("XFLN", "YFLN", "XFLD", "YFLD"):
-            angles = [abs(number(self.path, line, word, keyword)) for word in words]
-            self.beam.field_deg = max([self.beam.field_deg or 0.0, *angles])
+            angles = [number(self.path, line, word, keyword) for word in words]
+            self.beam.add(angles)
         elif keyword == "WAVM":
             if self._first(line, keyword, words) <= self.wavelength_count:
                 self.wavelengths_um.append(self._first(line, keyword, words, 1))
@@ -136,8 +136,7 @@ class _System:
     def _aperture(self, line: int, row: _Row, keyword: str, words: list[str]) -> None:
         """DIAM is a semi-diameter, for drawing unless it is fixed; CLAP a hard ring and stands above it."""
         if keyword == "CLAP":
-            numbers = [number(self.path, line, word, keyword) for word in words[:3]]
-            inner, outer = numbers[-2:] if len(numbers) == 3 else (*numbers, 0.0, 0.0)[:2]
+            inner, outer = self._first(line, keyword, words), self._first(line, keyword, words, 1)
             if inner:
                 self.lost.append(Lost(what=f"surface {len(self.rows) - 1}: the inner edge of a ring", line=line))
             row.semi_diameter, row.is_automatic = outer, False
@@ -163,7 +162,7 @@ def read_zemax(path: str | Path) -> PrintedLens:
     if len(system.rows) < 3:
         raise UnreadableLens(path, "holds no surface between object and image")
     if not system.field_is_angle:
-        system.beam.field_deg = None
+        system.beam.fields.clear()
     *_, image = system.rows
     surfaces = tuple(_printed(system, i, row) for i, row in enumerate(system.rows[1:-1], 1))
     return sized(
