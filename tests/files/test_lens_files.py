@@ -110,10 +110,11 @@ def zmx(*surface: str) -> str:
 
 def test_zemax_names_what_it_cannot_keep(tmp_path: Path) -> None:
     waves = "FTYP 0 0 1 2 0\nWAVM 1 0.4861 1\nWAVM 2 0.5876 1\nWAVM 3 0.55 1\n"
-    text = "COAT_FILE x\nVDYN 0.1 0\n" + waves + zmx("  SQAP 3 3").replace("DIAM 5 1", "DIAM 5 0")
+    text = "COAT_FILE x\nVDYN 0.1 0\n" + waves + zmx("  SQAP 3 3").replace("DIAM 5 1", "DIAM 5 0") + "EFLY 1 43 0\n"
     lost = {one.what.split(":")[0].split(" nm")[0]: one.line for one in read(tmp_path, "a.zmx", text).lost}
     assert lost["COAT_FILE is not read"] == 1
     assert lost["VDYN"] == 2
+    assert "EFLY is not read" not in lost  # an operand of the merit function, behind the surfaces
     assert lost["surface 1"] == 15
     assert "surfaces 3 have automatic semi-diameters, for drawing; here they block rays" in lost
     assert "wavelengths 486.1, 587.6" in lost

@@ -20,13 +20,13 @@ _PLACEHOLDER = (1.5, 40.0)  # what Zemax writes where it keeps no nd and Vd
 _SAME_INDEX = 5e-4
 _APERTURES = ("SQAP", "ELAP", "UDAD", "OBSC", "SPID", "UDOB", "OBEL", "OBSQ")
 _OF_SURFACE = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "DIAM", "CLAP", "STOP")  # indented or not
-_VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN", "VDSZ")
+_VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN")
 # Drawing, analysis, merit functions, couplings, settings of the editor.
 _SILENT = """
 VERS MODE PFIL LANG NOTE GFAC GSTD ROPD PICB FWGT FWGN ZVAN ZVDX ZVDY SDMA RAIM PUSH PUPD EFFL CONF GLCZ WAVL WWGT WWGN
 PWAV POLS GLRS NSCD COFN SLAB FIMP HIDE MIRR PICK VPAR VCUR OPDX PZUP LABL MEMA MAZH CFGO TOL MOFF PLIM DMFS SCED EGDS
 COMM FLAP WAVN MNCA MNEA MXCA MXEA MNCG MNEG MXCG MXEG BLNK DPTH OPOV POPS PCON RSCE RWRE NSCS DRAX DGEO STAR HYPR TCED
-TCMM CRSR DISG FLOA FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
+TCMM VDSZ CRSR DISG FLOA FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
 """
 
 
@@ -105,7 +105,7 @@ class _System:
         elif keyword in _VIGNETTING:
             if any(number(self.path, line, word, keyword) for word in words):
                 self.lost.append(Lost(what=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line))
-        elif keyword and keyword not in _SILENT.split():
+        elif keyword and not self.rows and keyword not in _SILENT.split():  # behind them: merit function
             self.unread.setdefault(keyword, line)
 
     def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
