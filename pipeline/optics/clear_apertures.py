@@ -1,14 +1,26 @@
 """Semi-diameters for a lens whose source prints none: what an unvignetted beam needs, to first order."""
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import PrintedLens, PrintedSurface
 
 
-def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, field_deg: float) -> PrintedLens:
-    """The lens with each unknown semi-diameter filled in: |marginal ray| + |chief ray|, at the stop the marginal ray.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Field:
+    """An object point at infinity: its angle, and which part of the pupil's semi-diameter it loses above and below."""
+
+    angle_deg: float
+    upper: float = 0.0
+    lower: float = 0.0
+
+
+def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Sequence[Field]) -> PrintedLens:
+    """The lens with each unknown semi-diameter filled in: the largest height of a rim ray of any field.
+
+    At the stop it is the height of the axial rim ray.
 
     Parameters
     ----------
@@ -16,8 +28,8 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, field_deg:
         With an object at infinity.
     entrance_pupil_mm : float
         Diameter of the entrance pupil.
-    field_deg : float
-        Largest half field, from the axis.
+    fields : sequence of Field
+        Their rim rays count besides those of the axial beam.
 
     Notes
     -----
@@ -28,14 +40,17 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, field_deg:
         raise PrescriptionError(f"a prescription needs exactly one aperture stop, this one has {len(stops)}")
     parallel = _heights(lens.surfaces, 1.0, 0.0)
     oblique = _heights(lens.surfaces, 0.0, 1.0)
-    slope = math.tan(math.radians(field_deg))
-    # The chief ray starts where it will pass the centre of the stop.
-    start = -slope * oblique[stops[0]] / parallel[stops[0]]
+    # A chief ray starts where it will pass the centre of the stop.
+    start = -oblique[stops[0]] / parallel[stops[0]]
     surfaces = []
     for surface, a, b in zip(lens.surfaces, parallel, oblique, strict=True):
-        height = abs(a) * entrance_pupil_mm / 2 + abs(a * start + b * slope)
+        rim, chief = a * entrance_pupil_mm / 2, a * start + b
+        heights = [abs(rim)]
+        for field in () if surface.is_stop else fields:
+            centre = chief * math.tan(math.radians(field.angle_deg))
+            heights += [abs(centre + rim * (1 - field.upper)), abs(centre - rim * (1 - field.lower))]
         known = surface.semi_diameter_mm is not None
-        surfaces.append(surface if known else replace(surface, semi_diameter_mm=height))
+        surfaces.append(surface if known else replace(surface, semi_diameter_mm=max(heights)))
     return replace(lens, surfaces=tuple(surfaces))
 
 

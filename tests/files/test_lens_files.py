@@ -109,13 +109,13 @@ def zmx(*surface: str) -> str:
 
 
 def test_zemax_names_what_it_cannot_keep(tmp_path: Path) -> None:
-    text = "COAT_FILE x\nVDYN 0.1 0\nWAVM 1 0.4861 1\nWAVM 2 0.5876 1\n" + zmx("  SQAP 3 3").replace(
-        "DIAM 5 1", "DIAM 5 0"
-    )
+    waves = "FTYP 0 0 1 2 0\nWAVM 1 0.4861 1\nWAVM 2 0.5876 1\nWAVM 3 0.55 1\n"
+    text = "COAT_FILE x\nVDYN 0.1 0\n" + waves + zmx("  SQAP 3 3").replace("DIAM 5 1", "DIAM 5 0") + "EFLY 1 43 0\n"
     lost = {one.what.split(":")[0].split(" nm")[0]: one.line for one in read(tmp_path, "a.zmx", text).lost}
     assert lost["COAT_FILE is not read"] == 1
     assert lost["VDYN"] == 2
-    assert lost["surface 1"] == 13
+    assert "EFLY is not read" not in lost  # an operand of the merit function, behind the surfaces
+    assert lost["surface 1"] == 15
     assert "surfaces 3 have automatic semi-diameters, for drawing; here they block rays" in lost
     assert "wavelengths 486.1, 587.6" in lost
 
@@ -175,6 +175,12 @@ def test_numbers_beside_a_zemax_glass_that_are_not_its_own_are_named(tmp_path: P
     assert "surface 1: index 1.5168 beside glass TOY; the catalogue's 1.8 is taken" in [one.what for one in lens.lost]
 
 
+def test_a_circular_aperture_of_zemax_stands_above_the_semi_diameter(tmp_path: Path) -> None:
+    lens = read(tmp_path, "a.zmx", zmx("  CLAP 1 7.5 0"))
+    assert lens.surfaces[0].semi_diameter_mm == 7.5
+    assert "surface 1: the inner edge of a ring" in [one.what for one in lens.lost]
+
+
 def test_an_even_asphere_is_read_and_not_written_yet(tmp_path: Path) -> None:
     text = zmx("  TYPE EVENASPH", "  CONI -0.5", "  PARM 1 0", "  PARM 2 1e-6").replace("UNIT MM", "UNIT CM")
     first, *_ = read(tmp_path, "a.zmx", text).surfaces
@@ -199,6 +205,13 @@ def test_codev_fills_in_what_the_beam_needs_and_says_so(tmp_path: Path) -> None:
     said = [one.what for one in lens.lost]
     assert any("surfaces 1, 2, 3 have no semi-diameter" in what for what in said)
     assert any("a defocus of -0.4" in what for what in said)
+
+
+def test_vignetting_factors_become_semi_diameters(tmp_path: Path) -> None:
+    """A field that loses a tenth of the pupil at either edge needs 0.5 mm less of the first surface."""
+    plain = read(tmp_path, "a.seq", SEQ).surfaces[0].semi_diameter_mm
+    text = SEQ.replace("YAN 0 14", "YAN 0 14\nVUY 0 0.1\nVLY 0 0.1")
+    assert read(tmp_path, "a.seq", text).surfaces[0].semi_diameter_mm == pytest.approx(plain - 0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -282,5 +295,7 @@ def test_blender_refuses_with_file_and_line(old: str, new: str, said: str, tmp_p
 
 def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     assert "known are .zmx" in refused(tmp_path, "a.zar", "x")
+    assert "a thin main lens" in refused(tmp_path, "camera.js", "{}")
+    assert "a camera of the add-on" in refused(tmp_path, "a.csv", "prop_wavelength;587.6\n")
     assert refused(tmp_path, "a.zmx", b"PK\0\1").startswith("a.zmx: is no text")
     assert "for lens tables of pbrt" in refused(tmp_path, "a.zmx", zmx(), spacing="after")

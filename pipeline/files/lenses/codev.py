@@ -22,7 +22,7 @@ _REFUSED = {
     **dict.fromkeys(("XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF"), "a surface that is not of revolution"),
 }
 _NAMED = {
-    **dict.fromkeys(("VUX", "VLX", "VUY", "VLY"), "vignetting factors; only semi-diameters block rays"),
+    **dict.fromkeys(("VUX", "VLX"), "vignetting factors; only semi-diameters block rays"),
     **dict.fromkeys(("REX", "REY", "ELX", "ELY", "HOL", "OBS"), "an aperture that is no circle"),
     **dict.fromkeys(("ZOO",), "zoom positions; only the first one is read"),
     **dict.fromkeys(("PIM", "PIK", "SLV"), "a solve; thicknesses are taken as written"),
@@ -98,7 +98,9 @@ class _Sequence:
         elif name == "REF":
             self.reference = int(self._numbers(line, name, values)[0])
         elif name in ("XAN", "YAN"):
-            self.beam.field_deg = max(self.beam.field_deg or 0, *map(abs, self._numbers(line, name, values)))
+            self.beam.add(self._numbers(line, name, values), along_y=name == "YAN")
+        elif name in ("VUY", "VLY"):
+            self.beam.vignet(name == "VUY", self._numbers(line, name, values))
         elif name in _REFUSED:
             raise UnreadableLens(self.path, f"{name}: {_REFUSED[name]} cannot be represented", line=line)
         elif name in _NAMED:

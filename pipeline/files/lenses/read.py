@@ -34,6 +34,8 @@ def read_lens(path: str | Path, spacing: str | None = None) -> PrintedLens:
         The file is of no known kind, or its lens cannot be represented.
     """
     suffix = Path(path).suffix.lower()
+    if suffix == ".js":
+        raise UnreadableLens(path, "cameras of libpleno have a thin main lens, which cannot be represented")
     if suffix not in _READERS:
         kinds = ", ".join(f"{ending} ({what})" for ending, (what, _) in _READERS.items())
         raise UnreadableLens(path, f'lens files do not end in "{suffix}"', hint=f"known are {kinds}")

@@ -1,10 +1,11 @@
 """Apertures for files that print none: of CODE V nearly always, of Zemax sometimes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from pathlib import Path
 
 from pipeline.files.lenses.text import UnreadableLens
-from pipeline.optics.clear_apertures import with_clear_apertures
+from pipeline.optics.clear_apertures import Field, with_clear_apertures
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost, PrintedLens, prescription_of
@@ -12,11 +13,33 @@ from pipeline.optics.printed import Lost, PrintedLens, prescription_of
 
 @dataclass(slots=True)
 class Beam:
-    """What a file says about the beam: diameter of the entrance pupil [unit of the file] or f-number, half field."""
+    """What a file says about the beam: diameter of the entrance pupil [unit of the file] or f-number, and fields."""
 
     pupil: float | None = None
     f_number: float | None = None
-    field_deg: float | None = None
+    fields: list[float] = field(default_factory=list)
+    upper: list[float] = field(default_factory=list)
+    lower: list[float] = field(default_factory=list)
+    others: list[float] = field(default_factory=list)
+
+    def add(self, angles_deg: list[float], along_y: bool = True) -> None:
+        """Field angles; those along x are taken without vignetting."""
+        (self.fields if along_y else self.others).extend(angles_deg)
+
+    def vignet(self, upper: bool, fractions: list[float]) -> None:
+        """What the pupil loses at its upper or lower edge, for each field along y."""
+        (self.upper if upper else self.lower).extend(fractions)
+
+    @property
+    def is_vignetted(self) -> bool:
+        """Whether any field loses light."""
+        return any(self.upper) or any(self.lower)
+
+    def all_fields(self) -> list[Field]:
+        """Fields along y with their vignetting, then those along x."""
+        rows = zip_longest(self.fields, self.upper[: len(self.fields)], self.lower[: len(self.fields)], fillvalue=0.0)
+        along_y = [Field(angle_deg=angle, upper=upper, lower=lower) for angle, upper, lower in rows]
+        return along_y + [Field(angle_deg=angle) for angle in self.others]
 
 
 def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> PrintedLens:
@@ -29,19 +52,21 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
     """
     unknown = [i for i, surface in enumerate(lens.surfaces, 1) if surface.semi_diameter_mm is None]
     if not unknown:
-        return lens
+        ignored = Lost(what="vignetting factors; only semi-diameters block rays")
+        return replace(lens, lost=(*lens.lost, ignored)) if beam.is_vignetted else lens
+    fields = beam.all_fields()
     shown = ", ".join(map(str, unknown))
-    if (beam.pupil is None and beam.f_number is None) or beam.field_deg is None:
+    if (beam.pupil is None and beam.f_number is None) or not fields:
         reason = f"surfaces {shown} have no semi-diameter, and the file has no pupil and field to compute them from"
         raise UnreadableLens(path, reason, hint="write clear apertures, or pupil diameter and field angles")
     try:
         pupil_mm = beam.pupil * unit_mm if beam.pupil is not None else _efl_mm(lens) / (beam.f_number or 1)
-        found = with_clear_apertures(lens, pupil_mm, beam.field_deg)
+        found = with_clear_apertures(lens, pupil_mm, fields)
     except PrescriptionError as error:
         raise UnreadableLens(path, error.what, hint=error.hint) from None
     what = (
-        f"surfaces {shown} have no semi-diameter; written is what the unvignetted beam needs, to first order"
-        f" (entrance pupil {pupil_mm:g} mm, half field {beam.field_deg:g} degrees)"
+        f"surfaces {shown} have no semi-diameter; written is what the beam with its vignetting factors needs, to first"
+        f" order (entrance pupil {pupil_mm:g} mm, half field {max(abs(one.angle_deg) for one in fields):g} degrees)"
     )
     return replace(found, lost=(*found.lost, Lost(what=what)))
 

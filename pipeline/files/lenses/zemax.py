@@ -19,13 +19,14 @@ _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the param
 _PLACEHOLDER = (1.5, 40.0)  # what Zemax writes where it keeps no nd and Vd
 _SAME_INDEX = 5e-4
 _APERTURES = ("SQAP", "ELAP", "UDAD", "OBSC", "SPID", "UDOB", "OBEL", "OBSQ")
-_VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN", "VDSZ")
+_OF_SURFACE = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "DIAM", "CLAP", "STOP")  # indented or not
+_VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN")
 # Drawing, analysis, merit functions, couplings, settings of the editor.
 _SILENT = """
 VERS MODE PFIL LANG NOTE GFAC GSTD ROPD PICB FWGT FWGN ZVAN ZVDX ZVDY SDMA RAIM PUSH PUPD EFFL CONF GLCZ WAVL WWGT WWGN
 PWAV POLS GLRS NSCD COFN SLAB FIMP HIDE MIRR PICK VPAR VCUR OPDX PZUP LABL MEMA MAZH CFGO TOL MOFF PLIM DMFS SCED EGDS
 COMM FLAP WAVN MNCA MNEA MXCA MXEA MNCG MNEG MXCG MXEG BLNK DPTH OPOV POPS PCON RSCE RWRE NSCS DRAX DGEO STAR HYPR TCED
-TCMM CRSR DISG FLOA FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
+TCMM VDSZ CRSR DISG FLOA FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
 """
 
 
@@ -55,6 +56,7 @@ class _System:
         self.unit_mm: float | None = None
         self.beam = Beam()
         self.field_is_angle = True
+        self.wavelength_count = 24  # as many as a file lists, used or not
         self.wavelengths_um: list[float] = []
         self.rows: list[_Row] = []
         self.lost: list[Lost] = []
@@ -65,7 +67,7 @@ class _System:
         words = rest.split()
         if keyword == "SURF":
             self.rows.append(_Row(line=line))
-        elif self.rows and text[:1].isspace():
+        elif self.rows and (text[:1].isspace() or keyword in _OF_SURFACE):
             self._of_surface(line, keyword, words)
         else:
             self._of_system(line, keyword, words)
@@ -90,18 +92,20 @@ class _System:
             self.beam.f_number = self._first(line, keyword, words)
         elif keyword == "FTYP":
             self.field_is_angle = self._first(line, keyword, words) == 0
+            if len(words) > 3:
+                self.wavelength_count = int(self._first(line, keyword, words, 3))
         elif keyword in ("XFLN", "YFLN", "XFLD", "YFLD"):
-            angles = [abs(number(self.path, line, word, keyword)) for word in words]
-            self.beam.field_deg = max([self.beam.field_deg or 0.0, *angles])
+            angles = [number(self.path, line, word, keyword) for word in words]
+            self.beam.add(angles)
         elif keyword == "WAVM":
-            if self._first(line, keyword, words, 2) > 0:
+            if self._first(line, keyword, words) <= self.wavelength_count:
                 self.wavelengths_um.append(self._first(line, keyword, words, 1))
         elif keyword == "MNUM" and self._first(line, keyword, words) > 1:
             self.lost.append(Lost(what=f"{words[0]} configurations; only the first one is read", line=line))
         elif keyword in _VIGNETTING:
             if any(number(self.path, line, word, keyword) for word in words):
                 self.lost.append(Lost(what=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line))
-        elif keyword and keyword not in _SILENT.split():
+        elif keyword and not self.rows and keyword not in _SILENT.split():  # behind them: merit function
             self.unread.setdefault(keyword, line)
 
     def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
@@ -132,8 +136,7 @@ class _System:
     def _aperture(self, line: int, row: _Row, keyword: str, words: list[str]) -> None:
         """DIAM is a semi-diameter, for drawing unless it is fixed; CLAP a hard ring and stands above it."""
         if keyword == "CLAP":
-            numbers = [number(self.path, line, word, keyword) for word in words[:3]]
-            inner, outer = numbers[-2:] if len(numbers) == 3 else (*numbers, 0.0, 0.0)[:2]
+            inner, outer = self._first(line, keyword, words), self._first(line, keyword, words, 1)
             if inner:
                 self.lost.append(Lost(what=f"surface {len(self.rows) - 1}: the inner edge of a ring", line=line))
             row.semi_diameter, row.is_automatic = outer, False
@@ -159,7 +162,7 @@ def read_zemax(path: str | Path) -> PrintedLens:
     if len(system.rows) < 3:
         raise UnreadableLens(path, "holds no surface between object and image")
     if not system.field_is_angle:
-        system.beam.field_deg = None
+        system.beam.fields.clear()
     *_, image = system.rows
     surfaces = tuple(_printed(system, i, row) for i, row in enumerate(system.rows[1:-1], 1))
     return sized(
