@@ -50,3 +50,12 @@ RULE_OF_BIAS = 0.03
 
 FIRST_ORDER_BLUR = 0.02
 """Covariance mapped by a constant Jacobian [relative]: distortion and coma across a blur, and sampling."""
+
+SYMPLECTIC = 1e-7
+"""Of a Jacobian from central differences over 2e-4 mm [1]: the cubed step, and roundings of 1e-13 mm over the step."""
+
+FOCUS_MM = 1e-11
+"""Where a ray that was bent once crosses the axis [mm]: roundings near 100 mm, over slopes of a hundredth and more."""
+
+BISECTED_MM = 1e-10
+"""A root bisected to the last bit of the path [mm], its normal by complex steps: roundings along a few surfaces."""

@@ -4,6 +4,10 @@ From a point at height h on a plane behind the lens (sensor or microlens array) 
 rear vertex plane. Its outline is traced in `DIRECTIONS` directions at `HEIGHTS` heights and interpolated in between, so
 that bounds are continuous in the field. Outlines only bound the sampling: they are inflated, and every ray is still
 clipped at every surface.
+
+Outlines turn with the azimuth of their point, as a lens of rotationally symmetric surfaces and apertures allows.
+Polygons, rectangles and obstructions do not: outlines are those of the circles around all apertures, which let pass
+whatever the apertures do. Bounds are looser by the share of the circle that an aperture covers; no ray is lost.
 """
 
 from dataclasses import dataclass
@@ -12,6 +16,7 @@ import numpy as np
 
 from pipeline.camera.chief import chief_heights
 from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import enclosing
 
 HEIGHTS = 48
 DIRECTIONS = 24
@@ -47,7 +52,7 @@ def outlines(
 
     Parameters
     ----------
-    table : (n, 4) float64
+    table : (n, columns) float64
         From `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
@@ -56,6 +61,7 @@ def outlines(
     max_height_mm : float
         Largest height that will be asked for.
     """
+    table = enclosing(table)
     step = max(max_height_mm, 1e-6) / (HEIGHTS - 1)
     heights = step * np.arange(HEIGHTS)
     inside = _inner_points(table, stop_row, plane_mm, heights)
