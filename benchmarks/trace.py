@@ -6,6 +6,7 @@ One thread. Competitors take turns in one run, because only ratios mean somethin
 """
 
 import argparse
+import dataclasses
 import statistics
 import time
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from pipeline.camera.focus import focused
 from pipeline.camera.micro_images import micro_images, owners
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_sensor
 from pipeline.scene.dataset import CameraEntry
 
@@ -28,6 +30,7 @@ import peer  # isort: skip
 
 FIELD_DEG = 10.0
 AGREEMENT_MM = 1e-9
+_STACK = 12
 TINY = EXAMPLES.parent / "tests" / "data"
 
 
@@ -43,6 +46,7 @@ def main() -> None:
     print(f"single rays: {count} over the entrance pupil, {FIELD_DEG:g} deg field, float64, one thread, {turns} turns")
     for race in (codev_double_gauss(), tronnier()):
         run_race(race, count, turns)
+    run_shapes(count, turns)
     print("whole bundles: sampling, trace, moments on two planes; rays started, samples as the example has them")
     folder = TINY if small else EXAMPLES
     for name in ("tiny_conventional", "tiny_plenoptic") if small else ("01_conventional", "02_plenoptic"):
@@ -76,7 +80,10 @@ def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray) -> tuple
     """The kernel and its arguments for one turn; rays are traced in place, so they are copied before."""
     prescription = race.prescription
     image = prescription.vertices_from_stop_mm[-1] + race.image_mm
-    table = np.vstack([towards_sensor(prescription), [image, 0.0, 1.0, np.inf]])
+    table = towards_sensor(prescription)
+    plane = np.zeros((1, table.shape[1]))
+    plane[0, :4] = image, 0.0, 1.0, np.inf
+    table = np.vstack([table, plane])
     start = position - [0.0, 0.0, prescription.vertices_mm[prescription.stop_index]]
     heading, alive = direction.copy(), np.ones(len(start))
 
@@ -95,6 +102,46 @@ def agreement(ours: tuple[np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.
     if other or not apart < AGREEMENT_MM:
         raise SystemExit(f"ours and batoid differ: {other} rays pass in one only, the others by up to {apart} mm")
     return f"agree    the same rays pass, positions within {apart:.1e} mm"
+
+
+def run_shapes(count: int, turns: int) -> None:
+    """What a conic or an asphere costs against a sphere: surfaces of one shape, in turns; print medians of ratios."""
+    shapes: dict[str, dict[str, Any]] = {
+        "sphere": {},
+        "conic": {"conic": -0.8},
+        "even asphere, a4 to a10": {"conic": -0.8, "even_coefficients": (0.0, 2e-6, -3e-9, 1e-12, 1e-15)},
+        "odd asphere, a3 to a8": {
+            "conic": -0.8,
+            "even_coefficients": (0.0, 2e-6, -3e-9, 1e-12),
+            "odd_coefficients": (1e-6, 1e-8),
+        },
+    }
+    tables = {name: towards_sensor(_stack(shape)) for name, shape in shapes.items()}
+    rng = np.random.default_rng(1)
+    start = np.column_stack([rng.uniform(-7, 7, (count, 2)), np.full(count, -5.0)])
+    heading = np.column_stack([np.zeros(count), np.full(count, 0.05), np.full(count, np.sqrt(1 - 0.05**2))])
+    times: dict[str, list[float]] = {name: [] for name in tables}
+    passed = {}
+    for turn in range(turns + 1):
+        for name, table in tables.items():
+            position, direction, alive = start.copy(), heading.copy(), np.ones(count)
+            seconds, _ = _timed(trace_rays, table, position, direction, alive)
+            times[name] += [seconds] if turn else []
+            passed[name] = alive.mean()
+    print(f"shapes: {_STACK} refracting surfaces of one shape")
+    for name, seconds in times.items():
+        ratio = statistics.median(a / b for a, b in zip(seconds, times["sphere"], strict=True))
+        rate = count * _STACK / statistics.median(seconds)
+        print(f"  {name:24s} {rate:.3g} ray-surfaces/s, costs {ratio:.2f} spheres, {passed[name]:.2%} pass")
+
+
+def _stack(shape: dict[str, Any]) -> Prescription:
+    """Alternately into glass and back into air, every surface bent alike, so that a beam stays together."""
+    surfaces = [
+        Surface(radius_mm=60.0, thickness_mm=2.0, index=1.5 if i % 2 == 0 else 1.0, semi_diameter_mm=14.0, **shape)
+        for i in range(_STACK)
+    ]
+    return Prescription(surfaces=(*surfaces[:-1], dataclasses.replace(surfaces[-1], is_stop=True)))
 
 
 def run_bundles(name: str, stage: Path, count: int, turns: int) -> None:

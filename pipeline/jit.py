@@ -44,7 +44,7 @@ def _source_digest() -> str:
 
 os.environ["NUMBA_CACHE_DIR"] = str(cache_folder())
 
-import numba  # noqa: E402  (the cache folder must be set before numba is imported)
+import numba.extending  # noqa: E402  (the cache folder must be set before numba is imported)
 
 
 def kernel(function: Any) -> Any:
@@ -55,3 +55,16 @@ def kernel(function: Any) -> Any:
 def inline(function: Any) -> Any:
     """Compile a scalar function that kernels call; LLVM inlines it into their loops."""
     return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+def _fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
+    double = numba.float64
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.fma(*arguments)
+
+    return double(double, double, double), code
+
+
+fma: Any = numba.extending.intrinsic(_fma)
+"""For kernels: a b + c, rounded once. The same bits everywhere; slow on machines without the instruction."""

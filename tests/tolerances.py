@@ -80,3 +80,12 @@ MODEL_MEDIAN, MODEL_95, MODEL_WORST = 1.9e-4, 5e-4, 1.4e-3
 
 MODEL_NARROW_MEDIAN, MODEL_NARROW_95, MODEL_NARROW_WORST = 9e-5, 2.2e-4, 9e-4
 """The same from 436 to 656 nm [1]."""
+
+SYMPLECTIC = 1e-7
+"""Of a Jacobian from central differences over 2e-4 mm [1]: the cubed step, and roundings of 1e-13 mm over the step."""
+
+FOCUS_MM = 1e-11
+"""Where a ray that was bent once crosses the axis [mm]: roundings near 100 mm, over slopes of a hundredth and more."""
+
+BISECTED_MM = 1e-10
+"""A root bisected to the last bit of the path [mm], its normal by complex steps: roundings along a few surfaces."""

@@ -4,6 +4,7 @@ import numpy as np
 
 from pipeline.camera.camera import CameraError
 from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import unbounded
 
 _STEPS = 25
 _TOLERANCE_MM = 1e-12
@@ -14,7 +15,7 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float, heights: np
 
     Parameters
     ----------
-    table : (n, 4) float64
+    table : (n, columns) float64
         From `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
@@ -34,8 +35,7 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float, heights: np
     CameraError
         When the rear group lets no such ray through.
     """
-    rear = table[: stop_row + 1].copy()
-    rear[:, 3] = np.inf  # The chief ray is a line of the geometry, it may lie outside of the clear apertures.
+    rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
     if np.isclose(rear[-1, 0], rear[0, 0]):
         return np.zeros_like(heights)
     older, newer = np.zeros_like(heights), heights * 1e-3 + 1e-3

@@ -27,7 +27,7 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
     ----------
     optics : (5,) float64
         See `camera.regions`.
-    table : (s, 4) float64
+    table : (s, columns) float64
         Surfaces, from `optics.table.towards_scene`.
     outlines : (h, d, 2) float64
         From `camera.pupil`.

@@ -7,12 +7,12 @@ import numpy as np
 from pipeline.camera.polygon import point_in_fan
 from pipeline.camera.sobol import scrambled
 from pipeline.jit import inline
-from pipeline.optics.kernels import PACKET, trace_packet
+from pipeline.optics.kernels import PACKET, SCRATCH, trace_packet
 
 
 @inline
 def new_packet():
-    """Buffers of a packet: x, y, z, direction x, y, z, alive, a scratch array and the weight."""
+    """Buffers of a packet: x, y, z, direction x, y, z, alive, scratch arrays and the weight."""
     return (
         np.empty(PACKET),
         np.empty(PACKET),
@@ -21,7 +21,7 @@ def new_packet():
         np.empty(PACKET),
         np.empty(PACKET),
         np.empty(PACKET),
-        np.empty(PACKET),
+        np.empty((SCRATCH, PACKET)),
         np.empty(PACKET),
     )
 

@@ -5,6 +5,10 @@ rear vertex plane. Its edge is traced in `_TRACED` directions at `HEIGHTS` heigh
 support it, with normals in `DIRECTIONS` fixed directions: corners of a vignetted pupil stay inside, and polygons of
 different heights can be interpolated vertex by vertex, so that bounds are continuous in the field. Outlines only bound
 the sampling: they are inflated, and every ray is still clipped at every surface.
+
+Outlines turn with the azimuth of their point, as a lens of rotationally symmetric surfaces and apertures allows.
+Polygons, rectangles and obstructions do not: outlines are those of the circles around all apertures, which let pass
+whatever the apertures do. Bounds are looser by the share of the circle that an aperture covers; no ray is lost.
 """
 
 from dataclasses import dataclass
@@ -13,6 +17,7 @@ import numpy as np
 
 from pipeline.camera.chief import chief_heights
 from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import enclosing
 
 HEIGHTS = 48
 DIRECTIONS = 24
@@ -49,7 +54,7 @@ def outlines(
 
     Parameters
     ----------
-    table : (n, 4) float64
+    table : (n, columns) float64
         From `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
@@ -58,15 +63,16 @@ def outlines(
     max_height_mm : float
         Largest height that will be asked for.
     """
+    table = enclosing(table)
     step = max(max_height_mm, 1e-6) / (HEIGHTS - 1)
     heights = step * np.arange(HEIGHTS)
     inside = _inner_points(table, stop_row, plane_mm, heights)
     found = ~np.isnan(inside[:, 0])
     vertices = np.zeros((HEIGHTS, DIRECTIONS, 2))
     if found.any():
-        enclosing = _supporting(_edges(table, plane_mm, heights[found], inside[found]))
-        centre = enclosing.mean(axis=1, keepdims=True)
-        vertices[found] = centre + (1 + margin) * (enclosing - centre)
+        bounds = _supporting(_edges(table, plane_mm, heights[found], inside[found]))
+        centre = bounds.mean(axis=1, keepdims=True)
+        vertices[found] = centre + (1 + margin) * (bounds - centre)
     drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if found[:2].all() else 0.0
     return Outlines(step, vertices, drift)
 

@@ -38,7 +38,7 @@ class Tracer:
 
     @cached_property
     def table(self) -> np.ndarray:
-        """Surfaces towards the scene, (n, 4)."""
+        """Surfaces towards the scene, (n, columns)."""
         return towards_scene(self.camera.prescription)
 
     @property

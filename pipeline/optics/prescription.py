@@ -12,7 +12,10 @@ class PrescriptionError(PipelineError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """One row of a prescription: a sphere or plane about the axis.
+    """One row of a prescription: a plane, sphere, conic or asphere about the axis.
+
+    With r the height above the axis and c = 1 / radius the sag is
+    c r^2 / (1 + sqrt(1 - (1 + conic) c^2 r^2)) + a2 r^2 + a3 r^3 + a4 r^4 + ..., positive towards the sensor.
 
     Attributes
     ----------
@@ -26,6 +29,22 @@ class Surface:
         Refractive index of the medium behind the surface, relative to air, at the prescription's wavelength.
     is_stop : bool
         Whether this is the aperture stop.
+    conic : float
+        Conic constant: 0 a sphere, -1 a paraboloid, below that a hyperboloid.
+    even_coefficients : tuple of float
+        a2, a4, a6, ... [mm^(1 - power)].
+    odd_coefficients : tuple of float
+        a3, a5, a7, ... [mm^(1 - power)].
+    inner_semi_diameter_mm : float
+        Half the central obstruction of an annular aperture; 0 for none.
+    half_widths_mm : (float, float) or None
+        Of a rectangular aperture.
+    blades : int
+        Edges of a regular polygon whose corners lie on the circle of the semi-diameter; 0 for none.
+    aperture_rotation_deg : float
+        Of rectangle or polygon, from +x towards +y of the lens frame. At 0 a polygon has a corner on +x.
+
+    Whatever its shape, an aperture lies within the circle of the semi-diameter.
     """
 
     radius_mm: float = math.inf
@@ -33,16 +52,35 @@ class Surface:
     semi_diameter_mm: float
     index: float = 1.0
     is_stop: bool = False
+    conic: float = 0.0
+    even_coefficients: tuple[float, ...] = ()
+    odd_coefficients: tuple[float, ...] = ()
+    inner_semi_diameter_mm: float = 0.0
+    half_widths_mm: tuple[float, float] | None = None
+    blades: int = 0
+    aperture_rotation_deg: float = 0.0
 
     def __post_init__(self) -> None:
         if self.radius_mm == 0 or math.isnan(self.radius_mm):
             raise PrescriptionError(f"a surface has radius {self.radius_mm}", hint="a plane has radius inf")
         if not self.semi_diameter_mm > 0:
             raise PrescriptionError(f"a surface has semi-diameter {self.semi_diameter_mm} mm")
-        if self.semi_diameter_mm > abs(self.radius_mm):
+        if not all(map(math.isfinite, (self.conic, *self.even_coefficients, *self.odd_coefficients))):
+            raise PrescriptionError("a conic constant or a coefficient of an asphere is not a finite number")
+        if self.semi_diameter_mm > self._equator_mm:
+            shape = "a sphere" if self.conic == 0 else f"a conic ({self.conic})"
             raise PrescriptionError(
-                f"semi-diameter {self.semi_diameter_mm} mm reaches beyond a sphere of radius {self.radius_mm} mm"
+                f"semi-diameter {self.semi_diameter_mm} mm reaches beyond {shape} of radius {self.radius_mm} mm"
             )
+        if not 0 <= self.inner_semi_diameter_mm < self.semi_diameter_mm:
+            raise PrescriptionError(
+                f"a central obstruction of semi-diameter {self.inner_semi_diameter_mm} mm in an aperture of"
+                f" {self.semi_diameter_mm} mm"
+            )
+        if self.half_widths_mm and not min(self.half_widths_mm) > 0:
+            raise PrescriptionError(f"a rectangular aperture has half widths {self.half_widths_mm} mm")
+        if self.blades and self.blades < 3:
+            raise PrescriptionError(f"a polygonal aperture has {self.blades} blades")
         if not self.index >= 1:
             raise PrescriptionError(f"refractive index {self.index} is below 1")
 
@@ -51,10 +89,45 @@ class Surface:
         """1 / radius, 0 for a plane."""
         return 0.0 if math.isinf(self.radius_mm) else 1.0 / self.radius_mm
 
+    @property
+    def vertex_curvature_per_mm(self) -> float:
+        """Curvature that rays near the axis meet: the r^2 term of an asphere bends the vertex, too."""
+        return self.curvature_per_mm + 2 * sum(self.even_coefficients[:1])
+
+    @property
+    def is_spherical(self) -> bool:
+        """Whether this is a sphere or a plane."""
+        flat = math.isinf(self.radius_mm)
+        return (flat or self.conic == 0) and not any(self.even_coefficients + self.odd_coefficients)
+
+    @property
+    def edges(self) -> tuple[tuple[float, float, float], ...]:
+        """Straight edges of the aperture: (x, y) of the outward normal in the lens frame, distance from the axis [mm].
+
+        No such edges: a circle.
+        """
+        turn = math.radians(self.aperture_rotation_deg)
+        edges = []
+        if self.half_widths_mm:
+            width, height = self.half_widths_mm
+            edges += [(turn + i * math.pi / 2, width if i % 2 == 0 else height) for i in range(4)]
+        if self.blades:
+            inradius = self.semi_diameter_mm * math.cos(math.pi / self.blades)
+            edges += [(turn + (2 * i + 1) * math.pi / self.blades, inradius) for i in range(self.blades)]
+        return tuple((math.cos(angle), math.sin(angle), distance) for angle, distance in edges)
+
+    @property
+    def _equator_mm(self) -> float:
+        """Height at which the conic stands upright; inf for planes, paraboloids and hyperboloids."""
+        return abs(self.radius_mm) / math.sqrt(1.0 + self.conic) if self.conic > -1 else math.inf
+
     def sag_mm(self, height_mm: float) -> float:
         """Depth of the surface at a height above the axis, from its vertex [mm]."""
         c = self.curvature_per_mm
-        return c * height_mm**2 / (1.0 + math.sqrt(1.0 - (c * height_mm) ** 2))
+        base = c * height_mm**2 / (1.0 + math.sqrt(1.0 - (1.0 + self.conic) * (c * height_mm) ** 2))
+        even = sum(a * height_mm ** (2 * i + 2) for i, a in enumerate(self.even_coefficients))
+        odd = sum(a * height_mm ** (2 * i + 3) for i, a in enumerate(self.odd_coefficients))
+        return base + even + odd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

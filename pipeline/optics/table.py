@@ -6,10 +6,17 @@ vision frame (origin at the stop, z forward), `towards_sensor` the lens frame mo
 
 import numpy as np
 
-from pipeline.optics.prescription import Prescription
+from pipeline.optics.prescription import Prescription, Surface
 
-VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED = range(4)
-"""Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2]."""
+VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE = range(10)
+"""Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
+number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
+straight edges of the aperture and the column of the first one. Zeros behind the first four make a circle of a sphere.
+An edge takes three columns: x and y of its outward normal, distance from the axis [mm]."""
+LOW_TERMS = 5
+"""Least number of coefficients in the row of an asphere; zeros fill up."""
+COEFFICIENTS = 10
+"""First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
 
 
 def towards_scene(prescription: Prescription) -> np.ndarray:
@@ -17,23 +24,16 @@ def towards_scene(prescription: Prescription) -> np.ndarray:
 
     Returns
     -------
-    (n, 4) float64
+    (n, columns) float64
         Rows from the rear surface to the front one.
     """
     rows = []
     for i in reversed(range(len(prescription.surfaces))):
         surface = prescription.surfaces[i]
         in_front = prescription.surfaces[i - 1].index if i else 1.0
-        # Vision z points against the lens frame's z: positions and curvatures change sign.
-        rows.append(
-            (
-                -prescription.vertices_from_stop_mm[i] + 0.0,
-                -surface.curvature_per_mm + 0.0,
-                surface.index / in_front,
-                surface.semi_diameter_mm**2,
-            )
-        )
-    return np.array(rows)
+        # Vision z points against the lens frame's z: positions, curvatures and coefficients change sign.
+        rows.append(_row(surface, -prescription.vertices_from_stop_mm[i], surface.index / in_front, -1.0))
+    return _padded(rows)
 
 
 def towards_sensor(prescription: Prescription) -> np.ndarray:
@@ -41,13 +41,72 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
 
     Returns
     -------
-    (n, 4) float64
+    (n, columns) float64
         Rows from the front surface to the rear one.
     """
     rows = []
     before = 1.0
     for surface, vertex_mm in zip(prescription.surfaces, prescription.vertices_from_stop_mm, strict=True):
-        ratio = before / surface.index
-        rows.append((vertex_mm, surface.curvature_per_mm, ratio, surface.semi_diameter_mm**2))
+        rows.append(_row(surface, vertex_mm, before / surface.index, 1.0))
         before = surface.index
-    return np.array(rows)
+    return _padded(rows)
+
+
+def enclosing(table: np.ndarray) -> np.ndarray:
+    """The same surfaces with the circles around their apertures: what passes the apertures passes these, too."""
+    result = table.copy()
+    result[:, [INNER_SQUARED, EDGES]] = 0.0
+    return result
+
+
+def unbounded(table: np.ndarray) -> np.ndarray:
+    """The same surfaces without apertures, for rays that are lines of the geometry."""
+    result = enclosing(table)
+    result[:, SEMI_DIAMETER_SQUARED] = np.inf
+    return result
+
+
+def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) -> list[float]:
+    """One surface; `sign` is that of the frame's z against the lens frame's."""
+    coefficients, odd = _polynomial(surface)
+    if coefficients:
+        coefficients += [0.0] * (LOW_TERMS - len(coefficients))
+    # The vision frame is the lens frame turned about x: y changes its sign, as z does.
+    edges = [value + 0.0 for x, y, distance in surface.edges for value in (x, sign * y, distance)]
+    return [
+        vertex_mm + 0.0,
+        sign * surface.curvature_per_mm + 0.0,
+        index_ratio,
+        surface.semi_diameter_mm**2,
+        0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0,
+        len(coefficients),
+        float(odd),
+        surface.inner_semi_diameter_mm**2,
+        len(edges) / 3,
+        COEFFICIENTS + len(coefficients),
+        *(sign * a + 0.0 for a in coefficients),
+        *edges,
+    ]
+
+
+def _polynomial(surface: Surface) -> tuple[list[float], bool]:
+    """Coefficients without zeros at the end, and whether they count odd powers, too."""
+    even, odd = surface.even_coefficients, surface.odd_coefficients
+    if not any(odd):
+        return _trimmed(even), False
+    both = [0.0] * (2 * max(len(even), len(odd)))
+    both[: 2 * len(even) : 2], both[1 : 2 * len(odd) : 2] = even, odd
+    return _trimmed(both), True
+
+
+def _trimmed(coefficients: tuple[float, ...] | list[float]) -> list[float]:
+    used = max((i + 1 for i, a in enumerate(coefficients) if a != 0), default=0)
+    return list(coefficients[:used])
+
+
+def _padded(rows: list[list[float]]) -> np.ndarray:
+    """Rows of unequal length as one array, zeros behind the shorter ones."""
+    result = np.zeros((len(rows), max(map(len, rows))))
+    for i, row in enumerate(rows):
+        result[i, : len(row)] = row
+    return result

@@ -10,11 +10,12 @@ from pxr import Usd
 from pipeline.optics.prescription import PrescriptionError, Surface
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
-from pipeline.scene.reading import ordered_surfaces, read_surface
+from pipeline.scene.reading import APERTURE_VALUES, ordered_surfaces, read_surface
 from pipeline.scene.values import UnreadableValue, read
 
 # Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
+_HEIGHTS = 64
 
 
 def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
@@ -25,7 +26,8 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
         return
     yield from _check_stop(lens, prims)
     for prim in prims:
-        yield from _check_sphere(prim)
+        yield from _check_aperture(prim)
+        yield from _check_shape(prim)
     for front, behind in pairwise(prims):
         yield from _check_crossing(front, behind)
     last = _surface(prims[-1])
@@ -68,7 +70,26 @@ def _surface(prim: Usd.Prim) -> Surface | None:
     return surface if finite else None
 
 
-def _check_sphere(prim: Usd.Prim) -> Iterator[Problem]:
+def _check_aperture(prim: Usd.Prim) -> Iterator[Problem]:
+    """Values that the shape of the aperture needs, and values that it would not read."""
+    shape = read(prim, "plen:apertureShape")
+    for other, fields in APERTURE_VALUES.items():
+        for name in fields.values():
+            written = prim.GetAttribute(name).HasAuthoredValue()
+            if other == shape and not written:
+                message = f'a surface with a {shape} aperture needs "{name}"'
+                yield problem(prim, "aperture-value", message, hint="it has no fallback: write it")
+            if other != shape and written:
+                message = f'"{name}" belongs to {other} apertures, and this one is {shape}'
+                hint = f'write uniform token plen:apertureShape = "{other}", or remove the value'
+                yield problem(prim.GetAttribute(name), "aperture-value", message, hint=hint)
+    is_turned = shape in ("rectangular", "polygonal")
+    if prim.GetAttribute("plen:apertureRotation").HasAuthoredValue() and not is_turned:
+        message = f'"plen:apertureRotation" has no meaning for a {shape} aperture'
+        yield problem(prim.GetAttribute("plen:apertureRotation"), "aperture-value", message, hint="remove it")
+
+
+def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
     try:
         read_surface(prim)
     except UnreadableValue:
@@ -76,15 +97,18 @@ def _check_sphere(prim: Usd.Prim) -> Iterator[Problem]:
     except PrescriptionError as error:
         if "beyond" in error.what:
             yield problem(prim, "beyond-sphere", error.what)
+        elif "obstruction" in error.what:
+            yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
 
 
 def _check_crossing(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
     first, second = _surface(front), _surface(behind)
     if not first or not second:
         return
-    # Sag grows with curvature at every height, so the gap changes monotonically from vertex to edge.
-    height = min(first.semi_diameter_mm, second.semi_diameter_mm)
-    gap = first.thickness_mm + second.sag_mm(height) - first.sag_mm(height)
+    # Between spheres the gap changes monotonically from vertex to edge; aspheres may come closest in between.
+    edge = min(first.semi_diameter_mm, second.semi_diameter_mm)
+    heights = [edge * i / _HEIGHTS for i in range(1, _HEIGHTS + 1)]
+    gap, height = min((first.thickness_mm + second.sag_mm(h) - first.sag_mm(h), h) for h in heights)
     if gap < -_TOUCH_MM:
         message = (
             f'surfaces "{front.GetName()}" and "{behind.GetName()}" cross: {first.thickness_mm:g} mm apart on the axis,'

@@ -14,7 +14,6 @@ from pipeline.scene.values import numbers, plain, range_of
 _NO_TILT = ((0.0, 0.0),)
 # What the schemas allow and the pipeline builds today. Attributes that are not named here are supported as a whole.
 SUPPORTED: dict[str, tuple[Any, ...]] = {
-    "plen:conic": (0.0,),
     "plen:layout": ("hexagonal",),
     "plen:model": ("thin",),
     "plen:aperture": ("cell",),

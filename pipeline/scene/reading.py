@@ -25,6 +25,13 @@ _TRUTH = {
     "min_hit_fraction": "plen:truth:minHitFraction",
 }
 
+APERTURE_VALUES = {
+    "annular": {"inner_semi_diameter_mm": "plen:innerSemiDiameter"},
+    "rectangular": {"half_widths_mm": "plen:halfWidths"},
+    "polygonal": {"blades": "plen:blades"},
+}
+"""Which attributes give an aperture of a shape its size, by the fields of `Surface`."""
+
 
 def read_dataset(root: Usd.Prim) -> Dataset:
     """The records of a PlenDataset whose stage passed the checks."""
@@ -119,7 +126,20 @@ def read_surface(prim: Usd.Prim) -> Surface:
         semi_diameter_mm=need(prim, "plen:semiDiameter"),
         index=need(prim, "plen:index"),
         is_stop=need(prim, "plen:isStop"),
+        conic=need(prim, "plen:conic"),
+        even_coefficients=need(prim, "plen:evenCoefficients"),
+        odd_coefficients=need(prim, "plen:oddCoefficients"),
+        **_read_aperture(prim),
     )
+
+
+def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
+    """What a surface's aperture cuts from the circle of its semi-diameter."""
+    shape = need(prim, "plen:apertureShape")
+    fields = {field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()}
+    if shape in ("rectangular", "polygonal"):
+        fields["aperture_rotation_deg"] = need(prim, "plen:apertureRotation")
+    return fields
 
 
 def read_sensor(prim: Usd.Prim) -> Sensor:

@@ -281,3 +281,50 @@ def test_comments_and_split_layers_change_nothing(tmp_path):
     (tmp_path / "dataset.usda").write_text(head)
 
     assert open_dataset(tmp_path / "dataset.usda") == original
+
+
+def test_a_surface_carries_its_shape_and_its_aperture(tmp_path):
+    """Coefficients in the order of their powers; of the aperture only what its shape reads."""
+    path = tmp_path / "dataset.usda"
+    path.write_text(
+        HEAD.format(unit="0.001")
+        + f"""
+def "Dataset" (prepend references = @{TINY}@)
+{{
+    over "Rig"
+    {{
+        over "Lens"
+        {{
+            over "S1"
+            {{
+                uniform double plen:conic = -0.5
+                uniform double[] plen:evenCoefficients = [0, 1e-7, -2e-11]
+                uniform double[] plen:oddCoefficients = [1e-8]
+                uniform token plen:apertureShape = "rectangular"
+                uniform double2 plen:halfWidths = (20, 15)
+                uniform double plen:apertureRotation = 10
+            }}
+            over "S2"
+            {{
+                uniform token plen:apertureShape = "annular"
+                uniform double plen:innerSemiDiameter = 2
+            }}
+            over "Stop"
+            {{
+                uniform token plen:apertureShape = "polygonal"
+                uniform int plen:blades = 6
+                uniform double plen:apertureRotation = 30
+            }}
+        }}
+    }}
+}}
+"""
+    )
+
+    lens = open_dataset(path, allow_roots=[ROOT]).cameras[0].camera.prescription
+
+    front, second, stop = lens.surfaces[0], lens.surfaces[1], lens.stop
+    assert (front.conic, front.even_coefficients, front.odd_coefficients) == (-0.5, (0.0, 1e-7, -2e-11), (1e-8,))
+    assert (front.half_widths_mm, front.aperture_rotation_deg, front.blades) == ((20.0, 15.0), 10.0, 0)
+    assert (second.inner_semi_diameter_mm, second.conic, second.aperture_rotation_deg) == (2.0, 0.0, 0.0)
+    assert (stop.blades, stop.aperture_rotation_deg, stop.half_widths_mm) == (6, 30.0, None)

@@ -1,0 +1,234 @@
+"""Claim: conics and aspheres obey the laws that tell them from spheres: perfect foci, reversal, conserved etendue."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from laws import rigs
+from laws.test_limits import orders
+from tolerances import FOCUS_MM, ORDER, REVERSED_MM, SYMPLECTIC, TEXTBOOK_MM
+
+from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
+from pipeline.optics.table import towards_scene, towards_sensor
+
+HEIGHTS = np.array([0.5, 2.0, 4.0, 6.0, 8.0])
+BENT = Prescription(
+    surfaces=(
+        Surface(
+            radius_mm=30.0,
+            conic=-0.8,
+            even_coefficients=(1e-3, 2e-6, -3e-9, 1e-12),
+            thickness_mm=8.0,
+            index=1.6,
+            semi_diameter_mm=13.0,
+        ),
+        Surface(radius_mm=-80.0, conic=-2.5, thickness_mm=3.0, semi_diameter_mm=13.0),
+        Surface(semi_diameter_mm=6.0, thickness_mm=4.0, is_stop=True),
+        Surface(
+            radius_mm=-60.0,
+            conic=0.6,
+            even_coefficients=(0.0, -4e-6, 0.0, 0.0, 0.0, 1e-14),
+            odd_coefficients=(2e-5, 1e-7),
+            thickness_mm=3.0,
+            index=1.7,
+            semi_diameter_mm=10.0,
+        ),
+        Surface(radius_mm=-50.0, semi_diameter_mm=10.0),
+    )
+)
+"""Conics on both sides of the sphere, even and odd terms, none of them weak."""
+
+
+def beam(heights: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rays parallel to the axis, at an azimuth that favours no coordinate."""
+    position = np.stack([0.6 * heights, 0.8 * heights, np.full_like(heights, z_mm)], axis=1)
+    return position, np.tile([0.0, 0.0, 1.0], (len(heights), 1))
+
+
+def axis_crossings(position: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """z of the point of each ray next to the axis, and an assertion that the ray meets the axis there."""
+    t = -np.sum(position[:, :2] * direction[:, :2], axis=1) / np.sum(direction[:, :2] ** 2, axis=1)
+    point = position + t[:, None] * direction
+    np.testing.assert_allclose(point[:, :2], 0, atol=FOCUS_MM)
+    return point[:, 2]
+
+
+@pytest.mark.parametrize("index", [1.3, 1.5, 1.9])
+def test_a_sphere_images_its_aplanatic_points_perfectly(index: float) -> None:
+    """Rays that aim at n R behind the centre meet at R / n behind it, at every height (Weierstrass)."""
+    radius = 20.0
+    lens = Prescription(surfaces=(Surface(radius_mm=radius, index=index, semi_diameter_mm=20.0, is_stop=True),))
+    position, _ = beam(2 * HEIGHTS, -5.0)
+    way = np.array([0.0, 0.0, radius + index * radius]) - position
+    direction = way / np.linalg.norm(way, axis=1, keepdims=True)
+    alive = np.ones(len(position))
+    trace_rays(towards_sensor(lens), position, direction, alive)
+    assert alive.all()
+    np.testing.assert_allclose(axis_crossings(position, direction), radius + radius / index, rtol=0, atol=FOCUS_MM)
+
+
+@pytest.mark.parametrize(("before", "behind"), [(1.0, 1.5), (1.0, 1.9), (1.5, 1.0), (1.9, 1.0), (1.5, 1.49)])
+def test_a_cartesian_conic_focuses_a_parallel_beam_perfectly(before: float, behind: float) -> None:
+    """k = -(n / n')^2 from index n to n': an ellipsoid into glass, a hyperboloid out of it; focus at n' R / (n' - n).
+
+    Where n' comes close to n it comes close to the paraboloid. Descartes; Hecht, Optics, chapter 5.
+    """
+    radius = 20.0 if behind > before else -20.0
+    bent = Surface(radius_mm=radius, conic=-((before / behind) ** 2), index=behind, semi_diameter_mm=9.0)
+    plane = Surface(index=before, thickness_mm=5.0, semi_diameter_mm=9.0, is_stop=True)
+    position, direction = beam(HEIGHTS, -1.0)
+    alive = np.ones(len(position))
+    trace_rays(towards_sensor(Prescription(surfaces=(plane, bent))), position, direction, alive)
+    assert alive.all()
+    focus = 5.0 + behind * radius / (behind - before)
+    tolerance = FOCUS_MM * abs(focus / 50) ** 2
+    np.testing.assert_allclose(axis_crossings(position, direction), focus, rtol=0, atol=tolerance)
+
+
+def oblique(count: int, half_mm: float, slope: float, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rays from anywhere on a square, with any slope up to a limit."""
+    rng = np.random.default_rng(11)
+    position = np.column_stack([rng.uniform(-half_mm, half_mm, (count, 2)), np.full(count, z_mm)])
+    way = np.column_stack([rng.uniform(-slope, slope, (count, 2)), np.ones(count)])
+    return position, way / np.linalg.norm(way, axis=1, keepdims=True)
+
+
+def both(one: Surface, other: Surface) -> list[list[np.ndarray]]:
+    """The same rays after either surface: positions, directions, flags."""
+    position, direction = oblique(4000, 11.0, 0.6, -3.0)
+    results = []
+    for surface in (one, other):
+        stop = dataclasses.replace(surface, is_stop=True)
+        rays = [position.copy(), direction.copy(), np.ones(len(position))]
+        trace_rays(towards_sensor(Prescription(surfaces=(stop,))), *rays)
+        results.append(rays)
+    assert 0.3 < results[0][2].mean() < 1
+    return results
+
+
+SPHERE = Surface(radius_mm=18.0, index=1.6, semi_diameter_mm=9.0)
+CONIC = dataclasses.replace(SPHERE, conic=-1.7)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (SPHERE, dataclasses.replace(SPHERE, conic=0.0, even_coefficients=(0.0, 0.0))),
+        (CONIC, dataclasses.replace(CONIC, even_coefficients=(0.0, 0.0, 0.0), odd_coefficients=(0.0,))),
+        (Surface(index=1.6, semi_diameter_mm=9.0), Surface(index=1.6, semi_diameter_mm=9.0, conic=-3.0)),
+    ],
+    ids=["conic 0 is the sphere", "no polynomial is the conic", "a plane has no conic"],
+)
+def test_a_shape_without_its_extra_terms_is_the_simpler_one_bit_for_bit(one: Surface, other: Surface) -> None:
+    """Zeros are no terms."""
+    for a, b in zip(*both(one, other), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (SPHERE, dataclasses.replace(SPHERE, conic=1e-300)),
+        (CONIC, dataclasses.replace(CONIC, even_coefficients=(1e-300,))),
+        (CONIC, dataclasses.replace(CONIC, even_coefficients=(0.0,) * 7 + (1e-300,))),
+        (CONIC, dataclasses.replace(CONIC, odd_coefficients=(0.0, 1e-300))),
+        (
+            Surface(radius_mm=18.0, conic=-1.0, index=1.6, semi_diameter_mm=9.0),
+            Surface(even_coefficients=(1 / 36.0,), index=1.6, semi_diameter_mm=9.0),
+        ),
+    ],
+    ids=["sphere as conic", "conic as asphere", "many terms", "odd terms", "paraboloid as a2 r^2 on a plane"],
+)
+def test_two_ways_to_write_one_shape_are_one_shape(one: Surface, other: Surface) -> None:
+    """The closed forms and Newton's steps share no line, and agree; also on which rays miss."""
+    first, second = both(one, other)
+    np.testing.assert_array_equal(first[2], second[2])
+    passes = first[2] > 0
+    for a, b in zip(first[:2], second[:2], strict=True):
+        np.testing.assert_allclose(a[passes], b[passes], rtol=0, atol=TEXTBOOK_MM)
+
+
+def test_the_other_sheet_of_a_conic_is_a_miss() -> None:
+    """A hyperboloid's second sheet and an ellipsoid's far side lie on the ray, too, and are never taken."""
+    for conic, z_limit in ((-4.0, math.inf), (2.0, 20.0 / 3.0)):
+        surface = Surface(radius_mm=20.0, conic=conic, semi_diameter_mm=11.0, index=1.5, is_stop=True)
+        position, direction = oblique(4000, 30.0, 2.0, -1.0)
+        alive = np.ones(len(position))
+        trace_rays(towards_sensor(Prescription(surfaces=(surface,))), position, direction, alive)
+        hit = alive > 0
+        assert 50 < hit.sum() < len(hit)
+        assert np.all(position[hit, 2] >= 0) and np.all(position[hit, 2] <= z_limit)
+        sag = [surface.sag_mm(float(r)) for r in np.hypot(*position[hit, :2].T)]
+        np.testing.assert_allclose(position[hit, 2], sag, rtol=0, atol=TEXTBOOK_MM)
+
+
+def test_a_ray_sent_back_through_aspheres_returns_to_its_start() -> None:
+    """By the other table, in which curvatures and coefficients have the other sign."""
+    start, way = oblique(3000, 9.0, 0.3, -12.0)
+    position, direction, alive = start.copy(), way.copy(), np.ones(len(start))
+    trace_rays(towards_scene(BENT), position, direction, alive)
+    kept = alive > 0
+    assert kept.sum() > 300
+    turn = VISION_FROM_CAMERA[:3, :3]
+    back, homeward = (position + direction)[kept] @ turn.T, -direction[kept] @ turn.T
+    alive = np.ones(len(back))
+    trace_rays(towards_sensor(BENT), back, homeward, alive)
+    assert alive.all()
+    back, homeward = back @ turn.T, homeward @ turn.T
+    np.testing.assert_allclose(homeward, -way[kept], rtol=0, atol=REVERSED_MM)
+    arrival = back + ((-12.0 - back[:, 2]) / homeward[:, 2])[:, None] * homeward
+    np.testing.assert_allclose(arrival, start[kept], rtol=0, atol=REVERSED_MM)
+
+
+@pytest.mark.parametrize("lens", [BENT, rigs.tronnier()], ids=["aspheres", "double Gauss"])
+def test_the_lagrange_invariant_of_any_two_rays_near_each_other_is_kept(lens: Prescription) -> None:
+    """dx dp' - dx' dp + dy dq' - dy' dq with p, q the direction cosines: the Jacobian between planes is symplectic."""
+    step, form = 1e-4, np.kron([[0.0, 1.0], [-1.0, 0.0]], np.eye(2))
+    for start in ([1.0, 2.0, 0.05, -0.03], [-3.0, 1.0, 0.02, 0.06], [0.5, -4.0, -0.04, 0.01]):
+        shifts = np.concatenate([np.eye(4), -np.eye(4)]) * [step, step, step / 10, step / 10]
+        rows = np.array(start) + shifts
+        cosine = np.sqrt(1 - np.sum(rows[:, 2:] ** 2, axis=1))
+        position = np.column_stack([rows[:, :2], np.full(8, -40.0)])
+        direction, alive = np.column_stack([rows[:, 2:], cosine]), np.ones(8)
+        position += 10.0 * direction / cosine[:, None]
+        trace_rays(towards_scene(lens), position, direction, alive)
+        assert alive.all()
+        position += ((60.0 - position[:, 2]) / direction[:, 2])[:, None] * direction
+        states = np.column_stack([position[:, :2], direction[:, :2]])
+        jacobian = (states[:4] - states[4:]).T / (2 * np.diag(shifts[:4]))
+        np.testing.assert_allclose(jacobian.T @ form @ jacobian, form, rtol=0, atol=SYMPLECTIC)
+
+
+def test_rays_near_the_axis_of_aspheres_obey_first_order_optics() -> None:
+    """a2 bends the vertex: halve the height of a parallel ray, and its error falls fourfold. With an r^3 term it falls
+    by half only, but to the same focus."""
+    even = dataclasses.replace(BENT.surfaces[3], odd_coefficients=())
+    lens = Prescription(surfaces=(*BENT.surfaces[:3], even, BENT.surfaces[4]))
+    for prescription, order in ((lens, 2), (BENT, 1)):
+        errors = []
+        for height in 0.1 * 0.5 ** np.arange(5) * (10.0 if order == 2 else 0.1):
+            position, direction = np.array([[height, 0.0, -12.0]]), np.array([[0.0, 0.0, 1.0]])
+            trace_rays(towards_scene(prescription), position, direction, np.ones(1))
+            crossing = position[0, 2] - position[0, 0] * direction[0, 2] / direction[0, 0]
+            errors.append(crossing - first_order(prescription).front_focus_mm)
+        assert np.all(np.abs(orders(errors)[1:] - order) < ORDER)
+
+
+def test_the_sag_is_where_rays_land() -> None:
+    """Parallel rays end at the depth that `Surface.sag_mm` states: conic, even and odd terms."""
+    surface = dataclasses.replace(BENT.surfaces[3], is_stop=True)
+    position, direction = beam(HEIGHTS, -10.0)
+    trace_rays(towards_sensor(Prescription(surfaces=(surface,))), position, direction, np.ones(5))
+    np.testing.assert_allclose(position[:, 2], [surface.sag_mm(h) for h in HEIGHTS], rtol=0, atol=REVERSED_MM)
+
+
+def test_a_conic_ends_at_its_equator() -> None:
+    """At R / sqrt(1 + k); paraboloids and hyperboloids have none."""
+    with pytest.raises(PrescriptionError, match="beyond a conic"):
+        Surface(radius_mm=20.0, conic=3.0, semi_diameter_mm=10.01)
+    Surface(radius_mm=20.0, conic=3.0, semi_diameter_mm=10.0)
+    Surface(radius_mm=20.0, conic=-1.0, semi_diameter_mm=100.0)
