@@ -67,17 +67,24 @@ def _microlens_focus(lens: FirstOrder, array_z: float, focal: float, behind: flo
             return lens.front_focus_mm
         return _object(lens, array_z - behind / vergence)
 
-    focus = seen(reciprocal)
-    ends = sorted(seen(reciprocal + sign * relative_confusion) for sign in (-1, 1))
-    nearest = ends[0] if ends[0] > 0 else lens.front_focus_mm
+    # An object moves away as the vergence grows, up to infinity before 0, and from the front focus behind it.
+    low, high = reciprocal - relative_confusion, reciprocal + relative_confusion
+    nearest = lens.front_focus_mm if low <= 0 <= reciprocal else seen(low)
+    farthest = math.inf if reciprocal < 0 <= high else seen(high)
     depth = math.inf if reciprocal == 0 else abs(1 / reciprocal)
-    return Focus(focus_distance_mm=focus, depth_of_field_mm=(nearest, ends[1]), virtual_depth=depth)
+    return Focus(focus_distance_mm=seen(reciprocal), depth_of_field_mm=(nearest, farthest), virtual_depth=depth)
 
 
 def _object(lens: FirstOrder, image_z: float) -> float:
     """Object of an image at vision z; inf where the image lies at or in front of the rear focus."""
     beyond = lens.rear_focus_mm - image_z
     return lens.object_mm(image_z) if beyond > 0 else math.inf
+
+
+def middle_focus(camera: Camera) -> float:
+    """In-focus object distance of a conventional camera, or of the middle microlens type; may be inf. [mm]"""
+    found = sorted(focus.focus_distance_mm for focus in foci(camera))
+    return found[len(found) // 2]
 
 
 def focused(camera: Camera) -> Camera:
@@ -87,8 +94,7 @@ def focused(camera: Camera) -> Camera:
     behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The choice
     affects conditioning only: what is computed for a target depends on it only by the rounding of stored images.
     """
-    found = foci(camera)
-    middle = sorted(focus.focus_distance_mm for focus in found)[len(found) // 2]
+    found, middle = foci(camera), middle_focus(camera)
     if not math.isfinite(middle):
         raise CameraError(
             "the camera is focused at infinity or beyond, so near and far planes cannot be derived",

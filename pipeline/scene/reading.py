@@ -62,6 +62,14 @@ def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
     return str(prim.GetPath().MakeRelativePath(root.GetPath())).replace("/", ".")
 
 
+def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
+    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order; names count from its root."""
+    root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
+    seed = read(root, "plen:seed") or 0
+    cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
+    return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
+
+
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     """A camera of the dataset with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")

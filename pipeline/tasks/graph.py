@@ -32,7 +32,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    labels = {key: getattr(entry, key) for key in ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")}
+    labels = labels_of(entry)
     reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {"camera": to_plain(entry.camera)})}
     report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
     rays = _add_rays(graph, entry, reads)
@@ -44,6 +44,11 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     if entry.camera.microlenses:
         table = graph.add(f"micro_images/{name}", f"{_KIND}micro_images", {}, reads)
         files[f"{folder}/micro_images.csv"] = (table, "micro_images.csv")
+
+
+def labels_of(entry: CameraEntry) -> dict[str, Any]:
+    """What camera.json says of a camera besides its figures."""
+    return {key: getattr(entry, key) for key in ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")}
 
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
