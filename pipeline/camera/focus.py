@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from pipeline.camera.camera import Camera, CameraError
+from pipeline.camera.request import FocusRequest, solved
 from pipeline.optics.first_order import FirstOrder, first_order
 
 _LEAST_SPAN = 0.1
@@ -87,13 +88,14 @@ def middle_focus(camera: Camera) -> float:
     return found[len(found) // 2]
 
 
-def focused(camera: Camera) -> Camera:
-    """The camera with its near and far planes settled.
+def focused(camera: Camera | FocusRequest) -> Camera:
+    """The camera with all that it asks for solved (see `camera.request`), and its near and far planes settled.
 
     Unless authored they are the ends of the depth of field (the union over microlens types), at least 10 % before and
     behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The choice
     affects conditioning only: what is computed for a target depends on it only by the rounding of stored images.
     """
+    camera = solved(camera)
     found, middle = foci(camera), middle_focus(camera)
     if not math.isfinite(middle):
         raise CameraError(

@@ -5,6 +5,7 @@ from typing import Any
 
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.focus import Focus, foci
+from pipeline.camera.request import matched_stop_mm
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 
 
@@ -63,12 +64,7 @@ def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
 def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
     in_focus = lens.object_mm(-camera.sensor_distance_mm)
     array = camera.microlenses
-    matched = None
-    if array:
-        # The exit pupil's image through a microlens vertex is as wide as the MLA pitch.
-        matched = (
-            (to_sensor - array.distance_mm) / array.distance_mm * array.pitch_mm / abs(lens.exit_pupil.magnification)
-        )
+    matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
     return {
         "efl_mm": lens.efl_mm,
         "bfd_mm": lens.bfd_mm,

@@ -27,6 +27,7 @@ def document(labels: dict[str, Any], camera: Camera) -> dict[str, Any]:
     lens = {"name": labels["lens_name"], "index_source": labels["index_source"], **figures.pop("lens")}
     head = {name: figures.pop(name) for name in ("resolution", "pixel_pitch_mm", "sensor_mm", "sensor_distance_mm")}
     light = {"weight": labels["weight"], "footprint": labels["footprint"], "wavelengths_nm": [labels["wavelength_nm"]]}
+    head["focus_request"] = labels.get("focus_request")
     return {**head, "conventions": CONVENTIONS, **light, "lens": lens, **figures}
 
 
