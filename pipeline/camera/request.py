@@ -98,7 +98,8 @@ def reachable(request: FocusRequest) -> tuple[float, float]:
     """
     lens, vertices = first_order(request.prescription), request.prescription.vertices_from_stop_mm
     if not 0 < lens.efl_mm < math.inf:
-        raise CameraError(f"a lens with the focal length {lens.efl_mm:g} mm has no real image to focus")
+        power = "without power" if math.isinf(lens.efl_mm) else f"with the focal length {lens.efl_mm:g} mm"
+        raise CameraError(f"a lens {power} has no real image to focus")
     nearest = max(lens.front_focus_mm, -vertices[0])
     least_image = vertices[-1] + _image_behind_film(request)
     if least_image <= -lens.rear_focus_mm:

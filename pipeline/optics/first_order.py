@@ -66,8 +66,9 @@ class FirstOrder:
         return -self.efl_mm / (object_mm - self.front_focus_mm)
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def first_order(prescription: Prescription) -> FirstOrder:
-    """First-order constants at the prescription's wavelength, air on both sides."""
+    """First-order constants at the prescription's wavelength, air on both sides; without power they are inf or NaN."""
     surfaces, stop = prescription.surfaces, prescription.stop_index
     vertices = prescription.vertices_from_stop_mm
     whole = _matrix(surfaces, 1.0)

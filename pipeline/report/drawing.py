@@ -10,9 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from pipeline.camera.camera import Camera
+from pipeline.camera.camera import Camera, MicrolensArray
 from pipeline.camera.focus import middle_focus
-from pipeline.camera.lattice import lattice
+from pipeline.camera.lattice import Lattice, lattice
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
@@ -24,6 +24,8 @@ _FAN = 2001
 _AHEAD = 0.35
 """Length drawn before the lens over the length from the first vertex to the sensor."""
 _WIDTH_PX, _MARGIN_PX = 1200, 40
+_INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
+"""Enlarged microlenses: height of the picture, rays, and how many MLA pitches it shows."""
 
 Points = list[tuple[float, float]]
 
@@ -49,16 +51,46 @@ def svg(camera: Camera, title: str) -> str:
     _draw_film(sheet, camera)
     _draw_scale(sheet, left, camera.sensor_distance_mm, half)
     sheet.words(_MARGIN_PX, 22, escape(f"{title}; rays from objects at {_place(middle_focus(camera))}"), 14, "start")
-    return sheet.text(height)
+    if camera.microlenses is None:
+        return sheet.text(height)
+    before = f"{camera.microlenses.distance_mm:g} mm before the sensor"
+    words = f"microlenses at the axis, {before}; more rays of the axial point"
+    sheet.words(_MARGIN_PX, height + 20, words, 11, "start")
+    sheet.items.append(_inset(camera, camera.microlenses, left, height + 28))
+    return sheet.text(height + _INSET_PX + 28 + _MARGIN_PX)
 
 
-def bundle(camera: Camera, field: float, left_mm: float) -> list[Points]:
+def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) -> str:
+    """The microlenses next to the axis with more rays of the object point there, enlarged, in a picture of its own."""
+    scale = _INSET_PX / (_INSET_LENSES * array.pitch_mm)
+    width, end = (_WIDTH_PX - 2 * _MARGIN_PX) / scale, camera.sensor_distance_mm
+    film, start = end - array.distance_mm, end + 0.05 * width - width
+    sheet = _Sheet(start + _MARGIN_PX / scale, scale, _INSET_PX / 2)
+    sheet.area([(start, -width), (end + width, -width), (end + width, width), (start, width)], "#fbfbfb")
+    sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
+    for ray in bundle(camera, 0.0, left, _INSET_RAYS):
+        sheet.line(ray[-3:], _FIELDS[0][1], 0.7)
+    half, vertices = array.pitch_mm * math.sqrt(3) / 4, lattice(array)
+    rows = vertices.y_mm[np.abs(vertices.x_mm) <= array.pitch_mm]
+    for y in np.unique(rows[np.abs(rows) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
+        own = _own(vertices, y)
+        bulge = 0.12 * array.pitch_mm
+        sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
+        sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[own])}", "end")
+    sheet.line([(end, -width), (end, width)], "#111111", 3)
+    box = f'x="{_MARGIN_PX}" y="{top_px:.0f}" width="{_WIDTH_PX - 2 * _MARGIN_PX}" height="{_INSET_PX}"'
+    return f"<svg {box}>\n" + "\n".join(sheet.items) + "\n</svg>"
+
+
+def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> list[Points]:
     """Rays of one object point that pass the lens, from x = `left_mm` to the sensor; (along the axis, height) [mm].
 
     Parameters
     ----------
     field : float
         Image height over half the height of the sensor.
+    count : int
+        Rays, evenly over those that pass.
     """
     lens, distance = first_order(camera.prescription), middle_focus(camera)
     pupil = lens.entrance_pupil.z_mm
@@ -74,7 +106,7 @@ def bundle(camera: Camera, field: float, left_mm: float) -> list[Points]:
     passing = np.flatnonzero(passes)
     if not passing.size:
         return []
-    chosen = passing[np.round(np.linspace(0, passing.size - 1, _RAYS)).astype(int)]
+    chosen = passing[np.round(np.linspace(0, passing.size - 1, count)).astype(int)]
     rays = []
     for i in dict.fromkeys(chosen.tolist()):
         points = list(zip(x[:, i].tolist(), y[:, i].tolist(), strict=True))
@@ -109,10 +141,14 @@ def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
     film = camera.sensor_distance_mm - array.distance_mm
     at_film = y + slope * (film - x)
     vertices = lattice(array)
-    # Up in the drawing is +y of the sensor frame: the camera frame's y.
-    own = int(np.argmin(np.hypot(vertices.x_mm, vertices.y_mm - at_film)))
+    own = _own(vertices, at_film)
     bent = slope - (at_film - float(vertices.y_mm[own])) / array.focal_lengths_mm[int(vertices.type[own])]
     return [(film, at_film), (camera.sensor_distance_mm, at_film + bent * array.distance_mm)]
+
+
+def _own(vertices: Lattice, y: float) -> int:
+    """Row of the microlens in whose cell the height y of the drawing lies; its up is +y of the sensor frame."""
+    return int(np.argmin(np.hypot(vertices.x_mm, vertices.y_mm - y).round(9)))
 
 
 def _half_sensor(camera: Camera) -> float:

@@ -22,12 +22,24 @@ def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
         Of the same camera.
     """
     lines = [f"{name}: {document['lens']['name']}", "distances are counted from the aperture stop, + towards the scene"]
+    if document["focus_request"]:
+        lines.append(_request(document["focus_request"]))
     lines += ["", "main lens", *_lens(document["lens"])]
     lines += ["", "sensor", *_sensor(document)]
     if "mla" in document:
         lines += ["", "microlenses", *_microlenses(document)]
         lines += ["", *_types(document["mla"]), *_gaps(document["mla"])]
     return [*lines, "", *_curves(curves)]
+
+
+def _request(asked: dict[str, Any]) -> str:
+    wishes = []
+    if asked["focus_distance_mm"] is not None:
+        kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
+        wishes.append(f"focus at {asked['focus_distance_mm']:g} mm{kind} sets the sensor distance")
+    if asked["stop_match"] != "none":
+        wishes.append("a match with the microlenses sets the stop")
+    return "asked for: " + "; ".join(wishes)
 
 
 def _lens(lens: dict[str, Any]) -> Iterator[str]:

@@ -46,8 +46,8 @@ def _check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
         return  # reported already, or a lens without power
     if efl_mm is None or abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
         return
-    off = 100 * (efl_mm / nominal_mm - 1)
-    message = f"the lens goes by {nominal_mm:g} mm, but its focal length is {efl_mm:.6g} mm, {off:+.3g} %"
+    off = f"its focal length is {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
+    message = f"the lens goes by {nominal_mm:g} mm, but {'it has no power' if math.isinf(efl_mm) else off}"
     hint = "is a radius, an index or a thickness mistyped, or the whole table scaled?"
     attribute = lens.GetAttribute("plen:nominalFocalLength")
     yield problem(attribute, "focal-length", message, hint=hint, severity="warning")

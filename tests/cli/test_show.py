@@ -73,10 +73,25 @@ def test_a_drawing_is_svg_with_rays_that_reach_the_sensor(pipeline, tmp_path):
     lines = root.findall("{http://www.w3.org/2000/svg}polyline")
     rays = [line for line in lines if line.get("stroke") in ("#c0392b", "#27803d", "#1f5fa8")]
     assert len(rays) == 21
+    assert len(root.findall("{http://www.w3.org/2000/svg}svg")) == 1  # the microlenses, enlarged
     ends = {line.get("points").split()[-1].split(",")[0] for line in rays}
     assert len(ends) == 1
     words = {text.text for text in root.findall("{http://www.w3.org/2000/svg}text")}
     assert {"stop", "sensor", "MLA", "0 mm"} <= words
+
+
+def test_a_rig_that_asks_for_focus_and_a_matched_stop_shows_what_solves_it(pipeline, tmp_path):
+    """The middle type in focus at 429.52 mm and the sensor at 125 mm are one camera; its match is 10.59 mm."""
+    text = Path(PAPER).read_text(encoding="utf-8").replace("@../", "@")
+    focus = "uniform double plen:camera:focusDistance = 429.5196"
+    asked = f'{focus}\n        uniform token plen:camera:stopMatch = "microlenses"'
+    (tmp_path / "rig.usda").write_text(text.replace("uniform double plen:camera:sensorDistance = 125", asked), "utf-8")
+    code, page, log = pipeline("show", "rig.usda")
+    assert (code, log) == (0, "")
+    assert "focus at 429.52 mm for microlens type 1" in page
+    assert re.search(r"distance behind the stop +125\.000 mm", page)
+    assert re.search(r"stop +ø 10\.586 mm", page)
+    assert re.search(r"F-number, lens / microlens +1\.0000 +\(matched\)", page)
 
 
 @pytest.mark.parametrize(
