@@ -97,7 +97,11 @@ def focused(camera: Camera | FocusRequest) -> Camera:
     """
     camera = solved(camera)
     found, middle = foci(camera), middle_focus(camera)
+    if not math.isfinite(first_order(camera.prescription).efl_mm):
+        raise CameraError("a lens without power focuses nothing")
     if not math.isfinite(middle):
+        if camera.near_mm is not None and camera.far_mm is not None:
+            return camera
         raise CameraError(
             "the camera is focused at infinity or beyond, so near and far planes cannot be derived",
             hint="author plen:camera:near and plen:camera:far",

@@ -113,3 +113,15 @@ def test_a_camera_asks_for_nothing_and_a_request_survives_the_process_border() -
     request = plenoptic(430.0, focus_type=2, match_stop=True)
     assert from_plain(FocusRequest, to_plain(request)) == request
     assert isinstance(focused(request), Camera)
+
+
+def test_a_camera_focused_at_infinity_needs_authored_planes_and_nothing_else() -> None:
+    """The sensor stands in the rear focus."""
+    at_infinity = -first_order(rigs.tronnier()).rear_focus_mm
+    camera = Camera(prescription=rigs.tronnier(4.5), sensor=SENSOR, sensor_distance_mm=at_infinity)
+    with pytest.raises(CameraError, match="infinity"):
+        focused(camera)
+    planes = dataclasses.replace(camera, near_mm=1e3, far_mm=2e3)
+    assert focused(planes) == planes
+    assert report(planes)["lens"]["focus_distance_mm"] == math.inf
+    assert report(planes)["lens"]["magnification"] == 0
