@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.errors import PipelineError
+from pipeline.errors import PipelineError, UsageError
 
 app = typer.Typer(
     add_completion=False,
@@ -180,6 +180,28 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
         return
     for state in states:
         say(f"{state.state:<8} {state.name}")
+
+
+@app.command()
+def show(
+    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a rig alone.")],
+    camera: Annotated[str | None, typer.Argument(metavar="[CAMERA]", help="Its name, if there are several.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what camera.json says.")] = False,
+    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.svg", help="Draw the lens and its rays.")] = None,
+    allow_root: Roots = None,
+) -> None:
+    """Say what a camera does: focal lengths, pupils, focus, depth of field, microlenses, real rays over the field."""
+    from pipeline.tasks.show import show as camera_of
+
+    if plot is not None and plot.suffix != ".svg":
+        raise UsageError(f"{plot} is no .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    shown = camera_of(stage, camera, tuple(allow_root or ()))
+    for warning in shown.warnings:
+        note(str(warning))
+    say(shown.json().rstrip("\n") if as_json else "\n".join(shown.page()))
+    if plot is not None:
+        shown.plot(plot)
+        note(f"wrote {plot}")
 
 
 @app.command("plugin-path")

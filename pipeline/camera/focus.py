@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 from pipeline.camera.camera import Camera, CameraError
+from pipeline.camera.request import FocusRequest, solved
 from pipeline.optics.first_order import FirstOrder, first_order
 
 _LEAST_SPAN = 0.1
@@ -67,11 +68,12 @@ def _microlens_focus(lens: FirstOrder, array_z: float, focal: float, behind: flo
             return lens.front_focus_mm
         return _object(lens, array_z - behind / vergence)
 
-    focus = seen(reciprocal)
-    ends = sorted(seen(reciprocal + sign * relative_confusion) for sign in (-1, 1))
-    nearest = ends[0] if ends[0] > 0 else lens.front_focus_mm
+    # An object moves away as the vergence grows, up to infinity before 0, and from the front focus behind it.
+    low, high = reciprocal - relative_confusion, reciprocal + relative_confusion
+    nearest = lens.front_focus_mm if low <= 0 <= reciprocal else seen(low)
+    farthest = math.inf if reciprocal < 0 <= high else seen(high)
     depth = math.inf if reciprocal == 0 else abs(1 / reciprocal)
-    return Focus(focus_distance_mm=focus, depth_of_field_mm=(nearest, ends[1]), virtual_depth=depth)
+    return Focus(focus_distance_mm=seen(reciprocal), depth_of_field_mm=(nearest, farthest), virtual_depth=depth)
 
 
 def _object(lens: FirstOrder, image_z: float) -> float:
@@ -80,16 +82,26 @@ def _object(lens: FirstOrder, image_z: float) -> float:
     return lens.object_mm(image_z) if beyond > 0 else math.inf
 
 
-def focused(camera: Camera) -> Camera:
-    """The camera with its near and far planes settled.
+def middle_focus(camera: Camera) -> float:
+    """In-focus object distance of a conventional camera, or of the middle microlens type; may be inf. [mm]"""
+    found = sorted(focus.focus_distance_mm for focus in foci(camera))
+    return found[len(found) // 2]
+
+
+def focused(camera: Camera | FocusRequest) -> Camera:
+    """The camera with all that it asks for solved (see `camera.request`), and its near and far planes settled.
 
     Unless authored they are the ends of the depth of field (the union over microlens types), at least 10 % before and
     behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The choice
     affects conditioning only: what is computed for a target depends on it only by the rounding of stored images.
     """
-    found = foci(camera)
-    middle = sorted(focus.focus_distance_mm for focus in found)[len(found) // 2]
+    camera = solved(camera)
+    found, middle = foci(camera), middle_focus(camera)
+    if not math.isfinite(first_order(camera.prescription).efl_mm):
+        raise CameraError("a lens without power focuses nothing")
     if not math.isfinite(middle):
+        if camera.near_mm is not None and camera.far_mm is not None:
+            return camera
         raise CameraError(
             "the camera is focused at infinity or beyond, so near and far planes cannot be derived",
             hint="author plen:camera:near and plen:camera:far",

@@ -1,9 +1,11 @@
 """First-order figures of a camera as plain values: what camera.json says. Positions are vision z [mm]."""
 
+import math
 from typing import Any
 
-from pipeline.camera.camera import Camera, MicrolensArray
+from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.focus import Focus, foci
+from pipeline.camera.request import matched_stop_mm
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 
 
@@ -25,6 +27,7 @@ def report(camera: Camera) -> dict[str, Any]:
             sensor.offset_x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2,
             sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
         ],
+        "field_of_view_deg": field_of_view_deg(sensor, principal_mm),
         "depth_of_field_mm": [min(near for near, _ in depths), max(far for _, far in depths)],
         "near_far_mm": [camera.near_mm, camera.far_mm],
     }
@@ -33,15 +36,35 @@ def report(camera: Camera) -> dict[str, Any]:
     return figures
 
 
+def field_of_view_deg(sensor: Sensor, principal_mm: float) -> list[float]:
+    """Angles that the sensor spans at the principal distance: horizontal, vertical, from corner to corner."""
+    centre, half = (
+        (-sensor.offset_x_mm, -sensor.offset_y_mm),
+        (sensor.width_px * sensor.pitch_mm / 2, sensor.height_px * sensor.pitch_mm / 2),
+    )
+    ends = [(middle - reach, middle + reach) for middle, reach in zip(centre, half, strict=True)]
+    across = [math.degrees(math.atan2(high, principal_mm) - math.atan2(low, principal_mm)) for low, high in ends]
+    (left, right), (top, bottom) = ends
+    cosine = (left * right + top * bottom + principal_mm**2) / (
+        math.hypot(left, top, principal_mm) * math.hypot(right, bottom, principal_mm)
+    )
+    return [*across, math.degrees(math.acos(max(-1.0, min(1.0, cosine))))]
+
+
+def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
+    """What the union of ranges leaves out between its ends, near to far."""
+    gaps, reached = list[list[float]](), -math.inf
+    for near, far in sorted(ranges):
+        if -math.inf < reached < near:
+            gaps.append([reached, near])
+        reached = max(reached, far)
+    return gaps
+
+
 def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
     in_focus = lens.object_mm(-camera.sensor_distance_mm)
     array = camera.microlenses
-    matched = None
-    if array:
-        # The exit pupil's image through a microlens vertex is as wide as the MLA pitch.
-        matched = (
-            (to_sensor - array.distance_mm) / array.distance_mm * array.pitch_mm / abs(lens.exit_pupil.magnification)
-        )
+    matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
     return {
         "efl_mm": lens.efl_mm,
         "bfd_mm": lens.bfd_mm,
@@ -50,11 +73,18 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
         "entrance_pupil": _pupil(lens.entrance_pupil),
         "exit_pupil": _pupil(lens.exit_pupil),
         "principal_planes_mm": [lens.front_principal_mm, lens.rear_principal_mm],
-        "magnification": lens.magnification(in_focus),
+        "magnification": _magnification(lens, in_focus),
         "focus_distance_mm": in_focus,
         "stop_diameter_mm": 2 * camera.prescription.stop.semi_diameter_mm,
         "matched_stop_diameter_mm": matched,
     }
+
+
+def _magnification(lens: FirstOrder, object_mm: float) -> float:
+    """Lateral magnification of the main lens; -inf for an object in its front focus, 0 for one at infinity."""
+    if object_mm == lens.front_focus_mm:
+        return -math.inf
+    return lens.magnification(object_mm) + 0.0
 
 
 def _pupil(pupil: Pupil) -> dict[str, float]:
@@ -64,12 +94,15 @@ def _pupil(pupil: Pupil) -> dict[str, float]:
 def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple[Focus, ...]) -> dict[str, Any]:
     to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - array.distance_mm
     scale = 1 + array.distance_mm / to_array
+    array_z = -(camera.sensor_distance_mm - array.distance_mm)
     types = [
         {
             "focal_length_mm": focal,
             "focus_distance_mm": focus.focus_distance_mm,
             "depth_of_field_mm": list(focus.depth_of_field_mm),
             "virtual_depth": focus.virtual_depth,
+            "magnification": _magnification(lens, focus.focus_distance_mm),
+            "micro_image_magnification": _through_microlens(array, lens, focal, array_z),
         }
         for focal, focus in zip(array.focal_lengths_mm, found, strict=True)
     ]
@@ -82,6 +115,17 @@ def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple
         "distance_mm": array.distance_mm,
         "aperture": "cell",
         "types": types,
+        "depth_of_field_gaps_mm": gaps_mm([focus.depth_of_field_mm for focus in found]),
         "micro_image_pitch_px": array.pitch_mm * scale / camera.sensor.pitch_mm,
         "f_number_mismatch": (to_array / lens.exit_pupil.diameter_mm) / (array.distance_mm / array.pitch_mm),
     }
+
+
+def _through_microlens(array: MicrolensArray, lens: FirstOrder, focal: float, array_z: float) -> float:
+    """Magnification from the in-focus object to the micro-image.
+
+    The main lens's, -(F' - image) / EFL with the image B / v behind the array, times the microlens's v = 1 - B / f. The
+    product stays finite where v is 0 and the image in between lies at infinity.
+    """
+    vergence = 1 - array.distance_mm / focal
+    return -((lens.rear_focus_mm - array_z) * vergence + array.distance_mm) / lens.efl_mm

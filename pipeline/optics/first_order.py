@@ -61,7 +61,9 @@ class FirstOrder:
         return self.rear_focus_mm - self.efl_mm**2 / (object_mm - self.front_focus_mm)
 
     def object_mm(self, image_mm: float) -> float:
-        """Vision z of the object whose image lies at vision z; inverse of `image_mm`."""
+        """Vision z of the object whose image lies at vision z, inf for the rear focus; inverse of `image_mm`."""
+        if image_mm == self.rear_focus_mm:
+            return float("inf")
         return self.front_focus_mm + self.efl_mm**2 / (self.rear_focus_mm - image_mm)
 
     def magnification(self, object_mm: float) -> float:

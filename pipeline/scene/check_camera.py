@@ -7,6 +7,7 @@ from pxr import Usd
 from pipeline.camera.camera import REPLICAS
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
+from pipeline.scene.check_focus import check_focus, check_request
 from pipeline.scene.check_glass import check_wavelength
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem
@@ -27,6 +28,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
     yield from _check_microlens_distance(camera)
+    yield from check_request(camera)
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if lens:
         yield from check_wavelength(camera, lens)
@@ -34,6 +36,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     if prescription:
         yield from _check_behind_lens(camera, prescription)
         yield from _check_near_far(camera, prescription)
+        yield from check_focus(camera)
 
 
 def check_microlenses(array: Usd.Prim) -> Iterator[Problem]:

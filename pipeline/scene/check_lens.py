@@ -7,15 +7,18 @@ from itertools import pairwise
 
 from pxr import Usd
 
+from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import PrescriptionError, Surface
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
-from pipeline.scene.reading import APERTURE_VALUES, ordered_surfaces, read_surface
+from pipeline.scene.reading import APERTURE_VALUES, ordered_surfaces, read_prescription, read_surface
 from pipeline.scene.values import UnreadableValue, read
 
 # Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
 _HEIGHTS = 64
+_NOMINAL = 0.05
+"""Largest relative deviation from the nominal focal length without a warning: names are round numbers."""
 
 
 def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
@@ -34,6 +37,22 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     if last and last.index != 1:
         message = f"the medium behind the last surface has index {last.index}, and only air (1) is supported yet"
         yield problem(prims[-1].GetAttribute("plen:index"), "not-yet-supported", message)
+    yield from _check_nominal(lens)
+
+
+def _check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
+    nominal_mm = read(lens, "plen:nominalFocalLength")
+    try:
+        efl_mm = first_order(read_prescription(lens)).efl_mm if nominal_mm and nominal_mm > 0 else None
+    except (PrescriptionError, UnreadableValue, ArithmeticError):
+        return  # reported already, or a lens without power
+    if efl_mm is None or abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
+        return
+    off = f"its focal length is {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
+    message = f"the lens goes by {nominal_mm:g} mm, but {'it has no power' if math.isinf(efl_mm) else off}"
+    hint = "is a radius, an index or a thickness mistyped, or the whole table scaled?"
+    attribute = lens.GetAttribute("plen:nominalFocalLength")
+    yield problem(attribute, "focal-length", message, hint=hint, severity="warning")
 
 
 def _check_order(lens: Usd.Prim) -> Iterator[Problem]:

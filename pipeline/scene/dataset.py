@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from pipeline.camera.camera import Camera, Sampling
+from pipeline.camera.request import FocusRequest
 from pipeline.target.checkerboard import Checkerboard
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -36,7 +37,7 @@ class CameraEntry:
     wavelength_nm: float
     weight: str
     footprint: str
-    camera: Camera
+    camera: Camera | FocusRequest
     sampling: Sampling
     truth: dict[str, str | float]
     image_samples: int

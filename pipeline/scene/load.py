@@ -7,11 +7,11 @@ from pathlib import Path
 from pipeline.scene.asset_roots import allowed_roots
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
-from pipeline.scene.dataset import Dataset
+from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.flatten import flattened
 from pipeline.scene.opening import open_stage
 from pipeline.scene.problems import Problem, StageError, shown_path
-from pipeline.scene.reading import read_dataset
+from pipeline.scene.reading import read_camera_entries, read_dataset
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,11 +26,14 @@ class Loaded:
         Errors and warnings; empty if all is well.
     flattened : str
         The composed stage as one text; empty if the stage has errors.
+    cameras : tuple of CameraEntry
+        Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
     """
 
     dataset: Dataset | None
     problems: list[Problem]
     flattened: str
+    cameras: tuple[CameraEntry, ...] = ()
 
     @property
     def errors(self) -> list[Problem]:
@@ -57,7 +60,12 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
     if loaded.errors:
         return loaded
     root = find_dataset(stage)
-    return Loaded(dataset=read_dataset(root) if root else None, problems=problems, flattened=flattened(stage))
+    return Loaded(
+        dataset=read_dataset(root) if root else None,
+        problems=problems,
+        flattened=flattened(stage),
+        cameras=read_camera_entries(stage),
+    )
 
 
 def open_dataset(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Dataset:

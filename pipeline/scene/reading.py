@@ -6,6 +6,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
+from pipeline.camera.request import FocusRequest
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Matrix, TargetEntry
@@ -70,6 +71,14 @@ def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
     return str(prim.GetPath().MakeRelativePath(root.GetPath())).replace("/", ".")
 
 
+def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
+    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order; names count from its root."""
+    root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
+    seed = read(root, "plen:seed") or 0
+    cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
+    return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
+
+
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     """A camera of the dataset with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
@@ -90,19 +99,28 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     )
 
 
-def read_camera(prim: Usd.Prim) -> Camera:
-    """A Camera with PlenCameraAPI."""
+def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
+    """A Camera with PlenCameraAPI; a request where it says what shall be in focus, or that the stop shall match."""
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
-    return Camera(
-        prescription=read_prescription(
+    parts: dict[str, Any] = {
+        "prescription": read_prescription(
             target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
         ),
-        sensor=read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
-        sensor_distance_mm=need(prim, "plen:camera:sensorDistance"),
-        microlenses=read_microlenses(array, need(prim, "plen:camera:microlensDistance")) if array else None,
-        circle_of_confusion_px=need(prim, "plen:camera:circleOfConfusion"),
-        near_mm=read(prim, "plen:camera:near"),
-        far_mm=read(prim, "plen:camera:far"),
+        "sensor": read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
+        "microlenses": read_microlenses(array, need(prim, "plen:camera:microlensDistance")) if array else None,
+        "circle_of_confusion_px": need(prim, "plen:camera:circleOfConfusion"),
+        "near_mm": read(prim, "plen:camera:near"),
+        "far_mm": read(prim, "plen:camera:far"),
+    }
+    focus_mm, match_stop = read(prim, "plen:camera:focusDistance"), need(prim, "plen:camera:stopMatch") != "none"
+    if focus_mm is None and not match_stop:
+        return Camera(sensor_distance_mm=need(prim, "plen:camera:sensorDistance"), **parts)
+    return FocusRequest(
+        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None else None,
+        focus_distance_mm=focus_mm,
+        focus_type=read(prim, "plen:camera:focusType"),
+        match_stop=match_stop,
+        **parts,
     )
 
 

@@ -6,6 +6,7 @@ It is not part of `focus`, because it writes names: renaming a lens must not tou
 from pathlib import Path
 from typing import Any
 
+from pipeline.camera.camera import Camera
 from pipeline.camera.report import report
 from pipeline.files.jsonfile import write_json
 from pipeline.tasks.cameras import Inputs, focused_camera
@@ -20,10 +21,16 @@ CONVENTIONS = {
 }
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: labels (what the report says besides)."""
-    labels, figures = params["labels"], report(focused_camera(inputs))
+def document(labels: dict[str, Any], camera: Camera) -> dict[str, Any]:
+    """What camera.json says of a focused camera; `labels` is what it says besides."""
+    figures = report(camera)
     lens = {"name": labels["lens_name"], "index_source": labels["index_source"], **figures.pop("lens")}
     head = {name: figures.pop(name) for name in ("resolution", "pixel_pitch_mm", "sensor_mm", "sensor_distance_mm")}
     light = {"weight": labels["weight"], "footprint": labels["footprint"], "wavelengths_nm": [labels["wavelength_nm"]]}
-    write_json(out / "camera.json", {**head, "conventions": CONVENTIONS, **light, "lens": lens, **figures})
+    head["focus_request"] = labels.get("focus_request")
+    return {**head, "conventions": CONVENTIONS, **light, "lens": lens, **figures}
+
+
+def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
+    """Params: labels (what the report says besides)."""
+    write_json(out / "camera.json", document(params["labels"], focused_camera(inputs)))

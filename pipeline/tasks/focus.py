@@ -1,10 +1,14 @@
-"""Task `focus`: settle a camera's near and far planes. Writes `focused.json`, the record that all ray tasks read."""
+"""Task `focus`: place the sensor, set the stop, settle near and far planes.
+
+It writes `focused.json`, the record that all ray tasks read.
+"""
 
 from pathlib import Path
 from typing import Any
 
 from pipeline.camera.camera import Camera
 from pipeline.camera.focus import focused
+from pipeline.camera.request import FocusRequest
 from pipeline.files.jsonfile import write_json
 from pipeline.records import from_plain, to_plain
 from pipeline.tasks.cameras import FOCUSED, Inputs
@@ -13,5 +17,9 @@ LIBRARIES = ("numpy",)
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: camera (plain `camera.Camera`)."""
-    write_json(out / FOCUSED, to_plain(focused(from_plain(Camera, params["camera"]))))
+    """Params: camera (plain `camera.Camera`) or request (plain `request.FocusRequest`)."""
+    if "request" in params:
+        camera: Camera | FocusRequest = from_plain(FocusRequest, params["request"])
+    else:
+        camera = from_plain(Camera, params["camera"])
+    write_json(out / FOCUSED, to_plain(focused(camera)))

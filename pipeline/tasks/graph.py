@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.camera.request import FocusRequest, solved
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.records import to_plain
@@ -32,8 +33,9 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    labels = {key: getattr(entry, key) for key in ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")}
-    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {"camera": to_plain(entry.camera)})}
+    labels = labels_of(entry)
+    asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
+    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: to_plain(entry.camera)})}
     report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
     rays = _add_rays(graph, entry, reads)
     white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
@@ -44,6 +46,20 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     if entry.camera.microlenses:
         table = graph.add(f"micro_images/{name}", f"{_KIND}micro_images", {}, reads)
         files[f"{folder}/micro_images.csv"] = (table, "micro_images.csv")
+
+
+def labels_of(entry: CameraEntry) -> dict[str, Any]:
+    """What camera.json says of a camera besides its figures."""
+    names = ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")
+    labels = {key: getattr(entry, key) for key in names}
+    asked = entry.camera
+    if isinstance(asked, FocusRequest):
+        labels["focus_request"] = {
+            "focus_distance_mm": asked.focus_distance_mm,
+            "focus_type": None if asked.focus_distance_mm is None else asked.type,
+            "stop_match": "microlenses" if asked.match_stop else "none",
+        }
+    return labels
 
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
@@ -110,7 +126,7 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
         "wavelength_nm": entry.wavelength_nm,
         "index_source": entry.index_source,
         "footprint": entry.footprint,
-        "stop_diameter_mm": 2 * entry.camera.prescription.stop.semi_diameter_mm,
+        "stop_diameter_mm": 2 * solved(entry.camera).prescription.stop.semi_diameter_mm,
         "samples": entry.sampling.samples,
         "seed": entry.sampling.seed,
     }

@@ -1,5 +1,6 @@
 """What an edit of a stage reruns: exactly the tasks that read what changed, counted by executions, never by clocks."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -229,3 +230,25 @@ def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
     assert conventional.run().total() == 9
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
+
+
+def test_focus_as_intent_is_solved_by_the_focus_task_and_undoing_it_reruns_nothing(plenoptic):
+    """A request reruns what a moved sensor would; headers and camera.json say the numbers that solve it."""
+    asked = (
+        "uniform double plen:camera:focusDistance = 420\n"
+        "            uniform double plen:camera:sensorDistance = None\n"
+        '            uniform token plen:camera:stopMatch = "microlenses"\n'
+    )
+    first = "float horizontalAperture = 14.4\n"
+    plenoptic.edit(first, f"{first}            {asked}")
+    ran = plenoptic.run()
+    assert ran["focus"] == ran["rays"] == ran["first_order"] == 1
+    figures = json.loads((plenoptic.out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
+    assert figures["focus_request"] == {"focus_distance_mm": 420, "focus_type": 1, "stop_match": "microlenses"}
+    assert figures["mla"]["types"][1]["focus_distance_mm"] == pytest.approx(420, rel=0, abs=1e-9)
+    assert figures["mla"]["f_number_mismatch"] == pytest.approx(1, rel=1e-12)
+    assert figures["sensor_distance_mm"] > 125
+    table = (plenoptic.out / "frames/0001/Rig.Camera/correspondences.csv").read_text(encoding="utf-8")
+    assert repr(figures["lens"]["stop_diameter_mm"]) in table
+    plenoptic.edit(f"            {asked}", "")
+    assert plenoptic.run() == Counter()

@@ -17,7 +17,7 @@ from pipeline.scene.problems import Problem, StageError
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests/data/bad").glob("*.usda"))
-WARNINGS = {"up-axis", "normalised"}
+WARNINGS = {"up-axis", "normalised", "depth-gap", "mixed-microlenses", "focal-length"}
 
 
 @pytest.fixture(autouse=True)
@@ -28,11 +28,9 @@ def _at_the_root(monkeypatch):
 
 @pytest.mark.parametrize("file", FILES)
 def test_a_bad_file_gives_exactly_the_problems_that_it_announces(file):
-    expected = re.search(r"^# expect: (.*)$", Path(file).read_text(), re.MULTILINE)[1].split()
-
     loaded = loaded_once(file)
 
-    assert [problem.code for problem in loaded.problems] == expected
+    assert [problem.code for problem in loaded.problems] == announced(file)
     assert {problem.code for problem in loaded.problems if not problem.is_error} <= WARNINGS
 
 
@@ -47,7 +45,12 @@ def test_every_mistake_is_reported_in_the_expected_words():
     assert report() == (ROOT / "tests/data/bad/EXPECTED.txt").read_text()
 
 
-@pytest.mark.parametrize("file", [file for file in FILES if "no_up_axis" not in file and "rounded" not in file])
+def announced(file: str) -> list[str]:
+    """The codes that a file says it gives."""
+    return re.search(r"^# expect: (.*)$", (ROOT / file).read_text(), re.MULTILINE)[1].split()
+
+
+@pytest.mark.parametrize("file", [file for file in FILES if not set(announced(file)) <= WARNINGS])
 def test_nothing_is_read_from_a_stage_with_an_error(file):
     loaded = loaded_once(file)
 

@@ -1,0 +1,241 @@
+"""A drawing of a camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
+
+Rays start at object points in focus (of the middle microlens type) whose images lie on the axis, at 0.7 and at the full
+height of the sensor. Lengths in mm from the stop, + towards the sensor, as light travels; the drawing is to scale.
+"""
+
+import math
+from html import escape
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.camera.camera import Camera, MicrolensArray
+from pipeline.camera.focus import middle_focus
+from pipeline.camera.lattice import Lattice, lattice
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.table import towards_sensor
+
+_FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
+_RAYS = 7
+_FAN = 2001
+_AHEAD = 0.35
+"""Length drawn before the lens over the length from the first vertex to the sensor."""
+_WIDTH_PX, _MARGIN_PX = 1200, 40
+_INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
+"""Enlarged microlenses: height of the picture, rays, and how many MLA pitches it shows."""
+
+Points = list[tuple[float, float]]
+
+
+def svg(camera: Camera, title: str) -> str:
+    """The drawing as the text of an SVG file."""
+    first = camera.prescription.vertices_from_stop_mm[0]
+    left = first - _AHEAD * (camera.sensor_distance_mm - first)
+    half = 1.12 * max([_half_sensor(camera), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
+    scale = (_WIDTH_PX - 2 * _MARGIN_PX) / (camera.sensor_distance_mm + 4 - left)
+    height = 2 * half * scale + 3 * _MARGIN_PX
+    sheet = _Sheet(left, scale, _MARGIN_PX + half * scale + _MARGIN_PX / 2)
+    sheet.line([(left, 0.0), (camera.sensor_distance_mm + 4, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
+    for points in _glass(camera.prescription):
+        sheet.area(points, "#cfe3f2")
+    for field, colour in _FIELDS:
+        for ray in bundle(camera, field, left):
+            sheet.line(ray, colour, 0.7)
+    for surface, vertex in zip(camera.prescription.surfaces, camera.prescription.vertices_from_stop_mm, strict=True):
+        if not surface.is_stop:
+            sheet.line(_profile(surface, vertex), "#24506e", 1.2)
+    _draw_stop(sheet, camera.prescription, half)
+    _draw_film(sheet, camera)
+    _draw_scale(sheet, left, camera.sensor_distance_mm, half)
+    sheet.words(_MARGIN_PX, 22, escape(f"{title}; rays from objects at {_place(middle_focus(camera))}"), 14, "start")
+    if camera.microlenses is None:
+        return sheet.text(height)
+    before = f"{camera.microlenses.distance_mm:g} mm before the sensor"
+    words = f"microlenses at the axis, {before}; more rays of the axial point"
+    sheet.words(_MARGIN_PX, height + 20, words, 11, "start")
+    sheet.items.append(_inset(camera, camera.microlenses, left, height + 28))
+    return sheet.text(height + _INSET_PX + 28 + _MARGIN_PX)
+
+
+def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) -> str:
+    """The microlenses next to the axis with more rays of the object point there, enlarged, in a picture of its own."""
+    scale = _INSET_PX / (_INSET_LENSES * array.pitch_mm)
+    width, end = (_WIDTH_PX - 2 * _MARGIN_PX) / scale, camera.sensor_distance_mm
+    film, start = end - array.distance_mm, end + 0.05 * width - width
+    sheet = _Sheet(start + _MARGIN_PX / scale, scale, _INSET_PX / 2)
+    sheet.area([(start, -width), (end + width, -width), (end + width, width), (start, width)], "#fbfbfb")
+    sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
+    for ray in bundle(camera, 0.0, left, _INSET_RAYS):
+        sheet.line(ray[-3:], _FIELDS[0][1], 0.7)
+    half, vertices = array.pitch_mm * math.sqrt(3) / 4, lattice(array)
+    rows = vertices.y_mm[np.abs(vertices.x_mm) <= array.pitch_mm]
+    for y in np.unique(rows[np.abs(rows) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
+        own = _own(vertices, y)
+        bulge = 0.12 * array.pitch_mm
+        sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
+        sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[own])}", "end")
+    sheet.line([(end, -width), (end, width)], "#111111", 3)
+    box = f'x="{_MARGIN_PX}" y="{top_px:.0f}" width="{_WIDTH_PX - 2 * _MARGIN_PX}" height="{_INSET_PX}"'
+    return f"<svg {box}>\n" + "\n".join(sheet.items) + "\n</svg>"
+
+
+def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> list[Points]:
+    """Rays of one object point that pass the lens, from x = `left_mm` to the sensor; (along the axis, height) [mm].
+
+    Parameters
+    ----------
+    field : float
+        Image height over half the height of the sensor.
+    count : int
+        Rays, evenly over those that pass.
+    """
+    lens, distance = first_order(camera.prescription), middle_focus(camera)
+    pupil = lens.entrance_pupil.z_mm
+    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
+    slope = field * _half_sensor(camera) / principal_mm
+    start = np.full(_FAN, left_mm - 1.0)
+    # Aimed at the entrance pupil a little beyond its edge: the lens clips.
+    aim = 1.5 * lens.entrance_pupil.diameter_mm / 2 * np.linspace(-1, 1, _FAN)
+    # The object lies below the axis, its image above; parallel rays where the object is infinitely far.
+    slopes = aim / (distance - pupil) + slope
+    heights = aim + slopes * (pupil + start)
+    x, y, passes, out = _trace(camera.prescription, start, heights, slopes)
+    passing = np.flatnonzero(passes)
+    if not passing.size:
+        return []
+    chosen = passing[np.round(np.linspace(0, passing.size - 1, count)).astype(int)]
+    rays = []
+    for i in dict.fromkeys(chosen.tolist()):
+        points = list(zip(x[:, i].tolist(), y[:, i].tolist(), strict=True))
+        (x0, y0), (x1, y1) = points[:2]
+        points[0] = (left_mm, y0 + (y1 - y0) * (left_mm - x0) / (x1 - x0))
+        rays.append(points + _behind(camera, points[-1], float(out[i])))
+    return rays
+
+
+def _trace(
+    prescription: Prescription, start: np.ndarray, heights: np.ndarray, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points on all surfaces, (surfaces + 1, n) along and across the axis; flags of passing; slopes behind the lens."""
+    position = np.stack([np.zeros_like(heights), heights, start], axis=1)
+    direction = np.stack([np.zeros_like(heights), slopes, np.ones_like(heights)], axis=1)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive, table = np.ones(len(heights)), towards_sensor(prescription)
+    along, across = [position[:, 2].copy()], [position[:, 1].copy()]
+    for row in range(len(table)):
+        trace_rays(table[row : row + 1], position, direction, alive)
+        along.append(position[:, 2].copy())
+        across.append(position[:, 1].copy())
+    return np.array(along), np.array(across), alive > 0, direction[:, 1] / direction[:, 2]
+
+
+def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
+    """On to the sensor, through the thin microlens in whose cell the ray meets the array."""
+    x, y = last
+    array = camera.microlenses
+    if array is None:
+        return [(camera.sensor_distance_mm, y + slope * (camera.sensor_distance_mm - x))]
+    film = camera.sensor_distance_mm - array.distance_mm
+    at_film = y + slope * (film - x)
+    vertices = lattice(array)
+    own = _own(vertices, at_film)
+    bent = slope - (at_film - float(vertices.y_mm[own])) / array.focal_lengths_mm[int(vertices.type[own])]
+    return [(film, at_film), (camera.sensor_distance_mm, at_film + bent * array.distance_mm)]
+
+
+def _own(vertices: Lattice, y: float) -> int:
+    """Row of the microlens in whose cell the height y of the drawing lies; its up is +y of the sensor frame."""
+    return int(np.argmin(np.hypot(vertices.x_mm, vertices.y_mm - y).round(9)))
+
+
+def _half_sensor(camera: Camera) -> float:
+    return camera.sensor.height_px * camera.sensor.pitch_mm / 2
+
+
+def _profile(surface: Surface, vertex: float) -> Points:
+    heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61)
+    return [(vertex + surface.sag_mm(abs(float(y))), float(y)) for y in heights]
+
+
+def _glass(prescription: Prescription) -> list[Points]:
+    """Outlines of the lens elements: what lies between two surfaces and is not air."""
+    placed = list(zip(prescription.surfaces, prescription.vertices_from_stop_mm, strict=True))
+    outlines = []
+    for (front, front_mm), (rear, rear_mm) in pairwise(placed):
+        if front.index != 1:
+            ahead, behind = _profile(front, front_mm), _profile(rear, rear_mm)
+            rim = max(front.semi_diameter_mm, rear.semi_diameter_mm)
+            top = [(ahead[-1][0], rim), (behind[-1][0], rim)]
+            bottom = [(behind[0][0], -rim), (ahead[0][0], -rim)]
+            outlines.append([*ahead, *top, *reversed(behind), *bottom])
+    return outlines
+
+
+def _draw_stop(sheet: "_Sheet", prescription: Prescription, half: float) -> None:
+    edge = prescription.stop.semi_diameter_mm
+    widest = max(surface.semi_diameter_mm for surface in prescription.surfaces)
+    for side in (-1, 1):
+        sheet.line([(0.0, side * edge), (0.0, side * max(1.05 * widest, 1.3 * edge))], "#111111", 3)
+    sheet.label(0.0, half, "stop")
+
+
+def _draw_film(sheet: "_Sheet", camera: Camera) -> None:
+    half, end = _half_sensor(camera), camera.sensor_distance_mm
+    sheet.line([(end, -half), (end, half)], "#111111", 3)
+    sheet.label(end, half, "sensor", "start")
+    if camera.microlenses:
+        film, reach = end - camera.microlenses.distance_mm, camera.microlenses.height_mm / 2
+        sheet.line([(film, -reach), (film, reach)], "#8e44ad", 1.5, dashes="2 2")
+        sheet.label(film, reach, "MLA", "end")
+
+
+def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None:
+    sheet.line([(left, -half), (right, -half)], "#555555", 0.8)
+    step = 10 ** math.floor(math.log10((right - left) / 3))
+    for tick in range(math.ceil(left / step), math.floor(right / step) + 1):
+        sheet.line([(tick * step, -half), (tick * step, -half - 4 / sheet.scale)], "#555555", 0.8)
+        words = f"{tick * step:g}" + (" mm" if tick == 0 else "")
+        sheet.words(*sheet.place(tick * step, -half - 18 / sheet.scale), words, 11)
+
+
+def _place(distance: float) -> str:
+    return "infinity" if math.isinf(distance) else f"{distance:.1f} mm before the stop"
+
+
+class _Sheet:
+    """Collects the elements of a drawing; x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
+
+    def __init__(self, left: float, scale: float, axis_px: float) -> None:
+        self.left, self.scale, self.axis_px = left, scale, axis_px
+        self.items: list[str] = []
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        return _MARGIN_PX + (x - self.left) * self.scale, self.axis_px - y * self.scale
+
+    def _path(self, points: Points) -> str:
+        return " ".join(f"{x:.2f},{y:.2f}" for x, y in (self.place(*point) for point in points))
+
+    def line(self, points: Points, colour: str, width: float, dashes: str = "") -> None:
+        style = f'stroke="{colour}" stroke-width="{width:g}"' + (f' stroke-dasharray="{dashes}"' if dashes else "")
+        self.items.append(f'<polyline points="{self._path(points)}" fill="none" {style}/>')
+
+    def area(self, points: Points, colour: str) -> None:
+        self.items.append(
+            f'<polygon points="{self._path(points)}" fill="{colour}" stroke="#24506e" stroke-width="0.6"/>'
+        )
+
+    def label(self, x: float, y: float, words: str, anchor: str = "middle") -> None:
+        x_px, y_px = self.place(x, y)
+        self.words(x_px, y_px - 6, words, 11, anchor)
+
+    def words(self, x_px: float, y_px: float, words: str, size: int, anchor: str = "middle") -> None:
+        style = f'font-family="sans-serif" font-size="{size}" text-anchor="{anchor}" fill="#222222"'
+        self.items.append(f'<text x="{x_px:.1f}" y="{y_px:.1f}" {style}>{words}</text>')
+
+    def text(self, height: float) -> str:
+        size = f'width="{_WIDTH_PX}" height="{height:.0f}" viewBox="0 0 {_WIDTH_PX} {height:.0f}"'
+        head = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n<rect width="100%" height="100%" fill="white"/>\n'
+        return head + "\n".join(self.items) + "\n</svg>\n"

@@ -1,0 +1,147 @@
+"""The first-order report of a camera as a page for a terminal. It reads what camera.json says, so both agree."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from pipeline.camera.curves import FieldCurves
+
+_WIDTH = 30
+
+
+def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
+    """Lines about one camera.
+
+    Parameters
+    ----------
+    name : str
+        Of the camera.
+    document : dict
+        Contents of camera.json.
+    curves : FieldCurves
+        Of the same camera.
+    """
+    lines = [f"{name}: {document['lens']['name']}", "distances are counted from the aperture stop, + towards the scene"]
+    if document["focus_request"]:
+        lines.append(_request(document["focus_request"]))
+    lines += ["", "main lens", *_lens(document["lens"])]
+    lines += ["", "sensor", *_sensor(document)]
+    if "mla" in document:
+        lines += ["", "microlenses", *_microlenses(document)]
+        lines += ["", *_types(document["mla"]), *_gaps(document["mla"])]
+    return [*lines, "", *_curves(curves)]
+
+
+def _request(asked: dict[str, Any]) -> str:
+    wishes = []
+    if asked["focus_distance_mm"] is not None:
+        kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
+        wishes.append(f"focus at {asked['focus_distance_mm']:g} mm{kind} sets the sensor distance")
+    if asked["stop_match"] != "none":
+        wishes.append("a match with the microlenses sets the stop")
+    return "asked for: " + "; ".join(wishes)
+
+
+def _lens(lens: dict[str, Any]) -> Iterator[str]:
+    front, rear = lens["principal_planes_mm"]
+    yield _row("effective focal length", _mm(lens["efl_mm"]))
+    yield _row("back focal distance", _mm(lens["bfd_mm"]), "from the last vertex")
+    yield _row("principal planes", f"{_mm(front)}, {_mm(rear)}", "front, rear")
+    for which in ("entrance", "exit"):
+        pupil = lens[f"{which}_pupil"]
+        yield _row(f"{which} pupil", f"{_mm(pupil['z_mm'])}, ø {_mm(pupil['diameter_mm'])}")
+    yield _row("stop", f"ø {_mm(lens['stop_diameter_mm'])}")
+    yield _row("f-number", f"{lens['f_number']:.2f}, working {lens['working_f_number']:.2f}")
+    where = "" if "matched_stop" not in lens else "without microlenses"
+    yield _row("conjugate of the sensor", _mm(lens["focus_distance_mm"]), where)
+    yield _row("magnification there", f"{lens['magnification']:.4f}")
+
+
+def _sensor(document: dict[str, Any]) -> Iterator[str]:
+    (width, height), (x, y) = document["resolution"], document["optical_axis_px"]
+    across, down, diagonal = document["field_of_view_deg"]
+    pitch_um = 1000 * document["pixel_pitch_mm"]
+    (near, far), (near_plane, far_plane) = document["depth_of_field_mm"], document["near_far_mm"]
+    yield _row("pixels", f"{width} x {height} of {pitch_um:g} µm")
+    yield _row("size", "{:g} x {:g} mm".format(*document["sensor_mm"]))
+    yield _row("distance behind the stop", _mm(document["sensor_distance_mm"]))
+    yield _row(
+        "principal distance", f"{_mm(document['principal_distance_mm'])} = {document['principal_distance_px']:.2f} px"
+    )
+    yield _row("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
+    yield _row("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg")
+    yield _row("depth of field", _range(near, far))
+    yield _row("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
+
+
+def _microlenses(document: dict[str, Any]) -> Iterator[str]:
+    array, lens = document["mla"], document["lens"]
+    image_mm = array["micro_image_pitch_px"] * document["pixel_pitch_mm"]
+    mismatch = array["f_number_mismatch"]
+    yield _row("distance to the sensor", _mm(array["distance_mm"]), f"{array['layout']} layout")
+    yield _row("MLA pitch", f"{_mm(array['pitch_mm'], 4)}")
+    yield _row(
+        "micro-image pitch",
+        f"{_mm(image_mm, 4)} = {array['micro_image_pitch_px']:.3f} px",
+        f"{image_mm / array['pitch_mm']:.6f} MLA pitches",
+    )
+    verdict = "micro-images overlap" if mismatch < 1 else "gaps between micro-images"
+    verdict = "matched" if abs(mismatch - 1) < 5e-4 else verdict
+    yield _row("F-number, lens / microlens", f"{mismatch:.4f}", verdict)
+    yield _row("stop that would match", f"ø {_mm(lens['matched_stop_diameter_mm'], 2)}")
+
+
+def _types(array: dict[str, Any]) -> Iterator[str]:
+    columns = (
+        "type",
+        "f [mm]",
+        "virtual depth",
+        "in focus [mm]",
+        "magnification",
+        "in micro-image",
+        "depth of field [mm]",
+    )
+    rows = [
+        (
+            str(number),
+            f"{kind['focal_length_mm']:g}",
+            f"{kind['virtual_depth']:.2f}",
+            f"{kind['focus_distance_mm']:.1f}",
+            f"{kind['magnification']:.4f}",
+            f"{kind['micro_image_magnification']:.5f}",
+            " to ".join(f"{end:.1f}" for end in kind["depth_of_field_mm"]),
+        )
+        for number, kind in enumerate(array["types"])
+    ]
+    return _table(columns, rows)
+
+
+def _gaps(array: dict[str, Any]) -> Iterator[str]:
+    for near, far in array["depth_of_field_gaps_mm"]:
+        yield f"  no type is sharp from {_range(near, far)}"
+
+
+def _curves(curves: FieldCurves) -> Iterator[str]:
+    plane = "infinity" if math.isinf(curves.object_mm) else _mm(curves.object_mm, 1)
+    yield f"real rays of the main lens, without microlenses; distortion for objects at {plane}"
+    columns = ("height [mm]", "field angle [deg]", "relative illumination", "distortion [%]")
+    values = zip(curves.height_mm, curves.angle_deg, curves.relative_illumination, 100 * curves.distortion, strict=True)
+    yield from _table(columns, [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", f"{d + 0.0:.4f}") for h, a, e, d in values])
+
+
+def _table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(columns, *rows, strict=True)]
+    for row in (columns, *rows):
+        yield "  " + "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+
+
+def _row(what: str, value: str, remark: str = "") -> str:
+    return f"  {what:<{_WIDTH}}{value}" + (f"  ({remark})" if remark else "")
+
+
+def _mm(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}f} mm"
+
+
+def _range(near: float, far: float) -> str:
+    return f"{near:.1f} to {far:.1f} mm"

@@ -1,0 +1,115 @@
+"""What a camera is asked to focus: whether it can, and what its microlenses then see sharp."""
+
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.camera.camera import Camera, CameraError, MicrolensArray
+from pipeline.camera.focus import foci
+from pipeline.camera.report import gaps_mm
+from pipeline.camera.request import FocusRequest, sensor_distance, solved
+from pipeline.errors import PipelineError
+from pipeline.scene.places import problem
+from pipeline.scene.problems import Problem
+from pipeline.scene.reading import read_camera
+from pipeline.scene.values import read, target, target_paths
+
+_SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
+_TYPE, _MATCH = "plen:camera:focusType", "plen:camera:stopMatch"
+
+
+def check_request(camera: Usd.Prim) -> Iterator[Problem]:
+    """Attributes of a Camera with PlenCameraAPI that contradict each other, or mean nothing without another one."""
+    sensor, focus, kind, match = (camera.GetAttribute(name) for name in (_SENSOR, _FOCUS, _TYPE, _MATCH))
+    if sensor.HasAuthoredValue() and focus.HasAuthoredValue():
+        message = f'"{_SENSOR}" and "{_FOCUS}" both say where the sensor stands'
+        yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
+    elif not (sensor.HasAuthoredValue() or focus.HasAuthoredValue()):
+        message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
+        yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
+    has_array = bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))
+    if kind.HasAuthoredValue() and not (focus.HasAuthoredValue() and has_array):
+        other = _FOCUS if has_array else "plen:camera:microlenses"
+        yield problem(kind, "unused-value", f'"{_TYPE}" means nothing without "{other}"')
+    if read(camera, _MATCH) == "microlenses" and not has_array:
+        message = f'"{_MATCH}" = "microlenses" means nothing without "plen:camera:microlenses"'
+        yield problem(match, "unused-value", message)
+    array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    focal_lengths, number = read(array, "plen:focalLengths") if array else None, read(camera, _TYPE)
+    if focal_lengths and number is not None and number >= len(focal_lengths):
+        message = f'"{_TYPE}" = {number}, but the array has {len(focal_lengths)} types, counted from 0'
+        yield problem(kind, "focus-type", message)
+
+
+def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
+    """A focus out of reach; then warnings about what the microlenses see. Silent where something else is wrong."""
+    if not target(camera, "plen:camera:sensor", "PlenSensor"):
+        return
+    try:
+        record = read_camera(camera)
+    except PipelineError:
+        return  # a part is missing or wrong, and reported as that
+    both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
+    if both or _bad_type(record):
+        return
+    found = _out_of_reach(record)
+    if found:
+        name, error = found
+        yield problem(camera.GetAttribute(name), "out-of-reach", error.what, hint=error.hint)
+        return
+    try:
+        yield from _check_microlenses(camera, solved(record))
+    except (PipelineError, ArithmeticError):
+        return  # no lens that forms an image; what does not need one is checked elsewhere
+
+
+def _bad_type(record: Camera | FocusRequest) -> bool:
+    if not isinstance(record, FocusRequest) or record.microlenses is None:
+        return False
+    return (record.focus_type or 0) not in range(len(record.microlenses.focal_lengths_mm))
+
+
+def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | None:
+    """The attribute that asks too much, and why."""
+    name = _FOCUS
+    try:
+        if isinstance(record, FocusRequest):
+            sensor_distance(record)
+            name = _MATCH
+            if record.microlenses:
+                solved(record)
+    except CameraError as error:
+        return name, error
+    except ArithmeticError:
+        return name, CameraError("the lens has no first-order figures: it bends no light")
+    return None
+
+
+def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
+    """Warnings about the microlens types of a camera among each other."""
+    array = record.microlenses
+    if array is None or len(array.focal_lengths_mm) < 2:
+        return
+    prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    attribute = prim.GetAttribute("plen:focalLengths")
+    if mixed := _mixed(array):
+        yield problem(attribute, "mixed-microlenses", mixed, severity="warning")
+    for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
+        circle = f"circle of confusion {record.circle_of_confusion_px:g} px"
+        message = (
+            f"no microlens type of this camera is sharp from {near:.1f} to {far:.1f} mm before the stop ({circle})"
+        )
+        hint = "bring the focal lengths closer together, or allow a larger plen:camera:circleOfConfusion"
+        yield problem(camera, "depth-gap", message, hint=hint, severity="warning")
+
+
+def _mixed(array: MicrolensArray) -> str | None:
+    longer = [focal for focal in array.focal_lengths_mm if focal > array.distance_mm]
+    others = [focal for focal in array.focal_lengths_mm if focal <= array.distance_mm]
+    if not longer or not others:
+        return None
+    galilean, keplerian = (", ".join(f"{focal:g}" for focal in group) for group in (longer, others))
+    return (
+        f"{array.distance_mm:g} mm before the sensor, microlenses of f = {galilean} mm are Galilean and those of"
+        f" {keplerian} mm are not: they look at images on opposite sides of the array"
+    )

@@ -1,0 +1,108 @@
+"""`pipeline show`: the figures of a camera, as a table, as JSON, as a drawing."""
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+import pipeline as package
+from pipeline import cli
+from pipeline.engine.perform import ONE_THREAD
+
+ROOT = Path(__file__).resolve().parents[2]
+PAPER = str(ROOT / "stages/rigs/plenoptic_michels_2019.usda")
+TINY = str(ROOT / "tests/data/tiny_plenoptic/dataset.usda")
+
+
+@pytest.fixture
+def pipeline(tmp_path, monkeypatch, capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    for name in ONE_THREAD:
+        monkeypatch.setenv(name, "1")
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_the_papers_rig_shows_its_published_figures(pipeline):
+    """Michels, Petersen and Koch 2019, listed n_d: known independently of this code."""
+    code, page, log = pipeline("show", PAPER)
+    assert (code, log) == (0, "")
+    types = re.findall(r"^ +\d +([\d.]+) +([\d.]+) +([\d.]+) ", page, re.MULTILINE)
+    assert types[:3] == [("1.9", "9.50", "362.7"), ("2.1", "5.25", "429.5"), ("2.3", "3.83", "459.7")]
+    assert re.search(r"principal distance +121\.7", page)
+    assert re.search(r"stop that would match +ø 10\.59 mm", page)
+    assert re.search(r"micro-image pitch +0\.2202 mm.*1\.013226 MLA pitches", page)
+    assert re.search(r"effective focal length +100\.716 mm", page)
+
+
+def test_the_page_has_curves_of_real_rays(pipeline):
+    """On the axis both are exact; the corner of this small field is hardly darker or displaced."""
+    page = pipeline("show", PAPER)[1]
+    rows = [list(map(float, line.split())) for line in page.split("distortion [%]")[1].splitlines() if line]
+    assert len(rows) == 11
+    assert rows[0] == [0.0, 0.0, 1.0, 0.0]
+    assert rows[-1][0] == 5.0 and 0.99 < rows[-1][2] < 1.0
+    assert -0.1 < rows[-1][3] < 0.0
+
+
+def test_json_is_what_a_build_writes_into_camera_json(pipeline, tmp_path, monkeypatch):
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    package.build(TINY, tmp_path / "out", jobs=1, until=["first_order/Rig.Camera"])
+    code, text, _ = pipeline("show", TINY, "Rig.Camera", "--json")
+    stored = [path.read_bytes() for path in (tmp_path / "store").rglob("*") if path.is_file()]
+    assert code == 0 and text.encode() in stored
+    figures = json.loads(text)
+    assert figures["mla"]["depth_of_field_gaps_mm"] == []
+    assert len(figures["field_of_view_deg"]) == 3
+
+
+def test_a_drawing_is_svg_with_rays_that_reach_the_sensor(pipeline, tmp_path):
+    code, page, log = pipeline("show", PAPER, "--plot", "lens.svg")
+    assert code == 0 and page and "lens.svg" in log
+    root = ElementTree.parse(tmp_path / "lens.svg").getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    lines = root.findall("{http://www.w3.org/2000/svg}polyline")
+    rays = [line for line in lines if line.get("stroke") in ("#c0392b", "#27803d", "#1f5fa8")]
+    assert len(rays) == 21
+    assert len(root.findall("{http://www.w3.org/2000/svg}svg")) == 1  # the microlenses, enlarged
+    ends = {line.get("points").split()[-1].split(",")[0] for line in rays}
+    assert len(ends) == 1
+    words = {text.text for text in root.findall("{http://www.w3.org/2000/svg}text")}
+    assert {"stop", "sensor", "MLA", "0 mm"} <= words
+
+
+def test_a_rig_that_asks_for_focus_and_a_matched_stop_shows_what_solves_it(pipeline, tmp_path):
+    """The middle type in focus at 429.52 mm and the sensor at 125 mm are one camera; its match is 10.59 mm."""
+    text = Path(PAPER).read_text(encoding="utf-8").replace("@../", "@")
+    focus = "uniform double plen:camera:focusDistance = 429.5196"
+    asked = f'{focus}\n        uniform token plen:camera:stopMatch = "microlenses"'
+    (tmp_path / "rig.usda").write_text(text.replace("uniform double plen:camera:sensorDistance = 125", asked), "utf-8")
+    code, page, log = pipeline("show", "rig.usda")
+    assert (code, log) == (0, "")
+    assert "focus at 429.52 mm for microlens type 1" in page
+    assert re.search(r"distance behind the stop +125\.000 mm", page)
+    assert re.search(r"stop +ø 10\.586 mm", page)
+    assert re.search(r"F-number, lens / microlens +1\.0000 +\(matched\)", page)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([PAPER, "Camra"], 'did you mean "Camera"'),
+        ([PAPER, "--plot", "lens.pdf"], "no .svg"),
+        ([str(ROOT / "stages/sensors/michels_2019.usda")], "no-camera"),
+        (["nowhere.usda"], "no such file"),
+    ],
+)
+def test_what_cannot_be_shown_ends_with_2_and_a_word(pipeline, arguments, message):
+    code, page, log = pipeline("show", *arguments)
+    assert (code, page) == (2, "") and message in log and "Traceback" not in log

@@ -1,0 +1,127 @@
+"""Claim: a camera that is asked to focus, or to match its stop, does so; what it cannot do is named with its reach."""
+
+import dataclasses
+import math
+
+import pytest
+from laws import rigs
+
+from pipeline.camera.camera import Camera, CameraError, Sensor
+from pipeline.camera.focus import foci, focused
+from pipeline.camera.report import report
+from pipeline.camera.request import FocusRequest, reachable, sensor_distance, solved
+from pipeline.optics.first_order import first_order
+from pipeline.records import from_plain, to_plain
+
+SENSOR = Sensor(width_px=64, height_px=48, pitch_mm=0.01)
+
+
+def conventional(focus_mm: float) -> FocusRequest:
+    return FocusRequest(prescription=rigs.tronnier(4.5), sensor=SENSOR, focus_distance_mm=focus_mm)
+
+
+def plenoptic(focus_mm: float | None = 430.0, **others) -> FocusRequest:
+    asked = {"sensor_distance_mm": 125.0} if focus_mm is None else {"focus_distance_mm": focus_mm}
+    parts = {"prescription": rigs.tronnier(5.0), "sensor": SENSOR, "microlenses": rigs.michels_array(3.0)}
+    return FocusRequest(**{**parts, **asked, **others})
+
+
+@pytest.mark.parametrize("distance_mm", [150.0, 434.0, 5e3, 1e6])
+def test_a_conventional_camera_focuses_where_it_is_asked_to(distance_mm: float) -> None:
+    """The object conjugate to the solved sensor is the requested one, to 1e-9 of it: image distances near 100 mm carry
+    14 digits, the longitudinal magnification of 1e6 mm costs 8 of them."""
+    camera = solved(conventional(distance_mm))
+    found = first_order(camera.prescription).object_mm(-camera.sensor_distance_mm)
+    tolerance = 1e-9 if distance_mm < 1e3 else 1e-9 * distance_mm
+    assert found == pytest.approx(distance_mm, rel=0, abs=tolerance)
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+@pytest.mark.parametrize("distance_mm", [300.0, 430.0, 800.0])
+def test_each_microlens_type_focuses_where_it_is_asked_to(kind: int, distance_mm: float) -> None:
+    camera = solved(plenoptic(distance_mm, focus_type=kind))
+    assert foci(camera)[kind].focus_distance_mm == pytest.approx(distance_mm, rel=0, abs=1e-9)
+
+
+@pytest.mark.parametrize("focal", [(1.2, 1.3, 1.5), (2.3, 1.9, 2.1)])
+def test_without_a_type_the_middle_focal_length_is_meant_also_for_keplerian_arrays(focal: tuple[float, ...]) -> None:
+    array = dataclasses.replace(rigs.michels_array(3.0), focal_lengths_mm=focal)
+    camera = solved(plenoptic(500.0, microlenses=array))
+    middle = focal.index(sorted(focal)[1])
+    assert foci(camera)[middle].focus_distance_mm == pytest.approx(500.0, rel=0, abs=1e-9)
+
+
+def test_the_papers_rig_is_found_from_its_focus_distance() -> None:
+    """Its middle type is in focus at 429.52 mm with the sensor 125 mm behind the stop."""
+    at_125 = foci(rigs.plenoptic(3.0))[1].focus_distance_mm
+    assert sensor_distance(plenoptic(at_125)) == pytest.approx(125.0, rel=0, abs=1e-9)
+
+
+@pytest.mark.parametrize("focus_mm", [None, 350.0, 600.0])
+def test_a_matched_stop_has_no_mismatch(focus_mm: float | None) -> None:
+    """The exit pupil's image through a microlens vertex is as wide as the MLA pitch, and nothing else moves."""
+    camera = focused(plenoptic(focus_mm, match_stop=True))
+    figures = report(camera)
+    assert figures["mla"]["f_number_mismatch"] == pytest.approx(1.0, rel=1e-12)
+    assert figures["lens"]["stop_diameter_mm"] == pytest.approx(figures["lens"]["matched_stop_diameter_mm"], rel=1e-12)
+    assert camera.sensor_distance_mm == solved(plenoptic(focus_mm)).sensor_distance_mm
+    if focus_mm is None:
+        assert figures["lens"]["stop_diameter_mm"] == pytest.approx(10.586, rel=0, abs=0.5e-3)
+
+
+def test_what_lies_within_reach_is_solved_and_what_lies_beyond_is_refused_with_the_reach() -> None:
+    """The near end is the front focus; the far end brings the sensor or the array to the last vertex."""
+    short = dataclasses.replace(rigs.michels_array(3.0), distance_mm=1.7, focal_lengths_mm=(1.72,))
+    request = plenoptic(400.0, microlenses=short)
+    near, far = reachable(request)
+    lens = first_order(request.prescription)
+    assert near == lens.front_focus_mm and far < math.inf
+    within = [near * 1.001, (near + far) / 2, far * 0.999]
+    for distance in within:
+        camera = solved(dataclasses.replace(request, focus_distance_mm=distance))
+        film = camera.sensor_distance_mm - short.distance_mm
+        assert film > camera.prescription.vertices_from_stop_mm[-1]
+    for distance in (near * 0.999, near, far, far * 1.001):
+        with pytest.raises(CameraError, match="into focus") as caught:
+            solved(dataclasses.replace(request, focus_distance_mm=distance))
+        assert f"{near:.6g}" in caught.value.hint and f"{far:.6g}" in caught.value.hint
+
+
+def test_a_conventional_camera_reaches_from_its_front_focus_to_infinity() -> None:
+    near, far = reachable(conventional(400.0))
+    assert near == first_order(rigs.tronnier()).front_focus_mm and far == math.inf
+
+
+def test_microlenses_one_focal_length_before_the_sensor_cannot_be_asked_to_focus() -> None:
+    array = dataclasses.replace(rigs.michels_array(3.0), focal_lengths_mm=(1.7,))
+    with pytest.raises(CameraError, match="infinity"):
+        solved(plenoptic(430.0, microlenses=array))
+
+
+def test_a_stop_wider_than_the_lens_lets_through_is_refused() -> None:
+    """Microlenses of f/1.2 would want a stop of 69 mm."""
+    array = dataclasses.replace(rigs.michels_array(3.0), pitch_mm=1.4)
+    with pytest.raises(CameraError, match="wider") as caught:
+        solved(plenoptic(None, microlenses=array, match_stop=True))
+    widest = float(caught.value.hint.split("up to ")[1].split(" mm")[0])
+    assert 34.0 < widest < 40.0
+
+
+def test_a_camera_asks_for_nothing_and_a_request_survives_the_process_border() -> None:
+    camera = rigs.plenoptic(3.0)
+    assert solved(camera) is camera
+    request = plenoptic(430.0, focus_type=2, match_stop=True)
+    assert from_plain(FocusRequest, to_plain(request)) == request
+    assert isinstance(focused(request), Camera)
+
+
+def test_a_camera_focused_at_infinity_needs_authored_planes_and_nothing_else() -> None:
+    """The sensor stands in the rear focus."""
+    at_infinity = -first_order(rigs.tronnier()).rear_focus_mm
+    camera = Camera(prescription=rigs.tronnier(4.5), sensor=SENSOR, sensor_distance_mm=at_infinity)
+    with pytest.raises(CameraError, match="infinity"):
+        focused(camera)
+    planes = dataclasses.replace(camera, near_mm=1e3, far_mm=2e3)
+    assert focused(planes) == planes
+    assert report(planes)["lens"]["focus_distance_mm"] == math.inf
+    assert report(planes)["lens"]["magnification"] == 0
