@@ -132,7 +132,7 @@ def run_shapes(count: int, turns: int) -> None:
     for name, seconds in times.items():
         ratio = statistics.median(a / b for a, b in zip(seconds, times["sphere"], strict=True))
         rate = count * _STACK / statistics.median(seconds)
-        print(f"  {name:24s} {rate:.3g} ray-surfaces/s, costs {ratio:.2f} spheres, {passed[name]:.2%} pass")
+        print(f"  {name:24s} {rate:.3g} ray-surfaces/s, costs {ratio:.2f} spheres, passing: {passed[name]:.2%}")
 
 
 def _stack(shape: dict[str, Any]) -> Prescription:

@@ -90,7 +90,8 @@ def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
                 dx[i] = mu * dx[i] - step * c * x[i]
                 dy[i] = mu * dy[i] - step * c * y[i]
                 dz[i] = mu * dz[i] + step * (1.0 - c * (z[i] - vertex))
-        _clip(table[k], x, y, alive, count)
+        if table[k, INNER_SQUARED] > 0.0 or table[k, EDGES] > 0.0:
+            _clip(table[k], x, y, alive, count)
 
 
 @inline
