@@ -165,7 +165,7 @@ def _positions(entry: CameraEntry, count: int) -> tuple[Tracer, np.ndarray, np.n
     i = np.arange(count)
     x, y = (i + 0.5) / count * sensor.width_px - 0.5, i * 0.6180339887498949 % 1.0 * sensor.height_px - 0.5
     positions = tracer.positions_mm(x, y)
-    return tracer, positions, owners(tracer, images, positions), np.stack([np.rint(x), np.rint(y)], axis=1)
+    return tracer, positions, owners(images, positions), np.stack([np.rint(x), np.rint(y)], axis=1)
 
 
 def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:

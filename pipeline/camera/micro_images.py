@@ -82,7 +82,7 @@ def micro_images(tracer: Tracer) -> MicroImages:
     return MicroImages(centre, float(radius), reach, cKDTree(centre))
 
 
-def owners(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
+def owners(images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
     """Microlens of each sensor position: the owner of its cell, or NO_MICROLENS throughout."""
     if images is None:
         return np.full(len(positions_mm), NO_MICROLENS)

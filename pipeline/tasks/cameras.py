@@ -1,17 +1,23 @@
 """What several task kinds share: reading a focused camera and making its tracer."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import MicroImages, micro_images
+from pipeline.camera.micro_images import MicroImages, micro_images, owners
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
 from pipeline.records import from_plain
+from pipeline.truth.grid import image_from_fine
 
 Inputs = dict[str, dict[str, Path]]
 """Role -> output name -> file in the store."""
 
 FOCUSED = "focused.json"
+_POSITIONS_AT_ONCE = 1 << 16
 
 
 def focused_camera(inputs: Inputs) -> Camera:
@@ -23,3 +29,38 @@ def tracer_of(inputs: Inputs, seed: int) -> tuple[Tracer, MicroImages | None]:
     """Tracer and micro-images (None for a conventional camera) of the focused camera."""
     tracer = Tracer(focused_camera(inputs), seed)
     return tracer, micro_images(tracer) if tracer.camera.microlenses else None
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Some positions of the fine grid, row by row.
+
+    Attributes
+    ----------
+    index : (n,) int64
+        Which ones, counted from the first position of the band.
+    pixels : (n, 2) int64
+        Column and row in the whole grid.
+    positions_mm : (n, 2) float64
+        On the sensor, vision frame.
+    lens : (n,) int64
+        Microlens whose cell each position lies in.
+    """
+
+    index: np.ndarray
+    pixels: np.ndarray
+    positions_mm: np.ndarray
+    lens: np.ndarray
+
+
+def stretches(
+    tracer: Tracer, images: MicroImages | None, supersampling: int, first_row: int, end_row: int
+) -> Iterator[Stretch]:
+    """The fine grid over a band of rows of the image, in pieces that fit into memory."""
+    width = tracer.camera.sensor.width_px * supersampling
+    count = (end_row - first_row) * supersampling * width
+    for first in range(0, count, _POSITIONS_AT_ONCE):
+        index = np.arange(first, min(first + _POSITIONS_AT_ONCE, count))
+        pixels = np.stack([index % width, index // width + first_row * supersampling], axis=1)
+        positions = tracer.positions_mm(*image_from_fine(pixels.T, supersampling))
+        yield Stretch(index, pixels, positions, owners(images, positions))

@@ -5,15 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.micro_images import MicroImages, owners
+from pipeline.camera.micro_images import MicroImages
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.files.exr import Part, write_exr
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.truth.grid import image_from_fine
+from pipeline.tasks.cameras import Inputs, stretches, tracer_of
 
 LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
-
-_POSITIONS_AT_ONCE = 1 << 16
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
@@ -38,10 +35,7 @@ def position_image(
     height, width = sensor.height_px * k, sensor.width_px * k
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
     result = np.empty((height * width, 2), np.float32)
-    for first in range(0, height * width, _POSITIONS_AT_ONCE):
-        here = np.arange(first, min(first + _POSITIONS_AT_ONCE, height * width))
-        pixels = np.stack([here % width, here // width], axis=1)
-        positions = tracer.positions_mm(*image_from_fine(pixels.T, k))
-        lens = owners(tracer, images, positions)
-        result[here] = tracer.moments(positions, lens, planes, params["samples"], pixels)[:, :2]
+    for piece in stretches(tracer, images, k, 0, sensor.height_px):
+        moments = tracer.moments(piece.positions_mm, piece.lens, planes, params["samples"], piece.pixels)
+        result[piece.index] = moments[:, :2]
     return result.reshape(height, width, 2)

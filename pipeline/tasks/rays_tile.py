@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.micro_images import owners
 from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.tracer import parallel_planes
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.truth.grid import image_from_fine
+from pipeline.tasks.cameras import Inputs, stretches, tracer_of
 
 LIBRARIES = ("numpy", "numba", "scipy")
 
@@ -17,7 +15,6 @@ NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, sli
 """Columns of bundles.npy; the last is their number."""
 
 _RAYS_PER_TILE = 40_000_000
-_POSITIONS_AT_ONCE = 1 << 16
 
 
 def tile_rows(width_px: int, height_px: int, supersampling: int, samples: int) -> list[tuple[int, int]]:
@@ -37,12 +34,9 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     bundles = np.empty((height * width, WIDTH), np.float32)
     cells = np.empty(height * width, np.int32)
     covariance = np.empty((height * width, 10), np.float32)
-    for first in range(0, height * width, _POSITIONS_AT_ONCE):
-        here = np.arange(first, min(first + _POSITIONS_AT_ONCE, height * width))
-        pixels = np.stack([here % width, here // width + params["first_row"] * k], axis=1)
-        positions = tracer.positions_mm(*image_from_fine(pixels.T, k))
-        lens = owners(tracer, images, positions)
-        moments = tracer.moments(positions, lens, planes, params["samples"], pixels)
+    for piece in stretches(tracer, images, k, params["first_row"], params["end_row"]):
+        here, lens = piece.index, piece.lens
+        moments = tracer.moments(piece.positions_mm, lens, planes, params["samples"], piece.pixels)
         free = moments[:, FREE_WEIGHT] if images else tracer.reference_weight_sr
         bundles[here, NEAR], bundles[here, FAR] = moments[:, 0:2], moments[:, 2:4]
         bundles[here, HIT_FRACTION] = moments[:, WEIGHT] / free
