@@ -2,13 +2,14 @@
 
     python benchmarks/truth.py [--small] [STAGE ...]
 
-Builds each stage (both examples by default) with the methods `two-plane` and `image`, at the K and samples that it
-authors, and compares correspondences.csv with solutions of J(x) = p that know no grid and no filter. Nothing of the
-build is reused: neither its random numbers nor its position images.
+Builds each stage (both examples by default) with the methods `two-plane`, `moments` and `image`, at the K and samples
+that it authors, and compares correspondences.csv with solutions of J(x) = p that know no grid and no filter. Nothing
+of the build is reused: neither its random numbers nor its position images.
 
 Columns, lengths in px: rows that exist, of these found, their share; mean, rms and max of the differences; rms of
 what may explain them: the standard error that the tables claim (sigma), the local linear solve without noise (grid),
-the two-plane method without noise (bias, none in the method `image`); and the reference's own standard error (ref).
+the two-plane method without noise (bias, not of the methods `moments` and `image`); and the reference's own standard
+error (ref).
 """
 
 import argparse
@@ -33,7 +34,7 @@ from pipeline.tasks.poses import vision_from_target
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = [ROOT / "examples" / name / "dataset.usda" for name in ("01_conventional", "02_plenoptic")]
 TINY = [ROOT / "tests" / "data" / name / "dataset.usda" for name in ("tiny_conventional", "tiny_plenoptic")]
-METHODS = ("two-plane", "image")
+METHODS = ("two-plane", "moments", "image")
 _OTHER_SEED = 0x5EED0000
 _PARTS = ("grid_px", "bias_px", "sigma_px")
 Key = tuple[int, str, int, int, int]

@@ -15,6 +15,7 @@ from pipeline.tasks.rays import MOMENTS
 from pipeline.truth.correspond import Correspondences, correspond
 from pipeline.truth.grid import RayGrid
 from pipeline.truth.position_image import on_target
+from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 
 LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
@@ -33,8 +34,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         if pose[:3, 2] @ pose[:3, 3] >= 0:
             notes.append(f"{entry['name']}: no rows, because the camera sees its back")
             continue
-        part = positions.get(entry["name"])
-        image = _planes(part, "X", "Y") if part else on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
+        image = _position_image(settings.method, grid, pose, positions.get(entry["name"]))
         found = correspond(image, board.points_mm(), grid, pose, settings)
         notes.append(f"{entry['name']}: " + ", ".join(f"{name} {count}" for name, count in found.counts.items()))
         for name, column in _columns(params, entry["name"], board, pose, grid, found, settings).items():
@@ -42,6 +42,14 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     if not columns:
         columns = {name: [] for name in COLUMNS}
     write_table(out / "correspondences.csv", [*_header(params, settings, grid), *notes], columns)
+
+
+def _position_image(method: str, grid: RayGrid, pose: np.ndarray, traced: Part | None) -> np.ndarray:
+    """J of a target in its own frame, by the method that the stage asks for."""
+    if traced is not None:
+        return _planes(traced, "X", "Y")
+    image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
+    return corrected(image, grid, pose) if method == "moments" else image
 
 
 def read_grid(inputs: Inputs) -> RayGrid:

@@ -10,7 +10,7 @@ class TruthSettings:
     Attributes
     ----------
     method : str
-        `two-plane` (J from J_near and J_far) or `image` (J rendered per pose).
+        `two-plane` (J from J_near and J_far), `moments` (corrected to second order) or `image` (J rendered per pose).
     search : str
         `quad` (cell of four neighbours and a local linear solve) or `nearest` (the paper's naive search).
     filter : str

@@ -182,6 +182,12 @@ def test_a_lens_name_reruns_the_report_and_stops_there(conventional):
     assert set(conventional.run()) == {"first_order"}
 
 
+def test_method_moments_reruns_the_truth_alone(conventional):
+    method = 'uniform token plen:truth:method = "moments"'
+    conventional.edit("verticalAperture = 24", f"verticalAperture = 24\n            {method}")
+    assert set(conventional.run()) == {"truth"}
+
+
 def test_method_image_adds_position_images_and_keeps_the_rays(conventional):
     conventional.edit(
         "verticalAperture = 24", 'verticalAperture = 24\n            uniform token plen:truth:method = "image"'
