@@ -17,28 +17,6 @@ from pipeline.optics.glass.catalogue import Glass, catalogue, find
 LISTING = json.loads((Path(__file__).parent / "codev_double_gauss.json").read_text(encoding="utf-8"))
 PRINTING_VENDORS = ("schott", "hoya", "sumita")
 
-N_BK7 = {
-    2325.42: 1.48921,
-    1970.09: 1.49495,
-    1529.582: 1.50091,
-    1060.0: 1.50669,
-    1013.98: 1.50731,
-    852.11: 1.50980,
-    706.5188: 1.51289,
-    656.2725: 1.51432,
-    643.8469: 1.51472,
-    632.8: 1.51509,
-    589.2938: 1.51673,
-    587.5618: 1.51680,
-    546.0740: 1.51872,
-    486.1327: 1.52238,
-    479.9914: 1.52283,
-    435.8343: 1.52668,
-    404.6561: 1.53024,
-    365.0146: 1.53627,
-}
-"""Schott, data sheet of N-BK7 517642.251: wavelength [nm] and index."""
-
 
 def _printed(vendors: tuple[str, ...]) -> list[Glass]:
     return [glass for glass in catalogue() if glass.vendor in vendors and glass.stated_nd is not None]
@@ -66,12 +44,6 @@ def test_abbe_numbers_of_schott_and_hoya_are_the_printed_ones() -> None:
     glasses = _printed(("schott", "hoya"))
     found, printed = np.array([(glass.vd, glass.stated_vd) for glass in glasses]).T
     np.testing.assert_allclose(found, printed, rtol=0, atol=PRINTED_ABBE)
-
-
-@pytest.mark.parametrize(("wavelength_nm", "printed"), N_BK7.items())
-def test_n_bk7_has_the_indices_of_its_data_sheet_from_365_to_2325_nm(wavelength_nm: float, printed: float) -> None:
-    """Eighteen lines, five decimals."""
-    assert find("schott:N-BK7").index(wavelength_nm) == pytest.approx(printed, rel=0, abs=PRINTED_5_INDEX)
 
 
 @pytest.mark.parametrize("name", LISTING["glasses"])
