@@ -1,7 +1,8 @@
 """Sequential trace of rays through a table of surfaces, in packets.
 
 A packet keeps its rays in small arrays that stay in the cache. The outer loop runs over the surfaces, the inner ones
-over the rays; no inner loop has a branch, so the compiler turns them into SIMD code. What a surface is gets decided
+over the rays; no inner loop has a branch, so the compiler turns them into SIMD code. Loops are short on purpose: a
+processor overlaps the divisions and roots of several rays only as far as it looks ahead. What a surface is gets decided
 once per packet. A blocked ray only loses its `alive` flag and is carried along. Lengths in mm, directions are unit
 vectors with a positive z component.
 
@@ -66,21 +67,16 @@ def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
             continue
         for i in range(count):
             to_plane = (vertex - z[i]) / dz[i]
-            px = x[i] + to_plane * dx[i]
-            py = y[i] + to_plane * dy[i]
-            f = c * (px * px + py * py)
-            g = dz[i] - c * (px * dx[i] + py * dy[i])
-            discriminant = g * g - c * f
-            root = math.sqrt(max(discriminant, 0.0))
-            t = f / (g + root)
-            px += t * dx[i]
-            py += t * dy[i]
-            hit = (discriminant >= 0.0) & (px * px + py * py <= limit)
-            alive[i] = alive[i] if hit else 0.0
-            x[i] = px
-            y[i] = py
-            z[i] = vertex + t * dz[i]
-            cosine[i] = root
+            x[i] += to_plane * dx[i]
+            y[i] += to_plane * dy[i]
+        if c == 0.0:
+            # What the sphere's formulas give, to the last bit: t = 0 and sqrt(N^2) = N.
+            for i in range(count):
+                alive[i] = alive[i] if x[i] * x[i] + y[i] * y[i] <= limit else 0.0
+                z[i] = vertex
+                cosine[i] = dz[i]
+        else:
+            _meet_sphere(vertex, c, limit, x, y, z, dx, dy, dz, alive, cosine, count)
         if mu != 1.0:
             # Snell: D' = mu D + (cos' - mu cos) n, n the unit normal with a positive z component.
             for i in range(count):
@@ -92,6 +88,26 @@ def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
                 dz[i] = mu * dz[i] + step * (1.0 - c * (z[i] - vertex))
         if table[k, INNER_SQUARED] > 0.0 or table[k, EDGES] > 0.0:
             _clip(table[k], x, y, alive, count)
+
+
+@inline
+def _meet_sphere(vertex, c, limit, x, y, z, dx, dy, dz, alive, cosine, count):
+    """Move rays from the vertex plane to a sphere."""
+    for i in range(count):
+        px, py = x[i], y[i]
+        f = c * (px * px + py * py)
+        g = dz[i] - c * (px * dx[i] + py * dy[i])
+        discriminant = g * g - c * f
+        root = math.sqrt(max(discriminant, 0.0))
+        t = f / (g + root)
+        px += t * dx[i]
+        py += t * dy[i]
+        hit = (discriminant >= 0.0) & (px * px + py * py <= limit)
+        alive[i] = alive[i] if hit else 0.0
+        x[i] = px
+        y[i] = py
+        z[i] = vertex + t * dz[i]
+        cosine[i] = root
 
 
 @inline
@@ -274,11 +290,11 @@ def trace_rays(table, position, direction, alive):
     for start in range(0, position.shape[0], PACKET):
         count = min(PACKET, position.shape[0] - start)
         for i in range(count):
-            x[i], y[i], z[i] = position[start + i]
-            dx[i], dy[i], dz[i] = direction[start + i]
+            x[i], y[i], z[i] = position[start + i, 0], position[start + i, 1], position[start + i, 2]
+            dx[i], dy[i], dz[i] = direction[start + i, 0], direction[start + i, 1], direction[start + i, 2]
             flag[i] = alive[start + i]
         trace_packet(table, x, y, z, dx, dy, dz, flag, scratch, count)
         for i in range(count):
-            position[start + i] = x[i], y[i], z[i]
-            direction[start + i] = dx[i], dy[i], dz[i]
+            position[start + i, 0], position[start + i, 1], position[start + i, 2] = x[i], y[i], z[i]
+            direction[start + i, 0], direction[start + i, 1], direction[start + i, 2] = dx[i], dy[i], dz[i]
             alive[start + i] = flag[i]
