@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Iterable
 from typing import Any
 
-from pxr import Sdf, Vt
+from pxr import Gf, Sdf, Vt
 
 from pipeline.optics.first_order import first_order
 from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
@@ -88,6 +88,12 @@ def _filled(paragraphs: Iterable[str]) -> list[str]:
 def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
     if surface.abbe is not None:
         _author(prim, "plen:abbe", Sdf.ValueTypeNames.Double, surface.abbe)
+    _write_aperture(prim, surface)
+    if surface.conic:
+        _author(prim, "plen:conic", Sdf.ValueTypeNames.Double, surface.conic)
+    for name, first in (("plen:evenCoefficients", 2), ("plen:oddCoefficients", 3)):
+        if coefficients := surface.coefficients(first):
+            _author(prim, name, Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(coefficients))
     if surface.glass:
         _author(prim, "plen:glass", Sdf.ValueTypeNames.String, surface.glass)
     _author(prim, "plen:index", Sdf.ValueTypeNames.Double, surface.index)
@@ -96,6 +102,17 @@ def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
     _author(prim, "plen:radius", Sdf.ValueTypeNames.Double, surface.radius_mm)
     _author(prim, "plen:semiDiameter", Sdf.ValueTypeNames.Double, surface.semi_diameter_mm)
     _author(prim, "plen:thickness", Sdf.ValueTypeNames.Double, surface.thickness_mm)
+
+
+def _write_aperture(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
+    if surface.half_widths_mm is not None:
+        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "rectangular")
+        _author(prim, "plen:halfWidths", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*surface.half_widths_mm))
+        if surface.aperture_rotation_deg:
+            _author(prim, "plen:apertureRotation", Sdf.ValueTypeNames.Double, surface.aperture_rotation_deg)
+    elif surface.inner_semi_diameter_mm:
+        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "annular")
+        _author(prim, "plen:innerSemiDiameter", Sdf.ValueTypeNames.Double, surface.inner_semi_diameter_mm)
 
 
 def _author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any) -> None:
