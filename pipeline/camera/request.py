@@ -22,7 +22,7 @@ class FocusRequest:
     sensor_distance_mm : float or None
         From the aperture stop to the sensor; None: `focus_distance_mm` decides.
     focus_distance_mm : float or None
-        Object distance from the stop that shall be in focus.
+        Object distance from the stop that shall be in focus; may be inf.
     focus_type : int or None
         Microlens type that this holds for; None: the one of middle focal length.
     match_stop : bool
@@ -81,8 +81,9 @@ def sensor_distance(request: FocusRequest) -> float:
             raise CameraError("neither a sensor distance nor a focus distance is given")
         return request.sensor_distance_mm
     near, far = reachable(request)
-    if not near < wanted < far:
-        what = f"no position of the sensor brings {wanted:g} mm from the stop into focus"
+    if not (near < wanted < far or wanted == far == math.inf):
+        place = f"{wanted:g} mm from the stop" if math.isfinite(wanted) else "infinity"
+        what = f"no position of the sensor brings {place} into focus"
         reach = f"between {near:.6g} and {far:.6g} mm" if math.isfinite(far) else f"beyond {near:.6g} mm"
         raise CameraError(what, hint=f"within reach: distances {reach}")
     array = request.microlenses
@@ -91,7 +92,7 @@ def sensor_distance(request: FocusRequest) -> float:
 
 
 def reachable(request: FocusRequest) -> tuple[float, float]:
-    """Object distances that can be brought into focus, ends excluded: nearest and farthest, maybe inf. [mm]
+    """Object distances that can be brought into focus: nearest and farthest, ends excluded but inf. [mm]
 
     The nearest object stands before the lens and its front focus; for the farthest one the sensor, or the array,
     touches the last vertex.

@@ -36,7 +36,9 @@ def _request(asked: dict[str, Any]) -> str:
     wishes = []
     if asked["focus_distance_mm"] is not None:
         kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
-        wishes.append(f"focus at {asked['focus_distance_mm']:g} mm{kind} sets the sensor distance")
+        distance = asked["focus_distance_mm"]
+        place = "infinity" if math.isinf(distance) else f"{distance:g} mm"
+        wishes.append(f"focus at {place}{kind} sets the sensor distance")
     if asked["stop_match"] != "none":
         wishes.append("a match with the microlenses sets the stop")
     return "asked for: " + "; ".join(wishes)
@@ -122,8 +124,7 @@ def _gaps(array: dict[str, Any]) -> Iterator[str]:
 
 
 def _curves(curves: FieldCurves) -> Iterator[str]:
-    plane = "infinity" if math.isinf(curves.object_mm) else _mm(curves.object_mm, 1)
-    yield f"real rays of the main lens, without microlenses; distortion for objects at {plane}"
+    yield f"real rays of the main lens, without microlenses; distortion for objects at {_mm(curves.object_mm, 1)}"
     columns = ("height [mm]", "field angle [deg]", "relative illumination", "distortion [%]")
     values = zip(curves.height_mm, curves.angle_deg, curves.relative_illumination, 100 * curves.distortion, strict=True)
     yield from _table(columns, [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", f"{d + 0.0:.4f}") for h, a, e, d in values])
@@ -140,7 +141,7 @@ def _row(what: str, value: str, remark: str = "") -> str:
 
 
 def _mm(value: float, digits: int = 3) -> str:
-    return f"{value:.{digits}f} mm"
+    return "infinity" if math.isinf(value) else f"{value:.{digits}f} mm"
 
 
 def _range(near: float, far: float) -> str:

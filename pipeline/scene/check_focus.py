@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.camera.camera import Camera, CameraError, MicrolensArray
-from pipeline.camera.focus import foci
+from pipeline.camera.focus import foci, focused
 from pipeline.camera.report import gaps_mm
 from pipeline.camera.request import FocusRequest, sensor_distance, solved
 from pipeline.errors import PipelineError
@@ -83,6 +83,17 @@ def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | No
     except ArithmeticError:
         return name, CameraError("the lens has no first-order figures: it bends no light")
     return None
+
+
+def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
+    """A camera without errors from whose focus no near and far planes can be derived."""
+    try:
+        focused(read_camera(camera))
+    except CameraError as error:
+        name = _FOCUS if camera.GetAttribute(_FOCUS).HasAuthoredValue() else _SENSOR
+        yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)
+    except (PipelineError, ArithmeticError):
+        return  # a lens without power
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:

@@ -42,6 +42,8 @@ def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
     prim.kind = "component"
     names = surface_names(lens)
     _author(prim, "plen:name", Sdf.ValueTypeNames.String, lens.name)
+    if lens.nominal_efl_mm is not None and lens.nominal_efl_mm > 0:
+        _author(prim, "plen:nominalFocalLength", Sdf.ValueTypeNames.Double, lens.nominal_efl_mm)
     _author(prim, "plen:surfaceOrder", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray(names))
     _author(prim, "plen:wavelength", Sdf.ValueTypeNames.Double, lens.wavelength_nm)
     for child, surface in zip(names, lens.surfaces, strict=True):
