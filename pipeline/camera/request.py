@@ -153,7 +153,7 @@ def with_matched_stop(camera: Camera) -> Camera:
         raise CameraError(f"{what} {diameter:.4g} mm, wider than the lens lets through", hint=hint)
     surfaces = list(prescription.surfaces)
     surfaces[prescription.stop_index] = dataclasses.replace(prescription.stop, semi_diameter_mm=diameter / 2)
-    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))
+    return dataclasses.replace(camera, prescription=dataclasses.replace(prescription, surfaces=tuple(surfaces)))
 
 
 def _widest_stop_mm(prescription: Prescription, film_mm: float) -> float:

@@ -14,6 +14,7 @@ from pipeline.scene.check_camera import check_camera, check_microlenses
 from pipeline.scene.check_dataset import check_checkerboard, check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check_focus import check_planes
 from pipeline.scene.check_glass import check_glass
+from pipeline.scene.check_groups import check_groups, check_place
 from pipeline.scene.check_layers import check_layers
 from pipeline.scene.check_lens import check_lens, check_nominal
 from pipeline.scene.check_poses import check_poses
@@ -24,6 +25,8 @@ from pipeline.scene.problems import Problem
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
+    ("PlenLens", check_groups),
+    ("PlenLensGroup", check_place),
     ("PlenMicrolensArray", check_microlenses),
     ("PlenCheckerboard", check_checkerboard),
 )
