@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pipeline.errors import PipelineError
 
 _UPRIGHT_DEG = 90.0
+_HEIGHTS = 64
 
 
 class PrescriptionError(PipelineError):
@@ -137,6 +138,21 @@ class Surface:
         even = sum(a * height_mm ** (2 * i + 2) for i, a in enumerate(self.even_coefficients))
         odd = sum(a * height_mm ** (2 * i + 3) for i, a in enumerate(self.odd_coefficients))
         return base + even + odd
+
+
+def least_gap_mm(front: Surface, behind: Surface) -> float:
+    """Least distance along the axis between neighbouring surfaces within both apertures; negative: they cross. [mm]
+
+    Between spheres it lies on the axis or at the edge; aspheres may come closest in between, and 64 heights are tried.
+    """
+    return min(gap for gap, _ in gaps_mm(front, behind))
+
+
+def gaps_mm(front: Surface, behind: Surface) -> list[tuple[float, float]]:
+    """Distances along the axis between neighbouring surfaces, each with its height above the axis. [mm]"""
+    edge = min(front.semi_diameter_mm, behind.semi_diameter_mm)
+    heights = [edge * i / _HEIGHTS for i in range(_HEIGHTS + 1)]
+    return [(front.thickness_mm + behind.sag_mm(h) - front.sag_mm(h), h) for h in heights]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

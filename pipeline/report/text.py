@@ -38,7 +38,11 @@ def _request(asked: dict[str, Any]) -> str:
         kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
         distance = asked["focus_distance_mm"]
         place = "infinity" if math.isinf(distance) else f"{distance:g} mm"
-        wishes.append(f"focus at {place}{kind} sets the sensor distance")
+        shift = asked["group_shift_mm"]
+        what = "sets the sensor distance"
+        if shift is not None:
+            what = f"moves {', '.join(asked['focus_groups'])} by {shift:+.4f} mm towards the sensor"
+        wishes.append(f"focus at {place}{kind} {what}")
     if asked["stop_match"] != "none":
         wishes.append("a match with the microlenses sets the stop")
     return "asked for: " + "; ".join(wishes)

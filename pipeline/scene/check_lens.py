@@ -9,7 +9,7 @@ from pxr import Usd
 
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
-from pipeline.optics.prescription import PrescriptionError, Surface
+from pipeline.optics.prescription import PrescriptionError, Surface, gaps_mm
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
 from pipeline.scene.reading import APERTURE_VALUES, ordered_surfaces, read_prescription, read_surface
@@ -17,7 +17,6 @@ from pipeline.scene.values import UnreadableValue, read
 
 # Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
-_HEIGHTS = 64
 _THIN = 1 / 200
 """Least thickness of an element at its rim over its diameter without a warning: the thinnest of the published lenses in
 the library is 1/130."""
@@ -129,10 +128,7 @@ def _check_crossing(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
     first, second = _surface(front), _surface(behind)
     if not first or not second:
         return
-    # Between spheres the gap changes monotonically from vertex to edge; aspheres may come closest in between.
-    edge = min(first.semi_diameter_mm, second.semi_diameter_mm)
-    heights = [edge * i / _HEIGHTS for i in range(1, _HEIGHTS + 1)]
-    gap, height = min((first.thickness_mm + second.sag_mm(h) - first.sag_mm(h), h) for h in heights)
+    gap, height = min(gaps_mm(first, second))
     if gap < -_TOUCH_MM:
         message = (
             f'surfaces "{front.GetName()}" and "{behind.GetName()}" cross: {first.thickness_mm:g} mm apart on the axis,'

@@ -115,10 +115,12 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     focus_mm, match_stop = read(prim, "plen:camera:focusDistance"), need(prim, "plen:camera:stopMatch") != "none"
     if focus_mm is None and not match_stop:
         return Camera(sensor_distance_mm=need(prim, "plen:camera:sensorDistance"), **parts)
+    groups = need(prim, "plen:camera:focusGroups")
     return FocusRequest(
-        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None else None,
+        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None or groups else None,
         focus_distance_mm=focus_mm,
         focus_type=read(prim, "plen:camera:focusType"),
+        focus_groups=groups,
         match_stop=match_stop,
         **parts,
     )
