@@ -184,13 +184,15 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
 
 @app.command()
 def show(
-    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a rig alone.")],
+    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a rig or a lens alone.")],
     camera: Annotated[str | None, typer.Argument(metavar="[CAMERA]", help="Its name, if there are several.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what camera.json says.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object: what camera.json says, and curves.")
+    ] = False,
     plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.svg", help="Draw the lens and its rays.")] = None,
     allow_root: Roots = None,
 ) -> None:
-    """Say what a camera does: focal lengths, pupils, focus, depth of field, microlenses, real rays over the field."""
+    """Say what a camera or a lens does: focal lengths, pupils, focus, depth of field, real rays over the field."""
     from pipeline.tasks.show import show as camera_of
 
     if plot is not None and plot.suffix != ".svg":

@@ -9,7 +9,7 @@ from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
 from pipeline.camera.request import FocusRequest
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, Surface
-from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Matrix, TargetEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix, TargetEntry
 from pipeline.scene.media import index_source, with_indices
 from pipeline.scene.poses import inverse, product, world_from
 from pipeline.scene.values import UnreadableValue, need, read, target, targets
@@ -77,6 +77,20 @@ def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
     seed = read(root, "plen:seed") or 0
     cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
     return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
+
+
+def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
+    """The lens that is the default prim of a stage that passed the checks; None for any other stage."""
+    prim = stage.GetDefaultPrim()
+    if not prim or not prim.IsA("PlenLens"):
+        return None
+    return LensEntry(
+        name=prim.GetName(),
+        lens_name=need(prim, "plen:name") or prim.GetName(),
+        index_source=index_source(prim, ordered_surfaces(prim)),
+        wavelength_nm=need(prim, "plen:wavelength"),
+        prescription=read_prescription(prim),
+    )
 
 
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
