@@ -224,9 +224,31 @@ def import_lens(
     spacing: Annotated[Spacing | None, typer.Option(help="Where a pbrt table has its thicknesses.")] = None,
 ) -> None:
     """Write the lens of another program's file as a stage, and say what could not be kept."""
-    from pipeline.importing import import_lens, write_stage
+    from pipeline.importing import import_lens
 
-    imported = import_lens(file, spacing.value if spacing else None)
+    _deliver(import_lens(file, spacing.value if spacing else None), out)
+
+
+@imports.command("camera")
+def import_camera(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blender add-on .csv, libpleno .js.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
+    ] = None,
+    lens: Annotated[
+        Path | None, typer.Option("--lens", metavar="FILE.csv", help="Lens table of a camera of the Blender add-on.")
+    ] = None,
+) -> None:
+    """Write the camera of another program's file as a rig, and say what could not be kept."""
+    from pipeline.importing import import_camera
+
+    _deliver(import_camera(file, lens), out)
+
+
+def _deliver(imported: Any, out: Path | None) -> None:
+    """Warnings to stderr; the stage to stdout, or to a new file that is then checked."""
+    from pipeline.importing import write_stage
+
     for line in imported.warnings:
         note(line)
     if out is None:

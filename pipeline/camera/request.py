@@ -178,7 +178,7 @@ def _widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
     for i in reversed(range(len(surfaces))):
         heights[i] = height
         in_front = surfaces[i - 1].index if i else 1.0
-        slope -= height * (surfaces[i].index - in_front) * surfaces[i].curvature_per_mm
+        slope -= height * surfaces[i].power_per_mm(in_front)
         height += slope * surfaces[i - 1].thickness_mm / in_front if i else 0.0
     at_stop = abs(heights[prescription.stop_index])
     others = [(s, abs(y)) for s, y in zip(surfaces, heights, strict=True) if not s.is_stop and y]

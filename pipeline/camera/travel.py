@@ -110,7 +110,7 @@ def _miss(lens: Prescription, object_mm: float, image_mm: float) -> float:
     for i, surface in enumerate(surfaces):
         if i:
             height += surfaces[i - 1].thickness_mm * slope / index
-        slope -= (surface.index - index) * surface.vertex_curvature_per_mm * height
+        slope -= surface.power_per_mm(index) * height
         index = surface.index
     return height + (image_mm - vertices[-1]) * slope
 

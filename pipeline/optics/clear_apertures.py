@@ -61,6 +61,6 @@ def _heights(surfaces: tuple[PrintedSurface, ...], height: float, slope: float) 
         if i:
             height += surfaces[i - 1].thickness_mm * reduced / index
         heights.append(height)
-        reduced -= (surface.index - index) * surface.vertex_curvature_per_mm * height
+        reduced -= surface.power_per_mm(index) * height
         index = surface.index
     return heights

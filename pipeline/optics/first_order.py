@@ -109,7 +109,7 @@ def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:
     for i, surface in enumerate(surfaces):
         if i:
             matrix = np.array([[1.0, surfaces[i - 1].thickness_mm / index], [0.0, 1.0]]) @ matrix
-        power = (surface.index - index) * surface.vertex_curvature_per_mm
+        power = surface.power_per_mm(index)
         matrix = np.array([[1.0, 0.0], [-power, 1.0]]) @ matrix
         index = surface.index
     return matrix

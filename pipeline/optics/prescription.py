@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 from pipeline.errors import PipelineError
 
@@ -46,6 +47,9 @@ class Surface:
         Edges of a regular polygon whose corners lie on the circle of the semi-diameter; 0 for none.
     aperture_rotation_deg : float
         Of rectangle or polygon, from +x towards +y of the lens frame. At 0 a polygon has a corner on +x.
+    focal_length_mm : float or None
+        Of an ideal thin lens in place of the surface, None for a surface. It is a plane in air that adds -height over
+        focal length to the slope of a ray: a collineation, so every object plane has a sharp, undistorted image.
     decentre_mm : (float, float)
         How far the vertex stands off the axis along x and y of the lens frame, or of the group it belongs to.
     tilt_deg : (float, float)
@@ -66,6 +70,7 @@ class Surface:
     half_widths_mm: tuple[float, float] | None = None
     blades: int = 0
     aperture_rotation_deg: float = 0.0
+    focal_length_mm: float | None = None
     decentre_mm: tuple[float, float] = (0.0, 0.0)
     tilt_deg: tuple[float, float] = (0.0, 0.0)
 
@@ -92,7 +97,21 @@ class Surface:
             raise PrescriptionError(f"a polygonal aperture has {self.blades} blades")
         if not self.index >= 1:
             raise PrescriptionError(f"refractive index {self.index} is below 1")
+        if self.focal_length_mm is not None:
+            self._check_ideal()
         _check_displacement("a surface", self.decentre_mm, self.tilt_deg)
+
+    def _check_ideal(self) -> None:
+        if self.focal_length_mm == 0 or not math.isfinite(self.focal_length_mm or math.nan):
+            raise PrescriptionError(f"an ideal thin lens has the focal length {self.focal_length_mm} mm")
+        if not math.isinf(self.radius_mm) or any(self.even_coefficients + self.odd_coefficients) or self.index != 1:
+            raise PrescriptionError("an ideal thin lens has a shape or an index", hint="it is a plane in air")
+
+    def power_per_mm(self, index_in_front: float) -> float:
+        """Refracting power near the axis: what it takes from index times slope, per height."""
+        if self.focal_length_mm is not None:
+            return 1 / self.focal_length_mm
+        return (self.index - index_in_front) * self.vertex_curvature_per_mm
 
     @property
     def curvature_per_mm(self) -> float:
@@ -218,6 +237,9 @@ class Prescription:
         held = [i for group in self.groups for i in group.members]
         if len(set(held)) < len(held) or not set(held) <= set(range(len(self.surfaces))):
             raise PrescriptionError("the groups of a prescription overlap, or hold surfaces that it does not have")
+        for front, ideal in pairwise(self.surfaces):
+            if ideal.focal_length_mm is not None and front.index != 1:
+                raise PrescriptionError(f"an ideal thin lens stands in a medium of index {front.index}", hint="air: 1")
         stops = sum(surface.is_stop for surface in self.surfaces)
         if stops != 1:
             raise PrescriptionError(f"a prescription needs exactly one aperture stop, this one has {stops}")

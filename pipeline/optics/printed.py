@@ -44,8 +44,10 @@ class PrintedSurface:
         Conic constant; 0 is a sphere.
     asphere : tuple of (int, float)
         Powers p of the height and their coefficients [mm^(1 - p)], zeros left out.
-    inner_semi_diameter_mm, half_widths_mm, aperture_rotation_deg
-        Of an annular or a rectangular aperture, as in `prescription.Surface`.
+    inner_semi_diameter_mm, half_widths_mm, blades, aperture_rotation_deg
+        Of an annular, a rectangular or a polygonal aperture, as in `prescription.Surface`.
+    focal_length_mm : float or None
+        Of an ideal thin lens.
     """
 
     radius_mm: float = math.inf
@@ -59,12 +61,16 @@ class PrintedSurface:
     asphere: tuple[tuple[int, float], ...] = ()
     inner_semi_diameter_mm: float = 0.0
     half_widths_mm: tuple[float, float] | None = None
+    blades: int = 0
     aperture_rotation_deg: float = 0.0
+    focal_length_mm: float | None = None
 
-    @property
-    def vertex_curvature_per_mm(self) -> float:
-        """Curvature that rays near the axis meet: of the conic and of an r^2 term."""
-        return (0.0 if math.isinf(self.radius_mm) else 1 / self.radius_mm) + 2 * dict(self.asphere).get(2, 0.0)
+    def power_per_mm(self, index_in_front: float) -> float:
+        """Refracting power near the axis, where an r^2 term bends, too."""
+        if self.focal_length_mm is not None:
+            return 1 / self.focal_length_mm
+        curvature = (0.0 if math.isinf(self.radius_mm) else 1 / self.radius_mm) + 2 * dict(self.asphere).get(2, 0.0)
+        return (self.index - index_in_front) * curvature
 
     def coefficients(self, first: int) -> tuple[float, ...]:
         """Coefficients of the powers `first`, `first` + 2, ... up to the last one that is not zero."""
@@ -152,6 +158,8 @@ def _surface(surface: PrintedSurface, number: int) -> Surface:
             odd_coefficients=surface.coefficients(3),
             inner_semi_diameter_mm=surface.inner_semi_diameter_mm,
             half_widths_mm=surface.half_widths_mm,
+            blades=surface.blades,
+            focal_length_mm=surface.focal_length_mm,
             aperture_rotation_deg=surface.aperture_rotation_deg,
         )
     except PrescriptionError as error:

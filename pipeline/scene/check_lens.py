@@ -35,6 +35,7 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
         yield from _check_aperture(prim)
         yield from _check_shape(prim)
     for front, behind in pairwise(prims):
+        yield from _check_in_air(front, behind)
         crossing = list(_check_crossing(front, behind))
         yield from crossing or _check_rim(front, behind)
     last = _surface(prims[-1])
@@ -120,8 +121,19 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
     except PrescriptionError as error:
         if "beyond" in error.what:
             yield problem(prim, "beyond-sphere", error.what)
+        elif "ideal thin lens" in error.what:
+            yield problem(prim.GetAttribute("plen:focalLength"), "ideal-lens", error.what, hint=error.hint)
         elif "obstruction" in error.what:
             yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
+
+
+def _check_in_air(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
+    first, second = _surface(front), _surface(behind)
+    if first and second and second.focal_length_mm is not None and first.index != 1:
+        message = (
+            f'"{behind.GetName()}", an ideal thin lens, stands in a medium of index {first.index:g}, and not in air'
+        )
+        yield problem(behind.GetAttribute("plen:focalLength"), "ideal-lens", message)
 
 
 def _check_crossing(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:

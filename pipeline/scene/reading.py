@@ -186,6 +186,7 @@ def read_surface(prim: Usd.Prim) -> Surface:
         conic=need(prim, "plen:conic"),
         even_coefficients=need(prim, "plen:evenCoefficients"),
         odd_coefficients=need(prim, "plen:oddCoefficients"),
+        focal_length_mm=read(prim, "plen:focalLength"),
         decentre_mm=need(prim, "plen:decentre"),
         tilt_deg=need(prim, "plen:tilt"),
         **_read_aperture(prim),

@@ -351,7 +351,7 @@ def test_blender_refuses_with_file_and_line(old: str, new: str, said: str, tmp_p
 
 def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     assert "known are .zmx" in refused(tmp_path, "a.zar", "x")
-    assert "a thin main lens" in refused(tmp_path, "camera.js", "{}")
+    assert "a camera of libpleno" in refused(tmp_path, "camera.js", "{}")
     assert "a camera of the add-on" in refused(tmp_path, "a.csv", "prop_wavelength;587.6\n")
     assert refused(tmp_path, "a.zmx", b"PK\0\1").startswith("a.zmx: is no text")
     assert "for lens tables of pbrt" in refused(tmp_path, "a.zmx", zmx(), spacing="after")

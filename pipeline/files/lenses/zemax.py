@@ -223,7 +223,7 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
 
 def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     unit_mm = system.unit_mm or 1.0
-    if row.type_name not in ("STANDARD", *_POWER_OF_TERM):
+    if row.type_name not in ("STANDARD", "PARAXIAL", *_POWER_OF_TERM):
         reason = f"surface {place} is of type {row.type_name}, which cannot be represented"
         raise UnreadableLens(system.path, reason, line=row.type_line)
     if not math.isfinite(row.thickness):
@@ -231,6 +231,7 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     index, abbe, glass = _medium(system, place, row)
     step = _POWER_OF_TERM.get(row.type_name, 0)
     terms = {step * i: value for i, value in sorted(row.parameters.items()) if value and step}
+    ideal = row.parameters.get(1, 100.0) if row.type_name == "PARAXIAL" else None
     edge = row.semi_diameter
     if row.half_widths and (edge is None or row.is_automatic):
         edge = math.hypot(*row.half_widths)
@@ -239,6 +240,7 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
         thickness_mm=row.thickness * unit_mm,
         semi_diameter_mm=None if edge is None else edge * unit_mm,
         inner_semi_diameter_mm=row.inner * unit_mm,
+        focal_length_mm=None if ideal is None else ideal * unit_mm,
         half_widths_mm=row.half_widths and (row.half_widths[0] * unit_mm, row.half_widths[1] * unit_mm),
         index=index,
         glass=glass,
