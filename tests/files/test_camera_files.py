@@ -165,6 +165,7 @@ def test_the_microlenses_of_libpleno_stand_in_the_image_where_its_own_model_has_
     [
         ({"main_lens": {}, "sensor": {}}, "a.js: holds start values without a microlens array"),
         ({"poses": []}, "a.js: is no camera of libpleno"),
+        (libpleno(main_lens={"f": "nan", "aperture": "4"}), "a.js: lacks something or has no number there: nan is not"),
         (libpleno(main_lens={"f": "x"}), "a.js: lacks something or has no number there"),
         (libpleno(mla={"focal_lengths": [], "mesh": libpleno()["mla"]["mesh"]}), "a.js: its array has 0 types"),
         (libpleno(mla={"mesh": {"geometry": "2"}}), "a.js: its microlenses do not form hexagonal rows"),

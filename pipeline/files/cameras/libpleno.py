@@ -46,7 +46,7 @@ def read_libpleno(path: str | Path) -> PrintedCamera:
 
 def _camera(path: str | Path, file: dict[str, Any]) -> PrintedCamera:
     lens, size = file["main_lens"], file["sensor"]
-    focal_mm, pitch_mm = float(lens["f"]), float(size["scale"])
+    focal_mm, pitch_mm = _finite(lens["f"]), _finite(size["scale"])
     width_px, height_px = int(size["width"]), int(size["height"])
     corner = _vector(size["pose"])
     centre = [c + pitch_mm * (n - 1) / 2 for c, n in zip(corner, (width_px, height_px), strict=False)]
@@ -54,7 +54,7 @@ def _camera(path: str | Path, file: dict[str, Any]) -> PrintedCamera:
         width_px=width_px, height_px=height_px, pitch_mm=pitch_mm, offset_x_mm=centre[0], offset_y_mm=centre[1]
     )
     array, lost = _array(path, file, centre, -corner[2])
-    diameter_mm = float(lens["diameter"]) if "diameter" in lens else focal_mm / float(lens["aperture"])
+    diameter_mm = _finite(lens["diameter"]) if "diameter" in lens else focal_mm / _finite(lens["aperture"])
     stop = PrintedSurface(focal_length_mm=focal_mm, semi_diameter_mm=diameter_mm / 2, is_stop=True)
     thin = PrintedLens(name=f"Ideal thin lens {focal_mm:g} mm", surfaces=(stop,), nominal_efl_mm=focal_mm)
     return PrintedCamera(
@@ -71,12 +71,12 @@ def _camera(path: str | Path, file: dict[str, Any]) -> PrintedCamera:
 def _array(
     path: str | Path, file: dict[str, Any], centre: list[float], sensor_mm: float
 ) -> tuple[MicrolensArray, list[Lost]]:
-    mesh, focal = file["mla"]["mesh"], [float(f) for f in file["mla"].get("focal_lengths", ())]
+    mesh, focal = file["mla"]["mesh"], [_finite(f) for f in file["mla"].get("focal_lengths", ())]
     if int(mesh["geometry"]) != _HEX_ROWS:
         raise UnreadableLens(path, "its microlenses do not form hexagonal rows, which cannot be represented yet")
     if len(focal) not in (1, 3):
         raise UnreadableLens(path, f"its array has {len(focal)} types of microlenses, and not 1 or 3")
-    x_mm, y_mm = (float(value) for value in mesh["pitch"][0])
+    x_mm, y_mm = (_finite(value) for value in mesh["pitch"][0])
     columns, rows = int(mesh["width"]), int(mesh["height"])
     across, up = _axes(mesh["pose"])
     origin = _vector(mesh["pose"])
@@ -121,12 +121,19 @@ def _types(columns: int, rows: int, middle: tuple[int, int], count: int) -> list
     return [found[kind] for kind in range(3)]
 
 
+def _finite(text: Any) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is not a finite number")
+    return value
+
+
 def _vector(pose: dict[str, Any]) -> list[float]:
-    return [float(value) for value in pose["translation"][0]]
+    return [_finite(value) for value in pose["translation"][0]]
 
 
 def _axes(pose: dict[str, Any]) -> tuple[list[float], list[float]]:
-    x, y, _ = ([float(value) for value in column] for column in pose["rotation"])
+    x, y, _ = ([_finite(value) for value in column] for column in pose["rotation"])
     return x, y
 
 
@@ -142,7 +149,9 @@ def _lost_of_array(x_mm: float, y_mm: float, tilt_deg: tuple[float, float]) -> l
 
 def _lost(file: dict[str, Any]) -> list[Lost]:
     brown = file.get("distortions", {})
-    numbers = [float(value) for key in ("radial", "tangential", "depth") for row in brown.get(key, ()) for value in row]
+    numbers = [
+        _finite(value) for key in ("radial", "tangential", "depth") for row in brown.get(key, ()) for value in row
+    ]
     lost = []
     if any(numbers):
         lost.append("distortion coefficients: the ideal thin lens has no distortion")
