@@ -8,7 +8,8 @@ vectors with a positive z component.
 
 The intersection with a conic is the cancellation-free root of the quadratic next to the vertex (exact for planes, too):
 t = F / (G + sqrt(G^2 - A F)) with F = c (x^2 + y^2), G = N - c (x L + y M), A = c (1 + k N^2), after moving the ray to
-the vertex plane; k = 0 for a sphere. An asphere starts from there.
+the vertex plane; k = 0 for a sphere. An asphere starts from there. An ideal thin lens bends rays
+at its plane.
 """
 
 import math
@@ -67,6 +68,10 @@ def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
             to_plane = (vertex - z[i]) / dz[i]
             x[i] += to_plane * dx[i]
             y[i] += to_plane * dy[i]
+        if table[k, TERMS] < 0.0:
+            _turn_ideal(table[k], x, y, z, dx, dy, dz, alive, count)
+            _clip(table[k], x, y, alive, count)
+            continue
         if table[k, CONIC] != 0.0 or table[k, TERMS] > 0.0:
             _cross_asphere(table[k], x, y, z, dx, dy, dz, alive, scratch, count)
             _clip(table[k], x, y, alive, count)
@@ -124,6 +129,20 @@ def _clip(row, x, y, alive, count):
         nx, ny, distance = row[first], row[first + 1], row[first + 2]
         for i in range(count):
             alive[i] = alive[i] if nx * x[i] + ny * y[i] <= distance else 0.0
+
+
+@inline
+def _turn_ideal(row, x, y, z, dx, dy, dz, alive, count):
+    """Turn rays on the plane of an ideal thin lens by its power; the same for light going either way."""
+    vertex, power, limit = row[VERTEX], row[COEFFICIENTS], row[SEMI_DIAMETER_SQUARED]
+    for i in range(count):
+        alive[i] = alive[i] if x[i] * x[i] + y[i] * y[i] <= limit else 0.0
+        across = dx[i] / dz[i] - power * x[i]
+        up = dy[i] / dz[i] - power * y[i]
+        dz[i] = 1.0 / math.sqrt(1.0 + across * across + up * up)
+        dx[i] = across * dz[i]
+        dy[i] = up * dz[i]
+        z[i] = vertex
 
 
 @inline
