@@ -89,3 +89,9 @@ FOCUS_MM = 1e-11
 
 BISECTED_MM = 1e-10
 """A root bisected to the last bit of the path [mm], its normal by complex steps: roundings along a few surfaces."""
+
+MOVED_MM = 2e-12
+"""The same ray in a frame and in a turned one [mm]: as a ray traced there and back, and 100 mm turned at each end."""
+
+BORESIGHT_MM = 1e-9
+"""A chief ray that leaves along the axis [mm]: Newton's steps end at 1e-9 mm at the stop."""

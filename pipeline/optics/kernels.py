@@ -8,6 +8,8 @@ vectors with a positive z component.
 The intersection with a conic is the cancellation-free root of the quadratic next to the vertex (exact for planes, too):
 t = F / (G + sqrt(G^2 - A F)) with F = c (x^2 + y^2), G = N - c (x L + y M), A = c (1 + k N^2), after moving the ray to
 the vertex plane; k = 0 for a sphere. An asphere starts from there.
+
+A surface off its place is met in the frame in which it stands in its place: rays move there and back.
 """
 
 import math
@@ -25,6 +27,7 @@ from pipeline.optics.table import (
     INNER_SQUARED,
     LOW_TERMS,
     ODD,
+    POSE,
     SEMI_DIAMETER_SQUARED,
     TERMS,
     VERTEX,
@@ -60,9 +63,13 @@ def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
     for k in range(table.shape[0]):
         vertex, c = table[k, VERTEX], table[k, CURVATURE]
         mu, limit = table[k, INDEX_RATIO], table[k, SEMI_DIAMETER_SQUARED]
+        if table[k, POSE] > 0.0:
+            _enter(table[k], x, y, z, dx, dy, dz, alive, count)
         if table[k, CONIC] != 0.0 or table[k, TERMS] > 0.0:
             _cross_asphere(table[k], x, y, z, dx, dy, dz, alive, scratch, count)
             _clip(table[k], x, y, alive, count)
+            if table[k, POSE] > 0.0:
+                _leave(table[k], x, y, z, dx, dy, dz, alive, count)
             continue
         for i in range(count):
             to_plane = (vertex - z[i]) / dz[i]
@@ -92,6 +99,53 @@ def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
                 dz[i] = mu * dz[i] + step * (1.0 - c * (z[i] - vertex))
         if table[k, INNER_SQUARED] > 0.0 or table[k, EDGES] > 0.0:
             _clip(table[k], x, y, alive, count)
+        if table[k, POSE] > 0.0:
+            _leave(table[k], x, y, z, dx, dy, dz, alive, count)
+
+
+@inline
+def _enter(row, x, y, z, dx, dy, dz, alive, count):
+    """Move rays as if the surface had come back to its place in the centred lens.
+
+    A ray that then travels along -z meets the back of the surface: blocked, here as in `_leave`.
+    """
+    a, b, c, p, d, e, f, q, g, h, k, r = _motion(row)
+    for i in range(count):
+        px, py, pz, ox, oy, oz = x[i] - p, y[i] - q, z[i] - r, dx[i], dy[i], dz[i]
+        x[i], y[i], z[i] = a * px + d * py + g * pz, b * px + e * py + h * pz, c * px + f * py + k * pz
+        dx[i], dy[i], dz[i] = a * ox + d * oy + g * oz, b * ox + e * oy + h * oz, c * ox + f * oy + k * oz
+        alive[i] = alive[i] if dz[i] > 0.0 else 0.0
+
+
+@inline
+def _leave(row, x, y, z, dx, dy, dz, alive, count):
+    """Move rays along with the surface to where it stands."""
+    a, b, c, p, d, e, f, q, g, h, k, r = _motion(row)
+    for i in range(count):
+        px, py, pz, ox, oy, oz = x[i], y[i], z[i], dx[i], dy[i], dz[i]
+        x[i], y[i], z[i] = a * px + b * py + c * pz + p, d * px + e * py + f * pz + q, g * px + h * py + k * pz + r
+        dx[i], dy[i], dz[i] = a * ox + b * oy + c * oz, d * ox + e * oy + f * oz, g * ox + h * oy + k * oz
+        alive[i] = alive[i] if dz[i] > 0.0 else 0.0
+
+
+@inline
+def _motion(row):
+    """The twelve numbers of a displaced surface's motion, row by row."""
+    i = int(row[POSE])
+    return (
+        row[i],
+        row[i + 1],
+        row[i + 2],
+        row[i + 3],
+        row[i + 4],
+        row[i + 5],
+        row[i + 6],
+        row[i + 7],
+        row[i + 8],
+        row[i + 9],
+        row[i + 10],
+        row[i + 11],
+    )
 
 
 @inline
