@@ -62,6 +62,8 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     start = np.zeros(2) if centred else _image_of_the_axis(tracer, object_mm)
     positions = start + np.linspace(0.0, 1.0, rows)[:, None] * (end - start)
     heights = np.hypot(*(positions - start).T)
+    if not centred:
+        tracer = Tracer(dataclasses.replace(tracer.camera, sensor=_covering(sensor, np.abs(positions).max(axis=0))))
     slope, crossing = (np.hypot(*vectors.T) for vectors in _chief_rays(tracer, positions, object_mm))
     lens = first_order(camera.prescription)
     principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
@@ -74,6 +76,12 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     x, y = -start / sensor.pitch_mm + 0.0
     boresight = None if centred else (float(x), float(y))
     return FieldCurves(heights, np.degrees(np.arctan(slope)), weight / weight[0], ratio - 1, object_mm, boresight)
+
+
+def _covering(sensor: Sensor, extents_mm: np.ndarray) -> Sensor:
+    """A sensor about the axis that reaches as far: bounds of a displaced lens hold as far as its sensor."""
+    width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in extents_mm)
+    return Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
 
 
 def _farthest_corner(sensor: Sensor) -> np.ndarray:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from laws.test_apertures import HEXAGON, inside
 from laws.test_surfaces import BENT, beam, oblique
 from laws.test_symmetry import assert_independent_of_bounds, outside, passing, plenoptic_positions, sampling_region
 from naive import brute, textbook
@@ -397,6 +398,38 @@ def test_the_boresight_of_displaced_groups_is_that_of_a_direct_search() -> None:
     expected = -solution.x[:2] / camera.sensor.pitch_mm
     np.testing.assert_allclose(field_curves(camera, 434.0, 2).boresight_px, expected, rtol=0, atol=1e-6)
     assert np.hypot(*expected) > 5
+
+
+def test_the_curves_of_a_lens_shifted_as_a_whole_are_its_own_also_beyond_the_sensor() -> None:
+    """An object at infinity: the image of the axis lies 6 mm to the side, off a sensor of 4 mm, and the curves from
+    there to its corner are those of the centred lens at the same heights."""
+    small = rigs.conventional(17.1, 80, 80)
+    moved = dataclasses.replace(small, prescription=whole(small.prescription, decentre_mm=(-6.0, 0.0)))
+    found = field_curves(moved, math.inf, 3)
+    assert found.boresight_px == pytest.approx((6.0 / 0.05, 0.0), abs=1e-6)
+    end = math.hypot(6.0 + 2.0, 2.0)
+    large = dataclasses.replace(small.sensor, width_px=round(2 * end / 0.05 / math.sqrt(2)), height_px=1)
+    large = dataclasses.replace(large, height_px=large.width_px, pitch_mm=2 * end / math.sqrt(2) / large.width_px)
+    expected = field_curves(dataclasses.replace(small, sensor=large), math.inf, 3)
+    np.testing.assert_allclose(found.height_mm, expected.height_mm, rtol=1e-12)
+    np.testing.assert_allclose(found.angle_deg, expected.angle_deg, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.distortion, expected.distortion, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.relative_illumination, expected.relative_illumination, rtol=2e-3)
+
+
+@pytest.mark.parametrize("table", [towards_sensor, towards_scene], ids=["towards sensor", "towards scene"])
+def test_an_aperture_of_any_shape_moves_with_its_surface(table) -> None:
+    """Parallel rays through a decentred hexagon: those that pass the centred one, shifted. Turned by 60 deg about x it
+    looks half as high."""
+    points = np.random.default_rng(2).uniform(-7, 7, (20_000, 2))
+    sign = 1.0 if table is towards_sensor else -1.0
+    for tilt_deg, height in ((0.0, 1.0), (60.0, 0.5)):
+        stop = Surface(semi_diameter_mm=5.0, is_stop=True, decentre_mm=(1.0, -0.5), tilt_deg=(tilt_deg, 0.0), **HEXAGON)
+        position = np.column_stack([points[:, 0], sign * points[:, 1], np.full(len(points), -20.0)])
+        *_, alive = traced(table(Prescription(surfaces=(stop,))), position, np.tile([0.0, 0.0, 1.0], (len(points), 1)))
+        expected = inside("hexagon", points[:, 0] - 1.0, (points[:, 1] + 0.5) / height)
+        assert 0.1 < expected.mean() < 0.5
+        np.testing.assert_array_equal(alive > 0, expected)
 
 
 def test_a_matched_stop_keeps_the_groups_of_its_lens() -> None:
