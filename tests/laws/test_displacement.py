@@ -173,13 +173,14 @@ def test_a_ray_sent_back_through_a_displaced_lens_returns_to_its_start(lens: Pre
     np.testing.assert_allclose(arrival, start[kept], rtol=0, atol=MOVED_MM)
 
 
-def test_the_back_of_a_surface_blocks() -> None:
-    """A mirror-steep tilt turns a surface away from oblique rays: they are blocked, not traced backwards."""
-    lens = Prescription(surfaces=(Surface(semi_diameter_mm=50.0, is_stop=True, tilt_deg=(60.0, 0.0)),))
-    for angle_deg, passes in ((29.0, 1.0), (31.0, 0.0)):
+@pytest.mark.parametrize("radius_mm", [math.inf, 60.0])
+def test_the_back_of_a_surface_blocks(radius_mm: float) -> None:
+    """A steep tilt turns a surface away from oblique rays: they are blocked, and meet no far side of a sphere."""
+    stop = Surface(radius_mm=radius_mm, semi_diameter_mm=50.0, is_stop=True, tilt_deg=(60.0, 0.0))
+    for angle_deg, passes in ((28.0, 1.0), (32.0, 0.0)):
         angle = math.radians(angle_deg)
         way = np.array([[0.0, math.sin(angle), math.cos(angle)]])
-        *_, alive = traced(towards_sensor(lens), -5.0 * way, way)
+        *_, alive = traced(towards_sensor(Prescription(surfaces=(stop,))), [[1.0, 0.0, 0.0]] - 5.0 * way, way)
         assert alive[0] == passes
 
 
