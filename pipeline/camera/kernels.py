@@ -29,7 +29,7 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
         See `camera.regions`.
     table : (s, columns) float64
         Surfaces, from `optics.table.towards_scene`.
-    outlines : (h, d, 2) float64
+    outlines : (rows, columns, d, 2) float64
         From `camera.pupil`.
     lenses : (m, 3) float64
         Vertex x, y and focal length of every microlens.

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pipeline.camera.camera import CameraError
-from pipeline.camera.chief import chief_heights
+from pipeline.camera.chief import chief_slopes
 from pipeline.camera.regions import NO_MICROLENS, SKIP
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import exit_pupil
@@ -63,13 +63,8 @@ def micro_images(tracer: Tracer) -> MicroImages:
     if array is None or grid is None:
         raise CameraError("a conventional camera has no micro-images")
     vertex = tracer.vertices_mm
-    height = np.hypot(*vertex.T)
-    # The crossing is an odd, smooth function of the height: trace each height once.
-    unique, inverse = np.unique(height, return_inverse=True)
-    crossing = chief_heights(tracer.table, tracer.stop_row, tracer.film_z_mm, unique)[inverse]
-    ahead = tracer.table[0, 0] - tracer.film_z_mm
-    outward = np.divide(vertex, height[:, None], out=np.zeros_like(vertex), where=height[:, None] > 0)
-    slope = (crossing - height)[:, None] * outward / ahead
+    points = np.column_stack([vertex, np.full(len(vertex), tracer.film_z_mm)])
+    slope = chief_slopes(tracer.table, tracer.stop_row, points)
     pupil = exit_pupil(tracer.camera.prescription)
     to_pupil = pupil.z_mm - tracer.film_z_mm
     radius = pupil.diameter_mm / 2 * array.distance_mm / to_pupil

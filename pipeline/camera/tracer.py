@@ -10,10 +10,11 @@ from pipeline.camera.camera import REPLICAS, Camera
 from pipeline.camera.lattice import Lattice, lattice
 from pipeline.camera.moments import COLUMNS, WEIGHT
 from pipeline.camera.polygon import regular
-from pipeline.camera.pupil import MARGIN, outlines
+from pipeline.camera.pupil import MARGIN, Outlines, outlines
+from pipeline.camera.pupil_grid import grid_outlines, upright
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.sobol import sobol_bits
-from pipeline.optics.table import towards_scene
+from pipeline.optics.table import is_centred, towards_scene
 
 REFERENCE_SAMPLES = 1 << 16
 """Rays of the reference bundle, whose weight W_ref normalises images."""
@@ -85,12 +86,27 @@ class Tracer:
             # Cells of a hexagonal lattice with rows along x have an edge normal along x. Vision x, y are sensor -x, -y:
             # a half turn, under which rotation angles stay what they are.
             aperture = regular(6, array.pitch_mm / 2, array.rotation_deg)
-        bounds = outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
+        bounds = self._outlines(float(reach))
         sampling_plane = self.film_z_mm if array else float(self.table[0, 0])
         optics = np.array(
             [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
         )
         return optics, self.table, bounds.vertices_mm, lenses, aperture
+
+    def _outlines(self, reach_mm: float) -> Outlines:
+        """Outlines for all points of the film within a circle; of a lens that is not centred, in a grid."""
+        if is_centred(self.table):
+            return outlines(self.table, self.stop_row, self.film_z_mm, reach_mm, self.margin)
+        array, sensor = self.camera.microlenses, self.camera.sensor
+        if array:
+            extents, slack = np.abs(self.vertices_mm).max(axis=0), array.pitch_mm / np.sqrt(3)
+        else:
+            size = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
+            extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
+            slack = sensor.pitch_mm * np.sqrt(0.5)
+        return grid_outlines(
+            self.table, self.stop_row, upright(self.film_z_mm), (extents[0], extents[1]), float(slack), self.margin
+        )
 
     def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""
