@@ -89,3 +89,6 @@ FOCUS_MM = 1e-11
 
 BISECTED_MM = 1e-10
 """A root bisected to the last bit of the path [mm], its normal by complex steps: roundings along a few surfaces."""
+
+DETECTED_PX = 0.1
+"""A corner or disc found by OpenCV in an 8-bit picture of 64 samples per pixel [px]: its detectors claim less."""

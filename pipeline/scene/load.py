@@ -7,11 +7,12 @@ from pathlib import Path
 from pipeline.scene.asset_roots import allowed_roots
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
-from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
 from pipeline.scene.flatten import flattened
 from pipeline.scene.opening import open_stage
 from pipeline.scene.problems import Problem, StageError, shown_path
 from pipeline.scene.reading import read_camera_entries, read_dataset
+from pipeline.scene.reading_targets import read_target_entries
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +29,15 @@ class Loaded:
         The composed stage as one text; empty if the stage has errors.
     cameras : tuple of CameraEntry
         Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
+    targets : tuple of TargetEntry
+        Every target, of a dataset or of a file of the library; empty if the stage has errors.
     """
 
     dataset: Dataset | None
     problems: list[Problem]
     flattened: str
     cameras: tuple[CameraEntry, ...] = ()
+    targets: tuple[TargetEntry, ...] = ()
 
     @property
     def errors(self) -> list[Problem]:
@@ -65,6 +69,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
         problems=problems,
         flattened=flattened(stage),
         cameras=read_camera_entries(stage),
+        targets=read_target_entries(stage),
     )
 
 
