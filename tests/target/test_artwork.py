@@ -144,3 +144,14 @@ def test_words_cannot_break_the_files() -> None:
     pages = pages_of(Target(EXAMPLES[0]), r"A<b>&(c)\)")
     assert "A&lt;b&gt;&amp;(c)" in svg(pages)
     assert r"A<b>&\(c\)\\\)" in pdf_content(pages[0])
+
+
+def test_printed_circles_are_round() -> None:
+    """Every point of the outlines of discs and rims lies one radius from the centre, to the digits that are written."""
+    for pattern, radius in ((EXAMPLES[4], 1.5), (EXAMPLES[8], 15.0)):
+        width, _, painted = read_svg(svg(pages_of(Target(pattern), "Board")))
+        centre = np.array([width / 2, 10 + pattern.drawing.half_y_mm]) + pattern.marks().xy_mm[0] * [1, -1]
+        distance = np.linalg.norm(np.concatenate(painted[0][1]) - centre, axis=1)
+        rim = distance[distance > 0.5 * radius]
+        assert len(rim) > 500
+        assert rim[rim > 1e-5] == pytest.approx(np.full(len(rim), radius), abs=2e-6)
