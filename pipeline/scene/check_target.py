@@ -8,7 +8,7 @@ from pipeline.scene.check_properties import check_properties
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem
 from pipeline.scene.reading_targets import SHAPES, read_target
-from pipeline.scene.values import UnreadableValue, read
+from pipeline.scene.values import UnreadableValue, read, target
 from pipeline.target.errors import TargetError
 from pipeline.target.mesh import MeshTarget
 
@@ -20,12 +20,12 @@ def check_target(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of a PlenTarget whose values are right one by one."""
     if any(one.is_error for one in check_properties(prim)):
         return  # reported as that
-    found = list(_check_shape(prim))
+    found = [*_check_shape(prim), *_check_mesh(prim)]
     yield from found
     if found:
         return
     try:
-        target = read_target(prim)
+        record = read_target(prim)
     except UnreadableValue:
         return  # reported: the mesh is missing
     except (ValueError, IndexError):
@@ -35,8 +35,8 @@ def check_target(prim: Usd.Prim) -> Iterator[Problem]:
     except TargetError as error:
         yield problem(prim, error.code, error.what, hint=error.hint)
         return
-    if isinstance(target, MeshTarget):
-        yield from _check_on_mesh(prim, target)
+    if isinstance(record, MeshTarget):
+        yield from _check_on_mesh(prim, record)
 
 
 def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
@@ -58,8 +58,21 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
                 yield problem(prim.GetAttribute(name), "shape-value", message, hint=hint)
 
 
-def _check_on_mesh(prim: Usd.Prim, target: MeshTarget) -> Iterator[Problem]:
-    distances = target.distances_mm()
+def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
+    """A mesh that would not move with its target, or that would move below it."""
+    mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
+    if mesh is None:
+        return
+    relationship = prim.GetRelationship("plen:mesh")
+    if not mesh.GetPath().HasPrefix(prim.GetPath()):
+        message = f"<{mesh.GetPath()}> does not lie below its target <{prim.GetPath()}>"
+        yield problem(relationship, "bad-mesh", message, hint="a mesh moves with its target: put it below")
+    elif any(attribute.ValueMightBeTimeVarying() for attribute in mesh.GetAuthoredAttributes()):
+        yield problem(relationship, "not-yet-supported", f"<{mesh.GetPath()}> is animated, and targets are rigid")
+
+
+def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:
+    distances = record.distances_mm()
     off = [(float(distance), index) for index, distance in enumerate(distances) if distance > OFF_MESH_MM]
     if off:
         distance, index = max(off)

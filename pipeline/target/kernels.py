@@ -51,18 +51,19 @@ def spoke_colour(count, inner, outer, phase, x, y):
 
 
 @inline
-def painted(kind, numbers, corners, first, end, x, y):
-    """Colour that one shape gives a point, NOT_PAINTED beside it."""
+def painted(kinds, numbers, first, corners, s, x, y):
+    """Colour that shape number s gives a point, NOT_PAINTED beside it."""
+    kind = kinds[s]
+    if kind == CHECKS:
+        return check_colour(numbers[s, 0], numbers[s, 1], numbers[s, 2], x, y)
     if kind == POLYGON:
-        if x < numbers[1] or x > numbers[2] or y < numbers[3] or y > numbers[4]:
+        if x < numbers[s, 1] or x > numbers[s, 2] or y < numbers[s, 3] or y > numbers[s, 4]:
             return NOT_PAINTED
-        return numbers[0] if in_polygon(corners, first, end, x, y) else NOT_PAINTED
+        return numbers[s, 0] if in_polygon(corners, first[s], first[s + 1], x, y) else NOT_PAINTED
+    dx, dy = x - numbers[s, 1], y - numbers[s, 2]
     if kind == DISC:
-        dx, dy = x - numbers[1], y - numbers[2]
-        return numbers[0] if dx * dx + dy * dy <= numbers[3] * numbers[3] else NOT_PAINTED
-    if kind == SPOKES:
-        return spoke_colour(numbers[0], numbers[3], numbers[4], numbers[5], x - numbers[1], y - numbers[2])
-    return check_colour(numbers[0], numbers[1], numbers[2], x, y)
+        return numbers[s, 0] if dx * dx + dy * dy <= numbers[s, 3] * numbers[s, 3] else NOT_PAINTED
+    return spoke_colour(numbers[s, 0], numbers[s, 3], numbers[s, 4], numbers[s, 5], dx, dy)
 
 
 @inline
@@ -78,7 +79,7 @@ def whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x, y):
         own = j * n + i
     for place in range(starts[own], starts[own + 1]):
         s = items[place]
-        colour = painted(kinds[s], numbers[s], corners, first[s], first[s + 1], x, y)
+        colour = painted(kinds, numbers, first, corners, s, x, y)
         if colour != NOT_PAINTED:
             return colour
     return 1.0
@@ -110,6 +111,10 @@ def plane_light(
     light : (n,) float64
         Written where the ray hits: the artwork's radiance on the front, 0 on the back.
     """
+    # Plain numbers stay in registers; the arrays of a drawing would be handed on at every ray.
+    is_checks = kinds.size == 1 and kinds[0] == CHECKS
+    columns, rows, square = (numbers[0, 0], numbers[0, 1], numbers[0, 2]) if is_checks else (0.0, 0.0, 1.0)
+    half_x, half_y, black, white = sheet[0], sheet[1], colours[0], colours[1]
     for i in range(chosen.size):
         if not chosen[i]:
             continue
@@ -120,9 +125,16 @@ def plane_light(
         hx, hy, hz = ox + t * dx, oy + t * dy, oz + t * dz
         x = pose[0, 0] * hx + pose[1, 0] * hy + pose[2, 0] * hz
         y = pose[0, 1] * hx + pose[1, 1] * hy + pose[2, 1] * hz
-        value = whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x, y)
-        if not math.isnan(value):
-            light[i] = colours[int(value)] if towards < 0.0 else 0.0
+        if not (abs(x) <= half_x and abs(y) <= half_y):
+            continue
+        if is_checks:
+            value = check_colour(columns, rows, square, x, y)
+        else:
+            value = whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x, y)
+        if towards < 0.0:
+            light[i] = black if value == 0.0 else white
+        else:
+            light[i] = 0.0
 
 
 @kernel
