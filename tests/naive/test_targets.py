@@ -152,7 +152,6 @@ FAMILIES = [
 def test_rows_are_where_a_brute_force_bundle_meets_the_tangent_plane(build, file: str, turn: str) -> None:
     built = build(file, turn)
     found, error = deviations_px(built, min(ROWS, len(built.column("x_px"))))
-    print(file, len(built.column("x_px")), np.abs(found).max(), (np.abs(found) / error).max())
     assert np.abs(found).max() < 0.05
     assert (np.abs(found) < SIGMAS * error + COARSE_GRID_PX).all()
     # Every point that faces the camera and lies within the image has its row, and no other.
