@@ -35,6 +35,7 @@ picture: $(STAMP)
 		$(patsubst %,build/02_plenoptic/frames/%/Rig.Camera,0002 0001 0003) --window 366 230 78 78 --zoom 4
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
+	$(BIN)/python docs/target_sheet.py docs/targets.png
 
 wheel: $(STAMP)
 	$(BIN)/python -m build --wheel --outdir dist

@@ -125,7 +125,7 @@ def solve_all(dataset: Dataset, entry: CameraEntry, rays: int) -> tuple[dict[Key
             if inverse(pose)[2, 3] <= 0:
                 continue  # the camera sees its back
             stream = frame.number * len(dataset.targets) + number
-            found = solver.solve(pose, target.target.points_mm(), stream)
+            found = solver.solve(pose, target.target.points().position_mm, stream)
             last_step = max(last_step, found.last_step_px)
             solutions |= {(frame.number, target.name, *key): solution for key, solution in _solutions(tracer, found)}
     return solutions, last_step

@@ -17,6 +17,7 @@ _HOMES = {
     "Sensor": "pipeline.camera.camera",
     "MicrolensArray": "pipeline.camera.camera",
     "Checkerboard": "pipeline.target.checkerboard",
+    "Target": "pipeline.target.target",
     "open_dataset": "pipeline.scene.load",
     "build": "pipeline.tasks.build",
 }

@@ -206,6 +206,30 @@ def show(
         note(f"wrote {plot}")
 
 
+@app.command("target")
+def print_target(
+    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a file of stages/targets.")],
+    target: Annotated[str | None, typer.Argument(metavar="[TARGET]", help="Its name, if there are several.")] = None,
+    svg: Annotated[Path | None, typer.Option("--svg", metavar="FILE.svg", help="Write it in true size.")] = None,
+    pdf: Annotated[Path | None, typer.Option("--pdf", metavar="FILE.pdf", help="Write it in true size.")] = None,
+    allow_root: Roots = None,
+) -> None:
+    """Say what a target is, its points and ids; print it in true size."""
+    from pipeline.tasks.artwork import artwork
+
+    for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
+        if path is not None and path.suffix != suffix:
+            raise UsageError(f"{path} is no {suffix} file")
+    shown = artwork(stage, target, tuple(allow_root or ()))
+    for warning in shown.warnings:
+        note(str(warning))
+    say("\n".join(shown.page()))
+    for path, write in ((svg, shown.write_svg), (pdf, shown.write_pdf)):
+        if path is not None:
+            write(path)
+            note(f"wrote {path}")
+
+
 @app.command("plugin-path")
 def plugin_path() -> None:
     """Print the USD plug-in folder and the folder of shipped stages, for other programs."""

@@ -1,7 +1,7 @@
-"""Radiance of the scene along rays: flat targets before a uniform background.
+"""Radiance of the scene along rays: targets before a uniform background.
 
-Embree says which target a ray meets first; the hit is recomputed in double on that target's plane, and the pattern is
-evaluated there by its formula. No texture, no filter.
+Embree says which triangle a ray meets first; the hit is recomputed in double on the true surface behind it, and the
+pattern is evaluated there by its formula. No texture, no filter.
 """
 
 from collections.abc import Sequence
@@ -9,9 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.frames import apply
-from pipeline.render.embree import PlanarScene
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.kernels import checkerboard_light
+from pipeline.render.embree import MeshScene
+from pipeline.target import kernels
+from pipeline.target.patches import CYLINDER, MESH, PLANE, Patch
+from pipeline.target.target import AnyTarget
 
 
 class TargetLight:
@@ -19,28 +20,46 @@ class TargetLight:
 
     Parameters
     ----------
-    targets : sequence of (Checkerboard, (4, 4) float64)
+    targets : sequence of (Target or MeshTarget, (4, 4) float64)
         Each with its pose vision_from_target.
     background : float
         Radiance where no target is.
     """
 
-    def __init__(self, targets: Sequence[tuple[Checkerboard, np.ndarray]], background: float) -> None:
-        self._targets = list(targets)
+    def __init__(self, targets: Sequence[tuple[AnyTarget, np.ndarray]], background: float) -> None:
         self._background = background
-        self._scene = PlanarScene([_corners(board, pose) for board, pose in self._targets])
+        patches = [(patch, pose @ patch.target_from_patch) for target, pose in targets for patch in target.patches()]
+        self._lights = [_PatchLight(patch, pose) for patch, pose in patches]
+        self._scene = MeshScene([light.mesh_in_vision() for light in self._lights])
 
     def radiance(self, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
-        first = self._scene.first_hit(origin_mm, direction)
-        light = np.full(len(first), self._background)
-        for index, (board, pose) in enumerate(self._targets):
-            checkerboard_light(*board.artwork, pose, first == index, origin_mm, direction, light)
+        hit = self._scene.first_hit(origin_mm, direction)
+        light = np.full(len(hit), self._background)
+        for patch, first, end in zip(self._lights, self._scene.first, self._scene.first[1:], strict=False):
+            patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin_mm, direction, light)
         return light
 
 
-def _corners(board: Checkerboard, vision_from_target: np.ndarray) -> np.ndarray:
-    """Corners of the board with its margin: top left, top right, bottom right, bottom left, (4, 3) vision frame."""
-    x, y = board.half_extent_mm
-    corners = np.array([[-x, y, 0.0], [x, y, 0.0], [x, -y, 0.0], [-x, -y, 0.0]])
-    return apply(vision_from_target, corners)
+class _PatchLight:
+    """A patch made ready for the kernels."""
+
+    def __init__(self, patch: Patch, vision_from_patch: np.ndarray) -> None:
+        self._patch, self._pose = patch, np.ascontiguousarray(vision_from_patch)
+        self._triangles = np.ascontiguousarray(patch.mesh())
+        self._art = (*patch.drawing.arrays, np.array(patch.colours))
+
+    def mesh_in_vision(self) -> np.ndarray:
+        """Triangles, vision frame."""
+        return apply(self._pose, self._triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+
+    def shine(self, triangle: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
+        """Write the light of the rays that meet a triangle of this patch first; -1 stands for the others."""
+        kind = self._patch.kind
+        if kind == PLANE:
+            kernels.plane_light(*self._art, self._pose, triangle >= 0, origin, direction, light)
+        elif kind == MESH:
+            kernels.mesh_light(self._patch.albedo, self._triangles, self._pose, triangle, origin, direction, light)
+        else:
+            own = self._pose, triangle, self._triangles, kind == CYLINDER, self._patch.shape
+            kernels.curved_light(*self._art, *own, origin, direction, light)

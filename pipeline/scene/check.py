@@ -11,7 +11,7 @@ from pxr import Usd
 
 from pipeline.scene.asset_roots import check_assets
 from pipeline.scene.check_camera import check_camera, check_microlenses
-from pipeline.scene.check_dataset import check_checkerboard, check_dataset, check_only_dataset, find_dataset
+from pipeline.scene.check_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check_focus import check_planes
 from pipeline.scene.check_glass import check_glass
 from pipeline.scene.check_groups import check_groups, check_place
@@ -20,6 +20,7 @@ from pipeline.scene.check_lens import check_lens, check_nominal
 from pipeline.scene.check_poses import check_poses
 from pipeline.scene.check_prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check_properties import check_properties
+from pipeline.scene.check_target import check_target
 from pipeline.scene.problems import Problem
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
@@ -28,7 +29,7 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_groups),
     ("PlenLensGroup", check_place),
     ("PlenMicrolensArray", check_microlenses),
-    ("PlenCheckerboard", check_checkerboard),
+    ("PlenTarget", check_target),
 )
 
 

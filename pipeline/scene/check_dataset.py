@@ -30,6 +30,7 @@ def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
             message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
             yield problem(prim, "outside-dataset", message)
     yield from _check_names(root, cameras)
+    yield from _check_traced(root, cameras)
 
 
 def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
@@ -40,12 +41,18 @@ def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
             yield problem(prim, "default-prim", "this PlenDataset is not the default prim of the stage", hint=hint)
 
 
-def check_checkerboard(board: Usd.Prim) -> Iterator[Problem]:
-    """A PlenCheckerboard that looks the same upside down."""
-    columns, rows = read(board, "plen:columns"), read(board, "plen:rows")
-    if columns is not None and rows is not None and (columns + rows) % 2 == 0:
-        message = f"{rows} x {columns} inner corners look the same upside down"
-        yield problem(board, "ambiguous-board", message, hint="make the sum of rows and columns odd")
+def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    """Position images that would have to be traced for every point of a curved target."""
+    curved = [
+        prim.GetName()
+        for prim in targets(root, "plen:targets", "PlenTarget")
+        if prim.IsA("PlenMeshTarget") or read(prim, "plen:shape") in ("warped", "heightMap", "cylinder")
+    ]
+    for camera in cameras:
+        if curved and read(camera, "plen:truth:method") == "image":
+            message = f'"image" cannot be the method for "{curved[0]}", whose points have a tangent plane each'
+            hint = 'plen:truth:method = "moments" takes any surface'
+            yield problem(camera.GetAttribute("plen:truth:method"), "not-yet-supported", message, hint=hint)
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:

@@ -14,10 +14,10 @@ from pipeline.scene.reading import (
     camera_from_world,
     camera_name,
     frame_numbers,
-    read_checkerboard,
     read_prescription,
     stage_mm_per_unit,
 )
+from pipeline.scene.reading_targets import read_target
 from pipeline.scene.values import numbers, plain, read, target, targets
 
 # How far a quaternion may be off unit length without a word: what its type resolves.
@@ -35,7 +35,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     """Problems of the poses of a dataset whose prims are in order."""
     frames = frame_numbers(root)
     cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
-    boards = targets(root, "plen:targets", "PlenCheckerboard")
+    boards = targets(root, "plen:targets", "PlenTarget")
     moved = list(dict.fromkeys(link for prim in [*cameras, *boards] for link in ancestry(prim)))
     found = [bad for link in moved for bad in _check_link(link, frames)]
     found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames) if not _has_error(found)]
@@ -124,12 +124,11 @@ def _is_finite(prim: Usd.Prim, number: int) -> bool:
 def _check_before_camera(
     camera: Usd.Prim, board: Usd.Prim, root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
-    """Every corner of the board, its margin included, must lie before the first vertex of the lens."""
+    """All of the target, its margin included, must lie before the first vertex of the lens."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
     first_mm = -prescription.vertices_from_stop_mm[0]
-    half_x, half_y = read_checkerboard(board).half_extent_mm
-    corners = np.array([[x, y, 0.0] for x in (-half_x, half_x) for y in (-half_y, half_y)])
+    corners = np.concatenate([patch.hull_mm() for patch in read_target(board).patches()])
     scale_mm = stage_mm_per_unit(root)
     for number in frames:
         world_from_board = world_from(board, float(number), scale_mm)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pipeline.camera.camera import Camera, Sampling
 from pipeline.camera.request import FocusRequest
 from pipeline.optics.prescription import Prescription
-from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.target import AnyTarget
 
 Matrix = tuple[tuple[float, ...], ...]
 """A 4 x 4 rigid transform, rows of a matrix that acts on column vectors, lengths in mm."""
@@ -61,7 +61,7 @@ class TargetEntry:
 
     name: str
     prim_path: str
-    target: Checkerboard
+    target: AnyTarget
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,11 +7,12 @@ from pathlib import Path
 from pipeline.scene.asset_roots import allowed_roots
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
-from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.flatten import flattened
 from pipeline.scene.opening import open_stage
 from pipeline.scene.problems import Problem, StageError, shown_path
 from pipeline.scene.reading import read_camera_entries, read_dataset, read_lens_entry
+from pipeline.scene.reading_targets import read_target_entries
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +31,8 @@ class Loaded:
         Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
     lens : LensEntry or None
         The lens of a stage that is a lens alone.
+    targets : tuple of TargetEntry
+        Every target, of a dataset or of a file of the library; empty if the stage has errors.
     """
 
     dataset: Dataset | None
@@ -37,6 +40,7 @@ class Loaded:
     flattened: str
     cameras: tuple[CameraEntry, ...] = ()
     lens: LensEntry | None = None
+    targets: tuple[TargetEntry, ...] = ()
 
     @property
     def errors(self) -> list[Problem]:
@@ -69,6 +73,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
         flattened=flattened(stage),
         cameras=read_camera_entries(stage),
         lens=read_lens_entry(stage),
+        targets=read_target_entries(stage),
     )
 
 

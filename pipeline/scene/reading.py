@@ -9,11 +9,11 @@ from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
 from pipeline.camera.request import FocusRequest
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, Surface
-from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix, TargetEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
 from pipeline.scene.media import index_source, with_indices
 from pipeline.scene.poses import inverse, product, world_from
+from pipeline.scene.reading_targets import read_target_entry
 from pipeline.scene.values import UnreadableValue, need, read, target, targets
-from pipeline.target.checkerboard import Checkerboard
 from pipeline.units import mm_per_unit
 
 _TRUTH = {
@@ -37,17 +37,14 @@ APERTURE_VALUES = {
 def read_dataset(root: Usd.Prim) -> Dataset:
     """The records of a PlenDataset whose stage passed the checks."""
     cameras = targets(root, "plen:cameras", "Camera")
-    boards = targets(root, "plen:targets", "PlenCheckerboard")
+    boards = targets(root, "plen:targets", "PlenTarget")
     seed = need(root, "plen:seed")
     return Dataset(
         stage_name=root.GetName(),
         seed=seed,
         background=need(root, "plen:background"),
         cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
-        targets=tuple(
-            TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_checkerboard(prim))
-            for prim in boards
-        ),
+        targets=tuple(read_target_entry(prim) for prim in boards),
         frames=tuple(_read_frame(number, root, cameras, boards) for number in frame_numbers(root)),
     )
 
@@ -228,17 +225,6 @@ def read_microlenses(prim: Usd.Prim, distance_mm: float) -> MicrolensArray:
         rotation_deg=need(prim, "plen:rotation"),
         offset_x_mm=offset_x_mm,
         offset_y_mm=offset_y_mm,
-    )
-
-
-def read_checkerboard(prim: Usd.Prim) -> Checkerboard:
-    """A PlenCheckerboard."""
-    return Checkerboard(
-        columns=need(prim, "plen:columns"),
-        rows=need(prim, "plen:rows"),
-        square_mm=need(prim, "plen:squareSize"),
-        white=need(prim, "plen:white"),
-        black=need(prim, "plen:black"),
     )
 
 

@@ -6,8 +6,11 @@ from pipeline.camera.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.imaging import irradiance
+from pipeline.render.light import TargetLight
 from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.kernels import checkerboard_light
+from pipeline.target.mesh import MeshTarget
+from pipeline.target.surfaces import Cylinder, Warped
+from pipeline.target.target import AnyTarget, Target
 from pipeline.truth import search
 
 
@@ -22,7 +25,13 @@ def compile_kernels() -> None:
     board = Checkerboard(columns=2, rows=1, square_mm=1.0)
     board.radiance(np.zeros(1), np.zeros(1))
     rays = np.array([[0.0, 0.0, 1.0]])
-    checkerboard_light(*board.artwork, np.eye(4), np.ones(1, bool), rays, rays, np.zeros(1))
+    corners, one = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 1.0),)
+    bent = Warped(deflection_mm=(0.0, 0.0)), Cylinder(radius_mm=9.0)
+    mesh = MeshTarget(vertices_mm=corners, triangles=((0, 1, 2),), albedo=one, points_mm=one, normals=one)
+    targets: list[AnyTarget] = [Target(board), *(Target(board, shape) for shape in bent), mesh]
+    for target in targets:
+        target.points()
+        TargetLight([(target, np.eye(4))], 0.0).radiance(rays, rays)
     image, cell, quads = np.zeros((2, 2, 2)), np.zeros((2, 2), np.int64), np.zeros((1, 3), np.int64)
     search.quads_that_hold(image, cell, np.zeros((1, 2)), quads)
     search.solve_quads(image, cell, np.zeros((1, 2)), quads, True, 0.1, 0.1, np.zeros(1, np.int64), np.zeros((1, 9)))

@@ -12,9 +12,11 @@ from pipeline.camera.request import FocusRequest, group_shift, solved
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.records import to_plain
-from pipeline.scene.dataset import CameraEntry, Dataset, Frame
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
+from pipeline.target.target import plain_from_target
 from pipeline.tasks.poses import poses_json, targets_json, vision_from_target
 from pipeline.tasks.rays_tile import tile_rows
+from pipeline.truth.on_points import plane_name
 
 _KIND = "pipeline.tasks."
 
@@ -96,7 +98,7 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     reads = {"camera": f"focus/{entry.name}"}
     poses = {target.name: vision_from_target(frame, entry.name, target.name) for target in dataset.targets}
     artwork = [
-        {"target": to_plain(target.target), "vision_from_target": _matrix(poses[target.name])}
+        {"target": plain_from_target(target.target), "vision_from_target": _matrix(poses[target.name])}
         for target in dataset.targets
     ]
     image = graph.add(
@@ -110,7 +112,7 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     if entry.camera.microlenses:
         truth_reads["micro_images"] = f"micro_images/{entry.name}"
     if entry.truth["method"] == "image":
-        planes = [{"name": target["name"], "vision_from_target": target["vision_from_target"]} for target in named]
+        planes = [plane for target in dataset.targets for plane in _tangent_planes(target, poses[target.name])]
         light = {"weight": entry.weight, "wavelength_nm": entry.wavelength_nm}
         params = {"targets": planes, **to_plain(entry.sampling), **light}
         truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
@@ -120,6 +122,18 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     files[f"{folder}/image.exr"] = (image, "image.exr")
     files[f"{folder}/image.png"] = (image, "image.png")
     files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
+
+
+def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:
+    """Name and pose of every tangent plane of a target; those that face away are traced in vain, but named alike."""
+    frames = entry.target.points().frames
+    return [
+        {
+            "name": plane_name(entry.name, number, len(frames)),
+            "vision_from_target": _matrix(vision_from_target @ frame),
+        }
+        for number, frame in enumerate(frames)
+    ]
 
 
 def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]]) -> dict[str, Any]:

@@ -7,22 +7,20 @@ import numpy as np
 
 from pipeline.files.exr import Part, write_exr
 from pipeline.files.png import write_png
-from pipeline.records import from_plain
 from pipeline.render.imaging import irradiance
 from pipeline.render.light import TargetLight
 from pipeline.render.spectra import srgb_preview
-from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
 
-LIBRARIES = ("numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
+LIBRARIES = ("numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science", "opencv-python-headless")
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: targets (list of {target, vision_from_target}), background, samples, seed, weight, wavelength_nm."""
     tracer, images = tracer_of(inputs, params["seed"])
     targets = [
-        (from_plain(Checkerboard, entry["target"]), np.array(entry["vision_from_target"]))
-        for entry in params["targets"]
+        (target_from_plain(entry["target"]), np.array(entry["vision_from_target"])) for entry in params["targets"]
     ]
     light = TargetLight(targets, params["background"])
     write_image(out, "image", irradiance(tracer, images, params["samples"], light.radiance), params, tracer)

@@ -1,5 +1,6 @@
 """Files that say where everything stands: poses.json per frame and camera, and one JSON per target."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,9 @@ from pipeline.files.jsonfile import json_bytes
 from pipeline.frames import rotation_vector
 from pipeline.records import to_plain
 from pipeline.scene.dataset import Frame, TargetEntry
+from pipeline.target.mesh import MeshTarget
+from pipeline.target.points import TargetPoints
+from pipeline.target.target import Target, plain_from_target
 
 
 def vision_from_target(frame: Frame, camera: str, target: str) -> np.ndarray:
@@ -38,17 +42,29 @@ def _pose(camera_from_target: np.ndarray) -> dict[str, Any]:
 
 
 def targets_json(entry: TargetEntry) -> bytes:
-    """The content of targets/<target>.json; a flat board's actual coordinates are its nominal ones."""
-    points = [
-        {"id": index, "nominal_mm": point, "actual_mm": point}
-        for index, point in enumerate(to_plain(entry.target.points_mm().tolist()))
-    ]
+    """The content of targets/<target>.json; only warped boards have points away from their nominal coordinates."""
+    target = entry.target
+    plain = plain_from_target(target)
+    facts = {"order": MeshTarget.ORDER, "parameters": {}, "surface": {"kind": "mesh"}}
+    if isinstance(target, Target):
+        facts = {"order": target.pattern.ORDER, "parameters": plain["pattern"], "surface": plain["surface"]}
     return json_bytes(
         {
-            "kind": "checkerboard",
+            "kind": target.kind,
             "frame": "target frame: origin at the pattern centre, x right, y up, z towards the viewer, mm",
-            "order": "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it",
-            "parameters": to_plain(entry.target),
-            "points": points,
+            **facts,
+            "mesh_sag_mm": max(patch.mesh_sag_mm() for patch in target.patches()),
+            "points": _points(target.points()),
         }
     )
+
+
+def _points(points: TargetPoints) -> list[dict[str, Any]]:
+    """Id, kind, nominal and actual place and normal of every point, and the radius of its disc if it has one."""
+    rows = []
+    for index, kind in enumerate(points.kinds):
+        places = {"nominal_mm": points.nominal_mm, "actual_mm": points.position_mm, "normal": points.axes[:, :, 2]}
+        row = {"id": index, "kind": kind, **{name: to_plain(values[index].tolist()) for name, values in places.items()}}
+        radius = float(points.radius_mm[index])
+        rows.append(row if math.isnan(radius) else {**row, "radius_mm": radius})
+    return rows

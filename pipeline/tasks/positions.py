@@ -1,4 +1,4 @@
-"""Task `positions`: J of every target in one frame, traced to the targets' own planes (method `image`)."""
+"""Task `positions`: J of every tangent plane of all targets in one frame, traced to the planes (method `image`)."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     parts = []
     for target in params["targets"]:
         pixels = position_image(tracer, images, np.array(target["vision_from_target"]), params)
-        attributes = {"frame": "target frame, mm: x right, y up, z = 0", **head}
+        attributes = {"frame": "frame of the tangent plane, mm: x right, y up, z = 0", **head}
         parts.append(
             Part(name=target["name"], channels={"X": pixels[..., 0], "Y": pixels[..., 1]}, attributes=attributes)
         )

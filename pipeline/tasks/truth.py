@@ -1,5 +1,6 @@
 """Task `truth`: correspondences of all targets for one camera in one frame."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +10,18 @@ from pipeline.files.exr import Part, read_exr
 from pipeline.files.tables import read_table, write_table
 from pipeline.frames import apply
 from pipeline.records import from_plain
-from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.points import TargetPoints
+from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs
 from pipeline.tasks.rays import MOMENTS
-from pipeline.truth.correspond import Correspondences, correspond
+from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
+from pipeline.truth.on_points import PointTruth, correspond_points, plane_name
 from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
+LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR", "opencv-python-headless")
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
@@ -29,27 +32,46 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     columns: dict[str, list[Any]] = {}
     notes = []
     for entry in sorted(params["targets"], key=lambda entry: entry["name"]):
-        board = from_plain(Checkerboard, entry["target"])
-        pose = np.array(entry["vision_from_target"])
-        if pose[:3, 2] @ pose[:3, 3] >= 0:
-            notes.append(f"{entry['name']}: no rows, because the camera sees its back")
+        points, pose = target_from_plain(entry["target"]).points(), np.array(entry["vision_from_target"])
+        traced = _traced(positions, entry["name"], len(points.frames))
+        found = correspond_points(points, grid, pose, settings, _position_images(settings.method, traced))
+        notes.append(f"{entry['name']}: {_note(found)}")
+        if found.rows is None:
             continue
-        image = _position_image(settings.method, grid, pose, positions.get(entry["name"]))
-        found = correspond(image, board.points_mm(), grid, pose, settings)
-        notes.append(f"{entry['name']}: " + ", ".join(f"{name} {count}" for name, count in found.counts.items()))
-        for name, column in _columns(params, entry["name"], board, pose, grid, found, settings).items():
+        for name, column in _columns(params, entry["name"], points, pose, grid, found.rows, settings).items():
             columns.setdefault(name, []).extend(column)
     if not columns:
         columns = {name: [] for name in COLUMNS}
     write_table(out / "correspondences.csv", [*_header(params, settings, grid), *notes], columns)
 
 
-def _position_image(method: str, grid: RayGrid, pose: np.ndarray, traced: Part | None) -> np.ndarray:
-    """J of a target in its own frame, by the method that the stage asks for."""
-    if traced is not None:
-        return _planes(traced, "X", "Y")
-    image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-    return corrected(image, grid, pose) if method == "moments" else image
+def _traced(positions: dict[str, Part], target: str, planes: int) -> list[Part] | None:
+    """The position images that task `positions` traced, one per tangent plane."""
+    return [positions[plane_name(target, number, planes)] for number in range(planes)] if positions else None
+
+
+def _position_images(method: str, traced: list[Part] | None) -> Callable[[int, np.ndarray, RayGrid], np.ndarray]:
+    """J on the planes of a target, each in its own frame, by the method that the stage asks for."""
+
+    def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
+        if traced is not None:
+            return _planes(traced[number], "X", "Y")
+        image = on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
+        return corrected(image, rays, pose) if method == "moments" else image
+
+    return image_of
+
+
+def _note(found: PointTruth) -> str:
+    """What became of a target: counts by reason."""
+    if found.rows is None:
+        return "no rows, because the camera sees its back"
+    said = [f"{name} {count}" for name, count in found.rows.counts.items()]
+    if found.facing_away:
+        said.append(f"points_facing_away {found.facing_away}")
+    if found.largest_sag_mm:
+        said.append(f"largest sag of the surface from its tangent plane over the blur {found.largest_sag_mm:.2g} mm")
+    return ", ".join(said)
 
 
 def read_grid(inputs: Inputs) -> RayGrid:
@@ -123,7 +145,7 @@ COLUMNS = (
 def _columns(
     params: dict[str, Any],
     target: str,
-    board: Checkerboard,
+    points: TargetPoints,
     pose: np.ndarray,
     grid: RayGrid,
     truth: Correspondences,
@@ -133,7 +155,7 @@ def _columns(
     found = truth.found
     rows = len(found.point)
     microlens = [[None] * rows] * 3 if grid.centres_px is None else list(grid.microlenses[found.cell].T)
-    point = board.points_mm()[found.point]
+    point = points.position_mm[found.point]
     blur = truth.blur_px2
     values = (
         [params["frame"]] * rows,
@@ -165,7 +187,7 @@ def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid) -> l
         if settings.search == "quad"
         else f"nearest, threshold {settings.nearest_threshold_mm} mm"
     )
-    empty = ["visibility (occlusion is not computed yet)"]
+    empty = ["visibility (occlusion is not computed yet; points that face away have no rows)"]
     if grid.centres_px is None:
         empty.append("microlens_k, microlens_l, microlens_type (a conventional camera)")
     return [

@@ -1,4 +1,4 @@
-"""Correspondences of one target in one frame: search, half-pixel rule, blur, and the rules of which rows exist."""
+"""Correspondences of points of one plane in one frame: search, half-pixel rule, blur, and which rows exist."""
 
 from dataclasses import dataclass
 
@@ -154,8 +154,14 @@ def correspond(
     vision_from_target: np.ndarray,
     settings: TruthSettings,
 ) -> Correspondences:
-    """Ground truth of one target: all rows that exist, with their blur and error."""
-    found, counts = find(image, points_mm, grid, settings)
+    """Ground truth of points of one plane, in its frame: all rows that exist, with their blur and error."""
+    return completed(*find(image, points_mm, grid, settings), grid, vision_from_target, settings)
+
+
+def completed(
+    found: Found, counts: dict, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings
+) -> Correspondences:
+    """The rows that exist among what a search found, sorted by point, l, k, with their blur and error."""
     found, counts = _existing(found, counts, grid, settings)
     order = np.lexsort((*grid.microlenses[found.cell][:, :2].T, found.point))
     found = found.only(order)

@@ -1,6 +1,6 @@
 """The position images of a camera, as the ground truth reads them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,15 @@ class RayGrid:
     cell: np.ndarray
     microlenses: np.ndarray
     centres_px: np.ndarray | None
+
+    def window(self, rows: slice, columns: slice) -> "RayGrid":
+        """The bundles of some rows and columns of the image alone; all micro-images stay."""
+        k = self.supersampling
+        fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
+        names = ("near", "far", "hit_fraction", "error_px", "cell")
+        return replace(
+            self, covariance=self.covariance[rows, columns], **{name: getattr(self, name)[fine] for name in names}
+        )
 
     @property
     def size_px(self) -> tuple[int, int]:

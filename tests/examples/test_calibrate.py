@@ -81,7 +81,7 @@ def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
     (entry,), (target,) = dataset.cameras, dataset.targets
     for frame in dataset.frames:
         pose = vision_from_target(frame, entry.name, target.name)
-        write_frame(tmp_path, frame.number, entry, target.target, rigid(pose[:3, :3], pose[:3, 3]))
+        write_frame(tmp_path, frame.number, entry, target.target.pattern, rigid(pose[:3, :3], pose[:3, 3]))
     sensor = entry.camera.sensor
     camera = {
         "resolution": [sensor.width_px, sensor.height_px],

@@ -34,7 +34,8 @@ def moments(dataset, frame, x_px, y_px):
 
 def test_the_whole_board_with_its_margin_is_seen_in_every_frame(dataset):
     """Every pixel of the image's border looks past the board, and the middle of the image at it."""
-    sensor, (half_x, half_y) = dataset.cameras[0].camera.sensor, dataset.targets[0].target.half_extent_mm
+    sensor, drawing = dataset.cameras[0].camera.sensor, dataset.targets[0].target.pattern.drawing
+    half_x, half_y = drawing.half_x_mm, drawing.half_y_mm
     x, y = np.meshgrid(np.linspace(0, sensor.width_px - 1, 41), np.linspace(0, sensor.height_px - 1, 31))
     border = (x == 0) | (y == 0) | (x == x.max()) | (y == y.max())
     x, y = np.append(x[border], x.mean()), np.append(y[border], y.mean())
@@ -47,7 +48,7 @@ def test_the_whole_board_with_its_margin_is_seen_in_every_frame(dataset):
 
 def test_squares_are_large_and_two_frames_are_sharp(dataset):
     """At least 12 px per square, everywhere; and blur_xx + blur_yy below 1 px^2 at all corners of two frames."""
-    board, sensor = dataset.targets[0].target, dataset.cameras[0].camera.sensor
+    board, sensor = dataset.targets[0].target.pattern, dataset.cameras[0].camera.sensor
     x, y = (
         grid.ravel()
         for grid in np.meshgrid(np.arange(20.0, sensor.width_px, 40), np.arange(20.0, sensor.height_px, 40))

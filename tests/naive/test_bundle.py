@@ -16,6 +16,7 @@ from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.render.imaging import irradiance
 from pipeline.render.light import TargetLight
 from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.target import Target
 
 POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
 RAYS, GROUPS = 5_000, 16
@@ -133,7 +134,7 @@ def small(camera_kind: str) -> Camera:
 def test_pixels_are_as_bright_as_rays_summed_one_by_one(kind: str) -> None:
     """A tilted board before a grey background; light through neighbouring microlenses included. z-test per pixel."""
     camera, pose, rng = small(kind), rigs.facing(425.0, 25.0, 2.0, -1.0), np.random.default_rng(13)
-    light = TargetLight([(BOARD, pose)], BACKGROUND)
+    light = TargetLight([(Target(BOARD), pose)], BACKGROUND)
     seeds = [Tracer(camera, seed) for seed in range(16)]
     images = micro_images(seeds[0]) if camera.microlenses else None
     stack = np.stack([irradiance(t, images, 256, light.radiance) * t.reference_weight_sr for t in seeds])

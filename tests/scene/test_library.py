@@ -9,6 +9,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.poses import world_from
+from pipeline.scene.reading_targets import read_target
 
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARY = sorted((ROOT / "stages").rglob("*.usda"))
@@ -23,7 +24,7 @@ def name_of(path):
 
 
 def test_there_is_a_library_and_two_examples():
-    assert len(LIBRARY) == 35
+    assert len(LIBRARY) == 50
     assert [path.parent.name for path in EXAMPLES] == ["01_conventional", "02_plenoptic"]
 
 
@@ -118,19 +119,13 @@ def test_the_preview_shows_the_board_that_is_built(path):
     points = np.array(mesh.GetPointsAttr().Get(1)) * board.GetChild("Preview").GetAttribute("xformOp:scale").Get(1)[0]
     faces = np.array(mesh.GetFaceVertexIndicesAttr().Get(1)).reshape(-1, 4)
     colours = np.array(mesh.GetDisplayColorAttr().Get(1))
-    target = _checkerboard(board)
+    target = read_target(board).pattern
 
     centres = points[faces].mean(axis=1)
     assert np.array_equal(target.radiance(centres[:, 0], centres[:, 1]), colours[:, 0])
-    assert np.array_equal(points.max(axis=0)[:2], target.half_extent_mm)
+    assert np.array_equal(points.max(axis=0)[:2], (target.drawing.half_x_mm, target.drawing.half_y_mm))
     edges = points[faces]
     assert (np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 1])[:, 2] > 0).all()
-
-
-def _checkerboard(prim):
-    from pipeline.scene.reading import read_checkerboard
-
-    return read_checkerboard(prim)
 
 
 @pytest.mark.parametrize("path", [*EXAMPLES, *TINY], ids=name_of)

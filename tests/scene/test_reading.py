@@ -131,7 +131,8 @@ def test_the_tiny_dataset_reads_as_written():
     assert entry.camera.microlenses is None
     assert (entry.camera.near_mm, entry.camera.far_mm) == (None, None)
     assert dataclasses.astuple(entry.sampling) == (1, 64, 3)
-    assert (target.name, target.target.columns, target.target.rows, target.target.square_mm) == ("Board", 3, 2, 1.4)
+    board = target.target.pattern
+    assert (target.name, board.columns, board.rows, board.square_mm) == ("Board", 3, 2, 1.4)
     assert [frame.number for frame in dataset.frames] == [1, 2]
 
 
@@ -173,7 +174,7 @@ def test_our_own_lengths_are_millimetres_whatever_the_unit_of_the_stage(write):
     dataset = open_dataset(write(board(pose=translate(0, 0, -0.4)), unit="1"))
 
     assert dataset.cameras[0].camera.sensor.pitch_mm == 0.01
-    assert dataset.targets[0].target.square_mm == 2.0
+    assert dataset.targets[0].target.pattern.square_mm == 2.0
 
 
 def test_a_board_before_the_camera_lies_at_positive_z_of_the_vision_frame(write):

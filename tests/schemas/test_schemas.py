@@ -12,15 +12,19 @@ from pipeline.scene.register import library_path, plugin_path
 from pipeline.scene.values import range_of
 
 ROOT = Path(__file__).resolve().parents[2]
-CONCRETE = (
-    "PlenDataset",
-    "PlenLens",
-    "PlenLensGroup",
-    "PlenSurface",
-    "PlenMicrolensArray",
-    "PlenSensor",
+TARGETS = (
     "PlenCheckerboard",
+    "PlenCharuco",
+    "PlenAprilGrid",
+    "PlenCircleGrid",
+    "PlenDeltille",
+    "PlenStars",
+    "PlenSiemensStar",
+    "PlenSlantedEdge",
+    "PlenLines",
+    "PlenMeshTarget",
 )
+CONCRETE = ("PlenDataset", "PlenLens", "PlenLensGroup", "PlenSurface", "PlenMicrolensArray", "PlenSensor", *TARGETS)
 APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
 
 
@@ -153,6 +157,9 @@ def test_no_size_has_a_silent_default():
         ("PlenSensor", "plen:pixelPitch"),
         ("PlenMicrolensArray", "plen:pitch"),
         ("PlenCheckerboard", "plen:squareSize"),
+        ("PlenCharuco", "plen:markerSize"),
+        ("PlenCircleGrid", "plen:diameter"),
+        ("PlenCheckerboard", "plen:shape:radius"),
         ("PlenCameraAPI", "plen:camera:near"),
     ]:
         assert definition(schema).GetAttributeFallbackValue(name) is None
@@ -209,3 +216,13 @@ def test_a_library_of_ones_own_is_searched_after_ours(tmp_path):
 
     assert mine.endswith("mine.usda")
     assert ours.startswith(library_path())
+
+
+def test_the_schema_knows_the_dictionaries_and_shapes_that_we_read():
+    from pipeline.scene.reading_targets import PATTERNS, SHAPES
+    from pipeline.target.dictionaries import DICTIONARIES
+
+    for schema in ("PlenCharuco", "PlenAprilGrid"):
+        assert tuple(definition(schema).GetPropertyMetadata("plen:dictionary", "allowedTokens")) == DICTIONARIES
+    assert list(definition("PlenLines").GetPropertyMetadata("plen:shape", "allowedTokens")) == list(SHAPES)
+    assert set(TARGETS) == {*PATTERNS, "PlenMeshTarget"}

@@ -1,0 +1,186 @@
+"""Targets for a printer: their drawings in true size as SVG or PDF, with a bar to check the size by.
+
+A page holds one chart, with its white margin, and below it a bar of 100 mm and words that say what it is. Bent
+surfaces print flat: a cylinder is the sheet to be rolled. Cubes and stairs have a page per face. Curves are cubic
+Bezier arcs of at most 22.5 degrees, which leave the circle by less than 1e-7 of its radius.
+"""
+
+import math
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass
+from html import escape
+
+from pipeline.target.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
+from pipeline.target.target import Target
+
+BAR_MM = 100.0
+_MARGIN_MM = 10.0
+_BAR_SPACE_MM = 9.0
+_TEXT_MM, _LINE_MM = 3.0, 4.2
+
+Point = tuple[float, float]
+Curve = tuple[Point, ...]
+"""One point: a line to it; three: a Bezier curve by two control points."""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Closed outlines, filled by the even-odd rule: start and curves of each, page frame, y up [mm]."""
+
+    is_black: bool
+    outlines: list[tuple[Point, list[Curve]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A page; origin at its lower left corner, y up [mm]."""
+
+    width_mm: float
+    height_mm: float
+    paths: list[Path]
+    lines: list[tuple[str, Point]]
+
+
+def pages_of(target: Target, name: str) -> list[Page]:
+    """A page for every chart of a target that carries a pattern."""
+    pieces = [(patch, pattern) for patch, pattern in target.surface.patches(target.pattern) if pattern]
+    extra = "" if target.surface.KIND == "flat" else f", {target.surface.KIND}"
+    return [
+        _page(
+            patch.drawing,
+            f"{name}{f' {number + 1}/{len(pieces)}' if len(pieces) > 1 else ''}: {pattern.title()}{extra}"
+            f" (sheet {2 * patch.drawing.half_x_mm:g} x {2 * patch.drawing.half_y_mm:g} mm)",
+        )
+        for number, (patch, pattern) in enumerate(pieces)
+    ]
+
+
+def _page(drawing: Drawing, line: str) -> Page:
+    width = max(2 * drawing.half_x_mm, BAR_MM)
+    words = textwrap.wrap(line, int(width / (0.55 * _TEXT_MM)))
+    foot = len(words) * _LINE_MM + _BAR_SPACE_MM
+    height = 2 * drawing.half_y_mm + 2 * _MARGIN_MM + foot
+    at = width / 2 + _MARGIN_MM, _MARGIN_MM + foot + drawing.half_y_mm
+    paths = [Path(is_black, [_moved(one, at) for one in outlines]) for is_black, outlines in _paths(drawing)]
+    places = [(_MARGIN_MM, _MARGIN_MM + (len(words) - 1 - i) * _LINE_MM) for i in range(len(words))]
+    bar = _bar(_MARGIN_MM + len(words) * _LINE_MM + 1.0)
+    return Page(width + 2 * _MARGIN_MM, height, [*paths, bar], list(zip(words, places, strict=True)))
+
+
+def _bar(bottom: float) -> Path:
+    """A line of 100 mm between two ticks: its ends are the outer edges of the ticks."""
+    left, tick, thick = _MARGIN_MM, 4.0, 0.3
+    boxes = (
+        (left, bottom, left + thick, bottom + tick),
+        (left + BAR_MM - thick, bottom, left + BAR_MM, bottom + tick),
+        (left + thick, bottom + tick / 2, left + BAR_MM - thick, bottom + tick / 2 + thick),
+    )
+    return Path(True, [_polygon(((a, b), (c, b), (c, d), (a, d))) for a, b, c, d in boxes])
+
+
+def _paths(drawing: Drawing) -> Iterator[tuple[bool, list[tuple[Point, list[Curve]]]]]:
+    for shape in drawing.shapes:
+        yield getattr(shape, "is_black", True), list(_outlines(shape))
+
+
+def _outlines(shape: Shape) -> Iterator[tuple[Point, list[Curve]]]:
+    if isinstance(shape, Polygon):
+        yield _polygon(shape.corners)
+    elif isinstance(shape, Checks):
+        yield from map(_polygon, shape.squares)
+    elif isinstance(shape, Disc):
+        yield (shape.x + shape.radius, shape.y), _arc((shape.x, shape.y), shape.radius, 0.0, 2 * math.pi)
+    else:
+        yield from _sectors(shape)
+
+
+def _polygon(corners: tuple[Point, ...]) -> tuple[Point, list[Curve]]:
+    return corners[0], [(corner,) for corner in corners[1:]]
+
+
+def _sectors(star: Spokes) -> Iterator[tuple[Point, list[Curve]]]:
+    centre = star.x, star.y
+    for first, last in star.sectors:
+        start = _on_circle(centre, star.inner, first)
+        curves: list[Curve] = [(_on_circle(centre, star.outer, first),), *_arc(centre, star.outer, first, last)]
+        if star.inner:
+            curves += [(_on_circle(centre, star.inner, last),), *_arc(centre, star.inner, last, first)]
+        yield start, curves
+
+
+def _on_circle(centre: Point, radius: float, angle: float) -> Point:
+    return centre[0] + radius * math.cos(angle), centre[1] + radius * math.sin(angle)
+
+
+def _arc(centre: Point, radius: float, first: float, last: float) -> list[Curve]:
+    """Bezier curves along a circle; control points as far along the tangents as 4/3 tan(angle / 4)."""
+    count = max(1, math.ceil(abs(last - first) / (math.pi / 8)))
+    step = (last - first) / count
+    reach = 4 / 3 * math.tan(step / 4) * radius
+    curves: list[Curve] = []
+    for i in range(count):
+        a, b = first + i * step, first + (i + 1) * step
+        (ax, ay), (bx, by) = _on_circle(centre, radius, a), _on_circle(centre, radius, b)
+        leaving = ax - reach * math.sin(a), ay + reach * math.cos(a)
+        arriving = bx + reach * math.sin(b), by - reach * math.cos(b)
+        curves.append((leaving, arriving, (bx, by)))
+    return curves
+
+
+def _moved(outline: tuple[Point, list[Curve]], by: Point) -> tuple[Point, list[Curve]]:
+    start, curves = outline
+    shifted = [tuple((x + by[0], y + by[1]) for x, y in curve) for curve in curves]
+    return (start[0] + by[0], start[1] + by[1]), shifted
+
+
+def svg(pages: list[Page]) -> str:
+    """The pages below one another as the text of an SVG file, one user unit per millimetre."""
+    width, height = max(page.width_mm for page in pages), sum(page.height_mm for page in pages)
+    items, top = [], 0.0
+    for page in pages:
+        top += page.height_mm
+        items += [_svg_path(path, top) for path in page.paths]
+        font = f'font-family="Helvetica, Arial, sans-serif" font-size="{_TEXT_MM:g}"'
+        items += [f'<text x="{_n(x)}" y="{_n(top - y)}" {font}>{escape(words)}</text>' for words, (x, y) in page.lines]
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_n(width)}mm" height="{_n(height)}mm"'
+        f' viewBox="0 0 {_n(width)} {_n(height)}">'
+    )
+    paper = f'<rect width="{_n(width)}" height="{_n(height)}" fill="#ffffff"/>'
+    return "\n".join([head, paper, *items, "</svg>", ""])
+
+
+def _svg_path(path: Path, top: float) -> str:
+    parts = []
+    for start, curves in path.outlines:
+        parts.append(f"M{_n(start[0])} {_n(top - start[1])}")
+        for curve in curves:
+            letter = "L" if len(curve) == 1 else "C"
+            parts.append(letter + " ".join(f"{_n(x)} {_n(top - y)}" for x, y in curve))
+        parts.append("Z")
+    colour = "#000000" if path.is_black else "#ffffff"
+    return f'<path fill="{colour}" fill-rule="evenodd" d="{"".join(parts)}"/>'
+
+
+def pdf_content(page: Page) -> str:
+    """Drawing operators of a PDF page whose unit is the millimetre."""
+    parts = []
+    for path in page.paths:
+        parts.append("0 g" if path.is_black else "1 g")
+        for start, curves in path.outlines:
+            parts.append(f"{_n(start[0])} {_n(start[1])} m")
+            for curve in curves:
+                letter = "l" if len(curve) == 1 else "c"
+                parts.append(" ".join(f"{_n(x)} {_n(y)}" for x, y in curve) + f" {letter}")
+            parts.append("h")
+        parts.append("f*")
+    for words, (x, y) in page.lines:
+        escaped = words.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
+        parts.append(f"0 g BT /F1 {_TEXT_MM:g} Tf {_n(x)} {_n(y)} Td ({escaped}) Tj ET")
+    return "\n".join(parts)
+
+
+def _n(value: float) -> str:
+    """A number with as many digits as a nanometre needs."""
+    return f"{value + 0.0:.6f}".rstrip("0").rstrip(".") if abs(value) > 5e-7 else "0"

@@ -1,0 +1,93 @@
+"""Target points: what the ground truth needs to know of a target, whatever its pattern and surface.
+
+Each point has its own tangent plane. Points that share one (all of a board, all of a cube's face) form one
+`TangentPlane`, so that a position image is made once for them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.frames import apply, inverse, rigid
+
+
+@dataclass(frozen=True, slots=True)
+class TangentPlane:
+    """A plane, and the points that touch it.
+
+    Attributes
+    ----------
+    target_from_plane : (4, 4) float64
+        Origin on the plane, z its normal, out of the front.
+    members : (k,) int64
+        Rows of the points.
+    points_mm : (k, 3) float64
+        The points in the plane's frame; z is 0.
+    """
+
+    target_from_plane: np.ndarray
+    members: np.ndarray
+    points_mm: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class TargetPoints:
+    """Points of a target in the order of their ids: row and id are one.
+
+    Attributes
+    ----------
+    position_mm : (n, 3) float64
+        Where each point is, target frame.
+    nominal_mm : (n, 3) float64
+        Where it would be on a flat board; differs on warped ones only.
+    axes : (n, 3, 3) float64
+        Columns: x and y along the surface, and the normal out of its front, target frame.
+    curvature_per_mm : (n,) float64
+        Largest curvature of the surface there, without sign.
+    kinds : list of str
+        See `pattern.Marks`.
+    radius_mm : (n,) float64
+        Radius of the disc around the point; NaN where there is none.
+    plane : (n,) int64
+        Number of the tangent plane.
+    frames : (p, 4, 4) float64
+        target_from_plane of each tangent plane.
+    """
+
+    position_mm: np.ndarray
+    nominal_mm: np.ndarray
+    axes: np.ndarray
+    curvature_per_mm: np.ndarray
+    kinds: list[str]
+    radius_mm: np.ndarray
+    plane: np.ndarray
+    frames: np.ndarray
+
+    def planes(self) -> list[TangentPlane]:
+        """The tangent planes, in the order of their numbers."""
+        found = []
+        for number, frame in enumerate(self.frames):
+            members = np.flatnonzero(self.plane == number)
+            points = apply(inverse(frame), self.position_mm[members])
+            points[:, 2] = 0.0
+            found.append(TangentPlane(frame, members, points))
+        return found
+
+    @staticmethod
+    def joined(parts: list["TargetPoints"]) -> "TargetPoints":
+        """Points one after the other; planes are renumbered."""
+        first = np.cumsum([0, *(len(part.frames) for part in parts)])
+        arrays = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in ("position_mm", "nominal_mm", "axes", "curvature_per_mm", "radius_mm", "frames")
+        }
+        return TargetPoints(
+            kinds=[kind for part in parts for kind in part.kinds],
+            plane=np.concatenate([part.plane + offset for part, offset in zip(parts, first, strict=False)]),
+            **arrays,
+        )
+
+
+def frames_at(position_mm: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """target_from_plane of a plane of its own for every point, (n, 4, 4)."""
+    return np.array([rigid(turn, place) for turn, place in zip(axes, position_mm, strict=True)]).reshape(-1, 4, 4)

@@ -1,0 +1,101 @@
+"""A calibration target: a pattern on a surface, or a mesh with marked points."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.records import from_plain, to_plain
+from pipeline.target.aprilgrid import AprilGrid
+from pipeline.target.charuco import Charuco
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.circles import CircleGrid
+from pipeline.target.deltille import Deltille
+from pipeline.target.lines import Lines, SlantedEdge
+from pipeline.target.mesh import MeshTarget
+from pipeline.target.patches import PLANE, Patch
+from pipeline.target.pattern import Pattern
+from pipeline.target.points import TargetPoints, frames_at
+from pipeline.target.stars import SiemensStar, Stars
+from pipeline.target.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Surface, Warped
+
+PATTERNS: dict[str, type] = {
+    kind.KIND: kind
+    for kind in (Checkerboard, Charuco, AprilGrid, CircleGrid, Deltille, Stars, SiemensStar, SlantedEdge, Lines)
+}
+SURFACES: dict[str, type] = {kind.KIND: kind for kind in (Flat, Warped, HeightMap, Cylinder, Cube, Stairs)}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A pattern on a surface. Target frame: x right, y up, z towards the viewer.
+
+    Raises
+    ------
+    TargetError
+        The pattern does not fit on the surface.
+    """
+
+    pattern: Pattern
+    surface: Surface = field(default_factory=Flat)
+
+    def __post_init__(self) -> None:
+        self.surface.patches(self.pattern)
+
+    @property
+    def kind(self) -> str:
+        """Name of the pattern."""
+        return self.pattern.KIND
+
+    def patches(self) -> list[Patch]:
+        """The surface in pieces, for images."""
+        return [patch for patch, _ in self.surface.patches(self.pattern)]
+
+    def points(self) -> TargetPoints:
+        """All points, of one patch after the other."""
+        pieces = [(patch, pattern) for patch, pattern in self.surface.patches(self.pattern) if pattern]
+        return TargetPoints.joined([_points_on(patch, pattern) for patch, pattern in pieces])
+
+
+AnyTarget = Target | MeshTarget
+
+
+def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
+    marks = pattern.marks()
+    n, turn = len(marks.xy_mm), patch.target_from_patch[:3, :3]
+    points, axes, curvature = patch.place(marks.xy_mm)
+    is_flat = patch.kind == PLANE
+    position, own = apply(patch.target_from_patch, points), turn @ axes
+    # A cylinder is what it was meant to be; a board with a height map was meant to be flat.
+    nominal = np.pad(marks.xy_mm, ((0, 0), (0, 1))) if patch.kind == "heights" else position
+    return TargetPoints(
+        position_mm=position,
+        nominal_mm=nominal,
+        axes=own,
+        curvature_per_mm=curvature,
+        kinds=marks.kinds,
+        radius_mm=marks.radius_mm,
+        plane=np.zeros(n, int) if is_flat else np.arange(n),
+        frames=patch.target_from_patch[None] if is_flat else frames_at(position, own),
+    )
+
+
+def plain_from_target(target: AnyTarget) -> dict[str, Any]:
+    """A target as JSON values."""
+    if isinstance(target, MeshTarget):
+        return {"kind": target.KIND, "mesh": to_plain(target)}
+    return {
+        "kind": target.kind,
+        "pattern": to_plain(target.pattern),
+        "surface": {"kind": target.surface.KIND, **to_plain(target.surface)},
+    }
+
+
+def target_from_plain(plain: dict[str, Any]) -> AnyTarget:
+    """The target that `plain_from_target` wrote."""
+    if plain["kind"] == MeshTarget.KIND:
+        return from_plain(MeshTarget, plain["mesh"])
+    surface = dict(plain["surface"])
+    kind = SURFACES[surface.pop("kind")]
+    return Target(from_plain(PATTERNS[plain["kind"]], plain["pattern"]), from_plain(kind, surface))

@@ -1,0 +1,86 @@
+"""`pipeline target`: what a target is, as words and as a print."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline import cli
+from pipeline.engine.perform import ONE_THREAD
+
+ROOT = Path(__file__).resolve().parents[2]
+TARGETS = ROOT / "stages/targets"
+
+
+@pytest.fixture
+def pipeline(tmp_path, monkeypatch, capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    for name in ONE_THREAD:
+        monkeypatch.setenv(name, "1")
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["pipeline", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_the_page_says_what_a_target_is(pipeline):
+    code, page, log = pipeline("target", TARGETS / "charuco_cylinder.usda")
+
+    assert (code, log) == (0, "")
+    assert page.splitlines()[0] == (
+        "CharucoCylinder: ChArUco 5x5_50, 8 x 5 squares of 6 mm, tags 0 to 19 of 4.5 mm,"
+        " corners 0 to 27 from the top left"
+    )
+    assert "shape   cylinder" in page
+    assert "points  28 x corner" in page
+
+
+def test_prints_are_written_and_the_same_twice(pipeline, tmp_path):
+    for name in ("one", "two"):
+        code, _, log = pipeline(
+            "target", TARGETS / "aprilgrid_cube.usda", "--svg", f"{name}.svg", "--pdf", f"{name}.pdf"
+        )
+        assert (code, log) == (0, f"wrote {name}.svg\nwrote {name}.pdf\n")
+    for suffix in ("svg", "pdf"):
+        assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
+    assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF-1.4")
+
+
+@pytest.mark.parametrize("file", sorted(TARGETS.glob("*.usda")), ids=lambda path: path.stem)
+def test_every_target_of_the_library_prints_but_the_mesh(pipeline, file):
+    code, page, log = pipeline("target", file, "--svg", "print.svg")
+
+    assert "points" in page
+    if "mesh" in file.stem:
+        assert code == 2
+        assert "a mesh, which cannot be printed" in log
+    else:
+        assert (code, log) == (0, "wrote print.svg\n")
+
+
+def test_a_target_of_a_dataset_is_found_by_its_name(pipeline):
+    tiny = ROOT / "tests/data/tiny_conventional/dataset.usda"
+
+    assert pipeline("target", tiny)[1] == pipeline("target", tiny, "Board")[1]
+    code, _, log = pipeline("target", tiny, "Bord")
+    assert code == 2
+    assert 'has no target "Bord"' in log
+    assert 'did you mean "Board"?' in log
+
+
+def test_a_stage_without_a_target_says_so(pipeline):
+    code, _, log = pipeline("target", ROOT / "stages/sensors/michels_2019.usda")
+
+    assert code == 2
+    assert "the stage holds no target [no-target]" in log
+
+
+def test_other_file_names_are_refused(pipeline):
+    code, _, log = pipeline("target", TARGETS / "lines_7x5.usda", "--pdf", "print.ps")
+
+    assert code == 2
+    assert "print.ps is no .pdf file" in log
