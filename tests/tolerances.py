@@ -89,3 +89,9 @@ FOCUS_MM = 1e-11
 
 BISECTED_MM = 1e-10
 """A root bisected to the last bit of the path [mm], its normal by complex steps: roundings along a few surfaces."""
+
+DIRECT_PX = 1e-4
+"""What method `direct` claims [px]; quadrature alone is some hundred times better where nothing is missed."""
+
+CLOSED_FORM = 1e-6
+"""Quadrature against a closed form or a second trace [relative]: edges are bisected to 3e-8 of the way to a bound."""

@@ -19,9 +19,7 @@ SUPPORTED: dict[str, tuple[Any, ...]] = {
     "plen:aperture": ("cell",),
     "plen:tilt": _NO_TILT,
     "plen:camera:weight": ("irradiance",),
-    "plen:truth:method": ("two-plane", "moments", "image"),
     "plen:truth:footprint": ("point",),
-    "plen:truth:accuracy": (),
     "plen:image:fNumbers": ((),),
 }
 

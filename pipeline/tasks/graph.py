@@ -19,8 +19,8 @@ from pipeline.tasks.rays_tile import tile_rows
 _KIND = "pipeline.tasks."
 
 
-def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
-    """All tasks of a dataset, and what of their outputs lies where in the output folder."""
+def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
+    """All tasks of a dataset, what of their outputs lies where in the output folder, and each camera's certificate."""
     graph, files = TaskGraph(), dict[str, Source]()
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
@@ -28,7 +28,10 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
         _add_camera(graph, files, camera)
         for frame in dataset.frames:
             _add_frame(graph, files, dataset, camera, frame)
-    return graph, files
+    certificates = {
+        camera.name: (_add_certificate(graph, dataset, camera), "certificate.json") for camera in dataset.cameras
+    }
+    return graph, files, certificates
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
@@ -37,10 +40,10 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
     reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: to_plain(entry.camera)})}
     report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
-    rays = _add_rays(graph, entry, reads)
+    if entry.truth["method"] != "direct":
+        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, reads), "rays.exr")
     white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
     files[f"{folder}/camera.json"] = (report, "camera.json")
-    files[f"{folder}/rays.exr"] = (rays, "rays.exr")
     files[f"{folder}/white.exr"] = (white, "white.exr")
     files[f"{folder}/white.png"] = (white, "white.png")
     if entry.camera.microlenses:
@@ -103,14 +106,15 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
         {**_image_params(entry), "targets": artwork, "background": dataset.background},
         reads,
     )
-    named = [{"name": target.name, **art} for target, art in zip(dataset.targets, artwork, strict=True)]
-    truth_reads = {"rays": f"rays/{entry.name}"}
-    if entry.camera.microlenses:
-        truth_reads["micro_images"] = f"micro_images/{entry.name}"
+    named = truth_targets(dataset, entry, frame)
+    truth_reads = dict(reads)
+    if entry.truth["method"] != "direct":
+        truth_reads["rays"] = f"rays/{entry.name}"
+        if entry.camera.microlenses:
+            truth_reads["micro_images"] = f"micro_images/{entry.name}"
     if entry.truth["method"] == "image":
-        planes = [{"name": target["name"], "vision_from_target": target["vision_from_target"]} for target in named]
         light = {"weight": entry.weight, "wavelength_nm": entry.wavelength_nm}
-        params = {"targets": planes, **to_plain(entry.sampling), **light}
+        params = {"targets": named, "extent": entry.extent, **to_plain(entry.sampling), **light}
         truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
         files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
     truth = graph.add(f"truth/{name}", f"{_KIND}truth", _truth_params(entry, frame, named), truth_reads)
@@ -120,6 +124,27 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
 
 
+def truth_targets(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[dict[str, Any]]:
+    """The targets of a frame as `truth` and `certificate` read them: {name, target, vision_from_target}."""
+    return [
+        {
+            "name": target.name,
+            "target": to_plain(target.target),
+            "vision_from_target": _matrix(vision_from_target(frame, entry.name, target.name)),
+        }
+        for target in dataset.targets
+    ]
+
+
+def _add_certificate(graph: TaskGraph, dataset: Dataset, entry: CameraEntry) -> str:
+    frames = [{"number": frame.number, "targets": truth_targets(dataset, entry, frame)} for frame in dataset.frames]
+    reads = {f"frame{frame.number}": f"truth/{entry.name}/{frame.number:04d}" for frame in dataset.frames}
+    params = {"frames": frames, "truth": to_plain(entry.truth), "seed": entry.sampling.seed}
+    return graph.add(
+        f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}
+    )
+
+
 def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]]) -> dict[str, Any]:
     labels = {
         "weight": entry.weight,
@@ -127,9 +152,10 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
         "index_source": entry.index_source,
         "footprint": entry.footprint,
         "stop_diameter_mm": 2 * solved(entry.camera).prescription.stop.semi_diameter_mm,
-        "samples": entry.sampling.samples,
         "seed": entry.sampling.seed,
     }
+    if entry.truth["method"] != "direct":
+        labels["samples"] = entry.sampling.samples
     return {
         "frame": frame.number,
         "camera": entry.name,

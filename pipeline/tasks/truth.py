@@ -1,5 +1,6 @@
 """Task `truth`: correspondences of all targets for one camera in one frame."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,15 @@ from pipeline.files.tables import read_table, write_table
 from pipeline.frames import apply
 from pipeline.records import from_plain
 from pipeline.target.checkerboard import Checkerboard
-from pipeline.tasks.cameras import Inputs
+from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.rays import MOMENTS
 from pipeline.truth.correspond import Correspondences, correspond
 from pipeline.truth.grid import RayGrid
+from pipeline.truth.polish import polished
 from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
+from pipeline.truth.solve import Rig, guesses, solve, tangent_planes
 
 LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
 
@@ -24,7 +27,8 @@ LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: frame, camera, targets (list of {name, target, vision_from_target}), truth, labels."""
     settings = from_plain(TruthSettings, params["truth"])
-    grid = read_grid(inputs)
+    rig = Rig(*tracer_of(inputs, params["labels"]["seed"]))
+    grid = None if settings.method == "direct" else read_grid(inputs)
     positions = read_exr(inputs["positions"]["positions.exr"]) if "positions" in inputs else {}
     columns: dict[str, list[Any]] = {}
     notes = []
@@ -34,14 +38,34 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         if pose[:3, 2] @ pose[:3, 3] >= 0:
             notes.append(f"{entry['name']}: no rows, because the camera sees its back")
             continue
-        image = _position_image(settings.method, grid, pose, positions.get(entry["name"]))
-        found = correspond(image, board.points_mm(), grid, pose, settings)
+        found = correspondences(rig, grid, settings, board.points_mm(), pose, positions.get(entry["name"]))
         notes.append(f"{entry['name']}: " + ", ".join(f"{name} {count}" for name, count in found.counts.items()))
-        for name, column in _columns(params, entry["name"], board, pose, grid, found, settings).items():
+        for name, column in _columns(params, entry["name"], board, pose, rig, found).items():
             columns.setdefault(name, []).extend(column)
     if not columns:
         columns = {name: [] for name in COLUMNS}
-    write_table(out / "correspondences.csv", [*_header(params, settings, grid), *notes], columns)
+    write_table(out / "correspondences.csv", [*_header(params, settings, grid, rig), *notes], columns)
+
+
+def correspondences(
+    rig: Rig,
+    grid: RayGrid | None,
+    settings: TruthSettings,
+    points_mm: np.ndarray,
+    pose: np.ndarray,
+    traced: Part | None,
+) -> Correspondences:
+    """All rows of one target; `grid` is None for the method that needs no position image."""
+    planes = tangent_planes(pose, points_mm)
+    if grid is None:
+        assert settings.claim_px is not None
+        guess, rays = guesses(rig, planes)
+        found = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
+        return dataclasses.replace(found, counts={**found.counts, "rays": found.counts["rays"] + rays})
+    image = _position_image(settings.method, grid, pose, traced)
+    found = correspond(image, points_mm, grid, pose, settings)
+    is_polished = settings.method == "moments" and settings.search == "quad"
+    return polished(rig, found, planes, settings) if is_polished else found
 
 
 def _position_image(method: str, grid: RayGrid, pose: np.ndarray, traced: Part | None) -> np.ndarray:
@@ -125,14 +149,15 @@ def _columns(
     target: str,
     board: Checkerboard,
     pose: np.ndarray,
-    grid: RayGrid,
+    rig: Rig,
     truth: Correspondences,
-    settings: TruthSettings,
 ) -> dict[str, Any]:
     """Columns of one target, in the order of COLUMNS."""
-    found = truth.found
+    found, lattice = truth.found, rig.tracer.lattice
     rows = len(found.point)
-    microlens = [[None] * rows] * 3 if grid.centres_px is None else list(grid.microlenses[found.cell].T)
+    microlens = [[None] * rows] * 3
+    if lattice is not None:
+        microlens = [column[found.cell] for column in (lattice.k, lattice.l, lattice.type)]
     point = board.points_mm()[found.point]
     blur = truth.blur_px2
     values = (
@@ -152,30 +177,36 @@ def _columns(
         blur[:, 0, 1],
         blur[:, 1, 1],
         truth.rho_px,
-        [settings.method] * rows,
+        truth.method.tolist(),
     )
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid) -> list[str]:
+def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | None, rig: Rig) -> list[str]:
     labels = params["labels"]
-    filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
-    search = (
-        f"quad, filter {filtered}"
-        if settings.search == "quad"
-        else f"nearest, threshold {settings.nearest_threshold_mm} mm"
-    )
     empty = ["visibility (occlusion is not computed yet)"]
-    if grid.centres_px is None:
+    if rig.images is None:
         empty.append("microlens_k, microlens_l, microlens_type (a conventional camera)")
+    claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
     return [
         f"exact image positions of target points: camera {params['camera']}, frame {params['frame']}",
         "pixel convention: (0, 0) is the centre of the top-left pixel, x right, y down",
         "units: px in the image, mm in space; target frame x right, y up, z to the viewer;"
         " camera = vision frame x right, y down, z forward, origin at the aperture stop",
-        f"method: {settings.method}; search: {search}; smallest hit fraction {settings.min_hit_fraction}",
+        f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
+        f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
         f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
         f" stop: circular, diameter {labels['stop_diameter_mm']} mm; footprint: {labels['footprint']}",
-        f"K: {grid.supersampling}; samples: {labels['samples']}; seed: {labels['seed']}",
+        f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
         f"empty: {'; '.join(empty)}; single empty cells of blur and rho: no bundle of the micro-image at the pixel",
     ]
+
+
+def _search(settings: TruthSettings) -> str:
+    if settings.method == "direct":
+        return "J(x) = p solved at every point, no position image"
+    if settings.search == "nearest":
+        return f"search: nearest, threshold {settings.nearest_threshold_mm} mm"
+    filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
+    surface = ", quadratic in 4 x 4 values, doubtful rows by direct" if settings.method == "moments" else ""
+    return f"search: quad, filter {filtered}{surface}"
