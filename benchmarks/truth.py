@@ -1,21 +1,22 @@
 """How exact is the ground truth? Correspondences as users get them against fresh reference solutions.
 
-    python benchmarks/truth.py [--small] [STAGE ...]
+    python benchmarks/truth.py [--small] [--rays N] [--methods M ...] [--] [STAGE ...]
 
-Builds each stage (both examples by default) with the methods `two-plane`, `moments` and `image`, at the K and samples
-that it authors, and compares correspondences.csv with solutions of J(x) = p that know no grid and no filter. Nothing
-of the build is reused: neither its random numbers nor its position images.
+Builds each stage (both examples by default) with all methods, at the K and samples that it authors, and compares
+correspondences.csv with solutions of J(x) = p that know no grid and no filter. Nothing of the build is reused: neither
+its random numbers nor its position images.
 
 Columns, lengths in px: rows that exist, of these found, their share; mean, rms and max of the differences; rms of
 what may explain them: the standard error that the tables claim (sigma), the local linear solve without noise (grid),
-the two-plane method without noise (bias, not of the methods `moments` and `image`); and the reference's own standard
-error (ref).
+the two-plane method without noise (bias, of that method alone); and the reference's own standard error (ref). Then the
+share of rows within 1e-3 px of method `direct`, and what each method traced: full position images, or single bundles.
 """
 
 import argparse
 import re
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +35,7 @@ from pipeline.tasks.poses import vision_from_target
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = [ROOT / "examples" / name / "dataset.usda" for name in ("01_conventional", "02_plenoptic")]
 TINY = [ROOT / "tests" / "data" / name / "dataset.usda" for name in ("tiny_conventional", "tiny_plenoptic")]
-METHODS = ("two-plane", "moments", "image")
+METHODS = ("two-plane", "moments", "image", "direct")
 _OTHER_SEED = 0x5EED0000
 _PARTS = ("grid_px", "bias_px", "sigma_px")
 Key = tuple[int, str, int, int, int]
@@ -56,17 +57,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("stages", nargs="*", type=Path, metavar="STAGE", help="datasets; default: both examples")
     parser.add_argument("--small", action="store_true", help="tiny stages, few rays: does it run at all?")
+    parser.add_argument("--rays", type=int, help="of the reference, per evaluation")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     options = parser.parse_args()
-    rays = 1 << (12 if options.small else 16)
+    rays = options.rays or 1 << (12 if options.small else 16)
     for stage in options.stages or (TINY if options.small else EXAMPLES):
         with tempfile.TemporaryDirectory() as folder:
-            measure(stage, Path(folder), rays)
+            measure(stage, Path(folder), rays, options.methods)
 
 
-def measure(stage: Path, folder: Path, rays: int) -> None:
+def measure(stage: Path, folder: Path, rays: int, methods: Sequence[str]) -> None:
     """Print everything about one stage."""
     dataset = pipeline.open_dataset(stage, allow_roots=[ROOT])
-    built = {method: build(stage, folder, dataset, method) for method in METHODS}
+    built = {method: build(stage, folder, dataset, method) for method in methods}
     for entry in dataset.cameras:
         sampling, sensor = entry.sampling, entry.camera.sensor
         print(f"{dataset.stage_name}, camera {entry.name}: {sensor.width_px} x {sensor.height_px} px,", end=" ")
@@ -78,6 +81,8 @@ def measure(stage: Path, folder: Path, rays: int) -> None:
         print_counts({method: [read_table(file) for file in tables(out, entry)] for method, out in built.items()})
         found = {method: read_rows(tables(out, entry)) for method, out in built.items()}
         print_differences(found, solutions, entry)
+        print_against_direct(found)
+        print_rays(found, built, dataset, entry)
         print()
 
 
@@ -167,6 +172,40 @@ def print_differences(
         extra = rows.keys() - solutions.keys()
         if extra:
             print(f"  {method:10s} found {len(extra)} rows that the reference does not know")
+
+
+def print_against_direct(found: dict[str, dict[Key, tuple[np.ndarray, np.ndarray]]]) -> None:
+    """How many rows lie within a thousandth of a pixel of method `direct`."""
+    exact = found.get("direct", {})
+    for method, rows in found.items():
+        both = sorted(rows.keys() & exact.keys())
+        if method != "direct" and both:
+            apart = np.array([np.hypot(*(rows[key][0] - exact[key][0])) for key in both])
+            share = f"{len(both)} of {len(exact)} rows of direct, {np.mean(apart < 1e-3):.1%} of them within 1e-3 px"
+            print(f"  {method:10s} has {share}, the farthest {apart.max():.5f} px")
+
+
+def print_rays(found: dict, built: dict[str, Path], dataset: Dataset, entry: CameraEntry) -> None:
+    """Rays that each method traced for all frames."""
+    sensor, sampling = entry.camera.sensor, entry.sampling
+    image = sensor.width_px * sensor.height_px * sampling.supersampling**2 * sampling.samples
+    frames = len(dataset.frames)
+    comments = {
+        method: [line for file in tables(built[method], entry) for line in read_table(file).comments]
+        for method in found
+    }
+    single = {
+        method: sum(int(number) for line in lines for number in re.findall(r"rays(?:_of_direct)? (\d+)", line))
+        for method, lines in comments.items()
+    }
+    for method, images in {"two-plane": 1, "moments": 1, "image": frames + 1, "direct": 0}.items():
+        if method not in found:
+            continue
+        rays = image * images + single[method]
+        rows = max(1, len(found[method]))
+        print(f"  {method:10s} traced {rays:.2e} rays for {rows} rows, {single[method] / rows:.0f} singly per row")
+    if "direct" in found:
+        print(f"  rays of image per frame over those of direct: {image * frames / max(1, single['direct']):.0f}")
 
 
 def _line(

@@ -101,7 +101,7 @@ def build(
         say(json.dumps(result.to_dict(), indent=1))
     elif result.delivery is not None:
         say(str(result.out))
-    raise typer.Exit(result.exit_code)
+    raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=quiet > verbose) else 0))
 
 
 @app.command()
@@ -228,6 +228,25 @@ def print_target(
         if path is not None:
             write(path)
             note(f"wrote {path}")
+
+
+@app.command()
+def verify(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")],
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Which rows are drawn.")] = 1,
+    as_json: Json = False,
+) -> None:
+    """Derive a sample of the ground truth again, from the output folder alone; exit with 4 if it disagrees."""
+    from pipeline.report.certificate import lines
+    from pipeline.tasks.verify import verify as verdict_on
+
+    verdict = verdict_on(out, seed)
+    if as_json:
+        say(json.dumps({"out": str(out.absolute()), **verdict.to_dict()}, indent=1))
+    else:
+        for line in [*lines(verdict.cameras), *verdict.problems, "agrees" if verdict.agrees else "DISAGREES"]:
+            say(line)
+    raise typer.Exit(0 if verdict.agrees else 4)
 
 
 @app.command("plugin-path")
@@ -396,6 +415,14 @@ def _report(result: Any, again: list[str], *, quiet: bool) -> None:
     note(f"{counts} in {result.seconds:.1f} s; store {result.store} ({size})")
     if result.delivery is None:
         note(f"{result.out} was not touched")
+
+
+def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
+    from pipeline.report.certificate import failed, lines
+
+    for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
+        note(line)
+    return failed(cameras)
 
 
 def _human(size: float) -> str:

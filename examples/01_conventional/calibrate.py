@@ -5,8 +5,7 @@
 The error does not vanish although nobody measured anything: a pinhole with distortion is a model of this lens. Its
 bundles have no common centre. The mean ray of a bundle, which defines the exact position, is no chief ray (coma) and
 crosses the axis near the entrance pupil, not in it, at a place that moves with the field: hence the shift in z that all
-boards share. The rest is the sampling of the ground truth (sigma_x_px) and the bias of the method `two-plane` on tilted
-boards.
+boards share. The rest is the sampling of the ground truth (sigma_x_px).
 """
 
 import csv

@@ -35,8 +35,8 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
         Vertex x, y and focal length of every microlens.
     aperture : (c, 2) float64
         Outline of a microlens aperture around its vertex, counter-clockwise.
-    planes : (2, 4, 3) float64
-        Two planes as rows origin, first axis, second axis, normal.
+    planes : (n or 1, 2, 4, 3) float64
+        Two planes of each position, or of all, as rows origin, first axis, second axis, normal.
     bits : (DIMENSIONS, samples / REPLICAS) uint32
         From `camera.sobol`.
     pixels : (n, 2) int64
@@ -52,13 +52,14 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
     x, y, alive, weight = packet[0], packet[1], packet[6], packet[8]
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
-    near, far, samples = planes[0], planes[1], bits.shape[1]
+    samples = bits.shape[1]
     for n in range(positions.shape[0]):
         moments[n, :] = np.nan
         moments[n, WEIGHT], moments[n, FREE_WEIGHT] = 0.0, 0.0
         if lens[n] == SKIP:
             continue
         sx, sy = positions[n]
+        near, far = planes[n if planes.shape[0] > 1 else 0]
         if lens[n] >= 0:
             moments[n, FREE_WEIGHT] = projected_solid_angle(
                 aperture, aperture.shape[0], sx - lenses[lens[n], 0], sy - lenses[lens[n], 1], optics[1] - optics[0]

@@ -48,7 +48,7 @@ def start_packet(table, optics, lenses, lens, centre_x, centre_y, start_x, start
     packet : tuple
         From `new_packet`; x and y hold two random numbers per ray on entry, the rays behind the front vertex on exit.
     """
-    x, y, z, dx, dy, dz, alive, scratch, weight = packet
+    x, y = packet[0], packet[1]
     polygon, _, _, cumulative = region
     count, cx, cy, _ = fan_of
     # Without a microlens the region moves along with the sensor position, by the drift of the outlines.
@@ -56,6 +56,16 @@ def start_packet(table, optics, lenses, lens, centre_x, centre_y, start_x, start
     for i in range(size):
         px, py = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
         x[i], y[i] = px + drift * (start_x[i] - centre_x), py + drift * (start_y[i] - centre_y)
+    send_packet(table, optics, lenses, lens, start_x, start_y, size, packet)
+
+
+@inline
+def send_packet(table, optics, lenses, lens, start_x, start_y, size, packet):
+    """Send rays from sensor positions through given points of the sampling plane and trace them into the scene.
+
+    `packet`: x and y hold the points on entry; the rays behind the front vertex and their weights on exit.
+    """
+    x, y, z, dx, dy, dz, alive, scratch, weight = packet
     for i in range(size):
         dx[i], dy[i], dz[i], weight[i] = aim(optics, lenses, lens, start_x[i], start_y[i], x[i], y[i])
         z[i] = optics[1]

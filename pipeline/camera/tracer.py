@@ -125,8 +125,12 @@ class Tracer:
     def moments(
         self, positions_mm: np.ndarray, lens: np.ndarray, planes: np.ndarray, samples: int, pixels: np.ndarray
     ) -> np.ndarray:
-        """Moments of bundles on two planes, (n, COLUMNS); see `camera.moments`."""
+        """Moments of bundles on two planes (2, 4, 3), or two of each position (n, 2, 4, 3); (n, COLUMNS).
+
+        See `camera.moments`.
+        """
         result = np.empty((len(positions_mm), COLUMNS))
+        planes = np.ascontiguousarray(planes.reshape(-1, 2, 4, 3))
         bits = sobol_bits(samples // REPLICAS)
         positions, pixels = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(pixels, np.int64)
         seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF

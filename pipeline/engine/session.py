@@ -1,9 +1,10 @@
 """From a project to its output folder: run the graph, deliver the files, say what happened."""
 
+import json
 import os
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,8 @@ class Project:
     head : dict
         What the manifest says beside format, tasks and files; `head["stage"]` names the stage without a path of
         this machine.
+    findings : dict
+        What the head says besides, once the tasks are done: key -> name -> (task, output), the output a JSON file.
     out : Path
         Output folder.
     stage_id : str
@@ -41,6 +44,7 @@ class Project:
     head: dict[str, Any]
     out: Path
     stage_id: str
+    findings: dict[str, dict[str, tuple[str, str]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,19 +158,18 @@ def build(
         graph, store, jobs=_jobs(jobs), keep_going=keep_going, force=forced, on_event=on_event, prepare=prepare
     )
     _remember(project, store, outcome, whole=len(graph) == len(project.graph))
-    delivery, error = None, None
+    delivery, error, head = None, None, project.head
     if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
+        head = {**head, **_findings(project, outcome, store)}
         try:
-            delivery = deliver(
-                project.out, project.files, project.head, records=outcome.records, store=store, warn=warn
-            )
+            delivery = deliver(project.out, project.files, head, records=outcome.records, store=store, warn=warn)
         except PipelineError as caught:
             error = caught
     result = Result(
         stage=project.head.get("stage"),
         out=project.out.absolute(),
         seconds=time.perf_counter() - start,
-        certificate=project.head.get("certificate"),
+        certificate=head.get("certificate"),
         tasks=tuple(outcome.results[name] for name in graph),
         store=store.root,
         store_bytes=store.size(),
@@ -176,6 +179,15 @@ def build(
     )
     on_event({"event": "end", "summary": result.to_dict()})
     return result
+
+
+def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any]:
+    """What tasks found for the head of the manifest."""
+
+    def content(task: str, output: str) -> Any:
+        return json.loads(store.blob(outcome.records[task]["outputs"][output]["sha256"]).read_bytes())
+
+    return {key: {name: content(*place) for name, place in named.items()} for key, named in project.findings.items()}
 
 
 def plan_of(

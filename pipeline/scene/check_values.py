@@ -21,9 +21,7 @@ SUPPORTED: dict[str, tuple[Any, ...]] = {
     "PlenMicrolensArray plen:tilt": _NO_TILT,
     "PlenSensor plen:tilt": _NO_TILT,
     "plen:camera:weight": ("irradiance",),
-    "plen:truth:method": ("two-plane", "moments", "image"),
     "plen:truth:footprint": ("point",),
-    "plen:truth:accuracy": (),
     "plen:image:fNumbers": ((),),
 }
 

@@ -40,6 +40,8 @@ class CameraEntry:
         Fields of `truth.TruthSettings` (a dict, because scene and truth are strangers).
     image_samples : int
         Rays per pixel of the image.
+    extent : str
+        Of position images by method `image`: `tiles` around the points, or `full`.
     """
 
     name: str
@@ -51,8 +53,9 @@ class CameraEntry:
     footprint: str
     camera: Camera | FocusRequest
     sampling: Sampling
-    truth: dict[str, str | float]
+    truth: dict[str, str | float | None]
     image_samples: int
+    extent: str = "tiles"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -105,8 +105,10 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         sampling=Sampling(
             supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
         ),
-        truth={field: need(prim, name) for field, name in _TRUTH.items()},
+        truth={field: need(prim, name) for field, name in _TRUTH.items()}
+        | {"accuracy_px": read(prim, "plen:truth:accuracy")},
         image_samples=need(prim, "plen:image:samples"),
+        extent=need(prim, "plen:truth:extent"),
     )
 
 

@@ -63,6 +63,11 @@ class TargetPoints:
     plane: np.ndarray
     frames: np.ndarray
 
+    @property
+    def plane_axes(self) -> np.ndarray:
+        """Columns: x and y of the tangent plane of each point, and its normal, target frame, (n, 3, 3)."""
+        return self.frames[self.plane][:, :3, :3]
+
     def planes(self) -> list[TangentPlane]:
         """The tangent planes, in the order of their numbers."""
         found = []

@@ -33,7 +33,7 @@ def project(path: str | Path, out: str | Path | None = None, allow_roots: Iterab
     path = Path(path)
     loaded = load(path, allow_roots)
     dataset = require_dataset(loaded, path)
-    graph, files = graph_of(dataset)
+    graph, files, certificates = graph_of(dataset)
     files["dataset.usda"] = loaded.flattened.encode()
     head = {
         "stage": f"{path.name} </{dataset.stage_name}>",
@@ -43,12 +43,12 @@ def project(path: str | Path, out: str | Path | None = None, allow_roots: Iterab
             **{name: importlib.metadata.version(name) for name in _VERSIONS},
         },
         "seeds": {"dataset": dataset.seed},
-        "certificate": None,
     }
     return Project(
         graph=graph,
         files=files,
         head=head,
+        findings={"certificate": certificates},
         out=Path(out) if out else default_out(path),
         stage_id=str(path.resolve()),
     )

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from pipeline.camera import probes
 from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.quadrature import edges
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.imaging import irradiance
@@ -21,6 +23,9 @@ def compile_kernels() -> None:
     tracer = Tracer(Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0))
     pixels = np.zeros((1, 2), np.int64)
     tracer.moments(np.zeros((1, 2)), np.array([-1]), parallel_planes(1.0, 2.0), 4, pixels)
+    found = edges(tracer.arrays, np.zeros((1, 2)), np.array([-1]))
+    found.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
+    probes.spread(found.polygons[0], found.counts[0], np.zeros((1, 2)))
     irradiance(tracer, None, 1, None)
     board = Checkerboard(columns=2, rows=1, square_mm=1.0)
     board.radiance(np.zeros(1), np.zeros(1))

@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.camera.request import FocusRequest, group_shift, solved
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
+from pipeline.frames import apply
 from pipeline.records import to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.target.target import plain_from_target
@@ -21,8 +22,8 @@ from pipeline.truth.on_points import plane_name
 _KIND = "pipeline.tasks."
 
 
-def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
-    """All tasks of a dataset, and what of their outputs lies where in the output folder."""
+def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
+    """All tasks of a dataset, what of their outputs lies where in the output folder, and each camera's certificate."""
     graph, files = TaskGraph(), dict[str, Source]()
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
@@ -30,7 +31,10 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source]]:
         _add_camera(graph, files, camera)
         for frame in dataset.frames:
             _add_frame(graph, files, dataset, camera, frame)
-    return graph, files
+    certificates = {
+        camera.name: (_add_certificate(graph, dataset, camera), "certificate.json") for camera in dataset.cameras
+    }
+    return graph, files, certificates
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
@@ -39,10 +43,10 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
     reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: to_plain(entry.camera)})}
     report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
-    rays = _add_rays(graph, entry, reads)
+    if entry.truth["method"] != "direct":
+        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, reads), "rays.exr")
     white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
     files[f"{folder}/camera.json"] = (report, "camera.json")
-    files[f"{folder}/rays.exr"] = (rays, "rays.exr")
     files[f"{folder}/white.exr"] = (white, "white.exr")
     files[f"{folder}/white.png"] = (white, "white.png")
     if entry.camera.microlenses:
@@ -107,14 +111,16 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
         {**_image_params(entry), "targets": artwork, "background": dataset.background},
         reads,
     )
-    named = [{"name": target.name, **art} for target, art in zip(dataset.targets, artwork, strict=True)]
-    truth_reads = {"rays": f"rays/{entry.name}"}
-    if entry.camera.microlenses:
-        truth_reads["micro_images"] = f"micro_images/{entry.name}"
+    named = truth_targets(dataset, entry, frame)
+    truth_reads = dict(reads)
+    if entry.truth["method"] != "direct":
+        truth_reads["rays"] = f"rays/{entry.name}"
+        if entry.camera.microlenses:
+            truth_reads["micro_images"] = f"micro_images/{entry.name}"
     if entry.truth["method"] == "image":
         planes = [plane for target in dataset.targets for plane in _tangent_planes(target, poses[target.name])]
         light = {"weight": entry.weight, "wavelength_nm": entry.wavelength_nm}
-        params = {"targets": planes, **to_plain(entry.sampling), **light}
+        params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
         truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
         files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
     truth = graph.add(f"truth/{name}", f"{_KIND}truth", _truth_params(entry, frame, named), truth_reads)
@@ -125,15 +131,37 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
 
 
 def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:
-    """Name and pose of every tangent plane of a target; those that face away are traced in vain, but named alike."""
-    frames = entry.target.points().frames
+    """Name, pose and points (vision frame) of every tangent plane of a target; those that face away are named alike."""
+    points = entry.target.points()
     return [
         {
-            "name": plane_name(entry.name, number, len(frames)),
-            "vision_from_target": _matrix(vision_from_target @ frame),
+            "name": plane_name(entry.name, number, len(points.frames)),
+            "vision_from_target": _matrix(vision_from_target @ plane.target_from_plane),
+            "points_mm": apply(vision_from_target, points.position_mm[plane.members]).tolist(),
         }
-        for number, frame in enumerate(frames)
+        for number, plane in enumerate(points.planes())
     ]
+
+
+def truth_targets(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[dict[str, Any]]:
+    """The targets of a frame as `truth` and `certificate` read them: {name, target, vision_from_target}."""
+    return [
+        {
+            "name": target.name,
+            "target": plain_from_target(target.target),
+            "vision_from_target": _matrix(vision_from_target(frame, entry.name, target.name)),
+        }
+        for target in dataset.targets
+    ]
+
+
+def _add_certificate(graph: TaskGraph, dataset: Dataset, entry: CameraEntry) -> str:
+    frames = [{"number": frame.number, "targets": truth_targets(dataset, entry, frame)} for frame in dataset.frames]
+    reads = {f"frame{frame.number}": f"truth/{entry.name}/{frame.number:04d}" for frame in dataset.frames}
+    params = {"frames": frames, "truth": to_plain(entry.truth), "seed": entry.sampling.seed}
+    return graph.add(
+        f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}
+    )
 
 
 def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]]) -> dict[str, Any]:
@@ -143,9 +171,10 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
         "index_source": entry.index_source,
         "footprint": entry.footprint,
         "stop_diameter_mm": 2 * solved(entry.camera).prescription.stop.semi_diameter_mm,
-        "samples": entry.sampling.samples,
         "seed": entry.sampling.seed,
     }
+    if entry.truth["method"] != "direct":
+        labels["samples"] = entry.sampling.samples
     return {
         "frame": frame.number,
         "camera": entry.name,

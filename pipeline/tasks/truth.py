@@ -1,6 +1,6 @@
 """Task `truth`: correspondences of all targets for one camera in one frame."""
 
-from collections.abc import Callable
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +12,16 @@ from pipeline.frames import apply
 from pipeline.records import from_plain
 from pipeline.target.points import TargetPoints
 from pipeline.target.target import target_from_plain
-from pipeline.tasks.cameras import Inputs
+from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.rays import MOMENTS
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
-from pipeline.truth.on_points import PointTruth, correspond_points, plane_name
+from pipeline.truth.on_points import ImageOf, correspond_points, largest_sag_mm, plane_name
+from pipeline.truth.polish import polished
 from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
+from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
 
 LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR", "opencv-python-headless")
 
@@ -27,22 +29,46 @@ LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR", "opencv-python-headless")
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: frame, camera, targets (list of {name, target, vision_from_target}), truth, labels."""
     settings = from_plain(TruthSettings, params["truth"])
-    grid = read_grid(inputs)
+    rig = Rig(*tracer_of(inputs, params["labels"]["seed"]))
+    grid = None if settings.method == "direct" else read_grid(inputs)
     positions = read_exr(inputs["positions"]["positions.exr"]) if "positions" in inputs else {}
     columns: dict[str, list[Any]] = {}
     notes = []
     for entry in sorted(params["targets"], key=lambda entry: entry["name"]):
         points, pose = target_from_plain(entry["target"]).points(), np.array(entry["vision_from_target"])
         traced = _traced(positions, entry["name"], len(points.frames))
-        found = correspond_points(points, grid, pose, settings, _position_images(settings.method, traced))
-        notes.append(f"{entry['name']}: {_note(found)}")
-        if found.rows is None:
+        found = correspondences(rig, grid, settings, points, pose, traced)
+        notes.append(f"{entry['name']}: {_note(found, points, pose)}")
+        if found is None:
             continue
-        for name, column in _columns(params, entry["name"], points, pose, grid, found.rows, settings).items():
+        for name, column in _columns(params, entry["name"], points, pose, rig, found).items():
             columns.setdefault(name, []).extend(column)
     if not columns:
         columns = {name: [] for name in COLUMNS}
-    write_table(out / "correspondences.csv", [*_header(params, settings, grid), *notes], columns)
+    write_table(out / "correspondences.csv", [*_header(params, settings, grid, rig), *notes], columns)
+
+
+def correspondences(
+    rig: Rig,
+    grid: RayGrid | None,
+    settings: TruthSettings,
+    points: TargetPoints,
+    pose: np.ndarray,
+    traced: list[Part] | None,
+) -> Correspondences | None:
+    """All rows of one target, None if all of its points face away; `grid` is None for the method without images."""
+    planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+    if not faces_camera(planes).any():
+        return None
+    if grid is None:
+        assert settings.claim_px is not None
+        guess, rays = guesses(rig, planes)
+        found = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
+        return dataclasses.replace(found, counts={**found.counts, "rays": found.counts["rays"] + rays})
+    rows = correspond_points(points, grid, pose, settings, _position_images(settings.method, traced))
+    if rows is None or settings.method != "moments" or settings.search != "quad":
+        return rows
+    return polished(rig, rows, planes, settings)
 
 
 def _traced(positions: dict[str, Part], target: str, planes: int) -> list[Part] | None:
@@ -50,7 +76,7 @@ def _traced(positions: dict[str, Part], target: str, planes: int) -> list[Part] 
     return [positions[plane_name(target, number, planes)] for number in range(planes)] if positions else None
 
 
-def _position_images(method: str, traced: list[Part] | None) -> Callable[[int, np.ndarray, RayGrid], np.ndarray]:
+def _position_images(method: str, traced: list[Part] | None) -> ImageOf:
     """J on the planes of a target, each in its own frame, by the method that the stage asks for."""
 
     def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
@@ -62,15 +88,17 @@ def _position_images(method: str, traced: list[Part] | None) -> Callable[[int, n
     return image_of
 
 
-def _note(found: PointTruth) -> str:
+def _note(found: Correspondences | None, points: TargetPoints, pose: np.ndarray) -> str:
     """What became of a target: counts by reason."""
-    if found.rows is None:
+    if found is None:
         return "no rows, because the camera sees its back"
-    said = [f"{name} {count}" for name, count in found.rows.counts.items()]
-    if found.facing_away:
-        said.append(f"points_facing_away {found.facing_away}")
-    if found.largest_sag_mm:
-        said.append(f"largest sag of the surface from its tangent plane over the blur {found.largest_sag_mm:.2g} mm")
+    said = [f"{name} {count}" for name, count in found.counts.items()]
+    away = int(np.sum(~faces_camera(tangent_planes(pose, points.position_mm, points.plane_axes))))
+    if away:
+        said.append(f"points_facing_away {away}")
+    sag_mm = largest_sag_mm(found, points)
+    if sag_mm:
+        said.append(f"largest sag of the surface from its tangent plane over the blur {sag_mm:.2g} mm")
     return ", ".join(said)
 
 
@@ -147,14 +175,15 @@ def _columns(
     target: str,
     points: TargetPoints,
     pose: np.ndarray,
-    grid: RayGrid,
+    rig: Rig,
     truth: Correspondences,
-    settings: TruthSettings,
 ) -> dict[str, Any]:
     """Columns of one target, in the order of COLUMNS."""
-    found = truth.found
+    found, lattice = truth.found, rig.tracer.lattice
     rows = len(found.point)
-    microlens = [[None] * rows] * 3 if grid.centres_px is None else list(grid.microlenses[found.cell].T)
+    microlens = [[None] * rows] * 3
+    if lattice is not None:
+        microlens = [column[found.cell] for column in (lattice.k, lattice.l, lattice.type)]
     point = points.position_mm[found.point]
     blur = truth.blur_px2
     values = (
@@ -174,30 +203,36 @@ def _columns(
         blur[:, 0, 1],
         blur[:, 1, 1],
         truth.rho_px,
-        [settings.method] * rows,
+        truth.method.tolist(),
     )
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid) -> list[str]:
+def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | None, rig: Rig) -> list[str]:
     labels = params["labels"]
-    filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
-    search = (
-        f"quad, filter {filtered}"
-        if settings.search == "quad"
-        else f"nearest, threshold {settings.nearest_threshold_mm} mm"
-    )
     empty = ["visibility (occlusion is not computed yet; points that face away have no rows)"]
-    if grid.centres_px is None:
+    if rig.images is None:
         empty.append("microlens_k, microlens_l, microlens_type (a conventional camera)")
+    claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
     return [
         f"exact image positions of target points: camera {params['camera']}, frame {params['frame']}",
         "pixel convention: (0, 0) is the centre of the top-left pixel, x right, y down",
         "units: px in the image, mm in space; target frame x right, y up, z to the viewer;"
         " camera = vision frame x right, y down, z forward, origin at the aperture stop",
-        f"method: {settings.method}; search: {search}; smallest hit fraction {settings.min_hit_fraction}",
+        f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
+        f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
         f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
         f" stop: circular, diameter {labels['stop_diameter_mm']} mm; footprint: {labels['footprint']}",
-        f"K: {grid.supersampling}; samples: {labels['samples']}; seed: {labels['seed']}",
+        f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
         f"empty: {'; '.join(empty)}; single empty cells of blur and rho: no bundle of the micro-image at the pixel",
     ]
+
+
+def _search(settings: TruthSettings) -> str:
+    if settings.method == "direct":
+        return "J(x) = p solved at every point, no position image"
+    if settings.search == "nearest":
+        return f"search: nearest, threshold {settings.nearest_threshold_mm} mm"
+    filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
+    surface = ", quadratic in 4 x 4 values, doubtful rows by direct" if settings.method == "moments" else ""
+    return f"search: quad, filter {filtered}{surface}"

@@ -1,11 +1,13 @@
 """Correspondences of points of one plane in one frame: search, half-pixel rule, blur, and which rows exist."""
 
+import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from pipeline.truth import blur, search
+from pipeline.truth import blur, quadratic, search
 from pipeline.truth.grid import RayGrid, fine_from_image, image_from_fine, matrix_4
 from pipeline.truth.position_image import crossing_share
 from pipeline.truth.settings import TruthSettings
@@ -24,6 +26,8 @@ class Found:
         Derivative of J by image position: mm on the target per px; columns are x and y.
     noise_gain : (n,) float64
         Standard error of the solution over that of a single position of the grid.
+    error_px : (n,) float64
+        Expected error from noise and from what the search assumes; NaN where it cannot tell.
     """
 
     point: np.ndarray
@@ -32,10 +36,15 @@ class Found:
     y_px: np.ndarray
     jacobian: np.ndarray
     noise_gain: np.ndarray
+    error_px: np.ndarray
 
     def only(self, kept: np.ndarray) -> "Found":
-        """The rows where `kept` is true."""
+        """The rows where `kept` is true, or those that it numbers."""
         return Found(*(getattr(self, name)[kept] for name in self.__slots__))
+
+    def joined(self, other: "Found") -> "Found":
+        """These rows and those of another."""
+        return Found(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
 
 
 def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
@@ -85,15 +94,17 @@ def _find_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: 
     counts["ambiguous"] = int(np.sum(~first))
     best = solutions[accepted[first]]
     s, t = best[:, 7], best[:, 8]
-    found = Found(
-        pair[first, 0],
-        pair[first, 1],
-        image_from_fine(best[:, 0], grid.supersampling),
-        image_from_fine(best[:, 1], grid.supersampling),
-        best[:, 3:7].reshape(-1, 2, 2).transpose(0, 2, 1) * grid.supersampling,
-        np.sqrt((1 - s - t) ** 2 + s**2 + t**2),
-    )
-    return found, counts
+    column, row, gain = best[:, 0], best[:, 1], np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
+    jacobian, error = best[:, 3:7].reshape(-1, 2, 2).transpose(0, 2, 1), np.full(len(best), np.nan)
+    if settings.method == "moments":
+        fit = quadratic.solve(image, grid.cell, quads[accepted[first], 1:], points[pair[first, 0]])
+        known = ~np.isnan(fit.error)
+        column, row = np.where(known, fit.column, column), np.where(known, fit.row, row)
+        gain, error = np.where(known, fit.noise_gain, gain), fit.error
+        jacobian = np.where(known[:, None, None], fit.jacobian, jacobian)
+    k = grid.supersampling
+    x, y = image_from_fine(column, k), image_from_fine(row, k)
+    return Found(pair[first, 0], pair[first, 1], x, y, jacobian * k, gain, error / k), counts
 
 
 def _find_nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
@@ -109,6 +120,7 @@ def _find_nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings
         image_from_fine(row, grid.supersampling),
         _central_jacobian(image, column, row) * grid.supersampling,
         np.ones(len(point)),
+        np.full(len(point), np.nan),
     )
     return found, {"quads": 0, "ambiguous": 0}
 
@@ -137,6 +149,8 @@ class Correspondences:
         NaN where the second moments are not known.
     counts : dict
         What was found, rejected and dropped, by reason.
+    method : (n,) str
+        How each row was found.
     """
 
     found: Found
@@ -145,6 +159,26 @@ class Correspondences:
     blur_px2: np.ndarray
     rho_px: np.ndarray
     counts: dict[str, int]
+    method: np.ndarray
+
+    def only(self, kept: np.ndarray) -> "Correspondences":
+        """The rows where `kept` is true, or those that it numbers; counts stay."""
+        columns = (getattr(self, name)[kept] for name in _PER_ROW)
+        return dataclasses.replace(self, found=self.found.only(kept), **dict(zip(_PER_ROW, columns, strict=True)))
+
+    def joined(self, other: "Correspondences") -> "Correspondences":
+        """These rows and those of another; counts stay these."""
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
+        }
+        return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
+
+    def sorted_by(self, axial: np.ndarray) -> "Correspondences":
+        """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
+        return self.only(np.lexsort((*axial[self.found.cell].T, self.found.point)))
+
+
+_PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
 
 
 def correspond(
@@ -176,6 +210,7 @@ def completed(
         blurred,
         blur.signed_radius_px(blurred, uv),
         counts,
+        np.full(len(order), settings.method),
     )
 
 

@@ -1,18 +1,18 @@
-"""Ground truth of all points of a target: each on its own tangent plane, those that share one together.
+"""Position images of all points of a target: each on its own tangent plane, those that share one together.
 
 A point whose front faces away from the centre of the aperture stop has no row. What stands in front of a point, another
 target or a part of the same one, is not looked for: see the column `visibility`.
 """
 
+import functools
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 
 from pipeline.frames import apply
 from pipeline.target.points import TangentPlane, TargetPoints
-from pipeline.truth.correspond import Correspondences, Found, completed, find
+from pipeline.truth.correspond import Correspondences, completed, find
 from pipeline.truth.grid import RayGrid
 from pipeline.truth.settings import TruthSettings
 
@@ -26,34 +26,9 @@ ImageOf = Callable[[int, np.ndarray, RayGrid], np.ndarray]
 one point alone is wanted."""
 
 
-@dataclass(frozen=True, slots=True)
-class PointTruth:
-    """Rows of a target, sorted by point, l, k.
-
-    Attributes
-    ----------
-    rows : Correspondences or None
-        `found.point` counts the target's points; None if all face away.
-    facing_away : int
-        Points that do.
-    largest_sag_mm : float
-        How far the surface leaves the tangent plane, two standard deviations of the bundle from the point; of the row
-        where that is most. 0 on flat targets.
-    """
-
-    rows: Correspondences | None
-    facing_away: int
-    largest_sag_mm: float
-
-
 def plane_name(target: str, number: int, planes: int) -> str:
     """Name of the position image of a tangent plane: that of the target, with a number if it has several."""
     return target if planes == 1 else f"{target}.{number}"
-
-
-def faces_away(vision_from_plane: np.ndarray) -> bool:
-    """Whether the front of a plane is turned away from the centre of the stop."""
-    return bool(vision_from_plane[:3, 2] @ vision_from_plane[:3, 3] >= 0)
 
 
 def correspond_points(
@@ -62,20 +37,21 @@ def correspond_points(
     vision_from_target: np.ndarray,
     settings: TruthSettings,
     image_of: ImageOf,
-) -> PointTruth:
-    """All rows of a target that exist."""
-    parts, away, sag = [], 0, 0.0
+) -> Correspondences | None:
+    """All rows of a target that exist, `found.point` counting its points; None if all of them face away."""
+    parts = []
     for number, plane in enumerate(points.planes()):
         pose = vision_from_target @ plane.target_from_plane
-        if faces_away(pose):
-            away += len(plane.members)
+        if pose[:3, 2] @ pose[:3, 3] >= 0:
             continue
         whole = len(plane.members) > 1 or settings.method == "image"  # traced images come whole
-        part = _on_plane(plane, whole, grid, pose, settings, partial(image_of, number, pose))
-        sag = max(sag, _sag_mm(part, points.curvature_per_mm[plane.members]))
-        found = replace(part.found, point=plane.members[part.found.point])
-        parts.append(replace(part, found=found))
-    return PointTruth(_joined(parts, grid) if parts else None, away, sag)
+        part = _on_plane(plane, whole, grid, pose, settings, functools.partial(image_of, number, pose))
+        parts.append(replace(part, found=replace(part.found, point=plane.members[part.found.point])))
+    if not parts:
+        return None
+    counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
+    joined = functools.reduce(Correspondences.joined, parts)
+    return replace(joined, counts=counts).sorted_by(grid.microlenses[:, :2])
 
 
 def _on_plane(
@@ -111,9 +87,12 @@ def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
     return slices[0], slices[1]
 
 
-def _sag_mm(rows: Correspondences, curvature: np.ndarray) -> float:
-    """Curvature / 2 times the square of two standard deviations, along the widest axis of the bundle on the plane."""
-    bend = curvature[rows.found.point]
+def largest_sag_mm(rows: Correspondences, points: TargetPoints) -> float:
+    """How far the surface leaves the tangent plane within the blur, of the row where that is most; 0 on flat targets.
+
+    Curvature / 2 times the square of two standard deviations, along the widest axis of the bundle on the plane.
+    """
+    bend = points.curvature_per_mm[rows.found.point]
     if not bend.any():
         return 0.0
     jacobian = rows.found.jacobian
@@ -122,17 +101,3 @@ def _sag_mm(rows: Correspondences, curvature: np.ndarray) -> float:
     if not known.any():
         return 0.0
     return float(np.max(2 * bend[known] * np.linalg.eigvalsh(on_plane[known])[:, -1]))
-
-
-def _joined(parts: list[Correspondences], grid: RayGrid) -> Correspondences:
-    """Rows of all planes, sorted by point, l, k; counts are added up."""
-    if len(parts) == 1:
-        return parts[0]
-    found = Found(*(np.concatenate([getattr(p.found, f.name) for p in parts]) for f in fields(Found)))
-    order = np.lexsort((*grid.microlenses[found.cell][:, :2].T, found.point))
-    arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts])[order]
-        for name in ("sigma_px", "hit_fraction", "blur_px2", "rho_px")
-    }
-    counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
-    return Correspondences(found=found.only(order), counts=counts, **arrays)

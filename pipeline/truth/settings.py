@@ -10,7 +10,8 @@ class TruthSettings:
     Attributes
     ----------
     method : str
-        `two-plane` (J from J_near and J_far), `moments` (corrected to second order) or `image` (J rendered per pose).
+        `two-plane` (J from J_near and J_far), `moments` (corrected to second order, rows that miss the accuracy solved
+        directly), `image` (J rendered per pose) or `direct` (J(x) = p solved for each point).
     search : str
         `quad` (cell of four neighbours and a local linear solve) or `nearest` (the paper's naive search).
     filter : str
@@ -23,12 +24,20 @@ class TruthSettings:
         Largest distance on the target that the nearest search accepts.
     min_hit_fraction : float
         Correspondences below this hit fraction are dropped.
+    accuracy_px : float or None
+        Error that rows may have; None: what the method is expected to keep, see `claim_px`.
     """
 
-    method: str = "two-plane"
+    method: str = "moments"
     search: str = "quad"
     filter: str = "lengths-and-angles"
     lambda_d: float = 0.15
     lambda_alpha_deg: float = 10.0
     nearest_threshold_mm: float = 0.05
     min_hit_fraction: float = 0.05
+    accuracy_px: float | None = None
+
+    @property
+    def claim_px(self) -> float | None:
+        """The accuracy that rows claim [px]; None: `two-plane` and `image` promise none of their own accord."""
+        return {"direct": 1e-4, "moments": 1e-3}.get(self.method) if self.accuracy_px is None else self.accuracy_px

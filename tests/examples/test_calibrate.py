@@ -101,7 +101,7 @@ def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
 
 
 def test_the_lens_of_the_example_is_found_as_far_as_it_is_a_pinhole(tmp_path, monkeypatch):
-    """With a quarter of its rays: sampling moves the principal distance, and all boards with it, by some 0.5 %."""
+    """With a quarter of its rays; doubtful corners are solved directly, so what is left is what no pinhole can be."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     stage = tmp_path / "coarse.usda"
     stage.write_text(COARSE)
@@ -110,7 +110,7 @@ def test_the_lens_of_the_example_is_found_as_far_as_it_is_a_pinhole(tmp_path, mo
     rms, share, boards = calibrate(tmp_path / "out")
 
     assert len(boards) == 6
-    assert 0.001 < rms < 0.03
+    assert rms < 0.03
     assert abs(share) < 1.5
     assert boards[:, :2] == pytest.approx(0, abs=0.05)
     assert np.ptp(boards[:, 2]) < 0.2

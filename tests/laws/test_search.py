@@ -73,8 +73,9 @@ def test_the_often_printed_rule_is_off_by_half_a_pixel_less_half_a_fine_one(k: i
     np.testing.assert_allclose(miss, (k - 1) / (2 * k), rtol=0, atol=HALF_PIXEL_PX)
 
 
-def test_on_a_projective_image_the_error_falls_with_the_square_of_the_step() -> None:
-    """Interpolation is linear: double K, and the rms error falls about fourfold."""
+@pytest.mark.parametrize(("method", "order"), [("two-plane", 2), ("moments", 3)])
+def test_on_a_projective_image_the_error_falls_with_a_power_of_the_step(method: str, order: int) -> None:
+    """Interpolation is linear, or quadratic: double K, and the rms error falls about fourfold, or eightfold."""
     homography = np.array([[0.3, 0.02, -3.0], [0.01, -0.3, 3.0], [0.004, 0.003, 1.0]])
 
     def seen(positions: np.ndarray) -> np.ndarray:
@@ -84,10 +85,10 @@ def test_on_a_projective_image_the_error_falls_with_the_square_of_the_step() -> 
     positions, errors = np.random.default_rng(1).uniform(2.0, 17.0, (400, 2)), []
     points = np.column_stack([seen(positions), np.zeros(400)])
     for k in (1, 2, 4, 8):
-        found, _ = find(seen(centres_px(k)), points, grid_of(k), TruthSettings())
+        found, _ = find(seen(centres_px(k)), points, grid_of(k), TruthSettings(method=method))
         errors.append(np.sqrt(np.mean((np.stack([found.x_px, found.y_px], axis=1) - positions[found.point]) ** 2)))
     assert errors[0] < 0.02
-    assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:]) - 2) < 0.2)
+    assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:]) - order) < 0.2)
 
 
 def filtered(image: np.ndarray, settings: TruthSettings, cell: np.ndarray | None = None) -> dict:

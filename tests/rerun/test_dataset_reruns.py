@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 import pipeline
+from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 from pipeline.tasks.show import show
 
 DATA = Path(__file__).parents[1] / "data"
 RAYS = {"rays_tile", "rays"}
+TRUTH = {"truth", "certificate"}
+"""Truth and what judges it."""
 
 
 class Workshop:
@@ -83,7 +86,7 @@ def test_a_second_build_executes_nothing_and_rewrites_no_file(name, request):
 
 def test_one_pose_sample_reruns_that_frame_and_undoing_it_reruns_nothing(conventional):
     conventional.edit("2: (0.3, -0.2, -432)", "2: (0.31, -0.2, -432)")
-    assert conventional.ran_names() == ["image/Rig.Camera/0002", "truth/Rig.Camera/0002"]
+    assert conventional.ran_names() == ["certificate/Rig.Camera", "image/Rig.Camera/0002", "truth/Rig.Camera/0002"]
     conventional.edit("2: (0.31, -0.2, -432)", "2: (0.3, -0.2, -432)")
     assert conventional.run() == Counter()
 
@@ -133,18 +136,18 @@ def test_binary_layers_and_another_folder_rerun_nothing(conventional, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "kinds"),
     [
-        ("uniform int plen:seed = 3", "uniform int plen:seed = 4", {"image", "white", "truth"} | RAYS),
-        ("plen:truth:samples = 64", "plen:truth:samples = 128", {"truth"} | RAYS),
+        ("uniform int plen:seed = 3", "uniform int plen:seed = 4", {"image", "white"} | TRUTH | RAYS),
+        ("plen:truth:samples = 64", "plen:truth:samples = 128", TRUTH | RAYS),
         ("plen:image:samples = 64", "plen:image:samples = 32", {"image", "white"}),
-        ("plen:squareSize = 1.4", "plen:squareSize = 1.5", {"image", "truth"}),
-        ("plen:columns = 3", "plen:columns = 3\n        uniform double plen:black = 0.1", {"image", "truth"}),
+        ("plen:squareSize = 1.4", "plen:squareSize = 1.5", {"image"} | TRUTH),
+        ("plen:columns = 3", "plen:columns = 3\n        uniform double plen:black = 0.1", {"image"} | TRUTH),
         ("plen:seed = 3", "plen:seed = 3\n    uniform double plen:background = 0.2", {"image"}),
         (
             "verticalAperture = 24",
             "verticalAperture = 24\n            uniform double plen:truth:lambdaD = 0.2",
-            {"truth"},
+            TRUTH,
         ),
-        ('def PlenCheckerboard "Board"', 'def PlenCheckerboard "Plate"', {"truth"}),
+        ('def PlenCheckerboard "Board"', 'def PlenCheckerboard "Plate"', TRUTH),
     ],
 )
 def test_an_edited_value_reruns_its_readers_only(conventional, old, new, kinds):
@@ -157,7 +160,7 @@ def test_an_edited_value_reruns_its_readers_only(conventional, old, new, kinds):
 def test_renaming_the_camera_reruns_only_what_writes_its_name(plenoptic):
     plenoptic.edit('def "Rig"', 'def "Gestell"')
     plenoptic.edit("/Rig/", "/Gestell/")
-    assert set(plenoptic.run()) == {"truth"}
+    assert set(plenoptic.run()) == TRUTH
 
 
 def test_moving_rig_and_board_together_never_touches_rays(conventional):
@@ -175,7 +178,7 @@ def test_a_lens_edit_reruns_everything_of_its_camera(conventional):
         'over "Lens"\n        {\n            over "Stop"\n            {\n'
         '                uniform double plen:semiDiameter = 4\n            }\n        }\n\n        over "Sensor"',
     )
-    assert set(conventional.run()) == {"focus", "first_order", "image", "white", "truth"} | RAYS
+    assert set(conventional.run()) == {"focus", "first_order", "image", "white"} | TRUTH | RAYS
 
 
 DECENTRED = """over "Lens"
@@ -228,23 +231,59 @@ def test_a_lens_name_reruns_the_report_and_stops_there(conventional):
     assert set(conventional.run()) == {"first_order"}
 
 
-def test_method_moments_reruns_the_truth_alone(conventional):
-    method = 'uniform token plen:truth:method = "moments"'
+def test_another_method_reruns_the_truth_alone(conventional):
+    method = 'uniform token plen:truth:method = "two-plane"'
     conventional.edit("verticalAperture = 24", f"verticalAperture = 24\n            {method}")
-    assert set(conventional.run()) == {"truth"}
+    assert set(conventional.run()) == TRUTH
+
+
+def test_method_direct_needs_no_rays_and_does_not_rerun_for_their_number(conventional, tmp_path, monkeypatch):
+    method = 'uniform token plen:truth:method = "direct"'
+    conventional.edit("verticalAperture = 24", f"verticalAperture = 24\n            {method}")
+    assert set(conventional.run()) == TRUTH
+    assert not (conventional.out / "cameras/Rig.Camera/rays.exr").exists()
+    conventional.edit("plen:truth:samples = 64", "plen:truth:samples = 128")
+    assert conventional.run() == Counter()
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
+    assert not RAYS & set(conventional.run())
+
+
+def test_the_certificate_judges_every_camera_in_manifest_and_result(conventional):
+    found = json.loads((conventional.out / "manifest.json").read_text(encoding="utf-8"))["certificate"]
+    assert list(found) == ["Rig.Camera"] and found["Rig.Camera"]["passed"] is True
+    assert found["Rig.Camera"]["own_sigma_px"] < found["Rig.Camera"]["claim_px"] / 3
+    assert pipeline.build(conventional.stage, conventional.out, jobs=1).certificate == found
 
 
 def test_method_image_adds_position_images_and_keeps_the_rays(conventional):
     conventional.edit(
         "verticalAperture = 24", 'verticalAperture = 24\n            uniform token plen:truth:method = "image"'
     )
-    assert set(conventional.run()) == {"positions", "truth"}
+    assert set(conventional.run()) == {"positions"} | TRUTH
     assert (conventional.out / "frames/0001/Rig.Camera/positions.exr").is_file()
+
+
+@pytest.mark.parametrize("tiny", ["conventional", "plenoptic"])
+def test_tiles_of_position_images_give_the_rows_of_full_ones(tiny, request):
+    """To the byte; and they are traced only where points may be seen."""
+    workshop, tables, filled = request.getfixturevalue(tiny), [], []
+    shutter = "verticalAperture = 24" if tiny == "conventional" else "horizontalAperture = 14.4"
+    workshop.edit(shutter, f'{shutter}\n            uniform token plen:truth:method = "image"')
+    for extent in ("tiles", "full"):
+        if extent == "full":
+            workshop.edit(shutter, f'{shutter}\n            uniform token plen:truth:extent = "full"')
+        workshop.run()
+        tables.append([(workshop.out / f"frames/000{n}/Rig.Camera/correspondences.csv").read_bytes() for n in (1, 2)])
+        part = read_exr(workshop.out / "frames/0001/Rig.Camera/positions.exr")["Board"]
+        filled.append(np.isfinite(part.channels["X"]).mean())
+    body = [[table.split(b"\nframe,")[1] for table in pair] for pair in tables]
+    assert body[0] == body[1]
+    assert filled[0] < filled[1] or tiny == "plenoptic"  # its micro-images are as small as tiles
 
 
 def test_a_frame_that_is_dropped_leaves_no_file(conventional):
     conventional.edit("endTimeCode = 2", "endTimeCode = 1")
-    assert conventional.run() == Counter()
+    assert set(conventional.run()) == {"certificate"}
     assert not (conventional.out / "frames/0002").exists()
 
 
@@ -271,7 +310,7 @@ def test_a_deleted_or_altered_file_comes_back_without_running_a_task(conventiona
     before = {name: data for name, (_, data) in _facts(conventional.out).items()}
     (conventional.out / "cameras/Rig.Camera/rays.exr").unlink()
     table = conventional.out / "frames/0001/Rig.Camera/correspondences.csv"
-    table.write_text(table.read_text(encoding="utf-8").replace("two-plane", "two-plain"), encoding="utf-8")
+    table.write_text(table.read_text(encoding="utf-8").replace("moments", "movements"), encoding="utf-8")
     assert conventional.run() == Counter()
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
 
@@ -280,7 +319,7 @@ def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch
     before = {name: data for name, (_, data) in _facts(conventional.out).items()}
     shutil.rmtree(conventional.out)
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
-    assert conventional.run().total() == 9
+    assert conventional.run().total() == 10
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
 
 

@@ -1,0 +1,261 @@
+"""Integrals over bundles by quadrature over the traced edge of what passes; vision frame, mm.
+
+The edge is found by bisection of real rays, because only the trace knows what passes. From an inner point, nodes of
+Gauss and Legendre along the radius times nodes over the angle: evenly spaced ones where the edge is one smooth curve
+(then their error falls faster than any power of their number), else those of Gauss and Legendre on each arc between two
+corners. A corner is where the aperture that blocks changes. All of it needs a region that is star-shaped about the
+point; one that is not is reported, not integrated.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera import probes
+from pipeline.camera.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
+from pipeline.camera.polygon import MAX_VERTICES
+from pipeline.camera.probes import PASSES
+
+EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
+"""What became of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
+
+_POLYGON = 1 << 20
+"""Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
+_FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
+_CORNER_STEPS, _CORNER_EDGE_STEPS, _EDGE_STEPS = 10, 18, 24
+_INNER_PROBES = 256
+_LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
+
+
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """What passes, for many sensor positions, and the means to integrate over it.
+
+    Attributes
+    ----------
+    arrays : tuple
+        `Tracer.arrays`.
+    positions, lens : (n, 2) float64, (n,) int64
+        Sensor positions and their microlens.
+    polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
+        Polygons that enclose what passes.
+    free_sr : (n,) float64
+        Weight of all rays through the position's own microlens; 0 without one.
+    centres : (n, 2) float64
+        Inner points; NaN where nothing passes.
+    corner_owner, corner_rad : (c,) int64, (c,) float64
+        Corners of the edges: positions, ascending, and directions from the inner point, ascending.
+    rays : int
+        Traced so far.
+    """
+
+    arrays: tuple[np.ndarray, ...]
+    positions: np.ndarray
+    lens: np.ndarray
+    polygons: np.ndarray
+    counts: np.ndarray
+    free_sr: np.ndarray
+    centres: np.ndarray
+    corner_owner: np.ndarray
+    corner_rad: np.ndarray
+    rays: int
+
+    def moments(self, planes: np.ndarray, nodes: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, int]:
+        """Moments of all bundles on two planes of each.
+
+        Parameters
+        ----------
+        planes : (n, 2, 4, 3) float64
+        nodes : (int, int)
+            Along the radius, and over the full circle.
+
+        Returns
+        -------
+        (n, COLUMNS) float64
+            As `Tracer.moments`; the standard errors are 0.
+        (n,) int64
+            EMPTY, INTEGRATED or NOT_STAR_SHAPED.
+        int
+            Rays traced.
+        """
+        n = len(self.positions)
+        result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
+        owner, angle, share = _directions(self, nodes[1])
+        radius, _, limit, rays = _find(self, owner, angle, _EDGE_STEPS)
+        if len(owner):
+            node, weight = _gauss(nodes[0])
+            r = radius[:, None] * node
+            along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            points = self.centres[owner, None] + r[..., None] * along[:, None]
+            measure = r * (radius * share)[:, None] * weight
+            whole = np.zeros(n, bool)
+            optics, table, _, lenses, _ = self.arrays
+            arguments = self.positions, self.lens, np.repeat(owner, nodes[0]), points.reshape(-1, 2), measure.ravel()
+            planes = np.ascontiguousarray(planes)
+            probes.integrate(optics, table, lenses, planes, *arguments, result, whole)
+            rays += measure.size + len(owner)
+            status[owner] = np.where(whole & self._nothing_beyond(owner, along, radius, limit), 1, 2)[owner]
+        result[:, VARIANCE:] = 0.0
+        result[:, FREE_WEIGHT] = self.free_sr
+        result[status == EMPTY, WEIGHT] = 0.0
+        return result, status, rays
+
+    def _nothing_beyond(
+        self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray
+    ) -> np.ndarray:
+        """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
+        height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
+        open_ = radius < limit * (1 - 1e-9)
+        points = self.centres[owner] + (radius + height * (limit - radius))[:, None] * along
+        label = _probe(self, owner[open_], points[open_])
+        clear = np.ones(len(self.positions), bool)
+        clear[owner[open_][label == PASSES]] = False
+        return clear
+
+
+def edges(arrays: tuple[np.ndarray, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+    """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
+    positions, lens = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(lens, np.int64)
+    n = len(positions)
+    polygons, counts, free = np.zeros((n, MAX_VERTICES, 2)), np.zeros(n, np.int64), np.zeros(n)
+    optics, _, outlines, lenses, aperture = arrays
+    probes.bounds(optics, outlines, lenses, aperture, positions, lens, polygons, counts, free)
+    none = np.zeros(0, np.int64), np.zeros(0)
+    found = Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0)
+    rays = _settle_centres(found)
+    owner = np.repeat(np.flatnonzero(~np.isnan(found.centres[:, 0])), _FIRST_DIRECTIONS)
+    angle = np.tile(2 * np.pi * np.arange(_FIRST_DIRECTIONS) / _FIRST_DIRECTIONS, len(owner) // _FIRST_DIRECTIONS)
+    radius, _, _, more = _find(found, owner, angle, _FIRST_STEPS)
+    rays += more + _move_to_middle(found, owner, angle, radius)
+    # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
+    _, label, _, fine = _find(found, owner, angle, _CORNER_EDGE_STEPS)
+    corner_owner, corner, again = _corners(found, owner, angle, label)
+    return Edges(
+        arrays, positions, lens, polygons, counts, free, found.centres, corner_owner, corner, rays + fine + again
+    )
+
+
+def _settle_centres(found: Edges) -> int:
+    """Write an inner point of every region: its centre, or the passing probe nearest to the mean of them."""
+    candidates = np.flatnonzero(found.counts >= 3)
+    inside = np.arange(MAX_VERTICES) < found.counts[candidates, None]
+    middle = (found.polygons[candidates] * inside[..., None]).sum(axis=1) / found.counts[candidates, None]
+    passed = _probe(found, candidates, middle) == PASSES
+    found.centres[candidates[passed]] = middle[passed]
+    missed = candidates[~passed]
+    points = np.empty((len(missed), _INNER_PROBES, 2))
+    for filled, n in zip(points, missed, strict=True):
+        probes.spread(found.polygons[n], found.counts[n], filled)
+    label = _probe(found, np.repeat(missed, _INNER_PROBES), points.reshape(-1, 2)).reshape(-1, _INNER_PROBES)
+    for n, tried, ok in zip(missed, points, label == PASSES, strict=True):
+        if ok.any():
+            lit = tried[ok]
+            found.centres[n] = lit[np.argmin(np.hypot(*(lit - lit.mean(axis=0)).T))]
+    return len(candidates) + label.size
+
+
+def _move_to_middle(found: Edges, owner: np.ndarray, angle: np.ndarray, radius: np.ndarray) -> int:
+    """Move inner points to the centroids of their regions where those pass."""
+    n = len(found.positions)
+    area = np.bincount(owner, 1.5 * radius**2, n)
+    moved = np.stack([np.bincount(owner, radius**3 * along(angle), n) for along in (np.cos, np.sin)], axis=1)
+    some = np.flatnonzero(area > 0)
+    middle = found.centres[some] + moved[some] / area[some, None]
+    passed = _probe(found, some, middle) == PASSES
+    found.centres[some[passed]] = middle[passed]
+    return len(some)
+
+
+def _corners(
+    found: Edges, owner: np.ndarray, angle: np.ndarray, label: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Directions between which the label of the edge changes, bisected; `owner` comes in full circles.
+
+    A third label in between is an arc that the first directions missed: then there are two corners instead of one.
+    """
+    circle = label.reshape(-1, _FIRST_DIRECTIONS)
+    following = np.roll(circle, -1, axis=1).ravel()
+    changes = np.flatnonzero(label != following)
+    owner, left, before, after = owner[changes], angle[changes], label[changes], following[changes]
+    right, rays = left + 2 * np.pi / _FIRST_DIRECTIONS, 0
+    for _ in range(_CORNER_STEPS):
+        middle = (left + right) / 2
+        _, here, _, more = _find(found, owner, middle, _CORNER_EDGE_STEPS)
+        rays += more
+        is_left, new = here == before, (here != before) & (here != after)
+        parts = (
+            (owner, np.where(is_left, middle, left), np.where(is_left, right, middle), before),
+            (owner[new], middle[new], right[new], here[new]),
+        )
+        after = np.concatenate([np.where(new, here, after), after[new]])
+        owner, left, right, before = (np.concatenate(pair) for pair in zip(*parts, strict=True))
+        order = np.lexsort((left, owner))
+        owner, left, right, before, after = (values[order] for values in (owner, left, right, before, after))
+    return owner, (left + right) / 2, rays
+
+
+def _find(
+    found: Edges, owner: np.ndarray, angle: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Radius of the edge, its label, the polygon's radius, and the number of rays, for directions sorted by owner.
+
+    Bisection: the radius errs by 2^-(steps + 1) of the way to the polygon.
+    """
+    limit, label = np.empty(len(owner)), np.empty(len(owner), np.int64)
+    probes.reach(found.polygons, found.counts, found.centres, owner, angle, limit, label)
+    label += _POLYGON
+    along, centre = np.stack([np.cos(angle), np.sin(angle)], axis=1), found.centres[owner]
+    blocked = _probe(found, owner, centre + limit[:, None] * along)
+    open_ = np.flatnonzero(blocked != PASSES)
+    low, high, label[open_] = np.zeros(len(open_)), limit[open_], blocked[open_]
+    for _ in range(steps):
+        middle = (low + high) / 2
+        here = _probe(found, owner[open_], centre[open_] + middle[:, None] * along[open_])
+        passed = here == PASSES
+        low, high = np.where(passed, middle, low), np.where(passed, high, middle)
+        label[open_] = np.where(passed, label[open_], here)
+    radius = limit.copy()
+    radius[open_] = (low + high) / 2
+    return radius, label, limit, len(owner) + steps * len(open_)
+
+
+def _probe(found: Edges, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
+    optics, table, _, lenses, _ = found.arrays
+    label = np.empty(len(owner), np.int64)
+    probes.probe(optics, table, lenses, found.positions, found.lens, owner, np.ascontiguousarray(points), label)
+    return label
+
+
+def _directions(found: Edges, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions of a quadrature and the angles that they stand for, sorted by owner."""
+    live = ~np.isnan(found.centres[:, 0])
+    live[found.corner_owner] = False
+    smooth = np.flatnonzero(live)
+    owners = [np.repeat(smooth, wanted)]
+    angles = [np.tile(2 * np.pi * np.arange(wanted) / wanted, len(smooth))]
+    shares = [np.full(len(owners[0]), 2 * np.pi / wanted)]
+    owner, start = found.corner_owner, found.corner_rad
+    last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
+    first = np.searchsorted(owner, owner)
+    length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start
+    pieces = np.ceil(wanted * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)
+    owner, length, start = (np.repeat(values, pieces) for values in (owner, length / pieces, start))
+    start = start + length * (np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces))
+    number = np.maximum(np.ceil(wanted * length / (2 * np.pi)).astype(int), _LEAST_PER_ARC)
+    for count in np.unique(number):
+        node, weight = _gauss(int(count))
+        here = number == count
+        owners.append(np.repeat(owner[here], count))
+        angles.append((start[here, None] + length[here, None] * node).ravel())
+        shares.append((length[here, None] * weight).ravel())
+    order = np.argsort(np.concatenate(owners), kind="stable")
+    owner, angle, share = (np.concatenate(parts)[order] for parts in (owners, angles, shares))
+    return owner, angle, share
+
+
+@functools.cache
+def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss and Legendre on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (nodes + 1) / 2, weights / 2

@@ -1,0 +1,69 @@
+"""Task `certificate`: a sample of a camera's correspondences in all frames, solved again with the other rule."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.files.jsonfile import write_json
+from pipeline.files.tables import Table, read_table
+from pipeline.records import from_plain
+from pipeline.target.target import target_from_plain
+from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.truth.certificate import Rows, certify, sample
+from pipeline.truth.settings import TruthSettings
+from pipeline.truth.solve import Rig, tangent_planes
+
+LIBRARIES = ("numpy", "scipy", "numba")
+
+_STREAM = 0x5EA1
+"""Random numbers of the judge are none of those that it judges."""
+
+
+def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
+    """Params: frames (list of {number, targets: list of {name, target, vision_from_target}}), truth, seed."""
+    tracer, images = tracer_of(inputs, params["seed"] ^ _STREAM)
+    tables = [
+        (frame["targets"], read_table(inputs[f"frame{frame['number']}"]["correspondences.csv"]))
+        for frame in params["frames"]
+    ]
+    settings = from_plain(TruthSettings, params["truth"])
+    write_json(out / "certificate.json", certificate(Rig(tracer, images), tables, settings.claim_px, params["seed"]))
+
+
+def certificate(
+    rig: Rig, tables: list[tuple[list[dict[str, Any]], Table]], claim_px: float | None, seed: int
+) -> dict[str, Any]:
+    """Draw a sample from the tables of all frames, solve it again, and state the differences."""
+    rows = [row for targets, table in tables for row in rows_of(rig, targets, table)]
+    if not rows:
+        rows = [(np.zeros((0, 4, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))]
+    columns = [np.concatenate(parts) for parts in zip(*rows, strict=True)]
+    drawn = sample(len(columns[1]), seed)
+    return certify(rig, Rows(*(column[drawn] for column in columns)), len(columns[1]), claim_px)
+
+
+def rows_of(rig: Rig, targets: list[dict[str, Any]], table: Table) -> list[tuple[np.ndarray, ...]]:
+    """Fields of `Rows` for each target of a table."""
+    names = np.array(table.columns["target"])
+    point = table.numbers("point_id").astype(int)
+    x = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
+    is_direct = np.array(table.columns["method"]) == "direct"
+    cell = cells_of(rig, table)
+    found: list[tuple[np.ndarray, ...]] = []
+    for entry in targets:
+        points = target_from_plain(entry["target"]).points()
+        planes = tangent_planes(np.array(entry["vision_from_target"]), points.position_mm, points.plane_axes)
+        here = names == entry["name"]
+        found.append((planes[point[here]], cell[here], x[here], is_direct[here]))
+    return found
+
+
+def cells_of(rig: Rig, table: Table) -> np.ndarray:
+    """Row of the microlens of every row of a table; 0 for a conventional camera."""
+    lattice = rig.tracer.lattice
+    if lattice is None:
+        return np.zeros(len(table.columns["x_px"]), np.int64)
+    numbers = {pair: row for row, pair in enumerate(zip(lattice.k.tolist(), lattice.l.tolist(), strict=True))}
+    k, l = (table.numbers(name).astype(int).tolist() for name in ("microlens_k", "microlens_l"))
+    return np.array([numbers[pair] for pair in zip(k, l, strict=True)], np.int64)

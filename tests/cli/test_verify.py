@@ -1,0 +1,60 @@
+"""Claim: `pipeline verify` believes a build and disbelieves a tampered one, from the output folder alone."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+import pipeline
+from pipeline.errors import UsageError
+from pipeline.report.certificate import failed, lines
+from pipeline.tasks.verify import verify
+
+TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verify")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PIPELINE_CACHE", str(folder / "store"))
+        assert pipeline.build(TINY, folder / "out", jobs=1).exit_code == 0
+    shutil.rmtree(folder / "store")
+    return folder / "out"
+
+
+def test_a_build_agrees_without_store_and_stage(built, tmp_path, monkeypatch):
+    """Moved elsewhere, the store gone."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "nothing"))
+    moved = tmp_path / "moved"
+    shutil.copytree(built, moved)
+    verdict = verify(moved, seed=4)
+    assert verdict.agrees and verdict.problems == []
+    assert verdict.cameras["Rig.Camera"]["rows"] == 12
+    assert "passed" in "\n".join(lines(verdict.cameras)) and not failed(verdict.cameras)
+    json.dumps(verdict.to_dict())
+
+
+def test_a_row_moved_by_a_fiftieth_of_a_pixel_disagrees(built, tmp_path):
+    """By content: the altered file is told by its digest, the rows by a fresh solution."""
+    moved = tmp_path / "moved"
+    shutil.copytree(built, moved)
+    table = moved / "frames/0001/Rig.Camera/correspondences.csv"
+    text = table.read_text(encoding="utf-8").splitlines()
+    start = next(i for i, line in enumerate(text) if line.startswith("frame,"))
+    column = text[start].split(",").index("x_px")
+    for i in range(start + 1, len(text)):
+        cells = text[i].split(",")
+        cells[column] = repr(float(cells[column]) + 0.02)
+        text[i] = ",".join(cells)
+    table.write_text("\n".join([*text, ""]), encoding="utf-8")
+    verdict = verify(moved)
+    assert not verdict.agrees and len(verdict.problems) == 1
+    assert verdict.cameras["Rig.Camera"]["passed"] is False
+    assert verdict.cameras["Rig.Camera"]["max_px"] == pytest.approx(0.02, abs=1e-3)
+
+
+def test_a_folder_without_a_manifest_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="no finished build"):
+        verify(tmp_path)
