@@ -15,6 +15,8 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.errors import PipelineError, UsageError
+from pipeline.verbs.cache import cache
+from pipeline.verbs.terminal import Json, Out, ReaderGone, Roots, Stage, human, note, say
 
 app = typer.Typer(
     add_completion=False,
@@ -25,15 +27,10 @@ app = typer.Typer(
 
 imports = typer.Typer(no_args_is_help=True, help="Turn files of other programs into stages.")
 app.add_typer(imports, name="import")
+app.add_typer(cache, name="cache")
 
-Stage = Annotated[Path, typer.Argument(metavar="STAGE", help="The dataset: a USD stage.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="OUT", help="Output folder [build/<name>].")]
-Roots = Annotated[
-    list[Path] | None, typer.Option("--allow-root", metavar="DIR", help="A further folder that assets may lie in.")
-]
 Force = Annotated[list[str] | None, typer.Option("--force", "-f", metavar="TASK", help="Run this task in any case.")]
 Until = Annotated[list[str] | None, typer.Option("--until", metavar="TASK", help="Run this task and what it needs.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
 class Spacing(StrEnum):
@@ -41,10 +38,6 @@ class Spacing(StrEnum):
 
     BEFORE = "before"
     AFTER = "after"
-
-
-class ReaderGone(Exception):
-    """Nobody reads our output any more."""
 
 
 @app.callback(invoke_without_command=True)
@@ -253,19 +246,6 @@ def main() -> None:
     sys.exit(code)
 
 
-def say(text: str) -> None:
-    """Print data to stdout."""
-    try:
-        print(text)
-    except BrokenPipeError:
-        raise ReaderGone from None
-
-
-def note(text: str) -> None:
-    """Print what is not data to stderr."""
-    print(text, file=sys.stderr, flush=True)
-
-
 def _exit_code() -> int:
     try:
         # Not standalone: errors come here, and an Exit gives its code.
@@ -344,18 +324,10 @@ def _report(result: Any, again: list[str], *, quiet: bool) -> None:
     if quiet:
         return
     counts = f"{result.executed} executed, {result.cached} cached, {result.failed} failed, {result.skipped} skipped"
-    size = _human(result.store_bytes)
+    size = human(result.store_bytes)
     note(f"{counts} in {result.seconds:.1f} s; store {result.store} ({size})")
     if result.delivery is None:
         note(f"{result.out} was not touched")
-
-
-def _human(size: float) -> str:
-    units = ["bytes", "kB", "MB", "GB", "TB"]
-    while size >= 1000 and len(units) > 1:
-        size /= 1000
-        units.pop(0)
-    return f"{size:.3g} {units[0]}"
 
 
 def _print_version() -> None:

@@ -95,18 +95,20 @@ def copy(source: Path, target: Path) -> None:
         shutil.copyfileobj(reader, writer, _CHUNK)
 
 
-def try_lock(handle: int) -> bool | None:
+def try_lock(handle: int, *, shared: bool = False) -> bool | None:
     """Try once to lock an open file; None means that this file system has no locks."""
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except OSError as error:
         return False if error.errno in (errno.EWOULDBLOCK, errno.EINTR) else None
     return True
 
 
 @contextlib.contextmanager
-def locked(path: Path, timeout_s: float = 3600.0) -> Iterator[bool]:
+def locked(path: Path, timeout_s: float = 3600.0, *, shared: bool = False) -> Iterator[bool]:
     """Hold a lock that dies with this process; False after the timeout, or where nothing can be locked.
+
+    Shared locks exclude exclusive ones only.
 
     Locks only save work: who goes on without one computes the same bytes once more.
     """
@@ -118,7 +120,7 @@ def locked(path: Path, timeout_s: float = 3600.0) -> Iterator[bool]:
         return
     give_up = time.monotonic() + timeout_s
     try:
-        while (held := try_lock(handle)) is False and time.monotonic() < give_up:
+        while (held := try_lock(handle, shared=shared)) is False and time.monotonic() < give_up:
             time.sleep(0.02)
         yield bool(held)
     finally:

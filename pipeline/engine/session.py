@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest
+from pipeline.engine.care import collect, limit_from_environment
 from pipeline.engine.deliver import Delivery, Source, deliver
 from pipeline.engine.digest import key_of
 from pipeline.engine.events import Emit, silent
@@ -150,18 +151,20 @@ def build(
     store.sweep()
     graph, forced = _selection(project, force, until)
     on_event({"event": "begin", "tasks": {name: graph[name].short_kind for name in graph}, "jobs": _jobs(jobs)})
-    outcome = run(
-        graph, store, jobs=_jobs(jobs), keep_going=keep_going, force=forced, on_event=on_event, prepare=prepare
-    )
-    _remember(project, store, outcome, whole=len(graph) == len(project.graph))
     delivery, error = None, None
-    if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
-        try:
-            delivery = deliver(
-                project.out, project.files, project.head, records=outcome.records, store=store, warn=warn
-            )
-        except PipelineError as caught:
-            error = caught
+    with store.in_use():
+        outcome = run(
+            graph, store, jobs=_jobs(jobs), keep_going=keep_going, force=forced, on_event=on_event, prepare=prepare
+        )
+        _remember(project, store, outcome, whole=len(graph) == len(project.graph))
+        if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
+            try:
+                delivery = deliver(
+                    project.out, project.files, project.head, records=outcome.records, store=store, warn=warn
+                )
+            except PipelineError as caught:
+                error = caught
+    store_bytes = _within_limit(store, warn)
     result = Result(
         stage=project.head.get("stage"),
         out=project.out.absolute(),
@@ -169,7 +172,7 @@ def build(
         certificate=project.head.get("certificate"),
         tasks=tuple(outcome.results[name] for name in graph),
         store=store.root,
-        store_bytes=store.size(),
+        store_bytes=store_bytes,
         delivery=delivery,
         interrupted=outcome.interrupted,
         error=error,
@@ -223,8 +226,8 @@ def _history_name(project: Project) -> str:
 
 
 def _last_keys(project: Project, store: Store) -> dict[str, str]:
-    keys = store.read_note("history", _history_name(project))
-    return keys if isinstance(keys, dict) else {}
+    note = store.read_note("history", _history_name(project))
+    return dict(note["keys"]) if isinstance(note, dict) and isinstance(note.get("keys"), dict) else {}
 
 
 def _remember(project: Project, store: Store, outcome: Outcome, *, whole: bool) -> None:
@@ -233,7 +236,22 @@ def _remember(project: Project, store: Store, outcome: Outcome, *, whole: bool) 
     now = {name: key for name, key in before.items() if name in project.graph} if whole else dict(before)
     now |= {name: record["key"] for name, record in outcome.records.items()}
     if now != before:
-        store.write_note("history", _history_name(project), now)
+        note = {"out": str(project.out.absolute()), "stage": project.stage_id, "keys": now}
+        store.write_note("history", _history_name(project), note)
+
+
+def _within_limit(store: Store, warn: Callable[[str], None]) -> int:
+    """Drop what was unused longest if the store has grown beyond its limit; gives its size [bytes]."""
+    size, limit = store.size(), limit_from_environment()
+    if size <= limit:
+        return size
+    try:
+        size = collect(store, limit).bytes_left
+    except PipelineError:  # a read-only store: nothing of it can go
+        return size
+    if size > limit:
+        warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: results of finished builds stay")
+    return size
 
 
 def _warner(on_event: Emit) -> Callable[[str], None]:
