@@ -10,8 +10,6 @@ from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.files.exr import Part, write_exr
 from pipeline.tasks.cameras import Inputs, stretches, tracer_of
 
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: targets (list of {name, vision_from_target}), supersampling, samples, seed, weight, wavelength_nm."""

@@ -10,8 +10,6 @@ from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.error import in_pixels, jacobian
 
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
-
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 """Channel names of the part `moments`: upper triangle of the covariance of (x_near, y_near, x_far, y_far)."""

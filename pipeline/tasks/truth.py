@@ -18,8 +18,6 @@ from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: frame, camera, targets (list of {name, target, vision_from_target}), truth, labels."""
