@@ -9,6 +9,7 @@ import shutil
 import stat
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
@@ -31,18 +32,26 @@ def is_machines_fault(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in _MACHINE_ERRORS
 
 
+@dataclass(slots=True)
+class Disk:
+    """How many bytes some work needs at least, as far as it knows; it may learn more while it runs."""
+
+    needed: int | None = None
+
+
 @contextlib.contextmanager
-def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> Iterator[None]:
+def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> Iterator[Disk]:
     """Turn a full disk or a read-only folder into an `EnvironmentFault` that says what was tried."""
+    disk = Disk(needed)
     try:
-        yield
+        yield disk
     except OSError as error:
         if not is_machines_fault(error):
             raise
         hint = "choose another folder, or mend its permissions"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             free = shutil.disk_usage(folder if folder.exists() else folder.parent).free
-            need = f"{needed:,} bytes needed, " if needed is not None else ""
+            need = f"at least {disk.needed:,} bytes needed, " if disk.needed is not None else ""
             hint = f"{need}{free:,} bytes free on that disk"
         raise EnvironmentFault(f"cannot {doing} {folder}: {error.strerror}", hint=hint) from error
 

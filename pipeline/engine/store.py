@@ -7,7 +7,8 @@
     tmp/                         files being written
     quarantine/                  what failed verification, for a person to look at
     gc.lock                      shared by builders, exclusive for the collector
-    logs/  history/  index/      what tasks printed; last keys per output folder; hints that may be deleted
+    logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
+    history/  index/             last keys and events per output folder; hints that may be deleted
 
 Two promises: a readable record implies complete blobs, and a reader gets the right bytes or a miss, never wrong bytes
 and never an exception because an entry is damaged.
@@ -176,6 +177,15 @@ class Store:
         return record
 
     # Files that are hints or help, never the truth
+
+    def keep_spec(self, key: str, spec: dict[str, Any]) -> str | None:
+        """Write a task down so that it can be repeated alone; gives the path, None if it cannot be written."""
+        path = self.path("spec", key)
+        try:
+            self._write(path, json.dumps(spec, sort_keys=True).encode() + b"\n")
+        except OSError:
+            return None
+        return str(path)
 
     def write_note(self, folder: str, name: str, note: Any) -> None:
         """Keep plain data in `history` or `index`. A store that cannot be written goes without."""

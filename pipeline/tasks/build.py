@@ -8,10 +8,13 @@ from typing import Any
 import pipeline
 from pipeline.engine import session
 from pipeline.engine.events import silent
+from pipeline.engine.graph import TASKS
 from pipeline.engine.session import Project, Result
 from pipeline.scene.load import load, require_dataset
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
+
+__all__ = ["TASKS", "build", "default_out", "project"]
 
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
@@ -62,6 +65,9 @@ def build(
     keep_going: bool = False,
     force: Iterable[str] = (),
     until: Iterable[str] = (),
+    retries: int = 0,
+    timeout_s: float | None = None,
+    check_percent: float = 0.0,
     allow_roots: Iterable[str | Path] = (),
     on_event: Callable[[dict[str, Any]], None] | None = None,
 ) -> Result:
@@ -79,6 +85,12 @@ def build(
         Go on with what does not depend on a task that failed.
     force, until : iterable of str
         Tasks to run in any case; tasks after which to stop.
+    retries : int
+        How often a task that failed is tried again.
+    timeout_s : float, optional
+        A task that takes longer has failed [s].
+    check_percent : float
+        Share of the tasks that are computed twice, to compare their bytes [%].
     allow_roots : iterable of str or Path
         Further folders that the stage may reference.
     on_event : callable, optional
@@ -100,6 +112,9 @@ def build(
         keep_going=keep_going,
         force=force,
         until=until,
+        retries=retries,
+        timeout_s=timeout_s,
+        check_percent=check_percent,
         on_event=on_event or silent,
         prepare=_compile_kernels,
     )

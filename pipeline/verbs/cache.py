@@ -4,7 +4,8 @@ from typing import Annotated
 
 import typer
 
-from pipeline.verbs.terminal import Json, human, note, say, say_json
+from pipeline.progress import human
+from pipeline.verbs.terminal import Json, note, say, say_json
 
 cache = typer.Typer(no_args_is_help=True, help="Care of the store of results: $PIPELINE_CACHE.")
 

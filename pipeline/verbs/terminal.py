@@ -35,12 +35,3 @@ def say_json(value: Any) -> None:
 def note(text: str) -> None:
     """Print what is not data to stderr."""
     print(text, file=sys.stderr, flush=True)
-
-
-def human(size: float) -> str:
-    """Bytes for people: 1.23 GB."""
-    units = ["bytes", "kB", "MB", "GB", "TB"]
-    while size >= 1000 and len(units) > 1:
-        size /= 1000
-        units.pop(0)
-    return f"{size:.3g} {units[0]}"

@@ -64,6 +64,7 @@ def fakes() -> dict[str, types.ModuleType]:
     modules = {}
     for name, functions in {"pipeline.tasks.build": (project, build), "pipeline.scene.load": (load,)}.items():
         modules[name] = types.ModuleType(name)
+        modules[name].TASKS = ("toykit.tasks",)
         for function in functions:
             setattr(modules[name], function.__name__, function)
     return modules
