@@ -9,14 +9,14 @@ import sys
 import traceback
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from pipeline.errors import PipelineError, UsageError
 from pipeline.verbs import building, tasks
 from pipeline.verbs.cache import cache
-from pipeline.verbs.terminal import Json, ReaderGone, Roots, note, say
+from pipeline.verbs.terminal import Json, ReaderGone, Roots, Untrusted, note, say
 
 app = typer.Typer(
     add_completion=False,
@@ -55,20 +55,31 @@ def check(
     stages: Annotated[list[Path], typer.Argument(metavar="STAGE...", help="Stages to check.")],
     as_json: Json = False,
     allow_root: Roots = None,
+    untrusted: Untrusted = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
+    rows = [row for path in stages for row in _problems(path, tuple(allow_root or ()), untrusted)]
+    texts = [row.pop("text") for row in rows]
+    errors = sum(row["severity"] == "error" for row in rows)
+    if as_json:
+        say(json.dumps({"errors": errors, "warnings": len(rows) - errors, "problems": rows}, indent=1))
+    else:
+        for text in texts:
+            say(text)
+        note(f"{len(stages)} checked: {errors} errors, {len(rows) - errors} warnings")
+    raise typer.Exit(2 if errors else 0)
+
+
+def _problems(path: Path, allow_roots: tuple[Path, ...], untrusted: bool) -> list[dict[str, Any]]:
+    """Problems of a stage as in `check --json`, each with its `text`."""
+    if untrusted:
+        from pipeline.tasks.sandbox import problems_of_untrusted
+
+        return [{"stage": str(path), **row} for row in problems_of_untrusted(path, allow_roots)]
     from pipeline.scene.load import load
 
-    problems = [(path, problem) for path in stages for problem in load(path, tuple(allow_root or ())).problems]
-    errors = sum(problem.severity == "error" for _, problem in problems)
-    if as_json:
-        rows = [{"stage": str(path), **problem.to_dict()} for path, problem in problems]
-        say(json.dumps({"errors": errors, "warnings": len(problems) - errors, "problems": rows}, indent=1))
-    else:
-        for _, problem in problems:
-            say(str(problem))
-        note(f"{len(stages)} checked: {errors} errors, {len(problems) - errors} warnings")
-    raise typer.Exit(2 if errors else 0)
+    problems = load(path, allow_roots).problems
+    return [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in problems]
 
 
 @app.command()
@@ -174,3 +185,7 @@ def _print_version() -> None:
     except PackageNotFoundError:
         usd = "not installed"
     say(f"pipeline {__version__}\nusd-core {usd}\nplug-in path {share('schemas')}")
+
+
+if __name__ == "__main__":
+    main()

@@ -5,142 +5,22 @@ import os
 import random
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest
 from pipeline.engine.care import collect, limit_from_environment
-from pipeline.engine.deliver import Delivery, Source, deliver
+from pipeline.engine.deliver import deliver
 from pipeline.engine.digest import key_of
 from pipeline.engine.engines import Engine
 from pipeline.engine.events import Emit, Event, silent
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.plan import PlannedTask, plan
-from pipeline.engine.run import Outcome, TaskResult, run
+from pipeline.engine.project import Project, selection, tasks_of
+from pipeline.engine.result import Result
+from pipeline.engine.run import Outcome, run
 from pipeline.engine.status import TaskStatus, status
 from pipeline.engine.store import Store
-from pipeline.errors import PipelineError, UsageError
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Project:
-    """A graph, and what of its results goes where.
-
-    Attributes
-    ----------
-    files : dict
-        Posix path below `out` -> bytes, or (task name, output name).
-    head : dict
-        What the manifest says beside format, tasks and files; `head["stage"]` names the stage without a path of
-        this machine.
-    out : Path
-        Output folder.
-    stage_id : str
-        What `plan` compares with: the last build of the same stage into the same folder.
-    reads : tuple of Path
-        Files that the project was read from: `watch` looks at them.
-    """
-
-    graph: TaskGraph
-    files: dict[str, Source]
-    head: dict[str, Any]
-    out: Path
-    stage_id: str
-    reads: tuple[Path, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Result:
-    """What a build did; `to_dict()` is what `build --json` prints.
-
-    Attributes
-    ----------
-    out : Path
-        Output folder, absolute.
-    seconds : float
-        Wall time of the whole build [s].
-    store, store_bytes : Path, int
-        Where the results are kept, and the size of all that is kept there.
-    delivery : Delivery or None
-        Changes in the output folder; None if it was not touched because something failed or only part was built.
-    interrupted : int or None
-        Exit code of the signal that ended the build, if one did.
-    error : PipelineError or None
-        Why the output folder could not be filled although all tasks are done.
-    checked : tuple of str
-        Tasks that ran once more, to see whether they give the same bytes.
-    """
-
-    stage: Any
-    out: Path
-    seconds: float
-    certificate: Any
-    tasks: tuple[TaskResult, ...]
-    store: Path
-    store_bytes: int
-    delivery: Delivery | None = None
-    interrupted: int | None = None
-    error: PipelineError | None = None
-    checked: tuple[str, ...] = ()
-
-    def count(self, state: str) -> int:
-        """Number of tasks that ended in a state."""
-        return sum(task.state == state for task in self.tasks)
-
-    @property
-    def executed(self) -> int:
-        """Tasks that ran now."""
-        return self.count("executed")
-
-    @property
-    def cached(self) -> int:
-        """Tasks whose results were in the store, or that another builder made meanwhile."""
-        return self.count("cached")
-
-    @property
-    def failed(self) -> int:
-        """Tasks that failed now."""
-        return self.count("failed")
-
-    @property
-    def skipped(self) -> int:
-        """Tasks that were not tried."""
-        return self.count("skipped")
-
-    @property
-    def failures(self) -> tuple[TaskResult, ...]:
-        """The tasks that failed."""
-        return tuple(task for task in self.tasks if task.state == "failed")
-
-    @property
-    def different(self) -> tuple[TaskResult, ...]:
-        """Tasks that gave other bytes than before, for the same key."""
-        return tuple(task for task in self.tasks if task.differs)
-
-    @property
-    def exit_code(self) -> int:
-        """0 done, 1 a task failed, 4 other bytes than before, 5 the machine is at fault, 130 or 143 interrupted."""
-        if self.interrupted is not None:
-            return self.interrupted
-        if any(task.machine for task in self.failures):
-            return 5
-        if self.error is not None:
-            return self.error.exit_code
-        return 1 if self.failures else 4 if self.different else 0
-
-    def ending(self) -> dict[str, Any]:
-        """What the event `end` says beside the summary."""
-        touched = self.delivery is not None
-        facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": touched}
-        return {**facts, "exit_code": self.exit_code, "checked": list(self.checked)}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, as in outputs of `build --json`."""
-        counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
-        head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
-        whole = {**head, "certificate": self.certificate, "tasks": [task.to_dict() for task in self.tasks]}
-        return whole if self.error is None else {**whole, "error": str(self.error)}
+from pipeline.errors import PipelineError
 
 
 def build(
@@ -180,7 +60,7 @@ def build(
     warn = _warner(emit)
     store = store or Store(warn=warn)
     store.sweep()
-    graph, forced = _selection(project, force, until)
+    graph, forced = selection(project, force, until)
     emit(_begin(project, graph, _jobs(jobs)))
     history = _history(project, store)
     options: dict[str, Any] = {"jobs": _jobs(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
@@ -225,26 +105,13 @@ def plan_of(
 ) -> list[PlannedTask]:
     """What `build` would do with the same arguments."""
     store = store or Store()
-    graph, forced = _selection(project, force, until)
+    graph, forced = selection(project, force, until)
     return plan(graph, store, _history(project, store)["keys"], force=forced)
 
 
 def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatus]:
     """What of the project lies finished in its output folder."""
     return status(plan_of(project, store=store), project.files, project.out)
-
-
-def tasks_of(project: Project, target: str) -> list[str]:
-    """Tasks meant by a task name or pattern, or by the path of a file below (or in) the output folder."""
-    path = Path(target)
-    if path.is_absolute() and path.is_relative_to(project.out.absolute()):
-        target = path.relative_to(project.out.absolute()).as_posix()
-    elif path.is_relative_to(project.out):
-        target = path.relative_to(project.out).as_posix()
-    source = project.files.get(target)
-    if isinstance(source, bytes):
-        raise UsageError(f"{target} is written from the stage itself, no task makes it")
-    return [source[0]] if source is not None else project.graph.select(target)
 
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
@@ -262,12 +129,6 @@ def logs_of(project: Project, target: str, *, store: Store | None = None) -> lis
         facts |= {"log": str(log) if log and log.is_file() else None, "error": event.get("error")}
         found.append({**facts, "spec": event.get("spec"), "made_by": record["made_by"] if record else None})
     return found
-
-
-def _selection(project: Project, force: Iterable[str], until: Iterable[str]) -> tuple[TaskGraph, set[str]]:
-    forced = {name for target in force for name in tasks_of(project, target)}
-    last = [name for target in until for name in tasks_of(project, target)]
-    return (project.graph.up_to(last) if last else project.graph), forced
 
 
 def _jobs(jobs: int | None) -> int:

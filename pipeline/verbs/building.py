@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.errors import PipelineError, UsageError
-from pipeline.verbs.terminal import Json, Out, Roots, Stage, note, say, say_json
+from pipeline.verbs.terminal import Json, Out, Roots, Stage, Untrusted, note, say, say_json
 
 Force = Annotated[list[str] | None, typer.Option("--force", "-f", metavar="TASK", help="Run this task in any case.")]
 Until = Annotated[list[str] | None, typer.Option("--until", metavar="TASK", help="Run this task and what it needs.")]
@@ -38,17 +38,18 @@ def build(
     as_json: Json = False,
     events: Annotated[Path | None, typer.Option("--events", metavar="FILE", help="Write events as JSON lines.")] = None,
     allow_root: Roots = None,
+    untrusted: Untrusted = False,
     verbose: Annotated[int, typer.Option("--verbose", "-v", count=True, help="Say more.")] = 0,
     quiet: Annotated[int, typer.Option("--quiet", "-q", count=True, help="Say less.")] = 0,
 ) -> None:
     """Run what is missing and fill the output folder; the second time nothing runs."""
     last = [*(until or ()), *(targets or ())]
     if dry_run:
-        print_plan(stage, out, allow_root, force, last, as_json=as_json)
+        print_plan(stage, out, allow_root, force, last, as_json=as_json, untrusted=untrusted)
         return
     arguments: dict[str, Any] = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or ()}
     arguments |= {"until": last, "retries": retries, "timeout_s": timeout, "check_percent": check_determinism}
-    arguments |= {"allow_roots": allow_root or ()}
+    arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted}
     again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
     try:
         result = _run(stage, arguments, events, verbose - quiet, shlex.join(again))
@@ -72,9 +73,10 @@ def plan(
     specs: Specs = None,
     as_json: Json = False,
     allow_root: Roots = None,
+    untrusted: Untrusted = False,
 ) -> None:
     """Say what `build` would run, and why."""
-    work = print_plan(stage, out, allow_root, force, until, as_json=as_json, specs=specs)
+    work = print_plan(stage, out, allow_root, force, until, as_json=as_json, specs=specs, untrusted=untrusted)
     raise typer.Exit(3 if exit_code and work else 0)
 
 
@@ -84,12 +86,14 @@ def explain(
     out: Out = None,
     as_json: Json = False,
     allow_root: Roots = None,
+    untrusted: Untrusted = False,
 ) -> None:
     """Say why a task would run: the part of its key that changed, old and new. Many alike are one line."""
     from pipeline.engine.explain import describe_alike
-    from pipeline.engine.session import plan_of, tasks_of
+    from pipeline.engine.project import tasks_of
+    from pipeline.engine.session import plan_of
 
-    project = project_of(stage, out, allow_root)
+    project = project_of(stage, out, allow_root, untrusted)
     names = set(tasks_of(project, target))
     tasks = [task for task in plan_of(project) if task.name in names]
     if as_json:
@@ -99,11 +103,13 @@ def explain(
         say(line)
 
 
-def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None) -> None:
+def status(
+    stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None, untrusted: Untrusted = False
+) -> None:
     """Say what lies finished in the output folder: built, stale or missing, per task."""
     from pipeline.engine.session import status_of
 
-    project = project_of(stage, out, allow_root)
+    project = project_of(stage, out, allow_root, untrusted)
     states = status_of(project)
     if as_json:
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
@@ -113,11 +119,11 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
         say(f"{state.state:<8} {state.name}")
 
 
-def project_of(stage: Path, out: Path | None, allow_root: list[Path] | None) -> Any:
+def project_of(stage: Path, out: Path | None, allow_root: list[Path] | None, untrusted: bool = False) -> Any:
     """The project of a stage."""
     from pipeline.tasks.build import project
 
-    return project(stage, out=out, allow_roots=tuple(allow_root or ()))
+    return project(stage, out=out, allow_roots=tuple(allow_root or ()), untrusted=untrusted)
 
 
 def print_plan(
@@ -129,13 +135,14 @@ def print_plan(
     *,
     as_json: bool,
     specs: Path | None = None,
+    untrusted: bool = False,
 ) -> bool:
     """Print a plan; whether there is work to do."""
     from pipeline.engine.explain import describe
     from pipeline.engine.session import plan_of
     from pipeline.engine.single import write_specs
 
-    project = project_of(stage, out, allow_root)
+    project = project_of(stage, out, allow_root, untrusted)
     tasks = plan_of(project, force=force or (), until=until or ())
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")

@@ -13,6 +13,7 @@ Roots = Annotated[
     list[Path] | None, typer.Option("--allow-root", metavar="DIR", help="A further folder that assets may lie in.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Untrusted = Annotated[bool, typer.Option("--untrusted", help="Read the stage in a process of its own, with limits.")]
 
 
 class ReaderGone(Exception):

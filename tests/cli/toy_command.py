@@ -43,7 +43,7 @@ def load(path, allow_roots=()):
     return types.SimpleNamespace(dataset=None, problems=problems, flattened="")
 
 
-def project(path, out=None, allow_roots=()):
+def project(path, out=None, allow_roots=(), untrusted=False):
     """A project, if the stage has no errors."""
     errors = [str(problem) for problem in load(path).problems if problem.severity == "error"]
     if errors:
@@ -54,7 +54,7 @@ def project(path, out=None, allow_roots=()):
     return toy.project(out or Path("build") / path.stem, **facts.get("project", {}))
 
 
-def build(path, out=None, allow_roots=(), **arguments):
+def build(path, out=None, allow_roots=(), untrusted=False, **arguments):
     """Build a stage."""
     return session.build(project(path, out, allow_roots), **arguments)
 
