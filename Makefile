@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test lint bench picture wheel clean
+.PHONY: demo test lint faults bench picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -19,6 +19,10 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python schemas/generate.py --check
+
+# Kills, cuts, flips, full disks and more, at every place of a build: ten to twenty minutes.
+faults: $(STAMP)
+	$(BIN)/python tests/faults/run.py
 
 bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid

@@ -16,7 +16,9 @@ from pipeline.errors import EnvironmentFault
 
 _CHUNK = 1 << 20
 _FICLONE = 0x40049409  # linux/fs.h: share the blocks of another file, copy on write
-_MACHINE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EMFILE, errno.EIO)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_REFUSED = (errno.EROFS, errno.EACCES, errno.EPERM)
+_MACHINE_ERRORS = (*_FULL, *_REFUSED, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.ESTALE)
 
 Signature = list[int]
 """Size, inode, mtime and ctime of a file [bytes, -, ns, ns]: a hint that its bytes are still the same ones."""
@@ -48,8 +50,8 @@ def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> It
     except OSError as error:
         if not is_machines_fault(error):
             raise
-        hint = "choose another folder, or mend its permissions"
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        hint = "choose another folder, or mend its permissions" if error.errno in _REFUSED else "build again"
+        if error.errno in _FULL:
             free = shutil.disk_usage(folder if folder.exists() else folder.parent).free
             need = f"at least {disk.needed:,} bytes needed, " if disk.needed is not None else ""
             hint = f"{need}{free:,} bytes free on that disk"
