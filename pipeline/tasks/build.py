@@ -7,6 +7,7 @@ from typing import Any
 
 import pipeline
 from pipeline.engine import session
+from pipeline.engine.cluster import engine_of
 from pipeline.engine.events import silent
 from pipeline.engine.graph import TASKS
 from pipeline.engine.project import Project
@@ -89,6 +90,7 @@ def build(
     check_percent: float = 0.0,
     allow_roots: Iterable[str | Path] = (),
     untrusted: bool = False,
+    engine: str | None = None,
     on_event: Callable[[dict[str, Any]], None] | None = None,
 ) -> Result:
     """Build a dataset stage: run what is missing, fill the output folder.
@@ -115,6 +117,8 @@ def build(
         Further folders that the stage may reference.
     untrusted : bool
         Read the stage in a process with limits.
+    engine : str, optional
+        `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     on_event : callable, optional
         Gets a dict for every start and end of a task.
 
@@ -137,6 +141,7 @@ def build(
         retries=retries,
         timeout_s=timeout_s,
         check_percent=check_percent,
+        engine=engine_of(engine, timeout_s) if engine else None,
         on_event=on_event or silent,
         prepare=_compile_kernels,
     )

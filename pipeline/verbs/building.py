@@ -31,6 +31,9 @@ def build(
     timeout: Annotated[
         float | None, typer.Option("--timeout", metavar="SECONDS", min=0.001, help="End a task that takes longer.")
     ] = None,
+    engine: Annotated[
+        str | None, typer.Option("--engine", metavar="dask:WHERE", help="A Dask scheduler: its address or its file.")
+    ] = None,
     check_determinism: Annotated[
         float,
         typer.Option("--check-determinism", metavar="PERCENT", min=0, max=100, help="Compute so many tasks twice."),
@@ -49,7 +52,7 @@ def build(
         return
     arguments: dict[str, Any] = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or ()}
     arguments |= {"until": last, "retries": retries, "timeout_s": timeout, "check_percent": check_determinism}
-    arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted}
+    arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted, "engine": engine}
     again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
     try:
         result = _run(stage, arguments, events, verbose - quiet, shlex.join(again))

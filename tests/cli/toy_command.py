@@ -16,6 +16,7 @@ from engine import toy
 
 from pipeline import cli
 from pipeline.engine import session
+from pipeline.engine.cluster import engine_of
 from pipeline.errors import UsageError
 
 
@@ -54,9 +55,10 @@ def project(path, out=None, allow_roots=(), untrusted=False):
     return toy.project(out or Path("build") / path.stem, **facts.get("project", {}))
 
 
-def build(path, out=None, allow_roots=(), untrusted=False, **arguments):
+def build(path, out=None, allow_roots=(), untrusted=False, engine=None, **arguments):
     """Build a stage."""
-    return session.build(project(path, out, allow_roots), **arguments)
+    place = engine_of(engine) if engine else None
+    return session.build(project(path, out, allow_roots), engine=place, **arguments)
 
 
 def fakes() -> dict[str, types.ModuleType]:
