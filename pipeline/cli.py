@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.errors import PipelineError, UsageError
-from pipeline.verbs import building, graph, tasks
+from pipeline.verbs import building, graph, tasks, watch
 from pipeline.verbs.cache import cache
 from pipeline.verbs.terminal import Json, ReaderGone, Roots, Untrusted, note, say
 
@@ -29,7 +29,7 @@ imports = typer.Typer(no_args_is_help=True, help="Turn files of other programs i
 app.add_typer(imports, name="import")
 app.add_typer(cache, name="cache")
 
-for verb in (building.build, building.plan, building.explain, building.status, graph.graph, tasks.logs):
+for verb in (building.build, building.plan, building.explain, building.status, graph.graph, tasks.logs, watch.watch):
     app.command()(verb)
 app.command("run-task")(tasks.run_task)
 
