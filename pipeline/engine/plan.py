@@ -95,24 +95,28 @@ def plan(
     for name in graph:
         task = graph[name]
         must_run = [source for source in graph.sources(name) if source not in records]
-        last = store.peek(last_keys[name]) if name in last_keys else None
         if must_run:
+            last = _last(name, last_keys, store)
             reasons = [Reason(type=ReasonType.UPSTREAM, field=source) for source in must_run]
             reasons += _differences(last["components"]["params"], task.params, "params") if last else []
             planned.append(_planned(task, "maybe", None, reasons))
             continue
         spec = specs.of(task, records)
         whole = store.peek(spec.key)
-        record = store.record(spec.key)
+        record = store.complete(spec.key, whole)
         if record is not None and name not in forced:
             records[name] = record
             planned.append(_planned(task, "cached", spec, []))
             continue
         reasons = [Reason(type=ReasonType.FORCED)] if name in forced else []
         if record is None:
-            reasons += _why_missing(spec, last_keys.get(name), last, whole, store)
+            reasons += _why_missing(spec, last_keys.get(name), _last(name, last_keys, store), whole, store)
         planned.append(_planned(task, "run", spec, reasons))
     return planned
+
+
+def _last(name: str, last_keys: Mapping[str, str], store: Store) -> Record | None:
+    return store.peek(last_keys[name]) if name in last_keys else None
 
 
 def _planned(task: Task, state: str, spec: Spec | None, reasons: list[Reason]) -> PlannedTask:

@@ -159,7 +159,10 @@ class Store:
 
     def record(self, key: str) -> dict[str, Any] | None:
         """The record of a key, if it and all its blobs are whole; else None, which is a miss."""
-        record = self.peek(key)
+        return self.complete(key, self.peek(key))
+
+    def complete(self, key: str, record: dict[str, Any] | None) -> dict[str, Any] | None:
+        """What `peek` gave for a key, if all its blobs are whole; else None."""
         if record is not None and not all(self.is_whole(entry) for entry in record["outputs"].values()):
             self._quarantine(self.path("record", key))
             return None
