@@ -28,6 +28,7 @@ bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
+	$(BIN)/python benchmarks/engine.py
 
 # The pictures of README.md and of the examples.
 picture: $(STAMP)

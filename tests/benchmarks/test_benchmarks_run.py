@@ -39,3 +39,10 @@ def test_both_methods_agree_with_solutions_that_know_no_grid(tmp_path: Path) -> 
         assert rms < 0.01 and worst < 0.05, "px: 64 samples scatter a few thousandths of a pixel"
         assert reference < rms / 3
     assert "does not know" not in text
+
+
+def test_the_engine_reports_the_price_of_a_node_and_of_having_nothing_to_do(tmp_path: Path) -> None:
+    """Graphs of two sizes, and a warm plan and build."""
+    text = output_of("engine.py", tmp_path)
+    assert len(re.findall(r"nodes: +\d+ µs to make, +\d+ µs to keep, +\d+ µs to find, each", text)) == 2
+    assert len(re.findall(r"warm (?:plan|build) +[\d.]+ s, of them computing [\d.]+ s", text)) == 2
