@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test lint bench picture wheel clean
+.PHONY: demo test lint faults bench picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -20,10 +20,15 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/python schemas/generate.py --check
 
+# Kills, cuts, flips, full disks and more, at every place of a build: ten to twenty minutes.
+faults: $(STAMP)
+	$(BIN)/python tests/faults/run.py
+
 bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
+	$(BIN)/python benchmarks/engine.py
 
 # The pictures of README.md and of the examples.
 picture: $(STAMP)
@@ -47,5 +52,5 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' 2>/dev/null || { echo "pipeline $(NEED); $(PYTHON) is `$(PYTHON) --version 2>&1`. Try: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "pipeline $(NEED); $(PYTHON) has no venv: apt install python3-venv"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev,cluster]'
 	@touch $(STAMP)

@@ -5,7 +5,6 @@ Verbs import what they need when they run, so that `--help` is instant.
 
 import json
 import os
-import shlex
 import sys
 import traceback
 from enum import StrEnum
@@ -15,6 +14,9 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.errors import PipelineError, UsageError
+from pipeline.verbs import building, graph, tasks, watch
+from pipeline.verbs.cache import cache
+from pipeline.verbs.terminal import Json, ReaderGone, Roots, Untrusted, note, say
 
 app = typer.Typer(
     add_completion=False,
@@ -25,15 +27,11 @@ app = typer.Typer(
 
 imports = typer.Typer(no_args_is_help=True, help="Turn files of other programs into stages.")
 app.add_typer(imports, name="import")
+app.add_typer(cache, name="cache")
 
-Stage = Annotated[Path, typer.Argument(metavar="STAGE", help="The dataset: a USD stage.")]
-Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="OUT", help="Output folder [build/<name>].")]
-Roots = Annotated[
-    list[Path] | None, typer.Option("--allow-root", metavar="DIR", help="A further folder that assets may lie in.")
-]
-Force = Annotated[list[str] | None, typer.Option("--force", "-f", metavar="TASK", help="Run this task in any case.")]
-Until = Annotated[list[str] | None, typer.Option("--until", metavar="TASK", help="Run this task and what it needs.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+for verb in (building.build, building.plan, building.explain, building.status, graph.graph, tasks.logs, watch.watch):
+    app.command()(verb)
+app.command("run-task")(tasks.run_task)
 
 
 class Spacing(StrEnum):
@@ -41,10 +39,6 @@ class Spacing(StrEnum):
 
     BEFORE = "before"
     AFTER = "after"
-
-
-class ReaderGone(Exception):
-    """Nobody reads our output any more."""
 
 
 @app.callback(invoke_without_command=True)
@@ -57,129 +51,35 @@ def pipeline(
 
 
 @app.command()
-def build(
-    stage: Stage,
-    targets: Annotated[
-        list[str] | None, typer.Argument(metavar="[TARGET]...", help="Tasks or files; default: all.")
-    ] = None,
-    out: Out = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Processes [one per core].")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would run.")] = False,
-    keep_going: Annotated[bool, typer.Option("--keep-going", "-k", help="Go on after a failure.")] = False,
-    force: Force = None,
-    until: Until = None,
-    as_json: Json = False,
-    events: Annotated[Path | None, typer.Option("--events", metavar="FILE", help="Write events as JSON lines.")] = None,
-    allow_root: Roots = None,
-    verbose: Annotated[int, typer.Option("--verbose", "-v", count=True, help="Say more.")] = 0,
-    quiet: Annotated[int, typer.Option("--quiet", "-q", count=True, help="Say less.")] = 0,
-) -> None:
-    """Run what is missing and fill the output folder; the second time nothing runs."""
-    last = [*(until or ()), *(targets or ())]
-    if dry_run:
-        _plan(stage, out, allow_root, force, last, as_json=as_json)
-        return
-    arguments = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or (), "until": last}
-    try:
-        result = _run_build(stage, {**arguments, "allow_roots": allow_root or ()}, events, verbose - quiet)
-    except PipelineError as error:
-        if as_json:  # one object at the end, also after a failure
-            counts = dict.fromkeys(("executed", "cached", "failed", "skipped"), 0)
-            head: dict[str, Any] = {
-                "stage": str(stage),
-                "out": None,
-                **counts,
-                "seconds": 0.0,
-                "certificate": None,
-                "tasks": [],
-            }
-            say(json.dumps({**head, "error": str(error)}, indent=1))
-        raise
-    again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
-    _report(result, again, quiet=quiet > verbose)
-    if as_json:
-        say(json.dumps(result.to_dict(), indent=1))
-    elif result.delivery is not None:
-        say(str(result.out))
-    raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=quiet > verbose) else 0))
-
-
-@app.command()
-def plan(
-    stage: Stage,
-    out: Out = None,
-    force: Force = None,
-    until: Until = None,
-    exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit with 3 if there is work to do.")] = False,
-    as_json: Json = False,
-    allow_root: Roots = None,
-) -> None:
-    """Say what `build` would run, and why."""
-    work = _plan(stage, out, allow_root, force, until, as_json=as_json)
-    raise typer.Exit(3 if exit_code and work else 0)
-
-
-@app.command()
 def check(
     stages: Annotated[list[Path], typer.Argument(metavar="STAGE...", help="Stages to check.")],
     as_json: Json = False,
     allow_root: Roots = None,
+    untrusted: Untrusted = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
-    from pipeline.scene.load import load
-
-    problems = [(path, problem) for path in stages for problem in load(path, tuple(allow_root or ())).problems]
-    errors = sum(problem.severity == "error" for _, problem in problems)
+    rows = [row for path in stages for row in _problems(path, tuple(allow_root or ()), untrusted)]
+    texts = [row.pop("text") for row in rows]
+    errors = sum(row["severity"] == "error" for row in rows)
     if as_json:
-        rows = [{"stage": str(path), **problem.to_dict()} for path, problem in problems]
-        say(json.dumps({"errors": errors, "warnings": len(problems) - errors, "problems": rows}, indent=1))
+        say(json.dumps({"errors": errors, "warnings": len(rows) - errors, "problems": rows}, indent=1))
     else:
-        for _, problem in problems:
-            say(str(problem))
-        note(f"{len(stages)} checked: {errors} errors, {len(problems) - errors} warnings")
+        for text in texts:
+            say(text)
+        note(f"{len(stages)} checked: {errors} errors, {len(rows) - errors} warnings")
     raise typer.Exit(2 if errors else 0)
 
 
-@app.command()
-def explain(
-    stage: Stage,
-    target: Annotated[str, typer.Argument(metavar="TASK|FILE", help="A task, or a file of the output folder.")],
-    out: Out = None,
-    as_json: Json = False,
-    allow_root: Roots = None,
-) -> None:
-    """Say why a task would run: the part of its key that changed, old and new."""
-    from pipeline.engine.explain import describe_task
-    from pipeline.engine.session import plan_of, tasks_of
+def _problems(path: Path, allow_roots: tuple[Path, ...], untrusted: bool) -> list[dict[str, Any]]:
+    """Problems of a stage as in `check --json`, each with its `text`."""
+    if untrusted:
+        from pipeline.tasks.sandbox import problems_of_untrusted
 
-    project = _project(stage, out, allow_root)
-    names = set(tasks_of(project, target))
-    tasks = [task for task in plan_of(project) if task.name in names]
-    if as_json:
-        say(json.dumps({"tasks": [task.to_dict() for task in tasks]}, indent=1))
-        return
-    for task in tasks:
-        for line in describe_task(task):
-            say(line)
+        return [{"stage": str(path), **row} for row in problems_of_untrusted(path, allow_roots)]
+    from pipeline.scene.load import load
 
-
-@app.command()
-def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None) -> None:
-    """Say what lies finished in the output folder: built, stale or missing, per task."""
-    from pipeline.engine.session import status_of
-
-    project = _project(stage, out, allow_root)
-    states = status_of(project)
-    if as_json:
-        rows = [state.to_dict() for state in states]
-        say(
-            json.dumps(
-                {"stage": project.head.get("stage"), "out": str(project.out.absolute()), "tasks": rows}, indent=1
-            )
-        )
-        return
-    for state in states:
-        say(f"{state.state:<8} {state.name}")
+    problems = load(path, allow_roots).problems
+    return [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in problems]
 
 
 @app.command()
@@ -320,19 +220,6 @@ def main() -> None:
     sys.exit(code)
 
 
-def say(text: str) -> None:
-    """Print data to stdout."""
-    try:
-        print(text)
-    except BrokenPipeError:
-        raise ReaderGone from None
-
-
-def note(text: str) -> None:
-    """Print what is not data to stderr."""
-    print(text, file=sys.stderr, flush=True)
-
-
 def _exit_code() -> int:
     try:
         # Not standalone: errors come here, and an Exit gives its code.
@@ -354,85 +241,6 @@ def _exit_code() -> int:
         return 70
 
 
-def _project(stage: Path, out: Path | None, allow_root: list[Path] | None) -> Any:
-    from pipeline.tasks.build import project
-
-    return project(stage, out=out, allow_roots=tuple(allow_root or ()))
-
-
-def _run_build(stage: Path, arguments: dict[str, Any], events: Path | None, verbosity: int) -> Any:
-    from pipeline.engine.events import EventFile, fan_out
-    from pipeline.progress import display
-    from pipeline.tasks.build import build
-
-    file = EventFile(events) if events else None
-    with display(verbosity) as shown:
-        try:
-            return build(stage, on_event=fan_out([shown, file] if file else [shown]), **arguments)
-        finally:
-            if file:
-                file.close()
-
-
-def _plan(
-    stage: Path,
-    out: Path | None,
-    allow_root: list[Path] | None,
-    force: list[str] | None,
-    until: list[str] | None,
-    *,
-    as_json: bool,
-) -> bool:
-    """Print a plan; whether there is work to do."""
-    from pipeline.engine.explain import describe
-    from pipeline.engine.session import plan_of
-
-    project = _project(stage, out, allow_root)
-    tasks = plan_of(project, force=force or (), until=until or ())
-    if as_json:
-        rows = [task.to_dict() for task in tasks]
-        head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
-        counts = {state: sum(task.state == state for task in tasks) for state in ("cached", "run", "maybe")}
-        say(json.dumps({**head, **counts, "tasks": rows}, indent=1))
-    else:
-        for line in describe(tasks):
-            say(line)
-    return any(task.state != "cached" for task in tasks)
-
-
-def _report(result: Any, again: list[str], *, quiet: bool) -> None:
-    """Failures in full, then one line about the build."""
-    for task in result.failures:
-        note(f"error: task {task.name} failed (key {task.key[:12]})")
-        note("".join(f"    {line}\n" for line in task.error.splitlines()) + f"    log: {task.log}")
-        note(f"    again: {shlex.join(['pipeline', 'build', *again, '--until', task.name, '-j1'])}")
-    if result.error is not None:
-        note(f"error: {result.error}")
-    if quiet:
-        return
-    counts = f"{result.executed} executed, {result.cached} cached, {result.failed} failed, {result.skipped} skipped"
-    size = _human(result.store_bytes)
-    note(f"{counts} in {result.seconds:.1f} s; store {result.store} ({size})")
-    if result.delivery is None:
-        note(f"{result.out} was not touched")
-
-
-def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
-    from pipeline.report.certificate import failed, lines
-
-    for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
-        note(line)
-    return failed(cameras)
-
-
-def _human(size: float) -> str:
-    units = ["bytes", "kB", "MB", "GB", "TB"]
-    while size >= 1000 and len(units) > 1:
-        size /= 1000
-        units.pop(0)
-    return f"{size:.3g} {units[0]}"
-
-
 def _print_version() -> None:
     from importlib.metadata import PackageNotFoundError, version
 
@@ -444,3 +252,7 @@ def _print_version() -> None:
     except PackageNotFoundError:
         usd = "not installed"
     say(f"pipeline {__version__}\nusd-core {usd}\nplug-in path {share('schemas')}")
+
+
+if __name__ == "__main__":
+    main()

@@ -4,8 +4,10 @@ Rich is imported only for a terminal.
 """
 
 import os
+import shlex
 import sys
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 Event = dict[str, Any]
@@ -82,6 +84,8 @@ class Lines:
         self._tally.add(event)
         if event["event"] == "warning":
             self._say(f"warning: {event['text']}")
+        elif event["event"] == "retry":
+            self._say(f"{event['task']} tried again: {event['error'].splitlines()[-1]}")
         elif event["event"] == "started" and self._verbosity > 0:
             self._say(f"{self._tally.line()} {event['task']} started")
         elif event["event"] == "done" and self._is_shown(event["state"]):
@@ -122,9 +126,81 @@ class Bar:
         self._tally.add(event)
         if event["event"] == "warning":
             self._progress.console.print(f"warning: {event['text']}", markup=False, highlight=False)
+        elif event["event"] == "retry":
+            text = f"{event['task']} tried again: {event['error'].splitlines()[-1]}"
+            self._progress.console.print(text, markup=False, highlight=False)
         elif event["event"] == "done" and event["state"] == "failed":
             self._progress.console.print(f"{event['task']} failed", markup=False, highlight=False)
         done, left = self._tally.counts.total(), self._tally.seconds_left()
         eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
         text = f"{self._tally.line()} {event.get('task', '')}{eta}"
         self._progress.update(self._bar, total=self._tally.total, completed=done, description=text)
+
+
+class Ending:
+    """What stands below a build that has ended: every failure with its log and the command that repeats it, a summary.
+
+    Parameters
+    ----------
+    again : str
+        Stage and options as the user typed them, for where a task could not be written down.
+    """
+
+    def __init__(self, verbosity: int, again: str) -> None:
+        self._verbosity, self._again = verbosity, again
+        self._bad: dict[str, Event] = {}
+        self._end: Event | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Keep what will be said."""
+        if event["event"] == "done" and (event["state"] == "failed" or event.get("differs")):
+            self._bad[event["task"]] = event
+        elif event["event"] == "done":
+            self._bad.pop(event["task"], None)
+        elif event["event"] == "end":
+            self._end = event
+
+    def show(self) -> None:
+        """Say it on stderr."""
+        for event in self._bad.values():
+            for line in self._failure(event):
+                print(line, file=sys.stderr, flush=True)
+        for line in self._summary():
+            print(line, file=sys.stderr, flush=True)
+
+    def _failure(self, event: Event) -> Iterator[str]:
+        if event["state"] != "failed":
+            outputs = ", ".join(event["differs"])
+            yield f"NON-DETERMINISM: {event['task']} (key {event['key'][:12]}) gave other bytes than before: {outputs}"
+            return
+        yield f"error: task {event['task']} failed (key {event['key'][:12]})"
+        yield from (f"    {line}" for line in event["error"].splitlines())
+        yield f"    log: {event['log']}"
+        spec = event.get("spec")
+        again = f"run-task {shlex.quote(spec)}" if spec else f"build {self._again} --until {event['task']} -j1"
+        yield f"    again: pipeline {again}"
+
+    def _summary(self) -> Iterator[str]:
+        if self._end is None:
+            return
+        whole = self._end["summary"]
+        if "error" in whole:
+            yield f"error: {whole['error']}"
+        if self._verbosity < 0:
+            return
+        counts = ", ".join(f"{whole[state]} {state}" for state in ("executed", "cached", "failed", "skipped"))
+        yield f"{counts} in {whole['seconds']:.1f} s; store {self._end['store']} ({human(self._end['store_bytes'])})"
+        if self._end["checked"]:
+            different = sum(bool(task.get("differs")) for task in whole["tasks"])
+            yield f"{len(self._end['checked'])} tasks computed twice, {different} with other bytes"
+        if not self._end["delivered"]:
+            yield f"{whole['out']} was not touched"
+
+
+def human(size: float) -> str:
+    """Bytes for people: 1.23 GB."""
+    units = ["bytes", "kB", "MB", "GB", "TB"]
+    while size >= 1000 and len(units) > 1:
+        size /= 1000
+        units.pop(0)
+    return f"{size:.3g} {units[0]}"

@@ -1,24 +1,23 @@
 """What the code of a task kind contributes to its keys.
 
 The fingerprint covers the module of the kind and every module of its own package which that imports, directly or not,
-inside functions too. Comments, layout and docstrings do not count; any other edit does. Nothing is imported for it,
-so a plan starts neither NumPy nor Numba.
+inside functions too. Comments, layout and docstrings do not count; any other edit does. Modules of other distributions
+that are reached this way count by the versions of these distributions. Nothing is imported for it, so a plan starts
+neither NumPy nor Numba.
 """
 
 import ast
 import functools
 import hashlib
 import importlib.util
-import platform
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.digest import key_of
-from pipeline.errors import EnvironmentFault
+from pipeline.engine.libraries import is_foreign, machine, versions_of
 
 
 class UnknownKind(ValueError):
@@ -31,7 +30,8 @@ class _Module:
 
     digest: str
     imports: tuple[str, ...]
-    constants: dict[str, Any]
+    foreign: tuple[str, ...]
+    version: Any
 
 
 def check_kind(kind: str, packages: tuple[str, ...]) -> None:
@@ -47,32 +47,40 @@ def code_of(kind: str) -> dict[str, Any]:
     Parameters
     ----------
     kind : str
-        Module name. The module may say `VERSION = 2` and `LIBRARIES = ("numpy",)`: distributions whose versions
-        change its numbers. Both are read from the source, so they must be literals.
+        Module name. The module may say `VERSION = 2` as a literal, to run again although its code is the same.
     """
     own = _module(kind)
     if own is None:
         raise UnknownKind(f"no source file for the task kind {kind!r}")
-    libraries = {name: _library_version(kind, name) for name in own.constants.get("LIBRARIES", ())}
+    reached = _reached(kind)
+    foreign = {name for module in reached.values() for name in module.foreign}
     return {
-        "version": own.constants.get("VERSION", 1),
-        "code": fingerprint(kind),
+        "version": own.version,
+        "code": _digest(reached),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
-        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
-        "machine": platform.machine(),
+        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **versions_of(foreign)},
+        "machine": machine(),
     }
 
 
 def fingerprint(kind: str) -> str:
     """Hex digest of the code that the module `kind` can reach inside its own top package."""
-    seen: dict[str, str] = {}
+    return _digest(_reached(kind))
+
+
+def _digest(reached: dict[str, _Module]) -> str:
+    return key_of("code/v1", {name: module.digest for name, module in reached.items()})
+
+
+def _reached(kind: str) -> dict[str, _Module]:
+    seen: dict[str, _Module] = {}
     todo = [kind]
     while todo:
         name = todo.pop()
         if name not in seen and (module := _module(name)) is not None:
-            seen[name] = module.digest
+            seen[name] = module
             todo += [*module.imports, *_parents(name)]
-    return key_of("code/v1", seen)
+    return seen
 
 
 def _parents(name: str) -> Iterator[str]:
@@ -106,12 +114,16 @@ def _read(path: Path, _mtime_ns: int, _size: int, name: str) -> _Module:
     tree = ast.parse(path.read_bytes(), str(path))
     parent = name if path.name == "__init__.py" else name.rpartition(".")[0]
     top = name.split(".")[0]
-    imports = {found for found in _imports(tree, parent) if found.split(".")[0] == top}
-    constants = dict(_constants(tree))
+    found = set(_imports(tree, parent))
+    foreign = {name.split(".")[0] for name in found} - {top}
+    version = _version(tree)
     _drop_docstrings(tree)
     text = ast.dump(tree, include_attributes=False)
     return _Module(
-        digest=hashlib.sha256(text.encode()).hexdigest(), imports=tuple(sorted(imports)), constants=constants
+        digest=hashlib.sha256(text.encode()).hexdigest(),
+        imports=tuple(sorted(name for name in found if name.split(".")[0] == top)),
+        foreign=tuple(sorted(filter(is_foreign, foreign))),
+        version=version,
     )
 
 
@@ -130,14 +142,11 @@ def _imports(tree: ast.Module, parent: str) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _constants(tree: ast.Module) -> Iterator[tuple[str, Any]]:
+def _version(tree: ast.Module) -> Any:
     for node in tree.body:
-        targets = (
-            node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
-        )
-        for target in targets:
-            if isinstance(target, ast.Name) and target.id in ("VERSION", "LIBRARIES") and node.value is not None:  # type: ignore[attr-defined]
-                yield target.id, ast.literal_eval(node.value)  # type: ignore[attr-defined]
+        if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["VERSION"]:
+            return ast.literal_eval(node.value)
+    return 1
 
 
 def _drop_docstrings(tree: ast.Module) -> None:
@@ -145,11 +154,3 @@ def _drop_docstrings(tree: ast.Module) -> None:
         owner = isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
         if owner and ast.get_docstring(node, clean=False) is not None:  # type: ignore[arg-type]
             node.body = node.body[1:] or [ast.Pass()]  # type: ignore[attr-defined]
-
-
-@functools.cache
-def _library_version(kind: str, name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        raise EnvironmentFault(f"{kind} needs the library {name!r}, which is not installed") from None

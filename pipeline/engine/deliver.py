@@ -80,6 +80,7 @@ class _Folder:
         new_manifest: bytes,
         records: Mapping[str, Record],
     ) -> Delivery:
+        self._remove_old_asides()  # also where nothing else changes: a builder may have died after its last file
         changed = [path for path, entry in entries.items() if self._digest(path) != entry["sha256"]]
         present, foreign = self._present(entries)
         stale = sorted(present & self._ours - entries.keys())
@@ -102,7 +103,6 @@ class _Folder:
         ours: Iterable[str],
     ) -> None:
         self.out.mkdir(parents=True, exist_ok=True)
-        self._remove_old_asides()
         aside = self.out / f"{_ASIDE}{uuid.uuid4().hex}"
         aside.mkdir()
         try:

@@ -8,13 +8,13 @@ import selectors
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from pipeline.engine.perform import ONE_THREAD, died, perform
+from pipeline.engine.perform import ONE_THREAD, failed, lost, perform
 from pipeline.engine.store import Store
 
-MAX_DEATHS = 3
 _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.engine.worker import main; main()"
 
 Plain = dict[str, Any]
@@ -66,21 +66,23 @@ class Inline:
 class _Worker:
     process: "subprocess.Popen[bytes]"
     spec: Plain | None = None
+    since: float = 0.0
     received: bytearray = field(default_factory=bytearray)
 
 
 class Processes:
     """Workers that import only what their tasks import. A dead one costs the task it was in, and no other.
 
-    That task is started again in a new worker, `MAX_DEATHS` times at most: it may be the one that kills them.
+    Parameters
+    ----------
+    timeout_s : float, optional
+        A task that takes longer is ended with its worker, and has failed.
     """
 
-    def __init__(self, store: Store, packages: tuple[str, ...], jobs: int) -> None:
-        self._store, self._packages, self._jobs = store, packages, jobs
+    def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:
+        self._store, self._packages, self._jobs, self._timeout_s = store, packages, jobs, timeout_s
         self._workers: list[_Worker] = []
-        self._deaths: collections.Counter[str] = collections.Counter()
         self._ready = selectors.DefaultSelector()
-        self.restarts = 0
 
     @property
     def free(self) -> int:
@@ -94,7 +96,7 @@ class Processes:
     def submit(self, spec: Plain) -> None:
         """Give a task to an idle worker, or start one."""
         worker = next((w for w in self._workers if w.spec is None), None) or self._start()
-        worker.spec = spec
+        worker.spec, worker.since = spec, time.monotonic()
         self._send(worker, spec)
 
     def wait(self, timeout_s: float) -> list[Plain]:
@@ -110,6 +112,19 @@ class Processes:
                 replies.append(json.loads(worker.received))
                 worker.received.clear()
                 worker.spec = None
+        return replies + self._overdue()
+
+    def _overdue(self) -> list[Plain]:
+        """End workers whose task has taken too long."""
+        replies = []
+        for worker in [worker for worker in self._workers if worker.spec is not None]:
+            seconds = time.monotonic() - worker.since
+            if self._timeout_s is not None and seconds > self._timeout_s and worker.spec is not None:
+                worker.process.kill()
+                name, key = worker.spec["name"], worker.spec["key"]
+                self._forget(worker)
+                text = f"it took longer than {self._timeout_s:g} s and was ended (--timeout)"
+                replies.append(failed(name, key, text, self._store, seconds))
         return replies
 
     def close(self) -> None:
@@ -146,14 +161,8 @@ class Processes:
         self._forget(worker)
         if spec is None:
             return []
-        self.restarts += 1
-        self._deaths[spec["key"]] += 1
-        if self._deaths[spec["key"]] < MAX_DEATHS:
-            self.submit(spec)
-            return []
         how = signal.Signals(-status).name if status < 0 else f"exit code {status}"
-        text = f"its worker process died {MAX_DEATHS} times, last by {how} (out of memory looks like SIGKILL)"
-        return [died(spec["name"], spec["key"], text, self._store)]
+        return [lost(spec["name"], f"its worker process died by {how}", memory=status == -signal.SIGKILL)]
 
     def _forget(self, worker: _Worker) -> None:
         assert worker.process.stdin is not None and worker.process.stdout is not None

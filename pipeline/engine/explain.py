@@ -23,6 +23,20 @@ def describe(planned: Iterable[PlannedTask]) -> Iterator[str]:
         yield f"… and {count:,} more {kind} ({state}): {cause}"
 
 
+def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:
+    """All reasons of tasks, one after the other; of tasks with the same reasons the first, and how many more there are.
+
+    Numbers of frames, names and old and new values may differ within such a group.
+    """
+    groups: dict[tuple[str, str, str], list[PlannedTask]] = {}
+    for task in planned:
+        groups.setdefault((task.state, task.kind, _cause(task)), []).append(task)
+    for (_, kind, _), tasks in groups.items():
+        yield from describe_task(tasks[0])
+        if len(tasks) > 1:
+            yield f"… and {len(tasks) - 1:,} more {kind} alike, up to {tasks[-1].name}"
+
+
 def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
     """A task, its state, and a line per reason, of which at most `most` are shown."""
     yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")

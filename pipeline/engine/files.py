@@ -9,13 +9,16 @@ import shutil
 import stat
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
 
 _CHUNK = 1 << 20
 _FICLONE = 0x40049409  # linux/fs.h: share the blocks of another file, copy on write
-_MACHINE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EMFILE, errno.EIO)
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_REFUSED = (errno.EROFS, errno.EACCES, errno.EPERM)
+_MACHINE_ERRORS = (*_FULL, *_REFUSED, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.ESTALE)
 
 Signature = list[int]
 """Size, inode, mtime and ctime of a file [bytes, -, ns, ns]: a hint that its bytes are still the same ones."""
@@ -31,18 +34,26 @@ def is_machines_fault(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in _MACHINE_ERRORS
 
 
+@dataclass(slots=True)
+class Disk:
+    """How many bytes some work needs at least, as far as it knows; it may learn more while it runs."""
+
+    needed: int | None = None
+
+
 @contextlib.contextmanager
-def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> Iterator[None]:
+def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> Iterator[Disk]:
     """Turn a full disk or a read-only folder into an `EnvironmentFault` that says what was tried."""
+    disk = Disk(needed)
     try:
-        yield
+        yield disk
     except OSError as error:
         if not is_machines_fault(error):
             raise
-        hint = "choose another folder, or mend its permissions"
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        hint = "choose another folder, or mend its permissions" if error.errno in _REFUSED else "build again"
+        if error.errno in _FULL:
             free = shutil.disk_usage(folder if folder.exists() else folder.parent).free
-            need = f"{needed:,} bytes needed, " if needed is not None else ""
+            need = f"at least {disk.needed:,} bytes needed, " if disk.needed is not None else ""
             hint = f"{need}{free:,} bytes free on that disk"
         raise EnvironmentFault(f"cannot {doing} {folder}: {error.strerror}", hint=hint) from error
 
@@ -95,18 +106,20 @@ def copy(source: Path, target: Path) -> None:
         shutil.copyfileobj(reader, writer, _CHUNK)
 
 
-def try_lock(handle: int) -> bool | None:
+def try_lock(handle: int, *, shared: bool = False) -> bool | None:
     """Try once to lock an open file; None means that this file system has no locks."""
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except OSError as error:
         return False if error.errno in (errno.EWOULDBLOCK, errno.EINTR) else None
     return True
 
 
 @contextlib.contextmanager
-def locked(path: Path, timeout_s: float = 3600.0) -> Iterator[bool]:
+def locked(path: Path, timeout_s: float = 3600.0, *, shared: bool = False) -> Iterator[bool]:
     """Hold a lock that dies with this process; False after the timeout, or where nothing can be locked.
+
+    Shared locks exclude exclusive ones only.
 
     Locks only save work: who goes on without one computes the same bytes once more.
     """
@@ -118,7 +131,7 @@ def locked(path: Path, timeout_s: float = 3600.0) -> Iterator[bool]:
         return
     give_up = time.monotonic() + timeout_s
     try:
-        while (held := try_lock(handle)) is False and time.monotonic() < give_up:
+        while (held := try_lock(handle, shared=shared)) is False and time.monotonic() < give_up:
             time.sleep(0.02)
         yield bool(held)
     finally:

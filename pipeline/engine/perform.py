@@ -9,6 +9,7 @@ import importlib
 import os
 import shutil
 import socket
+import threading
 import time
 import traceback
 from collections.abc import Iterator
@@ -16,12 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.code import check_kind, code_of
-from pipeline.engine.files import is_machines_fault
+from pipeline.engine.files import is_machines_fault, machine_errors
+from pipeline.engine.memory import PeakMeter
 from pipeline.engine.store import DamagedBlob, Store
+from pipeline.errors import EnvironmentFault
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Numeric libraries must not split sums over threads: their results would depend on the number of cores."""
 
+_logs = threading.Lock()
 _TAIL = 12  # lines of a log that a failure carries
 _imported: dict[str, str] = {}  # kind -> fingerprint of its code when this process imported it
 
@@ -37,8 +41,9 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
     Returns
     -------
     dict
-        `name`, `state` (executed, cached or failed), `seconds` and either `record` or `error`, `log`, `machine`
-        (whether the machine and not the task is to blame), `damaged` (whether an input was found damaged).
+        `name`, `state` (executed, cached or failed), `seconds` and either `record` and `differs` (outputs that are not
+        what the store already had for the key) or `error`, `log`, `machine` (whether the machine and not the task is
+        to blame), `damaged` (whether an input was found damaged), `memory` (whether there was too little of it).
     """
     key, start = spec["key"], time.perf_counter()
     log = store.path("log", key)
@@ -48,51 +53,96 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
             if record is not None:
                 return {"name": spec["name"], "state": "cached", "seconds": 0.0, "record": record}
             with _logging(log):
-                record = _compute(spec, store, packages)
+                record, differs = _compute(spec, store, packages)
     except (Exception, SystemExit) as error:
-        text = "".join(traceback.format_exception(error))
+        expected = isinstance(error, EnvironmentFault)
+        text = f"{error}\n" if expected else "".join(traceback.format_exception(error))
         _append(log, text)
-        reply = {"name": spec["name"], "state": "failed", "error": _tail(text), "log": str(log)}
-        blame = {"machine": is_machines_fault(error), "damaged": isinstance(error, DamagedBlob)}
+        reply: dict[str, Any] = {"name": spec["name"], "state": "failed", "error": _tail(text), "log": str(log)}
+        blame = {
+            "machine": isinstance(error, EnvironmentFault) or is_machines_fault(error),
+            "damaged": isinstance(error, DamagedBlob),
+            "memory": isinstance(error, MemoryError),
+        }
         return {**reply, **blame, "seconds": round(time.perf_counter() - start, 4)}
     seconds = round(time.perf_counter() - start, 4)
-    return {"name": spec["name"], "state": "executed", "seconds": seconds, "record": record}
+    return {"name": spec["name"], "state": "executed", "seconds": seconds, "record": record, "differs": differs}
 
 
-def died(name: str, key: str, how: str, store: Store) -> dict[str, Any]:
-    """The reply for a task whose worker is dead."""
+def failed(name: str, key: str, how: str, store: Store, seconds: float = 0.0) -> dict[str, Any]:
+    """The reply for a task that was ended from outside: its worker died, or its time was up."""
     log = store.path("log", key)
     _append(log, f"{how}\n")
-    reply = {"name": name, "state": "failed", "seconds": 0.0, "error": how, "log": str(log)}
-    return {**reply, "machine": False, "damaged": False}
+    reply: dict[str, Any] = {"name": name, "state": "failed", "error": how, "log": str(log)}
+    return {**reply, "seconds": round(seconds, 4), "machine": False, "damaged": False, "memory": False}
 
 
-def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> dict[str, Any]:
+def lost(name: str, how: str, *, memory: bool = False) -> dict[str, Any]:
+    """The reply for a task whose worker died; the driver decides whether it gets another one."""
+    return {"name": name, "state": "lost", "seconds": 0.0, "error": how, "memory": memory}
+
+
+def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
     components = spec["components"]
     kind = components["kind"]
     check_kind(kind, packages)
-    # What runs must be what the key says: the source may have been edited since the driver read it, or since this
-    # process imported it.
-    if {code_of(kind)["code"], _imported.get(kind, components["code"])} != {components["code"]}:
-        raise RuntimeError(f"the code of {kind} was edited while this process ran; build again in a new one")
+    _refuse_other_code(kind, components)
     inputs = {
         role: {name: store.blob(digest) for name, digest in blobs.items()}
         for role, blobs in components["inputs"].items()
     }
-    out = store.new_path()
-    out.mkdir()
-    try:
-        start = time.perf_counter()
+    with _folder_for_outputs(store) as out:
+        meter, start = PeakMeter(), time.perf_counter()
         run = importlib.import_module(kind).run
         _imported.setdefault(kind, components["code"])
         run(components["params"], inputs, out)
         seconds = round(time.perf_counter() - start, 4)
+        made_by: dict[str, Any] = {"seconds": seconds, "peak_bytes": meter.read_bytes()}
         outputs = {name: store.put_file(path) for name, path in _outputs(out)}
-    finally:
-        shutil.rmtree(out, ignore_errors=True)
-    when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    made_by = {"seconds": seconds, "host": socket.gethostname(), "pid": os.getpid(), "when": when}
-    return store.put_record(spec["key"], {"outputs": outputs, "components": components, "made_by": made_by})
+        when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        made_by |= {"host": socket.gethostname(), "pid": os.getpid(), "when": when}
+        record = {"outputs": outputs, "components": components, "made_by": made_by}
+        kept = store.put_record(spec["key"], record)
+    names = sorted(outputs.keys() | kept["outputs"].keys())
+    return kept, [name for name in names if outputs.get(name) != kept["outputs"].get(name)]
+
+
+def _refuse_other_code(kind: str, components: dict[str, Any]) -> None:
+    """What runs must be what the key says: code, libraries and machine.
+
+    The source may have been edited since the driver read it, or since this process imported it; and a worker on
+    another machine may have another version of anything.
+    """
+    here = {**code_of(kind), "imported": _imported.get(kind, components["code"])}
+    for part, value in here.items():
+        wanted = components["code" if part == "imported" else part]
+        if value != wanted:
+            raise EnvironmentFault(
+                f"{kind}: this process cannot make what the key says: {part} is {_changed(wanted, value)}",
+                hint="if the code was edited meanwhile, build again; else give all machines the same versions",
+            )
+
+
+def _changed(old: Any, new: Any) -> str:
+    if isinstance(old, dict) and isinstance(new, dict):
+        names = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
+        return ", ".join(f"{name} {new.get(name)}, not {old.get(name)}" for name in names)
+    return f"{str(new)[:12]}, not {str(old)[:12]}"
+
+
+@contextlib.contextmanager
+def _folder_for_outputs(store: Store) -> Iterator[Path]:
+    """A folder on the store's file system, gone afterwards; a disk that fills up says how much it lacked."""
+    with machine_errors("keep results in", store.root) as disk:
+        out = store.new_path()
+        out.mkdir()
+        try:
+            yield out
+        except OSError:
+            disk.needed = 1 + sum(path.lstat().st_size for path in out.rglob("*"))
+            raise
+        finally:
+            shutil.rmtree(out, ignore_errors=True)
 
 
 def _outputs(out: Path) -> Iterator[tuple[str, Path]]:
@@ -107,16 +157,24 @@ def _outputs(out: Path) -> Iterator[tuple[str, Path]]:
 @contextlib.contextmanager
 def _logging(log: Path) -> Iterator[None]:
     """Send what the task prints to its log: stdout is data of the command, stderr belongs to the progress."""
-    log.parent.mkdir(parents=True, exist_ok=True)
-    log.open("w").close()
-    with (
-        log.open("a", encoding="utf-8", buffering=1) as stream,  # appending: descriptor 2 of a worker is this file too
-        contextlib.redirect_stdout(stream),
-        contextlib.redirect_stderr(stream),
-    ):
+    if not _logs.acquire(blocking=False):  # another thread's task owns the streams of this process
         yield
-    if log.stat().st_size == 0:
-        log.unlink()
+        return
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.open("w").close()
+        with (
+            log.open(
+                "a", encoding="utf-8", buffering=1
+            ) as stream,  # appending: descriptor 2 of a worker is this file too
+            contextlib.redirect_stdout(stream),
+            contextlib.redirect_stderr(stream),
+        ):
+            yield
+        if log.stat().st_size == 0:
+            log.unlink()
+    finally:
+        _logs.release()
 
 
 def _append(log: Path, text: str) -> None:

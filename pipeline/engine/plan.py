@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.engine.graph import TaskGraph
+from pipeline.engine.graph import Task, TaskGraph
 from pipeline.engine.spec import Record, Spec, Specs
 from pipeline.engine.store import Store
 
@@ -63,7 +63,7 @@ class Reason:
 class PlannedTask:
     """A task of a plan; `state` is cached, run, or maybe (below a task that must run: early cutoff may save it).
 
-    `key` is None as long as the inputs are not known.
+    `key` and `spec` are None as long as the inputs are not known.
     """
 
     name: str
@@ -71,6 +71,7 @@ class PlannedTask:
     state: str
     key: str | None
     reasons: tuple[Reason, ...] = ()
+    spec: Spec | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As in `plan --json`."""
@@ -94,28 +95,33 @@ def plan(
     for name in graph:
         task = graph[name]
         must_run = [source for source in graph.sources(name) if source not in records]
-        last = store.peek(last_keys[name]) if name in last_keys else None
         if must_run:
+            last = _last(name, last_keys, store)
             reasons = [Reason(type=ReasonType.UPSTREAM, field=source) for source in must_run]
             reasons += _differences(last["components"]["params"], task.params, "params") if last else []
-            planned.append(_planned(task.name, task.short_kind, "maybe", None, reasons))
+            planned.append(_planned(task, "maybe", None, reasons))
             continue
         spec = specs.of(task, records)
         whole = store.peek(spec.key)
-        record = store.record(spec.key)
+        record = store.complete(spec.key, whole)
         if record is not None and name not in forced:
             records[name] = record
-            planned.append(_planned(task.name, task.short_kind, "cached", spec.key, []))
+            planned.append(_planned(task, "cached", spec, []))
             continue
         reasons = [Reason(type=ReasonType.FORCED)] if name in forced else []
         if record is None:
-            reasons += _why_missing(spec, last_keys.get(name), last, whole, store)
-        planned.append(_planned(task.name, task.short_kind, "run", spec.key, reasons))
+            reasons += _why_missing(spec, last_keys.get(name), _last(name, last_keys, store), whole, store)
+        planned.append(_planned(task, "run", spec, reasons))
     return planned
 
 
-def _planned(name: str, kind: str, state: str, key: str | None, reasons: list[Reason]) -> PlannedTask:
-    return PlannedTask(name=name, kind=kind, state=state, key=key, reasons=tuple(reasons))
+def _last(name: str, last_keys: Mapping[str, str], store: Store) -> Record | None:
+    return store.peek(last_keys[name]) if name in last_keys else None
+
+
+def _planned(task: Task, state: str, spec: Spec | None, reasons: list[Reason]) -> PlannedTask:
+    key = spec.key if spec else None
+    return PlannedTask(name=task.name, kind=task.short_kind, state=state, key=key, reasons=tuple(reasons), spec=spec)
 
 
 def _why_missing(

@@ -1,6 +1,7 @@
 """The one driver loop, whatever the engine: look up, submit what is missing, collect."""
 
 import heapq
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,9 +10,12 @@ from pipeline.engine.engines import Engine, Inline, Processes
 from pipeline.engine.events import Emit, silent
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.interrupts import Interrupts, Stopped
+from pipeline.engine.memory import Budget, available_bytes
+from pipeline.engine.perform import failed
 from pipeline.engine.spec import Record, Spec, Specs
 from pipeline.engine.store import Store
 
+MAX_DEATHS = 3  # of workers in one task
 _TICK_S = 0.25  # how long a signal may wait for the loop
 
 
@@ -29,6 +33,12 @@ class TaskResult:
         None if the task was skipped before its inputs were known.
     machine : bool
         Whether the machine (disk full, …) made it fail.
+    spec : str or None
+        Of a task that failed: the file from which `pipeline run-task` repeats it.
+    differs : tuple of str
+        Outputs that came out other than before, for the same key.
+    peak_bytes : int or None
+        Memory that its process took at most, if it ran now.
     """
 
     name: str
@@ -39,20 +49,30 @@ class TaskResult:
     error: str | None = None
     log: str | None = None
     machine: bool = False
+    spec: str | None = None
+    differs: tuple[str, ...] = ()
+    peak_bytes: int | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As in the summary of a build."""
         facts = {"name": self.name, "kind": self.kind, "state": self.state, "seconds": self.seconds, "key": self.key}
-        return {**facts, "error": self.error, "log": self.log} if self.state == "failed" else facts
+        if self.state == "failed":
+            facts |= {"error": self.error, "log": self.log, "spec": self.spec}
+        return {**facts, "differs": list(self.differs)} if self.differs else facts
 
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """Results by task name, records of what is there, and the signal that ended the run, if one did."""
+    """Results by task name, records of what is there, and the signal that ended the run, if one did.
+
+    `peaks` is the memory that tasks of each kind took at most in this run [bytes]; `checked` are tasks that ran twice.
+    """
 
     results: dict[str, TaskResult] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
     interrupted: int | None = None
+    peaks: dict[str, int] = field(default_factory=dict)
+    checked: tuple[str, ...] = ()
 
 
 def run(
@@ -60,8 +80,12 @@ def run(
     store: Store,
     *,
     jobs: int = 1,
+    engine: Engine | None = None,
     keep_going: bool = False,
     force: Iterable[str] = (),
+    retries: int = 0,
+    timeout_s: float | None = None,
+    peaks: dict[str, int] | None = None,
     on_event: Emit = silent,
     prepare: Callable[[], None] | None = None,
 ) -> Outcome:
@@ -70,16 +94,38 @@ def run(
     Parameters
     ----------
     jobs : int
-        1 runs tasks in this process, more in as many worker processes.
+        1 runs tasks in this process, more in as many worker processes. With a timeout there is always a worker.
+    engine : Engine, optional
+        Another place for tasks; it is closed at the end.
     keep_going : bool
         After a failure go on with tasks that do not need the failed one.
     force : iterable of str
         Names of tasks that run even though the store has them.
+    retries : int
+        How often a task that failed is tried again. A task whose worker died is tried `MAX_DEATHS` times in any case.
+    timeout_s : float, optional
+        A task that takes longer has failed [s].
+    peaks : dict, optional
+        Memory that tasks of each kind took earlier [bytes]: no more of them start together than fit.
     prepare : callable, optional
         Called once in this process before the first task runs, and not at all if none has to.
     """
-    engine: Engine = Inline(store, graph.packages) if jobs <= 1 else Processes(store, graph.packages, jobs)
-    driver = _Driver(graph, store, engine, keep_going=keep_going, force=set(force), on_event=on_event, prepare=prepare)
+    if engine is None:
+        inline = jobs <= 1 and timeout_s is None
+        engine = (
+            Inline(store, graph.packages) if inline else Processes(store, graph.packages, jobs, timeout_s=timeout_s)
+        )
+    driver = _Driver(
+        graph,
+        store,
+        engine,
+        keep_going=keep_going,
+        force=set(force),
+        retries=retries,
+        budget=Budget(available_bytes(), peaks),
+        on_event=on_event,
+        prepare=prepare,
+    )
     with Interrupts(lambda text: on_event({"event": "warning", "text": text})) as interrupts:
         try:
             driver.loop(interrupts)
@@ -100,15 +146,21 @@ class _Driver:
         *,
         keep_going: bool,
         force: set[str],
+        retries: int,
+        budget: Budget,
         on_event: Emit,
         prepare: Callable[[], None] | None,
     ) -> None:
         self.graph, self.store, self.engine = graph, store, engine
         self.keep_going, self.force, self.on_event, self.prepare = keep_going, force, on_event, prepare
+        self.retries, self.budget = retries, budget
         self.outcome = Outcome()
         self._specs = Specs()
         self._running: dict[str, Spec] = {}
-        self._retried: set[str] = set()
+        self._healed: set[str] = set()
+        self._failures: Counter[str] = Counter()
+        self._deaths: Counter[str] = Counter()
+        self._alone: set[str] = set()  # tasks that met too little memory: nothing runs beside them
         self._priority = graph.priorities()
         self._ready: list[tuple[int, str]] = []
         self._broken = False  # the machine is at fault: more tasks would fail the same way
@@ -118,14 +170,21 @@ class _Driver:
     def loop(self, interrupts: Interrupts) -> None:
         while True:
             going = interrupts.signal is None and not self._broken and (self.keep_going or not self._failed())
-            while going and self._ready and self.engine.free:
+            while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
                 self._take(heapq.heappop(self._ready)[1])
             if not self._running and not (going and self._ready):
                 return
             for reply in self.engine.wait(_TICK_S):
                 self._collect(reply)
 
+    def _may_start(self, name: str) -> bool:
+        if self._alone & self._running.keys() or (name in self._alone and self._running):
+            return False
+        kinds = (self.graph[other].short_kind for other in self._running)
+        return self.budget.fits(self.graph[name].short_kind, kinds)
+
     def finish(self) -> Outcome:
+        self.outcome.peaks = self.budget.peaks
         for name in self.graph:
             if name not in self.outcome.results:
                 self._settle(TaskResult(name=name, kind=self.graph[name].short_kind, state="skipped"))
@@ -163,20 +222,60 @@ class _Driver:
         spec = self._running.pop(name)
         for text in reply.get("warnings", ()):
             self.on_event({"event": "warning", "text": text})
-        if reply.get("damaged") and name not in self._retried:
+        if reply.get("damaged") and name not in self._healed:
             self._heal(name)
-            return
-        failure = {field: reply[field] for field in ("error", "log", "machine") if field in reply}
+        elif reply["state"] == "lost":
+            self._bury(name, spec, reply)
+        elif reply["state"] == "failed" and self._try_again(name, reply):
+            self._queue_if_ready(name)
+        else:
+            self._finish(name, spec, reply)
+
+    def _finish(self, name: str, spec: Spec, reply: dict[str, Any]) -> None:
+        facts: dict[str, Any] = {field: reply[field] for field in ("error", "log", "machine") if field in reply}
         self._broken = self._broken or bool(reply.get("machine"))
-        kind = self.graph[name].short_kind
+        kind, record = self.graph[name].short_kind, reply.get("record")
+        if reply["state"] == "failed":
+            facts["spec"] = self.store.keep_spec(spec.key, spec.to_plain())
+        if reply["state"] == "executed" and record is not None:
+            facts["peak_bytes"] = record["made_by"].get("peak_bytes", 0)
+            self.budget.learn(kind, facts["peak_bytes"])
+            facts["differs"] = tuple(reply.get("differs", ()))
         seconds = reply["seconds"] if reply["state"] != "cached" else 0.0
-        result = TaskResult(name=name, kind=kind, state=reply["state"], seconds=seconds, key=spec.key, **failure)
-        self._settle(result, reply.get("record"))
+        self._settle(
+            TaskResult(name=name, kind=kind, state=reply["state"], seconds=seconds, key=spec.key, **facts), record
+        )
+
+    def _bury(self, name: str, spec: Spec, reply: dict[str, Any]) -> None:
+        """A worker died in a task: maybe the task kills them, maybe it only met too little memory beside others."""
+        self._deaths[name] += 1
+        if self._deaths[name] < MAX_DEATHS:
+            if reply["memory"]:
+                self._alone.add(name)
+            self.on_event({"event": "retry", "task": name, "error": reply["error"]})
+            self._queue_if_ready(name)
+            return
+        hint = "; out of memory looks like this, and it ran alone the last time" if reply["memory"] else ""
+        text = f"{reply['error']}, {MAX_DEATHS} times{hint}"
+        self._finish(name, spec, failed(name, spec.key, text, self.store))
+
+    def _try_again(self, name: str, reply: dict[str, Any]) -> bool:
+        """Whether a task that failed may be queued again."""
+        short_of_memory = reply["memory"] and name not in self._alone
+        if short_of_memory:
+            self._alone.add(name)
+        elif self._failures[name] < self.retries and not reply["machine"]:
+            self._failures[name] += 1
+        else:
+            return False
+        self.on_event({"event": "retry", "task": name, "error": reply["error"]})
+        return True
 
     def _settle(self, result: TaskResult, record: Record | None = None) -> None:
         self.outcome.results[result.name] = result
         usual = record["made_by"]["seconds"] if record else None  # for estimates
-        self.on_event({"event": "done", "task": result.name, **result.to_dict(), "usual_seconds": usual})
+        facts = {**result.to_dict(), "usual_seconds": usual, "peak_bytes": result.peak_bytes}
+        self.on_event({"event": "done", "task": result.name, **facts})
         if record is not None:
             self.outcome.records[result.name] = record
             for reader in self.graph.readers(result.name):
@@ -184,7 +283,7 @@ class _Driver:
 
     def _heal(self, name: str) -> None:
         """An input went bad between lookup and use: make it again, then try the task once more."""
-        self._retried.add(name)
+        self._healed.add(name)
         for source in self.graph.sources(name):
             result = self.outcome.results[source]
             if result.key is not None and self.store.record(result.key) is None:

@@ -10,6 +10,8 @@ from pipeline.engine.graph import Task
 
 Record = dict[str, Any]
 
+KEY_DOMAIN = "task/v1"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spec:
@@ -45,4 +47,4 @@ class Specs:
             for role, source in task.reads.items()
         }
         components = {"kind": task.kind, **self._code[task.kind], "params": task.params, "inputs": inputs}
-        return Spec(name=task.name, key=key_of("task/v1", components), components=components)
+        return Spec(name=task.name, key=key_of(KEY_DOMAIN, components), components=components)

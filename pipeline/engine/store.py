@@ -6,7 +6,9 @@
     lock/ab/<key>                locked while somebody computes the key
     tmp/                         files being written
     quarantine/                  what failed verification, for a person to look at
-    logs/  history/  index/      what tasks printed; last keys per output folder; hints that may be deleted
+    gc.lock                      shared by builders, exclusive for the collector
+    logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
+    history/  index/             last keys and events per output folder; hints that may be deleted
 
 Two promises: a readable record implies complete blobs, and a reader gets the right bytes or a miss, never wrong bytes
 and never an exception because an entry is damaged.
@@ -30,8 +32,8 @@ from pipeline.errors import EnvironmentFault
 
 _TRAILER = b"\n#sha256="
 _FORMAT = 1
-_TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs"}
-_SUFFIXES = {"record": ".json", "log": ".log"}
+_TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
+_SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 Entry = dict[str, Any]
 
@@ -157,10 +159,16 @@ class Store:
 
     def record(self, key: str) -> dict[str, Any] | None:
         """The record of a key, if it and all its blobs are whole; else None, which is a miss."""
-        record = self.peek(key)
+        return self.complete(key, self.peek(key))
+
+    def complete(self, key: str, record: dict[str, Any] | None) -> dict[str, Any] | None:
+        """What `peek` gave for a key, if all its blobs are whole; else None."""
         if record is not None and not all(self.is_whole(entry) for entry in record["outputs"].values()):
             self._quarantine(self.path("record", key))
             return None
+        if record is not None:
+            with contextlib.suppress(OSError):  # in use: what was unused longest is collected first
+                os.utime(self.path("record", key))
         return record
 
     def peek(self, key: str) -> dict[str, Any] | None:
@@ -172,6 +180,15 @@ class Store:
         return record
 
     # Files that are hints or help, never the truth
+
+    def keep_spec(self, key: str, spec: dict[str, Any]) -> str | None:
+        """Write a task down so that it can be repeated alone; gives the path, None if it cannot be written."""
+        path = self.path("spec", key)
+        try:
+            self._write(path, json.dumps(spec, sort_keys=True).encode() + b"\n")
+        except OSError:
+            return None
+        return str(path)
 
     def write_note(self, folder: str, name: str, note: Any) -> None:
         """Keep plain data in `history` or `index`. A store that cannot be written goes without."""
@@ -198,17 +215,34 @@ class Store:
         with locked(self.path("lock", key)) as held:
             yield held
 
+    @contextlib.contextmanager
+    def in_use(self) -> Iterator[bool]:
+        """While this is open nothing is collected, by anybody."""
+        with locked(self.root / "gc.lock", timeout_s=60.0, shared=True) as held:
+            yield held
+
     def new_path(self) -> Path:
         """A path on the store's file system for this process alone; what is left there is removed later."""
         return self._workspace.new_path()
 
-    def sweep(self) -> int:
-        """Remove what dead processes left in `tmp`."""
-        return sweep(self.root / "tmp")
+    def sweep(self, older_than_s: float | None = None) -> int:
+        """Remove what dead processes left in `tmp`; see `workspace.sweep`."""
+        return sweep(self.root / "tmp", older_than_s)
+
+    def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
+        """Name and facts of every entry of a table, sorted by name; what is not named like one is passed over."""
+        suffix = _SUFFIXES.get(table, "")
+        for folder in sorted((self.root / _TABLES[table]).glob("[0-9a-f][0-9a-f]")):
+            with os.scandir(folder) as found:
+                for entry in sorted(found, key=lambda entry: entry.name):
+                    name = entry.name.removesuffix(suffix)
+                    with contextlib.suppress(FileNotFoundError):  # somebody else's quarantine
+                        if DIGEST.fullmatch(name):
+                            yield name, entry.stat(follow_symlinks=False)
 
     def size(self) -> int:
         """Bytes of all blobs."""
-        return sum(path.lstat().st_size for path in (self.root / _TABLES["blob"]).glob("*/*"))
+        return sum(facts.st_size for _, facts in self.entries("blob"))
 
     def _write(self, final: Path, data: bytes) -> None:
         aside = self.new_path()

@@ -3,6 +3,7 @@
 import os
 import shutil
 import socket
+import time
 import uuid
 import weakref
 from pathlib import Path
@@ -25,12 +26,20 @@ class Workspace:
         return self._folder / uuid.uuid4().hex
 
 
-def sweep(tmp: Path) -> int:
-    """Remove folders whose process is dead, and count them. The kernel's locks say who lives, no clock and no pid."""
+def sweep(tmp: Path, older_than_s: float | None = None) -> int:
+    """Remove folders whose process is dead, and count them.
+
+    The kernel's locks say who lives, no clock and no pid. Where several machines share the store their locks may not
+    reach here, so folders of other machines stay unless they are older than asked.
+    """
     swept = 0
     for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
         handle = _open_folder(folder)
         if handle is None:
+            continue
+        age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
+        if not folder.name.startswith(f"{socket.gethostname()}-") and (older_than_s is None or age_s < older_than_s):
+            os.close(handle)
             continue
         if try_lock(handle):
             shutil.rmtree(folder, ignore_errors=True)

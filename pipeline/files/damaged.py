@@ -1,8 +1,11 @@
-"""The error of every reader in this room."""
+"""The error of every reader in this room, and what all of them refuse."""
 
 from pathlib import Path
 
 from pipeline.errors import PipelineError
+
+MAX_COMPRESSION_RATIO = 1032
+"""The best that deflate can do, by its own documentation: a header that promises more lies."""
 
 
 class DamagedFile(PipelineError):

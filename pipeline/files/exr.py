@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from pipeline.files.damaged import DamagedFile
+from pipeline.files.damaged import MAX_COMPRESSION_RATIO, DamagedFile
 
 TILE_PX = 128
 
@@ -29,8 +29,6 @@ _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 _IN_CALLING_THREAD = 0
 
 _CRC, _PART_COUNT = "content_crc32", "part_count"
-# The best that deflate can do, by its own documentation.
-_MAX_COMPRESSION_RATIO = 1032
 
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
 _GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
@@ -131,7 +129,7 @@ def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:
         first, last = part.header["dataWindow"]
         extent = last.astype(np.int64) - first + 1
         size += 4 * len(part.header["channels"]) * int(extent[0]) * int(extent[1])
-    if size > _MAX_COMPRESSION_RATIO * path.stat().st_size:
+    if size > MAX_COMPRESSION_RATIO * path.stat().st_size:
         raise DamagedFile(path, f"{size} bytes of pixels cannot come from so short a file")
 
 

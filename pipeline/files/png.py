@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from pipeline.files.damaged import DamagedFile
+from pipeline.files.damaged import MAX_COMPRESSION_RATIO, DamagedFile
 
 _COMPRESS_LEVEL = 6
 """Named, because the default of the library may move and with it the bytes."""
@@ -42,7 +42,9 @@ def read_png(path: str | Path) -> np.ndarray:
     DamagedFile
         If it is not a PNG file, pixels are lost or altered, or they are of another kind.
     """
-    stream = io.BytesIO(Path(path).read_bytes())
+    data = Path(path).read_bytes()
+    _require_plausible_size(path, data)
+    stream = io.BytesIO(data)
     try:
         with Image.open(stream, formats=["PNG"]) as picture:
             mode, pixels = picture.mode, np.array(picture)
@@ -51,3 +53,11 @@ def read_png(path: str | Path) -> np.ndarray:
     if mode not in ("RGB", "L", "I;16"):
         raise DamagedFile(path, f'pixels of kind "{mode}"; expected RGB, 8-bit grey or 16-bit grey')
     return pixels
+
+
+def _require_plausible_size(path: str | Path, data: bytes) -> None:
+    """Refuse a header that asks for more pixels than so few bytes can hold, before they are allocated."""
+    if len(data) >= 24 and data[12:16] == b"IHDR":
+        width_px, height_px = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+        if width_px * height_px > 8 * MAX_COMPRESSION_RATIO * len(data):  # a pixel has a bit or more
+            raise DamagedFile(path, f"{width_px} x {height_px} pixels cannot come from so short a file")

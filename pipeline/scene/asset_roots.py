@@ -17,7 +17,7 @@ from pipeline.scene.register import library_path
 
 _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
 
-_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
+HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 
 
 def allowed_roots(stage_file: Path, more: Iterable[str | Path] = ()) -> list[Path]:
@@ -66,7 +66,7 @@ def _outside(layer_file: str, resolved: str, asset: str | None) -> Problem:
         message=f"{shown_path(Path(resolved).resolve())} lies outside the folders that a stage may read",
         file=shown_path(layer_file),
         line=text_map(layer_file).assets.get(asset) if asset else None,
-        hint=_HINT,
+        hint=HINT,
     )
 
 
@@ -76,7 +76,7 @@ def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
         for asset in [asset for value in values for asset in _assets(value)]:
             if asset.resolvedPath and not is_inside(asset.resolvedPath, roots):
                 message = f"@{asset.path}@ lies outside the folders that a stage may read"
-                hint = _HINT
+                hint = HINT
                 yield problem(attribute, "asset-outside", message, hint=hint)
             elif asset.path and not asset.resolvedPath:
                 slashes = "asset paths use forward slashes" if "\\" in asset.path else None

@@ -7,9 +7,11 @@ from pathlib import Path
 from pipeline.scene.asset_roots import allowed_roots
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
+from pipeline.scene.check_layers import used_layers
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.flatten import flattened
 from pipeline.scene.opening import open_stage
+from pipeline.scene.prescan import refusals
 from pipeline.scene.problems import Problem, StageError, shown_path
 from pipeline.scene.reading import read_camera_entries, read_dataset, read_lens_entry
 from pipeline.scene.reading_targets import read_target_entries
@@ -33,6 +35,8 @@ class Loaded:
         The lens of a stage that is a lens alone.
     targets : tuple of TargetEntry
         Every target, of a dataset or of a file of the library; empty if the stage has errors.
+    files : tuple of Path
+        Files of all layers that were read; empty if the stage has errors.
     """
 
     dataset: Dataset | None
@@ -41,6 +45,7 @@ class Loaded:
     cameras: tuple[CameraEntry, ...] = ()
     lens: LensEntry | None = None
     targets: tuple[TargetEntry, ...] = ()
+    files: tuple[Path, ...] = ()
 
     @property
     def errors(self) -> list[Problem]:
@@ -48,7 +53,7 @@ class Loaded:
         return [problem for problem in self.problems if problem.is_error]
 
 
-def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
+def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted: bool = False) -> Loaded:
     """Open, check and read a stage; never raises for what is wrong with it.
 
     Parameters
@@ -57,10 +62,15 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
         A dataset, or any part of one: a lens, a rig.
     allow_roots : iterable of str or Path
         Folders that the stage may read from, besides its project and the shipped library.
+    untrusted : bool
+        Look at every file before USD does: nothing outside these folders is even opened.
     """
+    roots = allowed_roots(Path(path), allow_roots)
+    if untrusted and (problems := refusals(Path(path), roots)):
+        return Loaded(dataset=None, problems=problems, flattened="")
     try:
         stage, problems = open_stage(path)
-        problems += check(stage, allowed_roots(Path(path), allow_roots))
+        problems += check(stage, roots)
     except StageError as error:
         return Loaded(dataset=None, problems=error.problems, flattened="")
     loaded = Loaded(dataset=None, problems=problems, flattened="")
@@ -74,6 +84,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
         cameras=read_camera_entries(stage),
         lens=read_lens_entry(stage),
         targets=read_target_entries(stage),
+        files=tuple(Path(layer.realPath) for layer in used_layers(stage)),
     )
 
 

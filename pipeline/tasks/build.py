@@ -7,11 +7,17 @@ from typing import Any
 
 import pipeline
 from pipeline.engine import session
+from pipeline.engine.cluster import engine_of
 from pipeline.engine.events import silent
-from pipeline.engine.session import Project, Result
-from pipeline.scene.load import load, require_dataset
+from pipeline.engine.graph import TASKS
+from pipeline.engine.project import Project
+from pipeline.engine.result import Result
+from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
+from pipeline.tasks.sandbox import project_of_untrusted
+
+__all__ = ["TASKS", "build", "default_out", "project"]
 
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
@@ -22,16 +28,32 @@ def default_out(stage: Path) -> Path:
     return Path("build") / (stage.parent.name if stage.stem == "dataset" else stage.stem)
 
 
-def project(path: str | Path, out: str | Path | None = None, allow_roots: Iterable[str | Path] = ()) -> Project:
+def project(
+    path: str | Path,
+    out: str | Path | None = None,
+    allow_roots: Iterable[str | Path] = (),
+    *,
+    untrusted: bool = False,
+) -> Project:
     """Everything that a build of a stage consists of. Nothing is run or written.
+
+    Parameters
+    ----------
+    untrusted : bool
+        Read the stage in a process with limits, see `sandbox`.
 
     Raises
     ------
     StageError
         The stage does not pass `check`; the error carries all problems.
     """
-    path = Path(path)
-    loaded = load(path, allow_roots)
+    if untrusted:
+        return project_of_untrusted(Path(path), Path(out) if out else None, allow_roots)
+    return project_from(load(path, allow_roots), Path(path), out)
+
+
+def project_from(loaded: Loaded, path: Path, out: str | Path | None) -> Project:
+    """The project of a stage that was loaded."""
     dataset = require_dataset(loaded, path)
     graph, files, certificates = graph_of(dataset)
     files["dataset.usda"] = loaded.flattened.encode()
@@ -51,6 +73,7 @@ def project(path: str | Path, out: str | Path | None = None, allow_roots: Iterab
         findings={"certificate": certificates},
         out=Path(out) if out else default_out(path),
         stage_id=str(path.resolve()),
+        reads=loaded.files,
     )
 
 
@@ -62,7 +85,12 @@ def build(
     keep_going: bool = False,
     force: Iterable[str] = (),
     until: Iterable[str] = (),
+    retries: int = 0,
+    timeout_s: float | None = None,
+    check_percent: float = 0.0,
     allow_roots: Iterable[str | Path] = (),
+    untrusted: bool = False,
+    engine: str | None = None,
     on_event: Callable[[dict[str, Any]], None] | None = None,
 ) -> Result:
     """Build a dataset stage: run what is missing, fill the output folder.
@@ -79,8 +107,18 @@ def build(
         Go on with what does not depend on a task that failed.
     force, until : iterable of str
         Tasks to run in any case; tasks after which to stop.
+    retries : int
+        How often a task that failed is tried again.
+    timeout_s : float, optional
+        A task that takes longer has failed [s].
+    check_percent : float
+        Share of the tasks that are computed twice, to compare their bytes [%].
     allow_roots : iterable of str or Path
         Further folders that the stage may reference.
+    untrusted : bool
+        Read the stage in a process with limits.
+    engine : str, optional
+        `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     on_event : callable, optional
         Gets a dict for every start and end of a task.
 
@@ -95,11 +133,15 @@ def build(
         The stage does not pass `check`; then nothing is written.
     """
     return session.build(
-        project(path, out, allow_roots),
+        project(path, out, allow_roots, untrusted=untrusted),
         jobs=jobs,
         keep_going=keep_going,
         force=force,
         until=until,
+        retries=retries,
+        timeout_s=timeout_s,
+        check_percent=check_percent,
+        engine=engine_of(engine, timeout_s) if engine else None,
         on_event=on_event or silent,
         prepare=_compile_kernels,
     )

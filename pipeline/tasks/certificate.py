@@ -14,8 +14,6 @@ from pipeline.truth.certificate import Rows, certify, sample
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, tangent_planes
 
-LIBRARIES = ("numpy", "scipy", "numba")
-
 _STREAM = 0x5EA1
 """Random numbers of the judge are none of those that it judges."""
 

@@ -11,8 +11,6 @@ from pipeline.camera.report import report
 from pipeline.files.jsonfile import write_json
 from pipeline.tasks.cameras import Inputs, focused_camera
 
-LIBRARIES = ("numpy",)
-
 CONVENTIONS = {
     "pixel": "(0, 0) is the centre of the top-left pixel, x right, y down",
     "vision_frame": "origin at the centre of the aperture stop, x right, y down, z forward, mm",

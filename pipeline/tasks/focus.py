@@ -13,8 +13,6 @@ from pipeline.files.jsonfile import write_json
 from pipeline.records import from_plain, to_plain
 from pipeline.tasks.cameras import FOCUSED, Inputs
 
-LIBRARIES = ("numpy",)
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: camera (plain `camera.Camera`) or request (plain `request.FocusRequest`)."""

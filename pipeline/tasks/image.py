@@ -13,8 +13,6 @@ from pipeline.render.spectra import srgb_preview
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
 
-LIBRARIES = ("numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science", "opencv-python-headless")
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: targets (list of {target, vision_from_target}), background, samples, seed, weight, wavelength_nm."""

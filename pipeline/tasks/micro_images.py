@@ -8,8 +8,6 @@ import numpy as np
 from pipeline.files.tables import write_table
 from pipeline.tasks.cameras import Inputs, tracer_of
 
-LIBRARIES = ("numpy", "scipy", "numba")
-
 HEADER = (
     "micro-images: one row per microlens, k and l are axial indices of the lattice",
     "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down; vertices in the sensor frame, mm,"

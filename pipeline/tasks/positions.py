@@ -15,8 +15,6 @@ from pipeline.tasks.cameras import Inputs, stretches, tracer_of
 from pipeline.truth.candidates import candidates
 from pipeline.truth.grid import fine_from_image
 
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: planes (list of {name, vision_from_target, points_mm}), extent, supersampling, samples, seed, ..."""

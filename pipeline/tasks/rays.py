@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 
 from pipeline.files.exr import Part, write_exr
+from pipeline.files.npy import read_npy
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.error import in_pixels, jacobian
-
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR")
 
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
@@ -49,7 +48,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
 
 def _stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
     files = (inputs[f"tile{number}"][f"{name}.npy"] for number in range(tiles))
-    return np.concatenate([np.load(file, allow_pickle=False) for file in files])
+    return np.concatenate([read_npy(file) for file in files])
 
 
 def _part(name: str, pixels: np.ndarray, channels: tuple[str, ...], attributes: dict[str, Any]) -> Part:

@@ -9,8 +9,6 @@ from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, 
 from pipeline.camera.tracer import parallel_planes
 from pipeline.tasks.cameras import Inputs, stretches, tracer_of
 
-LIBRARIES = ("numpy", "numba", "scipy")
-
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last is their number."""
 

@@ -23,8 +23,6 @@ from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
 
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR", "opencv-python-headless")
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: frame, camera, targets (list of {name, target, vision_from_target}), truth, labels."""

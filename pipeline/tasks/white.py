@@ -7,8 +7,6 @@ from pipeline.render.imaging import irradiance
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.image import write_image
 
-LIBRARIES = ("numpy", "scipy", "numba", "OpenEXR", "pillow", "colour-science")
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: samples, seed, weight, wavelength_nm."""

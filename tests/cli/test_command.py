@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -94,7 +95,13 @@ def test_a_failure_says_task_key_log_and_the_command_to_repeat_it(pipeline, stag
     key = json.loads(pipeline("plan", stage(project=failing(tmp_path)), "--json")[1])["tasks"][0]["key"]
     assert f"task fail failed (key {key[:12]})" in log
     assert "ValueError: the flag is not there" in log and f"{key}.log" in log
-    assert "pipeline build s.json --until fail -j1" in log
+    spec = re.search(r"again: pipeline run-task (\S+)", log)[1]
+    code, _, log = pipeline("run-task", spec)
+    assert code == 1 and "about to look" in log and "ValueError: the flag is not there" in log
+    (tmp_path / "flag").touch()
+    assert pipeline("run-task", spec)[:2] == (0, "fail executed 0.0 s\n")
+    assert pipeline("run-task", spec)[:2] == (0, "fail cached 0.0 s\n")
+    assert pipeline("build", stage(project=failing(tmp_path)), "-k", "-j1")[0] == 0
     (tmp_path / "flag").touch()
     assert pipeline("build", "s.json", "--until", "fail", "-j1")[0] == 0
 
@@ -224,6 +231,102 @@ def test_ctrl_c_twice_and_sigterm_stop_at_once(command, pipeline, stage, tmp_pat
     assert process.returncode == code
     assert not (tmp_path / "build").exists()
     assert pipeline("build", stage(), "-j1")[0] == 0
+
+
+def test_a_build_by_single_tasks_alone_gives_the_same_manifest(pipeline, stage, tmp_path, monkeypatch):
+    """As an array of a batch system does it: what can run now, again and again."""
+    rounds = 0
+    while pipeline("plan", stage(), "--specs", "specs", "--exit-code")[0] == 3:
+        names = sorted(path.name for path in (tmp_path / "specs").iterdir())
+        assert names == [f"{number}.json" for number in range(len(names))]
+        for name in names:
+            assert pipeline("run-task", f"specs/{name}")[0] == 0
+        rounds += 1
+    assert rounds == 4
+    result = json.loads(pipeline("build", "s.json", "-j1", "--json")[1])
+    assert result["executed"] == 0
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
+    pipeline("build", "s.json", "-j2", "-o", "other")
+    assert (tmp_path / "other/manifest.json").read_bytes() == (tmp_path / "build/s/manifest.json").read_bytes()
+
+
+def test_a_spec_that_was_altered_or_is_none_is_refused(pipeline, stage, tmp_path):
+    pipeline("plan", stage(), "--specs", "specs")
+    path = tmp_path / "specs/0.json"
+    spec = json.loads(path.read_text())
+    spec["components"]["params"]["power"] = 5.0
+    path.write_text(json.dumps(spec))
+    code, _, log = pipeline("run-task", "specs/0.json")
+    assert code == 2 and "altered" in log
+    for text in ("", "[]", "{}", '{"name": 1}', '{"name": "a", "key": "../../x", "components": {}}'):
+        path.write_text(text)
+        assert pipeline("run-task", "specs/0.json")[0] == 2
+    assert pipeline("run-task", "specs/none.json")[0] == 2
+
+
+def test_a_spec_cannot_choose_what_is_imported(pipeline, stage, tmp_path):
+    from pipeline.engine.digest import key_of
+
+    pipeline("plan", stage(), "--specs", "specs")
+    path = tmp_path / "specs/0.json"
+    spec = json.loads(path.read_text())
+    spec["components"]["kind"] = "os"
+    path.write_text(json.dumps({**spec, "key": key_of("task/v1", spec["components"])}))
+    code, _, log = pipeline("run-task", "specs/0.json")
+    assert code == 1 and "not a module below toykit.tasks" in log
+
+
+def test_logs_print_what_a_task_said_and_took(pipeline, stage, tmp_path):
+    assert "never built" in pipeline("logs", stage(), "rays")[1]
+    pipeline("build", stage(), "-j1")
+    code, output, _ = pipeline("logs", "s.json", "image")
+    assert code == 0 and output.count("rendering\n") == 2
+    assert re.search(
+        r"== image/cam/0001: executed, key [0-9a-f]{12}, [\d.]+ s on \S+, \d{4}-.*, [\d.]+ [kMG]B\n", output
+    )
+    pipeline("build", "s.json", "-j1")
+    assert pipeline("logs", "s.json", "image")[1] == output  # hits say nothing new
+    pipeline("build", stage(project=failing(tmp_path)), "-k", "-j1")
+    code, output, _ = pipeline("logs", "s.json", "fail")
+    assert "== fail: failed" in output and "about to look" in output and "again: pipeline run-task" in output
+
+
+def test_explain_groups_what_changed_alike(pipeline, stage):
+    poses = [[[float(number)]] for number in range(50)]
+    pipeline("build", stage(project={"poses": poses}), "-j1")
+    pipeline("build", stage(project={"poses": [[[100 + x for x in row] for row in pose] for pose in poses]}), "-n")
+    output = pipeline("explain", "s.json", "image")[1]
+    assert "params.pose[0][0]: 0.0 -> 100.0" in output
+    assert "… and 49 more image alike, up to image/cam/0049" in output
+    assert len(output.splitlines()) == 3
+
+
+def test_check_determinism_computes_twice_and_ends_with_4(pipeline, stage):
+    code, _, log = pipeline("build", stage(), "-j1", "--check-determinism", "50")
+    assert code == 0 and "3 tasks computed twice, 0 with other bytes" in log
+    noisy = {"project": {"extra": [["noisy", "noisy", {}]]}}
+    code, output, log = pipeline("build", stage(**noisy), "-j2", "--check-determinism", "100", "--json")
+    assert code == 4 and "6 tasks computed twice, 1 with other bytes" in log
+    assert "NON-DETERMINISM: noisy" in log and "noise.txt" in log
+    assert [task["differs"] for task in json.loads(output)["tasks"] if "differs" in task] == [["noise.txt"]]
+    assert pipeline("build", "s.json", "-j1")[0] == 0  # the first bytes stay
+
+
+@pytest.mark.parametrize("jobs", ["-j1", "-j2"])
+def test_a_task_that_takes_too_long_is_ended_and_the_others_go_on(pipeline, stage, tmp_path, jobs):
+    code, _, log = pipeline("build", stage(**slow(tmp_path, 60)), jobs, "-k", "--timeout", "2")
+    assert code == 1 and "slow/a took longer" not in log
+    assert "it took longer than 2 s and was ended (--timeout)" in log and "5 executed" not in log
+    assert "again: pipeline run-task" in log
+
+
+def test_retries_try_a_failure_again(pipeline, stage, tmp_path):
+    flaky = {"project": {"extra": [["flaky", "flaky", {"folder": str(tmp_path), "times": 2}]]}}
+    assert pipeline("build", stage(**flaky), "-j1", "--retries", "1")[0] == 1
+    for path in tmp_path.glob("try*"):
+        path.unlink()
+    code, _, log = pipeline("build", stage(**flaky), "-j1", "--retries", "2")
+    assert code == 0 and log.count("flaky tried again: ValueError: not yet") == 2
 
 
 def test_events_are_lines_of_json_and_tell_the_same_story(pipeline, stage, tmp_path):

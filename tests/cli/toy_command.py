@@ -16,6 +16,7 @@ from engine import toy
 
 from pipeline import cli
 from pipeline.engine import session
+from pipeline.engine.cluster import engine_of
 from pipeline.errors import UsageError
 
 
@@ -43,7 +44,7 @@ def load(path, allow_roots=()):
     return types.SimpleNamespace(dataset=None, problems=problems, flattened="")
 
 
-def project(path, out=None, allow_roots=()):
+def project(path, out=None, allow_roots=(), untrusted=False):
     """A project, if the stage has no errors."""
     errors = [str(problem) for problem in load(path).problems if problem.severity == "error"]
     if errors:
@@ -54,9 +55,10 @@ def project(path, out=None, allow_roots=()):
     return toy.project(out or Path("build") / path.stem, **facts.get("project", {}))
 
 
-def build(path, out=None, allow_roots=(), **arguments):
+def build(path, out=None, allow_roots=(), untrusted=False, engine=None, **arguments):
     """Build a stage."""
-    return session.build(project(path, out, allow_roots), **arguments)
+    place = engine_of(engine) if engine else None
+    return session.build(project(path, out, allow_roots), engine=place, **arguments)
 
 
 def fakes() -> dict[str, types.ModuleType]:
@@ -64,6 +66,7 @@ def fakes() -> dict[str, types.ModuleType]:
     modules = {}
     for name, functions in {"pipeline.tasks.build": (project, build), "pipeline.scene.load": (load,)}.items():
         modules[name] = types.ModuleType(name)
+        modules[name].TASKS = ("toykit.tasks",)
         for function in functions:
             setattr(modules[name], function.__name__, function)
     return modules

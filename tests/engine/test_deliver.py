@@ -161,3 +161,9 @@ def test_no_file_lands_outside_the_folder(tmp_path, path):
     project.files[path] = b"x"
     with pytest.raises(ValueError, match="cannot deliver"):
         build(project, jobs=1)
+
+
+def test_what_a_builder_left_that_died_after_its_last_file_goes(out):
+    (out / ".pipeline-dead").mkdir()
+    assert build(toy.project(out), jobs=1).delivery.written == ()
+    assert not list(out.glob(".pipeline-*"))

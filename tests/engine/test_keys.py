@@ -1,13 +1,24 @@
 """Keys: equal for equal work, different for everything else."""
 
 import math
+import subprocess
+import sys
+import types
+from importlib.metadata import packages_distributions, version
+from pathlib import Path
 
 import pytest
 from engine import toy
 
+import pipeline
 from pipeline.engine.code import UnknownKind, code_of, fingerprint
 from pipeline.engine.digest import canonical, key_of, plain
 from pipeline.engine.graph import TaskGraph
+from pipeline.engine.libraries import is_foreign
+from pipeline.engine.spec import Specs
+from pipeline.errors import EnvironmentFault
+
+TASKS = Path(pipeline.__file__).parent / "tasks"
 
 
 @pytest.mark.parametrize(
@@ -87,11 +98,57 @@ def test_modules_that_are_not_reached_do_not_count(kit):
 
 
 def test_version_and_libraries_are_read_without_importing(kit):
-    text = 'VERSION = 7\nLIBRARIES = ("networkx",)\nraise RuntimeError("imported")\n'
+    text = 'VERSION = 7\nfrom toykit import physics\nraise RuntimeError("imported")\n'
     (kit / "tasks" / "lens.py").write_text(text)
+    (kit / "physics.py").write_text("def f():\n    import PIL.Image, json\n    from networkx.utils import misc\n")
     code = code_of("toykit.tasks.lens")
     assert code["version"] == 7
-    assert set(code["libraries"]) == {"python", "networkx"}
+    assert code["libraries"] == {
+        "python": f"{sys.version_info.major}.{sys.version_info.minor}",
+        "networkx": version("networkx"),
+        "pillow": version("pillow"),
+    }
+
+
+def test_libraries_that_a_library_requires_count(kit):
+    (kit / "tasks" / "lens.py").write_text("import numba\n")
+    assert {"numba", "llvmlite", "numpy"} <= set(code_of("toykit.tasks.lens")["libraries"])
+
+
+def test_a_library_that_is_not_installed_is_an_error_of_the_machine(kit):
+    (kit / "tasks" / "lens.py").write_text("import nobody_has_this\n")
+    with pytest.raises(EnvironmentFault, match="nobody_has_this"):
+        code_of("toykit.tasks.lens")
+
+
+def test_another_python_library_or_machine_is_another_key(kit, monkeypatch):
+    graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
+    (kit / "tasks" / "lens.py").write_text("import networkx\n")
+    keys = {Specs().of(graph["lens"], {}).key}
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.version_info", types.SimpleNamespace(major=3, minor=99))
+        keys.add(Specs().of(graph["lens"], {}).key)
+    with monkeypatch.context() as patch:
+        patch.setattr("importlib.metadata.version", lambda name: "0.0.1")
+        keys.add(Specs().of(graph["lens"], {}).key)
+    with monkeypatch.context() as patch:
+        patch.setattr("pipeline.engine.code.machine", lambda: "z80")
+        keys.add(Specs().of(graph["lens"], {}).key)
+    assert len(keys) == 4
+
+
+def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
+    """Every distribution whose modules are loaded after a task's module was imported, by a process that starts bare."""
+    kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if "def run(" in path.read_text(encoding="utf-8")]
+    assert len(kinds) >= 8
+    for kind in kinds:
+        code = f"import sys, pipeline.tasks.{kind}; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        loaded = {name for name in done.stdout.split() if is_foreign(name) and not name.startswith("_")}
+        loaded -= {"pipeline", "sitecustomize", "usercustomize"}
+        known = packages_distributions()
+        loaded = {known[name][0].lower() for name in loaded if name in known and name not in ("pip", "setuptools")}
+        assert loaded - set(code_of(f"pipeline.tasks.{kind}")["libraries"]) == set(), kind
 
 
 @pytest.mark.parametrize(

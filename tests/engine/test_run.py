@@ -98,3 +98,55 @@ def test_edited_code_is_not_run_under_the_old_import(tmp_path, kit):
     image.write_text(image.read_text().replace("{len(near)}", "{len(near) + 1}"))
     assert build(toy.project(tmp_path / "out"), jobs=1).failed == 1  # this process still has the old code
     assert build(toy.project(tmp_path / "out"), jobs=2).failed == 0  # a new worker reads the new one
+
+
+def hungry(tmp_path, count, *, greedy):
+    """Tasks that see how many of them run at the same time."""
+    tasks = [(f"h/{n}", "hungry", {"folder": str(tmp_path), "name": str(n), "greedy": greedy}) for n in range(count)]
+    return toy.graph_of(*tasks)
+
+
+def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
+    monkeypatch.setattr("pipeline.engine.run.available_bytes", lambda: 1000)
+    outcome = run(hungry(tmp_path, 3, greedy=False), store, jobs=3, peaks={"hungry": 600})
+    assert {result.state for result in outcome.results.values()} == {"executed"}
+    assert len(list(tmp_path.glob("beside0-*"))) == 3
+    assert outcome.peaks["hungry"] > 1 << 20  # measured: an interpreter takes some megabytes
+
+
+def test_kinds_that_fit_run_together(tmp_path, store, monkeypatch):
+    monkeypatch.setattr("pipeline.engine.run.available_bytes", lambda: 1000)
+    run(hungry(tmp_path, 2, greedy=False), store, jobs=2, peaks={"hungry": 400})
+    assert len(list(tmp_path.glob("beside1-*"))) >= 1
+
+
+def test_a_task_that_meets_too_little_memory_is_tried_alone(tmp_path, store):
+    events = []
+    outcome = run(hungry(tmp_path, 3, greedy=True), store, jobs=3, on_event=events.append)
+    assert {result.state for result in outcome.results.values()} == {"executed"}
+    assert any(event["event"] == "retry" and "MemoryError" in event["error"] for event in events)
+
+
+def test_the_memory_of_a_kind_is_known_to_the_next_build(tmp_path, store):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    note = next((store.root / "history").glob("*.json")).read_text()
+    assert '"peaks": {"image": ' in note
+
+
+def test_a_full_disk_says_how_much_is_needed_and_free(tmp_path, store):
+    result = run(toy.graph_of(("full", "full", {})), store).results["full"]
+    assert "No space left" in result.error
+    assert "at least 1 bytes needed" in result.error and "bytes free on that disk" in result.error
+
+
+def test_code_that_was_edited_after_the_plan_is_refused(tmp_path, store, kit):
+    from pipeline.engine.perform import perform
+    from pipeline.engine.spec import Specs
+
+    graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
+    spec = Specs().of(graph["lens"], {}).to_plain()
+    (kit / "tasks" / "lens.py").write_text("def run(params, inputs, out):\n    pass\n")
+    reply = perform(spec, store, graph.packages)
+    assert reply["state"] == "failed" and reply["machine"] and "code is" in reply["error"]
+    spec["components"]["libraries"]["python"] = "3.99"
+    assert store.record(spec["key"]) is None

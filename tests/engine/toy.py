@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from pipeline.engine.graph import TaskGraph
-from pipeline.engine.session import Project
+from pipeline.engine.project import Project
 
 KIT = Path(__file__).parent / "toykit"
 POSES = ([[1.0, 0.0], [0.0, 1.0]], [[2.0, 0.0], [0.0, 1.0]])

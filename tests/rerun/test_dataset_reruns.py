@@ -300,7 +300,7 @@ def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tin
         command = [sys.executable, "-m", "pipeline.cli", "build", "dataset.usda", "-o", "out", "-j", jobs, "-q"]
         subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
         outs.append({name: data for name, (_, data) in _facts(workshop.out).items()})
-    assert outs[0].keys() == outs[1].keys()
+    assert outs[0].keys() == outs[1].keys() and "frames/0002/Rig.Camera/correspondences.csv" in outs[0]
     assert [name for name in outs[0] if outs[0][name] != outs[1][name]] == []
     machine = str(tmp_path).encode()
     assert [name for name, data in outs[0].items() if machine in data] == []

@@ -8,7 +8,8 @@ import pytest
 from engine import toy
 
 from pipeline.engine.explain import describe
-from pipeline.engine.session import build, plan_of, tasks_of
+from pipeline.engine.project import tasks_of
+from pipeline.engine.session import build, plan_of
 
 EDITED = [toy.POSES[0], [[3.0, 0.0], [0.0, 1.0]]]
 

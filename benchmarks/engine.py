@@ -1,0 +1,136 @@
+"""What the engine costs: a dataset of many frames that is finished already, and the price of a node as graphs grow.
+
+python benchmarks/engine.py [--small]
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from pipeline.engine.graph import TaskGraph
+from pipeline.engine.plan import plan
+from pipeline.engine.spec import Specs
+from pipeline.engine.store import Store
+
+STAGE = """#usda 1.0
+(
+    defaultPrim = "Many"
+    endTimeCode = {frames}
+    metersPerUnit = 0.001
+    startTimeCode = 1
+    timeCodesPerSecond = 24
+    upAxis = "Y"
+)
+
+def PlenDataset "Many"
+{{
+    rel plen:cameras = </Many/Rig/Camera>
+    rel plen:targets = </Many/Board>
+
+    def "Rig" (
+        prepend references = @rigs/conventional_100mm.usda@
+    )
+    {{
+        over "Camera"
+        {{
+            float horizontalAperture = 8
+            uniform int plen:image:samples = 4
+            uniform int plen:truth:samples = 4
+            float verticalAperture = 6
+        }}
+
+        over "Sensor"
+        {{
+            uniform double plen:pixelPitch = 0.1
+            uniform int2 plen:resolution = (8, 6)
+        }}
+    }}
+
+    def PlenCheckerboard "Board"
+    {{
+        uniform int plen:columns = 3
+        uniform int plen:rows = 2
+        uniform double plen:squareSize = 0.3
+        double3 xformOp:translate.timeSamples = {{
+{samples}
+        }}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+}}
+"""
+
+
+def many_frames(folder: Path, frames: int) -> None:
+    """Times of `plan` and `build` when there is nothing to do, each in a process of its own."""
+    samples = "\n".join(f"            {n}: (0, 0, {-434 - n / 1000})," for n in range(1, frames + 1))
+    stage = folder / "dataset.usda"
+    stage.write_text(STAGE.format(frames=frames, samples=samples), encoding="utf-8")
+    environment = {**os.environ, "PIPELINE_CACHE": str(folder / "store")}
+
+    def run(*arguments: str) -> tuple[float, float, str]:
+        start, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+        command = [sys.executable, "-m", "pipeline.cli", *arguments]
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
+        wall_s, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+        return wall_s, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stdout
+
+    cold_s, _, output = run("build", "dataset.usda", "-o", "out", "--json")
+    tasks = len(json.loads(output)["tasks"])
+    print(f"{frames} frames, {tasks} tasks: cold build {cold_s:.1f} s")
+    for name, arguments in {"plan": ("plan",), "build": ("build", "--json", "-q")}.items():
+        times = [run(*arguments, "dataset.usda", "-o", "out") for _ in range(5)]
+        wall_s, cpu_s = min(wall_s for wall_s, _, _ in times), min(cpu_s for _, cpu_s, _ in times)
+        print(f"  warm {name:<6} {wall_s:.2f} s, of them computing {cpu_s:.2f} s (best of 5)", flush=True)
+    assert json.loads(times[0][2])["executed"] == 0
+
+
+def price_of_a_node(folder: Path, sizes: tuple[int, ...]) -> None:
+    """Computing time per task to add it, to give it a key, and to find it finished, for graphs of several sizes."""
+    for size in sizes:
+        store = Store(folder / f"store{size}")
+        start = time.process_time()
+        graph = TaskGraph()
+        graph.add("first", "pipeline.tasks.focus", {"camera": {}})
+        for n in range(1, size):
+            graph.add(f"image/{n:05d}", "pipeline.tasks.focus", {"pose": [[n * 0.1] * 4] * 4}, {"camera": "first"})
+        graph.priorities()
+        made_s = time.process_time() - start
+        specs, records = Specs(), {}
+        specs.of(graph["first"], {})  # reads the code once
+        start = time.process_time()
+        for name in graph:
+            spec = specs.of(graph[name], records)
+            entry = store.put_bytes(name.encode())
+            record = {"outputs": {"a": entry}, "components": spec.components, "made_by": {"seconds": 0}}
+            records[name] = store.put_record(spec.key, record)
+        kept_s = time.process_time() - start
+        start = time.process_time()
+        assert all(task.state == "cached" for task in plan(graph, Store(store.root), {}))
+        plan_s = time.process_time() - start
+        made, kept, planned = (1e6 * seconds / size for seconds in (made_s, kept_s, plan_s))
+        print(
+            f"{size:6} nodes: {made:5.0f} µs to make, {kept:5.0f} µs to keep, {planned:5.0f} µs to find, each",
+            flush=True,
+        )
+
+
+def main() -> None:
+    """Run both."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--small", action="store_true", help="only to show that it runs")
+    parser.add_argument("--frames", type=int, default=1000)
+    chosen = parser.parse_args()
+    small = chosen.small
+    with tempfile.TemporaryDirectory() as folder:
+        price_of_a_node(Path(folder), (100, 300) if small else (100, 1000, 10_000))
+        many_frames(Path(folder), 3 if small else chosen.frames)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,21 @@
+"""Build a dataset on workers that Slurm starts: python jobqueue.py STAGE [WORKERS]."""
+
+import sys
+
+from dask_jobqueue import SLURMCluster
+
+import pipeline
+
+if __name__ == "__main__":
+    stage, workers = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 16
+    with SLURMCluster(
+        cores=1,
+        processes=1,
+        memory="4GB",
+        walltime="01:00:00",
+        # Workers end before Slurm ends them, not all at the same time.
+        worker_extra_args=["--lifetime", "55m", "--lifetime-stagger", "4m"],
+    ) as cluster:
+        cluster.adapt(minimum=1, maximum=workers)
+        result = pipeline.build(stage, engine=f"dask:{cluster.scheduler_address}", retries=1)
+    sys.exit(result.exit_code)

@@ -1,0 +1,217 @@
+"""Care of a store: what lies in it, dropping what was unused longest, and checking every byte.
+
+Nothing here can make a result wrong: whatever is dropped or damaged is a miss afterwards, and computed again.
+"""
+
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine import manifest
+from pipeline.engine.files import locked
+from pipeline.engine.store import Store
+from pipeline.errors import EnvironmentFault, UsageError
+
+DEFAULT_LIMIT = 50 * 10**9
+_ABANDONED_S = 86400.0  # files being written by other machines are theirs for a day
+_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """What lies in a store; sizes in bytes.
+
+    Attributes
+    ----------
+    pinned_bytes : int
+        Blobs of the last builds whose output folders are still there; these are never dropped.
+    quarantined : int
+        Damaged entries that were moved away, for a person to look at.
+    """
+
+    records: int
+    blobs: int
+    bytes: int
+    pinned_bytes: int
+    limit_bytes: int
+    quarantined: int
+    quarantine_bytes: int
+
+    def to_dict(self) -> dict[str, int]:
+        """As in `cache info --json`."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Collected:
+    """What a collection dropped, or would drop; sizes in bytes."""
+
+    records: int
+    blobs: int
+    bytes: int
+    bytes_left: int
+    limit_bytes: int
+    busy: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `cache gc --json`."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """Entries that were read to the last byte, and the names of those moved to quarantine."""
+
+    records: int
+    blobs: int
+    bytes: int
+    damaged: tuple[str, ...]
+    incomplete: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `cache fsck --json`."""
+        return asdict(self)
+
+
+def limit_from_environment() -> int:
+    """$PIPELINE_CACHE_SIZE, for example `200G`, or 50 GB."""
+    text = os.environ.get("PIPELINE_CACHE_SIZE")
+    return DEFAULT_LIMIT if not text else bytes_of(text)
+
+
+def bytes_of(text: str) -> int:
+    """`1.5G`, `500 MB` or `1000` as bytes; units are powers of ten."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([kmgt]?)b?\s*", text.lower())
+    if match is None:
+        raise UsageError(f"{text!r} is not a size", hint="write for example 500M or 50G")
+    return int(float(match[1]) * _UNITS[match[2]])
+
+
+def info(store: Store, limit_bytes: int | None = None) -> Contents:
+    """What lies in a store."""
+    sizes = {name: facts.st_size for name, facts in store.entries("blob")}
+    kept = _blobs_of(store, pinned_keys(store))
+    quarantine = list(_quarantined(store))
+    return Contents(
+        records=sum(1 for _ in store.entries("record")),
+        blobs=len(sizes),
+        bytes=sum(sizes.values()),
+        pinned_bytes=sum(sizes.get(name, 0) for name in kept),
+        limit_bytes=limit_from_environment() if limit_bytes is None else limit_bytes,
+        quarantined=len(quarantine),
+        quarantine_bytes=sum(path.lstat().st_size for path in quarantine),
+    )
+
+
+def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: float = 0.0) -> Collected:
+    """Drop what was unused longest until the blobs fit into the limit, and all that nothing refers to.
+
+    Records go before blobs, so a collector that is killed leaves nothing that promises what is gone. The order is
+    that of use (times of the record files, never compared with a clock). Results of the last build of every output
+    folder that still has its manifest stay, also beyond the limit.
+    """
+    with locked(store.root / "gc.lock", timeout_s=wait_s) as held:
+        if not held and not dry_run:
+            return Collected(records=0, blobs=0, bytes=0, bytes_left=store.size(), limit_bytes=limit_bytes, busy=True)
+        sizes = {name: facts.st_size for name, facts in store.entries("blob")}
+        keys, blobs = _to_keep(store, sizes, limit_bytes)
+        drop_records = [name for name, _ in store.entries("record") if name not in keys]
+        drop_blobs = [name for name in sizes if name not in blobs]
+        freed = sum(sizes[name] for name in drop_blobs)
+        if not dry_run:
+            _remove(store, drop_records, drop_blobs)
+    return Collected(
+        records=len(drop_records),
+        blobs=len(drop_blobs),
+        bytes=freed,
+        bytes_left=sum(sizes.values()) - freed,
+        limit_bytes=limit_bytes,
+    )
+
+
+def check(store: Store) -> Checked:
+    """Read every byte. Damaged entries go to quarantine; the next build makes them again."""
+    sizes, damaged, incomplete = 0, [], []
+    blobs = list(store.entries("blob"))
+    for name, facts in blobs:
+        sizes += facts.st_size
+        if not store.is_whole({"sha256": name, "size": facts.st_size}):
+            damaged.append(name)
+    keys = [name for name, _ in store.entries("record")]
+    for key in keys:
+        record = store.peek(key)
+        if record is None:
+            damaged.append(key)
+        elif store.record(key) is None:
+            incomplete.append(key)
+    return Checked(
+        records=len(keys), blobs=len(blobs), bytes=sizes, damaged=tuple(damaged), incomplete=tuple(incomplete)
+    )
+
+
+def pinned_keys(store: Store) -> set[str]:
+    """Keys of the last build of every output folder that is still there with its manifest."""
+    keys: set[str] = set()
+    for path in sorted((store.root / "history").glob("*.json")):
+        note = store.read_note("history", path.stem)
+        try:
+            if (Path(note["out"]) / manifest.NAME).is_file():
+                keys.update(note["keys"].values())
+        except (TypeError, KeyError, AttributeError):
+            continue  # not a history of ours: nothing to keep for it
+    return keys
+
+
+def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set[str], set[str]]:
+    """Keys and blobs that stay: pinned ones, then by latest use as long as there is room."""
+    pinned = pinned_keys(store)
+    by_use = sorted(
+        store.entries("record"), key=lambda entry: (entry[0] in pinned, entry[1].st_mtime_ns, entry[0]), reverse=True
+    )
+    keys: set[str] = set()
+    blobs: set[str] = set()
+    room = limit_bytes
+    for key, _ in by_use:
+        record = store.peek(key)
+        if record is None:
+            continue
+        names = {entry["sha256"] for entry in record["outputs"].values()}
+        need = sum(sizes.get(str(name), 0) for name in names - blobs)
+        if key not in pinned and need > room:
+            room = 0  # strictly by use: a small old entry does not outlive a large newer one
+            continue
+        room -= need
+        keys.add(key)
+        blobs |= names
+    return keys, blobs
+
+
+def _blobs_of(store: Store, keys: set[str]) -> set[str]:
+    records = filter(None, (store.peek(key) for key in keys))
+    return {entry["sha256"] for record in records for entry in record["outputs"].values()}
+
+
+def _quarantined(store: Store) -> Iterator[Path]:
+    folder = store.root / "quarantine"
+    yield from folder.iterdir() if folder.is_dir() else ()
+
+
+def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
+    for table, names in (("record", records), ("blob", blobs), ("log", records), ("spec", records), ("lock", records)):
+        for name in names:
+            _unlink(store, table, name)
+    for path in list(_quarantined(store)):
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() and not path.is_symlink() else path.unlink()
+    store.sweep(older_than_s=_ABANDONED_S)
+
+
+def _unlink(store: Store, table: str, name: str) -> None:
+    path = store.path(table, name)
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise EnvironmentFault(f"cannot remove {path}: {error.strerror}", hint="is the store read-only?") from error

@@ -1,0 +1,93 @@
+"""Which installed distributions stand behind imported modules, and what class of machine runs them. Imports nothing."""
+
+import functools
+import importlib.metadata
+import importlib.util
+import platform
+import re
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.errors import EnvironmentFault
+
+# What NumPy's elementary functions and OpenBLAS choose their code by; one of them may round differently on the next.
+_LEVELS = {
+    "v4": {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"},
+    "v3": {"avx2", "bmi2", "fma"},
+    "v2": {"sse4_2", "popcnt"},
+}
+
+
+def versions_of(modules: Iterable[str]) -> dict[str, str]:
+    """Versions of the distributions that provide top-level modules, and of all that these require.
+
+    Raises
+    ------
+    EnvironmentFault
+        A module is not installed.
+    """
+    found: dict[str, str] = {}
+    todo = [_distribution(module) for module in sorted(set(modules))]
+    while todo:
+        name = todo.pop()
+        if name not in found:
+            found[name] = importlib.metadata.version(name)
+            todo += _required(name)
+    return dict(sorted(found.items()))
+
+
+def is_foreign(module: str) -> bool:
+    """Whether a top-level module comes from a distribution and not with Python."""
+    return bool(module) and module not in sys.stdlib_module_names
+
+
+@functools.cache
+def machine() -> str:
+    """Architecture and, where the system says so, the level of its vector instructions: `x86_64-v3`."""
+    name = platform.machine()
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return name
+    flags = re.search(r"^flags\s*:(.*)$", text, re.MULTILINE)
+    has = set(flags[1].split()) if flags else set()
+    level = next((level for level, needs in _LEVELS.items() if needs <= has), None)
+    return f"{name}-{level}" if level else name
+
+
+@functools.cache
+def _distribution(module: str) -> str:
+    try:
+        return _normal(importlib.metadata.distribution(module).metadata["Name"])
+    except importlib.metadata.PackageNotFoundError:
+        pass
+    spec = importlib.util.find_spec(module)
+    places = [*(spec.submodule_search_locations or ())] if spec else []
+    folder = str(Path(places[0] if places else str(spec.origin)).parent) if spec else ""
+    for distribution in importlib.metadata.distributions(path=[folder]):
+        top = (distribution.read_text("top_level.txt") or "").split()
+        if module in top or f"\n{module}/" in f"\n{distribution.read_text('RECORD') or ''}":
+            return _normal(distribution.metadata["Name"])
+    hint = "install the pipeline with its dependencies"
+    raise EnvironmentFault(f"the library {module!r} is not installed", hint=hint)
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+@functools.cache
+def _required(name: str) -> tuple[str, ...]:
+    """Installed distributions that another one requires, extras aside."""
+    found = []
+    for line in importlib.metadata.requires(name) or ():
+        requirement, _, marker = line.partition(";")
+        match = re.match(r"[A-Za-z0-9._-]+", requirement)
+        if match and "extra" not in marker:
+            try:
+                importlib.metadata.version(match[0])
+            except importlib.metadata.PackageNotFoundError:
+                continue  # for another system or Python
+            found.append(_normal(match[0]))
+    return tuple(found)

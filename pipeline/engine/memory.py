@@ -1,0 +1,71 @@
+"""How much memory tasks took, and whether one more fits. Estimates only save time: nothing here changes a byte."""
+
+import contextlib
+import resource
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+_CGROUP = Path("/sys/fs/cgroup")
+
+
+class PeakMeter:
+    """Peak memory of this process since the meter was made, where the system can tell, else since its start."""
+
+    def __init__(self) -> None:
+        with contextlib.suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # resets VmHWM; see proc(5)
+
+    def read_bytes(self) -> int:
+        """Highest resident size so far [bytes]."""
+        found = _kilobytes(Path("/proc/self/status"), "VmHWM")
+        if found is not None:
+            return found
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+def available_bytes() -> int | None:
+    """What may still be used: the system's estimate, or less inside a container; None where nobody says."""
+    found = [_kilobytes(Path("/proc/meminfo"), "MemAvailable"), _cgroup_bytes()]
+    known = [value for value in found if value is not None]
+    return min(known) if known else None
+
+
+class Budget:
+    """Peaks by kind of task, and what is there for all tasks that run at the same time."""
+
+    def __init__(self, limit_bytes: int | None, peaks: dict[str, int] | None = None) -> None:
+        self._limit_bytes = limit_bytes
+        self._before = dict(peaks or {})
+        self.peaks: dict[str, int] = {}
+
+    def learn(self, kind: str, peak_bytes: int) -> None:
+        """Take a measured peak into account [bytes]."""
+        self.peaks[kind] = max(peak_bytes, self.peaks.get(kind, 0))
+
+    def fits(self, kind: str, running: Iterable[str]) -> bool:
+        """Whether a task may start beside others. Alone it always may; kinds that nobody has measured count nothing."""
+        others = [self._of(other) for other in running]
+        return not others or self._limit_bytes is None or sum(others) + self._of(kind) <= self._limit_bytes
+
+    def _of(self, kind: str) -> int:
+        return self.peaks.get(kind, self._before.get(kind, 0))
+
+
+def _kilobytes(path: Path, name: str) -> int | None:
+    try:
+        for line in path.read_text(encoding="ascii").splitlines():
+            if line.startswith(f"{name}:"):
+                return int(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    return None
+
+
+def _cgroup_bytes() -> int | None:
+    try:
+        limit, used = (int((_CGROUP / name).read_text()) for name in ("memory.max", "memory.current"))
+    except (OSError, ValueError):  # no container, or one without a limit ("max")
+        return None
+    return max(0, limit - used)

@@ -1,0 +1,102 @@
+"""What a build did."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.deliver import Delivery
+from pipeline.engine.run import TaskResult
+from pipeline.errors import PipelineError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """What a build did; `to_dict()` is what `build --json` prints.
+
+    Attributes
+    ----------
+    out : Path
+        Output folder, absolute.
+    seconds : float
+        Wall time of the whole build [s].
+    store, store_bytes : Path, int
+        Where the results are kept, and the size of all that is kept there.
+    delivery : Delivery or None
+        Changes in the output folder; None if it was not touched because something failed or only part was built.
+    interrupted : int or None
+        Exit code of the signal that ended the build, if one did.
+    error : PipelineError or None
+        Why the output folder could not be filled although all tasks are done.
+    checked : tuple of str
+        Tasks that ran once more, to see whether they give the same bytes.
+    """
+
+    stage: Any
+    out: Path
+    seconds: float
+    certificate: Any
+    tasks: tuple[TaskResult, ...]
+    store: Path
+    store_bytes: int
+    delivery: Delivery | None = None
+    interrupted: int | None = None
+    error: PipelineError | None = None
+    checked: tuple[str, ...] = ()
+
+    def count(self, state: str) -> int:
+        """Number of tasks that ended in a state."""
+        return sum(task.state == state for task in self.tasks)
+
+    @property
+    def executed(self) -> int:
+        """Tasks that ran now."""
+        return self.count("executed")
+
+    @property
+    def cached(self) -> int:
+        """Tasks whose results were in the store, or that another builder made meanwhile."""
+        return self.count("cached")
+
+    @property
+    def failed(self) -> int:
+        """Tasks that failed now."""
+        return self.count("failed")
+
+    @property
+    def skipped(self) -> int:
+        """Tasks that were not tried."""
+        return self.count("skipped")
+
+    @property
+    def failures(self) -> tuple[TaskResult, ...]:
+        """The tasks that failed."""
+        return tuple(task for task in self.tasks if task.state == "failed")
+
+    @property
+    def different(self) -> tuple[TaskResult, ...]:
+        """Tasks that gave other bytes than before, for the same key."""
+        return tuple(task for task in self.tasks if task.differs)
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 1 a task failed, 4 other bytes than before, 5 the machine is at fault, 130 or 143 interrupted."""
+        if self.interrupted is not None:
+            return self.interrupted
+        if any(task.machine for task in self.failures):
+            return 5
+        if self.error is not None:
+            return self.error.exit_code
+        return 1 if self.failures else 4 if self.different else 0
+
+    def ending(self) -> dict[str, Any]:
+        """What the event `end` says beside the summary."""
+        touched = self.delivery is not None
+        facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": touched}
+        return {**facts, "exit_code": self.exit_code, "checked": list(self.checked)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, as in outputs of `build --json`."""
+        counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
+        head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
+        whole = {**head, "certificate": self.certificate, "tasks": [task.to_dict() for task in self.tasks]}
+        return whole if self.error is None else {**whole, "error": str(self.error)}

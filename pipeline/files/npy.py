@@ -1,0 +1,35 @@
+"""NumPy's own files, for arrays between tasks."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.lib import format as npy
+
+from pipeline.files.damaged import DamagedFile
+
+_HEADER_BYTES = 4096
+
+
+def read_npy(path: str | Path) -> np.ndarray:
+    """Read an array of numbers. What the header promises is compared with the file's size before anything is allocated.
+
+    Raises
+    ------
+    DamagedFile
+        If it is not an .npy file, holds objects (which would be a pickle), or not as many bytes as its header says.
+    """
+    path = Path(path)
+    with path.open("rb") as stream:
+        try:
+            version = npy.read_magic(stream)
+            read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+            shape, _, dtype = read_header(stream, max_header_size=_HEADER_BYTES)
+        except (ValueError, KeyError, OSError, SyntaxError, TypeError) as error:
+            raise DamagedFile(path, f"not a readable .npy file ({error})") from error
+        if dtype.hasobject:
+            raise DamagedFile(path, "it holds objects, not numbers")
+        promised, there = math.prod(shape) * dtype.itemsize, path.stat().st_size - stream.tell()
+        if min(shape, default=0) < 0 or promised != there:
+            raise DamagedFile(path, f"its header promises {promised} bytes, and there are {there}")
+    return np.load(path, allow_pickle=False)  # type: ignore[no-any-return]

@@ -1,0 +1,197 @@
+"""`build`, `plan`, `explain`, `status`: from a stage to its output folder, and what would happen on the way."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.errors import PipelineError, UsageError
+from pipeline.verbs.terminal import Json, Out, Roots, Stage, Untrusted, note, say, say_json
+
+Force = Annotated[list[str] | None, typer.Option("--force", "-f", metavar="TASK", help="Run this task in any case.")]
+Until = Annotated[list[str] | None, typer.Option("--until", metavar="TASK", help="Run this task and what it needs.")]
+Specs = Annotated[
+    Path | None, typer.Option("--specs", metavar="DIR", help="Write what can run now, for `run-task`: 0.json, 1.json …")
+]
+
+
+def build(
+    stage: Stage,
+    targets: Annotated[
+        list[str] | None, typer.Argument(metavar="[TARGET]...", help="Tasks or files; default: all.")
+    ] = None,
+    out: Out = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Processes [one per core].")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would run.")] = False,
+    keep_going: Annotated[bool, typer.Option("--keep-going", "-k", help="Go on after a failure.")] = False,
+    force: Force = None,
+    until: Until = None,
+    retries: Annotated[int, typer.Option("--retries", min=0, help="Try a task that failed again, so often.")] = 0,
+    timeout: Annotated[
+        float | None, typer.Option("--timeout", metavar="SECONDS", min=0.001, help="End a task that takes longer.")
+    ] = None,
+    engine: Annotated[
+        str | None, typer.Option("--engine", metavar="dask:WHERE", help="A Dask scheduler: its address or its file.")
+    ] = None,
+    check_determinism: Annotated[
+        float,
+        typer.Option("--check-determinism", metavar="PERCENT", min=0, max=100, help="Compute so many tasks twice."),
+    ] = 0,
+    as_json: Json = False,
+    events: Annotated[Path | None, typer.Option("--events", metavar="FILE", help="Write events as JSON lines.")] = None,
+    allow_root: Roots = None,
+    untrusted: Untrusted = False,
+    verbose: Annotated[int, typer.Option("--verbose", "-v", count=True, help="Say more.")] = 0,
+    quiet: Annotated[int, typer.Option("--quiet", "-q", count=True, help="Say less.")] = 0,
+) -> None:
+    """Run what is missing and fill the output folder; the second time nothing runs."""
+    last = [*(until or ()), *(targets or ())]
+    if dry_run:
+        print_plan(stage, out, allow_root, force, last, as_json=as_json, untrusted=untrusted)
+        return
+    arguments: dict[str, Any] = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or ()}
+    arguments |= {"until": last, "retries": retries, "timeout_s": timeout, "check_percent": check_determinism}
+    arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted, "engine": engine}
+    again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
+    try:
+        result = _run(stage, arguments, events, verbose - quiet, shlex.join(again))
+    except PipelineError as error:
+        if as_json:  # one object at the end, also after a failure
+            say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
+        raise
+    if as_json:
+        say_json(result.to_dict())
+    elif result.delivery is not None:
+        say(str(result.out))
+    is_quiet = quiet > verbose
+    raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=is_quiet) else 0))
+
+
+def plan(
+    stage: Stage,
+    out: Out = None,
+    force: Force = None,
+    until: Until = None,
+    exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit with 3 if there is work to do.")] = False,
+    specs: Specs = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+    untrusted: Untrusted = False,
+) -> None:
+    """Say what `build` would run, and why."""
+    work = print_plan(stage, out, allow_root, force, until, as_json=as_json, specs=specs, untrusted=untrusted)
+    raise typer.Exit(3 if exit_code and work else 0)
+
+
+def explain(
+    stage: Stage,
+    target: Annotated[str, typer.Argument(metavar="TASK|FILE", help="A task, or a file of the output folder.")],
+    out: Out = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+    untrusted: Untrusted = False,
+) -> None:
+    """Say why a task would run: the part of its key that changed, old and new. Many alike are one line."""
+    from pipeline.engine.explain import describe_alike
+    from pipeline.engine.project import tasks_of
+    from pipeline.engine.session import plan_of
+
+    project = project_of(stage, out, allow_root, untrusted)
+    names = set(tasks_of(project, target))
+    tasks = [task for task in plan_of(project) if task.name in names]
+    if as_json:
+        say_json({"tasks": [task.to_dict() for task in tasks]})
+        return
+    for line in describe_alike(tasks):
+        say(line)
+
+
+def status(
+    stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None, untrusted: Untrusted = False
+) -> None:
+    """Say what lies finished in the output folder: built, stale or missing, per task."""
+    from pipeline.engine.session import status_of
+
+    project = project_of(stage, out, allow_root, untrusted)
+    states = status_of(project)
+    if as_json:
+        head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
+        say_json({**head, "tasks": [state.to_dict() for state in states]})
+        return
+    for state in states:
+        say(f"{state.state:<8} {state.name}")
+
+
+def project_of(stage: Path, out: Path | None, allow_root: list[Path] | None, untrusted: bool = False) -> Any:
+    """The project of a stage."""
+    from pipeline.tasks.build import project
+
+    return project(stage, out=out, allow_roots=tuple(allow_root or ()), untrusted=untrusted)
+
+
+def print_plan(
+    stage: Path,
+    out: Path | None,
+    allow_root: list[Path] | None,
+    force: list[str] | None,
+    until: list[str] | None,
+    *,
+    as_json: bool,
+    specs: Path | None = None,
+    untrusted: bool = False,
+) -> bool:
+    """Print a plan; whether there is work to do."""
+    from pipeline.engine.explain import describe
+    from pipeline.engine.session import plan_of
+    from pipeline.engine.single import write_specs
+
+    project = project_of(stage, out, allow_root, untrusted)
+    tasks = plan_of(project, force=force or (), until=until or ())
+    if specs is not None and specs.exists() and not specs.is_dir():
+        raise UsageError(f"{specs} is not a folder")
+    if as_json:
+        rows = [task.to_dict() for task in tasks]
+        head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
+        counts = {state: sum(task.state == state for task in tasks) for state in ("cached", "run", "maybe")}
+        say_json({**head, **counts, "tasks": rows})
+    else:
+        for line in describe(tasks):
+            say(line)
+    if specs is not None:
+        note(f"{len(write_specs(tasks, specs))} specs in {specs}")
+    return any(task.state != "cached" for task in tasks)
+
+
+_NOTHING: dict[str, Any] = {
+    "stage": None,
+    "out": None,
+    **dict.fromkeys(("executed", "cached", "failed", "skipped"), 0),
+    "seconds": 0.0,
+    "certificate": None,
+    "tasks": [],
+}
+
+
+def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
+    """Whether a camera cannot show its accuracy; what the certificates say goes to stderr."""
+    from pipeline.report.certificate import failed, lines
+
+    for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
+        note(line)
+    return failed(cameras)
+
+
+def _run(stage: Path, arguments: dict[str, Any], events: Path | None, verbosity: int, again: str) -> Any:
+    from pipeline.engine.events import EventFile, fan_out
+    from pipeline.progress import Ending, display
+    from pipeline.tasks.build import build
+
+    file, ending = EventFile(events) if events else None, Ending(verbosity, again)
+    try:
+        with display(verbosity) as shown:
+            return build(stage, on_event=fan_out(filter(None, [shown, ending, file])), **arguments)
+    finally:
+        if file:
+            file.close()
+        ending.show()

@@ -1,0 +1,45 @@
+"""`pipeline graph`: the tasks of a dataset and what they read, with frames collapsed."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.errors import UsageError
+from pipeline.verbs.building import project_of
+from pipeline.verbs.terminal import Out, Roots, Stage, note, say, say_json
+
+
+class Format(StrEnum):
+    """How the graph is written."""
+
+    MERMAID = "mermaid"
+    DOT = "dot"
+    JSON = "json"
+
+
+def graph(
+    stage: Stage,
+    form: Annotated[Format, typer.Option("--format", help="As text.")] = Format.MERMAID,
+    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE.svg", help="Draw it instead.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Every task, and not one node for all frames.")] = False,
+    out: Out = None,
+    allow_root: Roots = None,
+) -> None:
+    """Print the graph of tasks, with what is done and what is not; or draw it."""
+    from pipeline.engine.overview import as_dot, as_mermaid, overview
+    from pipeline.engine.session import plan_of
+    from pipeline.report.graph import svg
+
+    if picture is not None and picture.suffix != ".svg":
+        raise UsageError(f"{picture} is no .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    project = project_of(stage, out, allow_root)
+    groups = overview(project.graph, plan_of(project), collapse=not every)
+    if picture is not None:
+        picture.write_text(svg(groups, str(project.head.get("stage"))), encoding="utf-8")
+        note(f"wrote {picture}")
+    elif form is Format.JSON:
+        say_json({"groups": [group.to_dict() for group in groups]})
+    else:
+        say("\n".join(as_mermaid(groups) if form is Format.MERMAID else as_dot(groups)))

@@ -1,0 +1,65 @@
+"""`pipeline cache`: what a user asks of the store."""
+
+import json
+
+import pytest
+
+from pipeline import cli
+from pipeline.engine.store import Store
+
+
+@pytest.fixture
+def pipeline(cache, monkeypatch, capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def record(store):
+    """One result of 9 bytes."""
+    return store.put_record("ab" * 32, {"outputs": {"a": store.put_bytes(b"nine byte")}, "components": {}})
+
+
+def test_path_and_info(pipeline, cache, record):
+    assert pipeline("cache", "path")[:2] == (0, f"{cache}\n")
+    code, output, _ = pipeline("cache", "info")
+    assert code == 0 and "1 tasks, 1 files, 9 bytes" in output
+    facts = json.loads(pipeline("cache", "info", "--json")[1])
+    assert (facts["records"], facts["blobs"], facts["bytes"], facts["pinned_bytes"]) == (1, 1, 9, 0)
+
+
+def test_gc_says_first_and_then_does(pipeline, record):
+    assert pipeline("cache", "gc", "--dry-run", "--size", "5")[1].startswith("would drop 1 tasks and 1 files, 9 bytes")
+    assert pipeline("cache", "gc", "--size", "5")[1].startswith("dropped 1 tasks")
+    assert json.loads(pipeline("cache", "info", "--json")[1])["bytes"] == 0
+    assert pipeline("cache", "gc", "--size", "lots")[0] == 2
+
+
+def test_gc_waits_for_no_build(pipeline, store, record, monkeypatch):
+    monkeypatch.setattr("pipeline.engine.care.locked", _impatient(monkeypatch))
+    with store.in_use():
+        code, _, log = pipeline("cache", "gc", "--size", "5")
+    assert code == 5 and "a build uses" in log and Store(store.root).record("ab" * 32)
+
+
+def _impatient(monkeypatch):
+    from pipeline.engine.files import locked
+
+    return lambda path, timeout_s: locked(path, timeout_s=0.1)
+
+
+def test_fsck_ends_with_4_until_the_damage_is_in_quarantine(pipeline, store, record):
+    assert pipeline("cache", "fsck")[:2] == (0, "1 tasks, 1 files, 9 bytes read: 0 damaged\n")
+    blob = store.path("blob", record["outputs"]["a"]["sha256"])
+    blob.chmod(0o644)
+    blob.write_bytes(b"nine bits")
+    code, output, log = pipeline("cache", "fsck")
+    assert code == 4 and "2 damaged" in output and "quarantine" in log
+    assert pipeline("cache", "fsck")[0] == 0

@@ -1,0 +1,59 @@
+"""`pipeline watch` on the tiny dataset: an edit of a layer builds again, and ends a build that it supersedes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
+LIMIT_S = 240
+
+
+@pytest.fixture
+def watching(tmp_path):
+    """A copy of the dataset whose values lie in a sublayer, and `pipeline watch` on it."""
+    text = TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts/lower.usda").write_text(text, encoding="utf-8")
+    head = text.partition("def PlenDataset")[0]
+    head = head.replace("#usda 1.0\n(", "#usda 1.0\n(\n    subLayers = [\n        @./parts/lower.usda@\n    ]", 1)
+    (tmp_path / "dataset.usda").write_text(head, encoding="utf-8")
+    settings = {**os.environ, "PIPELINE_CACHE": str(tmp_path / "store")}
+    command = [sys.executable, "-m", "pipeline.cli", "watch", "dataset.usda", "-o", "out", "-j1"]
+    with (tmp_path / "log.txt").open("w") as log:
+        process = subprocess.Popen(command, cwd=tmp_path, env=settings, stdout=log, stderr=log)
+        yield tmp_path, process
+        process.kill()
+        process.wait()
+
+
+def until(holds, what):
+    """Wait until something holds."""
+    give_up = time.monotonic() + LIMIT_S
+    while not holds():
+        assert time.monotonic() < give_up, what
+        time.sleep(0.1)
+
+
+def edit(folder, old, new):
+    """Replace text of the sublayer, as an editor does."""
+    lower = folder / "parts/lower.usda"
+    lower.write_text(lower.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+
+
+def test_an_edit_of_a_layer_builds_again_and_ctrl_c_ends_it(watching):
+    folder, process = watching
+    log = folder / "log.txt"
+    until(lambda: (folder / "out/manifest.json").exists(), log.read_text())
+    edit(folder, "plen:squareSize = 1.4", "plen:squareSize = 1.5")
+    until(lambda: "changed: " in log.read_text(), log.read_text())
+    edit(folder, "plen:squareSize = 1.5", "plen:squareSize = 1.6")  # while the build for 1.5 is at work
+    until(lambda: log.read_text().count("changed: ") == 2, log.read_text())
+    until(lambda: b"squareSize = 1.6" in (folder / "out/dataset.usda").read_bytes(), log.read_text())
+    assert log.read_text().count(" 0 failed, 0 skipped") >= 2
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=60) == 130

@@ -1,0 +1,173 @@
+"""Care of the store: what goes, what stays, and that nothing of it can make a result wrong."""
+
+import json
+import os
+import shutil
+import threading
+
+import pytest
+from engine import toy
+
+from pipeline.engine.care import bytes_of, check, collect, info, pinned_keys
+from pipeline.engine.session import build
+from pipeline.engine.store import Store
+from pipeline.engine.workspace import sweep
+from pipeline.errors import UsageError
+
+
+def filled(store: Store, count: int) -> list[str]:
+    """Records with a blob of 1000 bytes each, used in the order of their names."""
+    keys = [f"{number:064x}" for number in range(count)]
+    for number, key in enumerate(keys):
+        entry = store.put_bytes(bytes([number]) * 1000)
+        store.put_record(key, {"outputs": {"a": entry}, "components": {}, "made_by": {"seconds": 0}})
+        os.utime(store.path("record", key), (1000 + number, 1000 + number))
+    return keys
+
+
+def test_what_was_unused_longest_goes_first(store):
+    keys = filled(store, 5)
+    os.utime(store.path("record", keys[1]), (5000, 5000))  # used again
+    done = collect(store, 2000)
+    assert (done.records, done.bytes, done.bytes_left) == (3, 3000, 2000)
+    assert [key for key in keys if store.record(key)] == [keys[1], keys[4]]
+    assert check(store).damaged == ()
+
+
+def test_looking_a_record_up_is_a_use(store):
+    keys = filled(store, 3)
+    assert store.record(keys[0])
+    collect(store, 1000)
+    assert store.record(keys[0]) and not store.record(keys[2])
+
+
+def test_a_dry_run_says_what_would_go_and_removes_nothing(store):
+    filled(store, 5)
+    said = collect(store, 2000, dry_run=True)
+    assert info(store).records == 5
+    assert collect(store, 2000) == said
+
+
+def test_blobs_that_nothing_refers_to_go_and_shared_ones_stay(store):
+    filled(store, 1)
+    store.put_bytes(b"orphan")
+    shared = {"outputs": {"b": store.put_bytes(bytes(1000))}, "components": {}, "made_by": {}}
+    store.put_record("f" * 64, shared)
+    done = collect(store, 10**9)
+    assert (done.records, done.blobs, done.bytes) == (0, 1, len(b"orphan"))
+    assert store.record("f" * 64) and store.record("0" * 64)
+
+
+def test_results_of_an_output_folder_stay_until_it_is_deleted(tmp_path, store):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out", power=9.0), jobs=1)  # the first results are of no build any more
+    assert len(pinned_keys(store)) == 5
+    assert collect(store, 0).records > 0
+    assert build(toy.project(tmp_path / "out", power=9.0), jobs=1).executed == 0
+    shutil.rmtree(tmp_path / "out")
+    collect(store, 0)
+    assert info(store).bytes == 0
+    assert build(toy.project(tmp_path / "out", power=9.0), jobs=1).executed == 5
+
+
+def test_a_build_keeps_the_store_within_its_limit(tmp_path, store, monkeypatch):
+    for power in range(4):
+        build(toy.project(tmp_path / "out", power=float(power)), jobs=1)
+    shutil.rmtree(tmp_path / "out")
+    monkeypatch.setenv("PIPELINE_CACHE_SIZE", "4k")
+    before = store.size()
+    result = build(toy.project(tmp_path / "other", power=8.0), jobs=1)
+    assert before > 4000 >= result.store_bytes == store.size()
+    events = []
+    monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
+    build(toy.project(tmp_path / "other", power=8.0), jobs=1, on_event=events.append)
+    assert any("over its limit" in event.get("text", "") for event in events)
+
+
+def test_nothing_is_collected_under_a_running_build(store):
+    keys = filled(store, 3)
+    with store.in_use(), store.in_use() as held:
+        assert held  # builders do not exclude each other
+        assert collect(store, 0).busy
+    assert all(store.record(key) for key in keys)
+
+
+def test_a_collector_killed_between_records_and_blobs_leaves_a_whole_store(store, monkeypatch):
+    from pipeline.engine import care
+
+    keys, unlink = filled(store, 4), care._unlink
+
+    def killed(store, table, name):
+        if table == "blob":
+            raise KeyboardInterrupt
+        unlink(store, table, name)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(care, "_unlink", killed)
+        collect(store, 0)
+    assert check(store).damaged == check(store).incomplete == ()
+    assert collect(store, 0).blobs == len(keys)
+
+
+def test_clocks_decide_nothing(tmp_path, store):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    for seconds in (0, 4102444800):
+        for path in store.root.rglob("*"):
+            os.utime(path, (seconds, seconds))
+        assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+        assert collect(store, 10**9).records == 0
+
+
+def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, store):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    right = toy.contents(tmp_path / "out")
+    blob = store.path(
+        "blob", json.loads((tmp_path / "out/manifest.json").read_text())["files"]["report/index.html"]["sha256"]
+    )
+    blob.chmod(0o644)
+    blob.write_bytes(b"x" + blob.read_bytes()[1:])
+    next((store.root / "ac").rglob("*.json")).unlink()
+    found = check(Store(store.root))
+    assert found.damaged == (blob.name,) and len(found.incomplete) <= 1
+    assert check(store).damaged == ()
+    assert build(toy.project(tmp_path / "out"), jobs=1).executed
+    assert toy.contents(tmp_path / "out") == right
+    assert info(store).quarantined
+
+
+def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store):
+    folder = store.root / "tmp" / "elsewhere-1-abc"
+    folder.mkdir(parents=True)
+    assert sweep(store.root / "tmp") == sweep(store.root / "tmp", 86400.0) == 0
+    os.utime(folder, (0, 0))
+    assert sweep(store.root / "tmp") == 0
+    assert sweep(store.root / "tmp", 86400.0) == 1
+
+
+def test_a_builder_beside_a_collector_gives_the_right_files(tmp_path, store):
+    stop = threading.Event()
+
+    def collecting():
+        while not stop.is_set():
+            collect(Store(store.root), 0)
+
+    thread = threading.Thread(target=collecting)
+    thread.start()
+    results = [build(toy.project(tmp_path / "out", power=float(n)), jobs=1) for n in range(6)]
+    stop.set()
+    thread.join()
+    assert {result.exit_code for result in results} == {0}
+    fresh = Store(store.root.with_name("fresh"))
+    build(toy.project(tmp_path / "again", power=5.0), jobs=1, store=fresh)
+    assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "again")
+
+
+@pytest.mark.parametrize(("text", "size"), [("1000", 1000), ("1.5G", 1.5e9), ("500 MB", 5e8), ("2t", 2e12), ("0", 0)])
+def test_sizes_are_written_as_people_do(text, size):
+    assert bytes_of(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "G", "-1", "1.2.3G", "10 apples"])
+def test_what_is_no_size_is_refused(text):
+    with pytest.raises(UsageError, match="not a size"):
+        bytes_of(text)

@@ -1,0 +1,53 @@
+"""The examples of clusters do what they say: a laptop with Dask, and arrays with a stand-in for sbatch."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+STAGE = ROOT / "tests/data/tiny_conventional/dataset.usda"
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """The manifest that processes of this machine make."""
+    folder = tmp_path_factory.mktemp("here")
+    return run(folder, [sys.executable, "-m", "pipeline.cli", "build", str(STAGE), "-j2"])
+
+
+def run(folder, command):
+    """Run a command in a folder with a store of its own; gives the manifest of the build."""
+    tools = folder / "bin"
+    tools.mkdir(exist_ok=True)
+    programs = {
+        "pipeline": f'exec {sys.executable} -m pipeline.cli "$@"',
+        "dask": f'exec {sys.executable} -m dask "$@"',
+        # The array of a batch system: every element is one process.
+        "sbatch": (
+            "for last; do case $last in --array=*) array=${last#--array=0-};; esac; done\n"
+            'for n in $(seq 0 "$array"); do SLURM_ARRAY_TASK_ID=$n bash -ec "$last" || exit 1; done'
+        ),
+    }
+    for name, text in programs.items():
+        (tools / name).write_text(f"#!/usr/bin/env bash\n{text}\n")
+        (tools / name).chmod(0o755)
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PIPELINE_CACHE": str(folder / "store"), "PYTHONPATH": path}
+    environment["PATH"] = f"{tools}:{os.environ['PATH']}"
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return (folder / "build/tiny_conventional/manifest.json").read_bytes()
+
+
+def test_arrays_give_the_same_manifest(here, tmp_path):
+    assert run(tmp_path, [str(ROOT / "examples/cluster/array.sh"), str(STAGE)]) == here
+    assert len(json.loads(here)["tasks"]) == 9
+
+
+def test_a_laptop_cluster_gives_the_same_manifest(here, tmp_path):
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    assert run(tmp_path, [str(ROOT / "examples/cluster/laptop.sh"), str(STAGE)]) == here

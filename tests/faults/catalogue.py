@@ -1,0 +1,481 @@
+"""The faults, by their numbers; every function does one row of the table."""
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from faults.shim import fail_at, in_fork, kill_at
+from faults.workbench import STAGE, Row, Workbench, entries
+
+from pipeline.engine import manifest
+from pipeline.engine.care import check, collect
+from pipeline.engine.code import UnknownKind, check_kind
+from pipeline.engine.session import build
+from pipeline.engine.store import Store
+from pipeline.errors import PipelineError
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.exr import read_exr
+from pipeline.files.npy import read_npy
+from pipeline.files.png import read_png
+
+
+def killed_at_every_step(bench: Workbench) -> Row:
+    steps = bench.steps_of_a_build()
+    row = Row("R1", f"SIGKILL before each of {steps} steps of a build")
+    for number in bench.some(steps, 4):
+        place = bench.new_place()
+        row.failed += bench.build_in_fork(place, kill_at(number)) == -signal.SIGKILL
+        row.tried += 1
+        bench.judge(row, place)
+    return row
+
+
+def power_failures(bench: Workbench) -> Row:
+    row = Row("R2", "power failure: entry missing, empty, cut, or zeros")
+    names = [path.relative_to(bench.folder / "right") for path in entries(bench.folder / "right")]
+    states = [(name, state) for name in names for state in ("missing", "empty", "cut", "zeros")]
+    for number in bench.some(len(states), 3):
+        name, state = states[number - 1]
+        place = bench.new_place(built=True)
+        shutil.rmtree(place / "out")
+        data = (place / name).read_bytes()
+        (place / name).unlink()
+        if state != "missing":
+            new = {"empty": b"", "cut": data[: len(data) // 2], "zeros": bytes(len(data))}[state]
+            (place / name).write_bytes(new)
+        row.tried += 1
+        bench.judge(row, place, meanwhile=False)
+    return row
+
+
+def cut_at_every_byte(bench: Workbench) -> Row:
+    row = Row("R3", "record, manifest or note cut at every byte")
+    place = bench.new_place(built=True)
+    store = Store(place / "store")
+    for key, _ in list(store.entries("record")):
+        path = store.path("record", key)
+        whole = path.read_bytes()
+        for size in range(0, len(whole), 1 if bench.whole else 97):
+            path.unlink(missing_ok=True)
+            path.write_bytes(whole[:size])
+            row.tried += 1
+            row.wrong += store.peek(key) is not None
+        path.unlink(missing_ok=True)
+        path.write_bytes(whole)
+    path = place / "out" / manifest.NAME
+    whole = path.read_bytes()
+    for size in range(0, len(whole) - 2, 1 if bench.whole else 97):
+        path.write_bytes(whole[:size])
+        row.tried += 1
+        row.wrong += bool(manifest.read(path.parent).files)
+    for note in [*(place / "store/history").iterdir(), *(place / "store/index").iterdir()]:
+        whole = note.read_bytes()
+        for size in (0, 1, len(whole) // 2, len(whole) - 1):
+            note.unlink()
+            note.write_bytes(whole[:size])
+            row.tried += 1
+            row.wrong += store.read_note(note.parent.name, note.stem) is not None
+    bench.judge(row, place, meanwhile=False)
+    return row
+
+
+def flipped_bits(bench: Workbench) -> Row:
+    row = Row("R4", "one flipped bit in every record and blob")
+    place = bench.new_place(built=True)
+    flips = 24 if bench.whole else 2
+    for path in entries(place):
+        whole = path.read_bytes()
+        for _ in range(flips):
+            store, data = Store(place / "store"), bytearray(whole)
+            data[bench.chance.randrange(len(data))] ^= 1 << bench.chance.randrange(8)
+            path.unlink(missing_ok=True)
+            path.write_bytes(data)
+            row.tried += 1
+            if path.suffix == ".json":
+                row.wrong += store.peek(path.stem) is not None
+            else:
+                row.wrong += store.is_whole({"sha256": path.name, "size": len(whole)})
+    bench.judge(row, place, meanwhile=False)
+    return row
+
+
+def entries_of_another_kind(bench: Workbench) -> Row:
+    row = Row("R5 R11", "missing, swapped or foreign entry: link, hard link, FIFO, folder")
+    precious = bench.folder / "precious.txt"
+    names = [path.relative_to(bench.folder / "right") for path in entries(bench.folder / "right")]
+    makers = {
+        "missing": lambda path: None,
+        "swapped": lambda path: shutil.copyfile(bench.folder / "right" / names[0], path),
+        "link": lambda path: path.symlink_to(precious),
+        "hard link": lambda path: path.hardlink_to(precious),
+        "fifo": lambda path: os.mkfifo(path),
+        "folder": lambda path: path.mkdir(),
+    }
+    cases = [(name, maker) for name in names[1:] for maker in makers]
+    for number in bench.some(len(cases), 4):
+        name, maker = cases[number - 1]
+        precious.write_text("precious")
+        place = bench.new_place(built=True)
+        shutil.rmtree(place / "out")
+        (place / name).unlink()
+        makers[maker](place / name)
+        row.tried += 1
+        bench.judge(row, place, meanwhile=False)
+        row.wrong += precious.read_text() != "precious"
+    return row
+
+
+def errors_of_the_system(bench: Workbench, number: str, fault: str, error: int, *, for_good: bool, most: int) -> Row:
+    steps = bench.steps_of_a_build()
+    row = Row(number, f"{fault}, at each of {steps} steps{', and from there on' if for_good else ''}")
+    for step in bench.some(steps, most):
+        place = bench.new_place()
+        code = bench.build_in_fork(place, fail_at(step, error, for_good=for_good))
+        row.tried += 1
+        row.failed += code != 0
+        row.wrong += code not in (0, 1, 5)
+        row.notes += bench.unexpected()
+        bench.judge(row, place)
+    return row
+
+
+_FULL_DISK = """
+import shutil, subprocess, sys
+sys.path[:0] = sys.argv[3].split(":")
+from pathlib import Path
+from engine import toy
+from faults.workbench import Workbench, Row
+from pipeline.engine.care import check
+from pipeline.engine.store import Store
+mount, sizes = Path(sys.argv[1]), [int(size) for size in sys.argv[2].split(",")]
+bench = Workbench(mount.parent, whole=False)
+failed = wrong = bad = 0
+for kib in sizes:
+    subprocess.check_call(["mount", "-t", "tmpfs", "-o", f"size={kib}k", "tmpfs", mount])
+    code = bench.build_in_fork(mount)
+    failed += code == 5
+    wrong += code not in (0, 5)
+    for text in bench.unexpected():
+        print(text, file=sys.stderr)
+    if (mount / "out" / "manifest.json").exists():
+        wrong += toy.contents(mount / "out") != bench.right
+    bad += (mount / "store/VERSION").exists() and bool(check(Store(mount / "store")).damaged)
+    subprocess.check_call(["mount", "-o", "remount,size=64m", mount])
+    wrong += bench.build_in_fork(mount) != 0 or toy.contents(mount / "out") != bench.right
+    bad += bool(check(Store(mount / "store")).damaged)
+    subprocess.check_call(["umount", "-l", mount])
+print(failed, wrong, bad)
+"""
+
+
+def full_disks(bench: Workbench) -> Row:
+    row = Row("R6", "a real disk that is full, by its size")
+    if subprocess.run(["unshare", "-m", "true"], check=False, capture_output=True).returncode:
+        row.notes.append("not tried: file systems may not be mounted here")
+        return row
+    mount = bench.new_place() / "mount"
+    mount.mkdir()
+    sizes = range(4, 900, 8) if bench.whole else (40, 200)
+    command = ["unshare", "-m", sys.executable, "-c", _FULL_DISK, str(mount), ",".join(map(str, sizes))]
+    done = subprocess.run([*command, ":".join(sys.path)], capture_output=True, text=True, check=False)
+    if done.returncode:
+        row.notes.append(done.stderr.strip().splitlines()[-1])
+        row.bad += 1
+        return row
+    row.notes += [done.stderr] if done.stderr.strip() else []
+    row.tried = len(sizes)
+    row.failed, row.wrong, row.bad = map(int, done.stdout.split()[-3:])
+    return row
+
+
+def read_only(bench: Workbench) -> Row:
+    row = Row("R7", "read-only store and output folder: warm, cold")
+    place = bench.new_place(built=True)
+    row.tried += 1
+    row.wrong += bench.build_in_fork(place, fail_at(1, errno.EROFS, for_good=True)) != 0
+    bench.judge(row, place)
+    place = bench.new_place()
+    row.tried += 1
+    row.failed += bench.build_in_fork(place, fail_at(1, errno.EROFS, for_good=True)) == 5
+    bench.judge(row, place)
+    row.wrong += row.failed != 1
+    return row
+
+
+def several_builders(bench: Workbench) -> Row:
+    row = Row("R8", "builders at the same time on one store")
+    for count in (2, 6) if bench.whole else (2,):
+        place = bench.new_place()
+        children = [_builder(bench, place, number) for number in range(count)]
+        codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
+        row.tried += count
+        row.wrong += any(codes)
+        ran = [name for path in place.glob("ran-*") for name in json.loads(path.read_text())]
+        row.wrong += len(ran) != len(set(ran)) or len(ran) != len(bench.project.graph)
+        for path in place.glob("ran-*"):
+            path.unlink()
+        bench.judge(row, place)
+    return row
+
+
+def _builder(bench: Workbench, place: Path, number: int) -> int:
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 99
+    try:
+        result = bench.build(place)
+        ran = [task.name for task in result.tasks if task.state == "executed"]
+        (place / f"ran-{number}").write_text(json.dumps(ran))
+        code = result.exit_code
+    finally:
+        os._exit(code)
+
+
+def soak(bench: Workbench) -> Row:
+    """Three builders; one of them gets a signal at a random time and is started again; until the time is up."""
+    row = Row("R9 R22", "soak: three builders under SIGKILL, SIGTERM and SIGINT")
+    end = time.monotonic() + (60 if bench.whole else 3)
+    builds = 0
+    while time.monotonic() < end:
+        place = bench.new_place()
+        running = [_builder(bench, place, number) for number in range(3)]
+        finished = False
+        while not finished and time.monotonic() < end + 30:
+            time.sleep(bench.chance.uniform(0.05, 0.4))
+            victim = bench.chance.randrange(3)
+            for number, pid in enumerate(running):
+                done, status = os.waitpid(pid, os.WNOHANG)
+                finished = finished or (done and os.waitstatus_to_exitcode(status) == 0)
+                if done:
+                    running[number] = _builder(bench, place, number)
+                elif number == victim:
+                    os.kill(pid, bench.chance.choice([signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT]))
+                    row.tried += 1
+        for pid in running:
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+        for path in place.glob("ran-*"):
+            path.unlink()
+        builds += 1
+        bench.judge(row, place)
+    row.notes.append(f"{builds} datasets")
+    return row
+
+
+def holder_of_a_lock(bench: Workbench) -> Row:
+    row = Row("R10", "holder of a lock killed: free at once")
+    place, key = bench.new_place(), "a" * 64
+    store = Store(place / "store")
+    reading, writing = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        with store.single_flight(key):
+            os.write(writing, b"x")
+            time.sleep(60)
+        os._exit(0)
+    os.read(reading, 1)
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    start = time.monotonic()
+    with store.single_flight(key) as held:
+        row.tried += 1
+        row.wrong += not held or time.monotonic() - start > 1
+    return row
+
+
+def hostile_entries(bench: Workbench) -> Row:
+    row = Row("R12 R13 R14", "hostile names, kinds, specs, pickles and headers")
+    place = bench.new_place()
+    store = Store(place / "store")
+    for name in ("../../secret", "A" * 64, "a" * 63, "", "a/" * 32, "a" * 64 + "\n", "\0" * 64):
+        row.tried += 1
+        row.wrong += not _raises(ValueError, lambda name=name: store.path("blob", name))
+    for name in ("../x", "/etc/x", "a/../../x", "a\0b", "C:\\x", "a//b", ""):
+        row.tried += 1
+        row.wrong += manifest.is_plain_path(name)
+    for kind in ("os", "pipeline.cli", "pipeline.tasks.../os", "pipeline.tasks.a;b", "pipeline.tasks"):
+        row.tried += 1
+        row.wrong += not _raises(UnknownKind, lambda kind=kind: check_kind(kind, ("pipeline.tasks",)))
+    for read, data in _bombs():
+        path = place / "bomb"
+        path.write_bytes(data)
+        row.tried += 1
+        row.wrong += not _raises(DamagedFile, lambda read=read, path=path: read(path))
+    return row
+
+
+def _bombs():
+    """Readers with files that promise more than they hold, or hold a pickle."""
+    import io
+
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (10**6, 10**6)})
+    yield read_npy, stream.getvalue() + bytes(64)
+    stream = io.BytesIO()
+    np.save(stream, np.array([print], dtype=object), allow_pickle=True)
+    yield read_npy, stream.getvalue()
+    yield read_npy, b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 65535
+    head = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+    yield read_png, head + (10**9).to_bytes(4, "big") * 2 + b"\x08\x00\x00\x00\x00" + bytes(64)
+    yield read_exr, b"v/1\x01" + bytes(400)
+
+
+def _raises(error: type[Exception], work) -> bool:
+    try:
+        work()
+    except error:
+        return True
+    return False
+
+
+def malformed_stages(bench: Workbench) -> Row:
+    row = Row("R15", "damaged usda and usdc, read with --untrusted")
+    from pipeline.tasks.sandbox import problems_of_untrusted
+
+    folder = bench.new_place()
+    (folder / "pipeline.toml").touch()
+    binary = folder / "whole.usdc"
+    code = "import sys; from pxr import Sdf; Sdf.Layer.FindOrOpen(sys.argv[1]).Export(sys.argv[2])"
+    subprocess.run([sys.executable, "-c", code, str(STAGE), str(binary)], check=True)
+    for number in range(40 if bench.whole else 1):
+        source = (STAGE, binary)[number % 2]
+        data = bytearray(source.read_bytes())
+        for _ in range(1 + number // 4):
+            data[bench.chance.randrange(len(data))] = bench.chance.randrange(256)
+        path = folder / f"bad{number}{source.suffix}"
+        path.write_bytes(data)
+        row.tried += 1
+        try:
+            row.failed += bool(problems_of_untrusted(path, ()))
+        except PipelineError:
+            row.failed += 1
+    return row
+
+
+def clocks(bench: Workbench) -> Row:
+    row = Row("R16", "files of 1970 and of 2100: all hits")
+    for seconds in (0, 4102444800):
+        place = bench.new_place(built=True)
+        for path in place.rglob("*"):
+            os.utime(path, (seconds, seconds))
+        row.tried += 1
+        row.wrong += bench.build(place).executed != 0
+        bench.judge(row, place)
+    return row
+
+
+def collectors(bench: Workbench) -> Row:
+    row = Row("R19", "collector killed at each step, and beside a running build")
+    place = bench.new_place(built=True)
+    shutil.rmtree(place / "out")
+    bench.shim.arm(place)
+    collect(Store(place / "store"), 0)
+    steps, bench.shim._root = bench.shim.steps, None
+    for number in bench.some(steps, 2):
+        place = bench.new_place(built=True)
+        shutil.rmtree(place / "out")
+
+        def work(place: Path = place, number: int = number) -> int:
+            bench.shim.arm(place, kill_at(number))
+            collect(Store(place / "store"), 0)
+            return 0
+
+        row.failed += in_fork(work) == -signal.SIGKILL
+        row.tried += 1
+        row.bad += bool(check(Store(place / "store")).incomplete)
+        bench.judge(row, place)
+    place = bench.new_place()
+    pid = os.fork()
+    if pid == 0:
+        while True:
+            collect(Store(place / "store"), 0)
+    for _ in range(3):
+        row.tried += 1
+        row.wrong += bench.build_in_fork(place) != 0
+        shutil.rmtree(place / "out")
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    bench.judge(row, place)
+    return row
+
+
+def determinism(bench: Workbench) -> Row:
+    row = Row("R20", "every task computed twice: other bytes")
+    place = bench.new_place()
+    result = build(bench.at(place), store=Store(place / "store"), jobs=2, check_percent=100)
+    row.tried = len(result.checked)
+    row.wrong = len(result.different) + (result.exit_code != 0)
+    bench.judge(row, place)
+    return row
+
+
+def lost_workers(bench: Workbench) -> Row:
+    row = Row("R21", "worker killed in a task, driver killed and started again")
+    for number in range(4 if bench.whole else 1):
+        place = bench.new_place()
+        killed = []
+
+        def kill_a_worker(event, killed=killed) -> None:
+            if event["event"] == "started" and event["kind"] == ("rays_tile", "image")[len(killed) % 2] and not killed:
+                children = subprocess.run(
+                    ["pgrep", "-P", str(os.getpid())], capture_output=True, text=True, check=False
+                )
+                pids = [int(pid) for pid in children.stdout.split() if _is_worker(int(pid))]
+                if pids:
+                    killed.append(pids[0])
+                    os.kill(pids[0], signal.SIGKILL)
+
+        if number % 2 == 0:
+            row.wrong += bench.build(place, jobs=2, on_event=kill_a_worker).exit_code != 0
+            row.tried += len(killed)
+        else:
+            pid = _builder(bench, place, 0)
+            time.sleep(0.5)
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+            (place / "ran-0").unlink(missing_ok=True)
+            row.tried += 1
+        bench.judge(row, place)
+    return row
+
+
+def _is_worker(pid: int) -> bool:
+    try:
+        return b"pipeline.engine.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+FAULTS = (
+    killed_at_every_step,
+    power_failures,
+    cut_at_every_byte,
+    flipped_bits,
+    entries_of_another_kind,
+    full_disks,
+    lambda bench: errors_of_the_system(bench, "R6", "disk full (ENOSPC)", errno.ENOSPC, for_good=True, most=2),
+    read_only,
+    several_builders,
+    soak,
+    holder_of_a_lock,
+    hostile_entries,
+    malformed_stages,
+    clocks,
+    collectors,
+    determinism,
+    lost_workers,
+    lambda bench: errors_of_the_system(bench, "R24", "I/O error (EIO), once", errno.EIO, for_good=False, most=2),
+    lambda bench: errors_of_the_system(bench, "R24", "too many open files", errno.EMFILE, for_good=False, most=2),
+    lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=2),
+)
+
+SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 10, 11, 14, 19)
+"""Rows that the tests do too, by number; the others start processes that load everything again."""

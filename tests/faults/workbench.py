@@ -1,0 +1,141 @@
+"""The real pipeline at small size, a right result to compare with, and what counts as wrong."""
+
+import dataclasses
+import random
+import shutil
+import tempfile
+import traceback
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from engine import toy
+from faults.shim import Shim, in_fork
+
+from pipeline.engine.care import check
+from pipeline.engine.project import Project, project_from_plain
+from pipeline.engine.session import build
+from pipeline.engine.store import Store
+from pipeline.errors import PipelineError
+from pipeline.tasks.sandbox import _ask
+
+STAGE = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
+
+
+@dataclass(slots=True)
+class Row:
+    """A line of the table.
+
+    Attributes
+    ----------
+    tried : int
+        Faults that were done.
+    failed : int
+        Builds that said so and ended with an error: that is right.
+    wrong, bad : int
+        Wrong results and damaged stores: both must be 0.
+    """
+
+    number: str
+    fault: str
+    tried: int = 0
+    failed: int = 0
+    wrong: int = 0
+    bad: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+class Workbench:
+    """A project whose right files are known, folders for faults, and a seeded source of chance.
+
+    Parameters
+    ----------
+    whole : bool
+        Every place of every fault; else a few spread over all of them.
+    """
+
+    def __init__(self, folder: Path, *, whole: bool) -> None:
+        self.folder, self.whole = folder, whole
+        self.shim, self.chance = Shim(), random.Random(1)
+        # Read in another process: this one must stay free of USD, whose threads do not survive a fork.
+        answer = _ask({"path": str(STAGE), "allow_roots": []})
+        self.project = project_from_plain(answer["project"])
+        # The first build compiles and loads what forks inherit; the second one is the reference.
+        self.build(folder / "warm")
+        self.build(folder / "right")
+        self.right = toy.contents(folder / "right" / "out")
+
+    def at(self, place: Path) -> Project:
+        """The project with its output folder below a place."""
+        return dataclasses.replace(self.project, out=place / "out")
+
+    def build(self, place: Path, *, jobs: int = 1, on_event=None):
+        """Build into `out` with the store `store`, both below a place."""
+        options = {"on_event": on_event} if on_event else {}
+        return build(self.at(place), store=Store(place / "store"), jobs=jobs, **options)
+
+    def build_in_fork(self, place: Path, act=None) -> int:
+        """The same in a fork, with a fault; gives its exit code."""
+
+        def work() -> int:
+            if act is not None:
+                self.shim.arm(place, act)
+            try:
+                return self.build(place).exit_code
+            except PipelineError as error:
+                return error.exit_code
+            except Exception:  # the command would say: this is a bug of ours
+                (self.folder / "unexpected.txt").write_text(traceback.format_exc())
+                return 70
+
+        return in_fork(work)
+
+    def unexpected(self) -> list[str]:
+        """The traceback of a fork that ended with what the command would call a bug; then it is forgotten."""
+        path = self.folder / "unexpected.txt"
+        found = [path.read_text()] if path.exists() else []
+        path.unlink(missing_ok=True)
+        return found
+
+    def new_place(self, *, built: bool = False) -> Path:
+        """An empty folder, or one with a finished build."""
+        place = Path(tempfile.mkdtemp(dir=self.folder))
+        if built:
+            shutil.copytree(self.folder / "right", place, dirs_exist_ok=True, symlinks=True)
+        return place
+
+    def some(self, count: int, most: int) -> Iterator[int]:
+        """Numbers from 1 to `count`: all of them, or `most` spread over them."""
+        yield from (
+            range(1, count + 1) if self.whole else sorted(self.chance.sample(range(1, count + 1), min(count, most)))
+        )
+
+    def judge(self, row: Row, place: Path, *, meanwhile: bool = True) -> None:
+        """After a fault: nothing wrong lies about, and a build heals everything; then the place goes."""
+        if meanwhile:
+            store = Store(place / "store")
+            row.bad += bool(check(store).damaged)
+            if (place / "out" / "manifest.json").exists():
+                row.wrong += self._differs(place)
+        row.wrong += self.build_in_fork(place) != 0 or self._differs(place)
+        found = check(Store(place / "store"))
+        row.bad += bool(found.damaged or found.incomplete or list((place / "out").glob(".pipeline-*")))
+        shutil.rmtree(place)
+
+    def _differs(self, place: Path) -> bool:
+        return toy.contents(place / "out") != self.right
+
+    def steps_of_a_build(self) -> int:
+        """How many steps a cold build takes."""
+        place = self.new_place()
+        self.shim.arm(place)
+        self.build(place)
+        steps, self.shim._root = self.shim.steps, None
+        shutil.rmtree(place)
+        return steps
+
+
+def entries(place: Path) -> list[Path]:
+    """All records and blobs of a store."""
+    tables = (place / "store" / "ac", place / "store" / "cas")
+    return [path for table in tables for path in sorted(table.rglob("*")) if path.is_file()]

@@ -1,0 +1,60 @@
+"""Arrays between tasks: the right numbers or DamagedFile, and nothing allocated on a header's word."""
+
+import time
+
+import numpy as np
+import pytest
+
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.npy import read_npy
+from pipeline.files.png import read_png, write_png
+
+
+@pytest.fixture
+def array(tmp_path):
+    """A file with twelve numbers."""
+    path = tmp_path / "a.npy"
+    np.save(path, np.arange(12.0).reshape(3, 4))
+    return path
+
+
+def test_what_was_written_comes_back(array):
+    assert np.array_equal(read_npy(array), np.arange(12.0).reshape(3, 4))
+
+
+def test_a_file_cut_at_any_byte_is_damaged(array):
+    whole = array.read_bytes()
+    for size in range(len(whole)):
+        array.write_bytes(whole[:size])
+        with pytest.raises(DamagedFile):
+            read_npy(array)
+
+
+@pytest.mark.parametrize("shape", [(10**6, 10**6), (-1, 12), (2**62, 8)])
+def test_a_header_that_promises_too_much_costs_nothing(tmp_path, shape):
+    path = tmp_path / "bomb.npy"
+    with path.open("wb") as stream:
+        header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(stream, header)
+        stream.write(bytes(64))
+    start = time.monotonic()
+    with pytest.raises(DamagedFile, match="promises"):
+        read_npy(path)
+    assert time.monotonic() - start < 1
+
+
+def test_objects_are_refused(tmp_path):
+    path = tmp_path / "pickle.npy"
+    np.save(path, np.array([print], dtype=object), allow_pickle=True)
+    with pytest.raises(DamagedFile, match="objects"):
+        read_npy(path)
+
+
+def test_a_picture_that_promises_too_many_pixels_is_refused(tmp_path):
+    path = tmp_path / "bomb.png"
+    write_png(path, np.zeros((4, 4), np.uint8))
+    data = bytearray(path.read_bytes())
+    data[16:24] = (40_000).to_bytes(4, "big") * 2
+    path.write_bytes(data)
+    with pytest.raises(DamagedFile, match="40000 x 40000"):
+        read_png(path)
