@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -9,8 +10,8 @@ from pipeline.camera import kernels
 from pipeline.camera.camera import REPLICAS, Camera
 from pipeline.camera.lattice import Lattice, lattice
 from pipeline.camera.moments import COLUMNS, WEIGHT
-from pipeline.camera.polygon import regular
-from pipeline.camera.pupil import MARGIN, outlines
+from pipeline.camera.mosaic import Microlenses, microlenses
+from pipeline.camera.pupil import MARGIN, Outlines, outlines
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.sobol import sobol_bits
 from pipeline.optics.table import towards_scene
@@ -71,26 +72,30 @@ class Tracer:
         return -np.stack([self.lattice.x_mm - sensor.offset_x_mm, self.lattice.y_mm - sensor.offset_y_mm], axis=1)
 
     @cached_property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """Leading arguments of the kernels: optics, table, outlines, lenses, aperture."""
-        camera, array = self.camera, self.camera.microlenses
-        sensor = camera.sensor
+    def bounds(self) -> Outlines:
+        """Outlines of the passing rays for the plane that the main lens sees."""
+        sensor = self.camera.sensor
         reach = np.hypot(sensor.width_px + 1, sensor.height_px + 1) * sensor.pitch_mm / 2
         reach += np.hypot(sensor.offset_x_mm, sensor.offset_y_mm)
-        lenses, aperture = np.zeros((0, 3)), np.zeros((0, 2))
-        if array and self.lattice:
-            reach = np.hypot(*self.vertices_mm.T).max()
-            focal = np.array(array.focal_lengths_mm)[self.lattice.type]
-            lenses = np.column_stack([self.vertices_mm, focal])
-            # Cells of a hexagonal lattice with rows along x have an edge normal along x. Vision x, y are sensor -x, -y:
-            # a half turn, under which rotation angles stay what they are.
-            aperture = regular(6, array.pitch_mm / 2, array.rotation_deg)
-        bounds = outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
-        sampling_plane = self.film_z_mm if array else float(self.table[0, 0])
+        if self.lattice:
+            # Chief rays through vertices of a tilted array cross the untilted one at slopes below 1.
+            reach = np.hypot(*self.vertices_mm.T).max() + np.abs(self.lattice.z_mm).max()
+        return outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
+
+    @cached_property
+    def microlenses(self) -> Microlenses:
+        """Microlenses and pixels as arrays; no lenses for a conventional camera."""
+        return microlenses(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
+
+    @cached_property
+    def arrays(self) -> tuple[Any, ...]:
+        """Leading arguments of the kernels: optics, table, outlines, lenses, aperture, mosaic."""
+        bounds, parts = self.bounds, self.microlenses
+        sampling_plane = self.film_z_mm if self.camera.microlenses else float(self.table[0, 0])
         optics = np.array(
             [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
         )
-        return optics, self.table, bounds.vertices_mm, lenses, aperture
+        return optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic
 
     def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.camera.camera import Camera, MicrolensArray
 from pipeline.camera.focus import middle_focus
-from pipeline.camera.lattice import Lattice, lattice
+from pipeline.camera.lattice import Lattice, cell, extent_mm, lattice
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
@@ -70,7 +70,11 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for ray in bundle(camera, 0.0, left, _INSET_RAYS):
         sheet.line(ray[-3:], _FIELDS[0][1], 0.7)
-    half, vertices = array.pitch_mm * math.sqrt(3) / 4, lattice(array)
+    half, vertices = float(cell(array)[:, 1].max()), lattice(array)
+    if array.disc_diameter_mm is None and array.layout == "hexagonal":
+        half = array.pitch_mm * math.sqrt(3) / 4
+    elif array.disc_diameter_mm is not None:
+        half = array.disc_diameter_mm / 2
     rows = vertices.y_mm[np.abs(vertices.x_mm) <= array.pitch_mm]
     for y in np.unique(rows[np.abs(rows) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
         own = _own(vertices, y)
@@ -133,7 +137,7 @@ def _trace(
 
 
 def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
-    """On to the sensor, through the thin microlens in whose cell the ray meets the array."""
+    """On to the sensor, through the microlens in whose cell the ray meets the array, drawn as a thin one."""
     x, y = last
     array = camera.microlenses
     if array is None:
@@ -187,7 +191,7 @@ def _draw_film(sheet: "_Sheet", camera: Camera) -> None:
     sheet.line([(end, -half), (end, half)], "#111111", 3)
     sheet.label(end, half, "sensor", "start")
     if camera.microlenses:
-        film, reach = end - camera.microlenses.distance_mm, camera.microlenses.height_mm / 2
+        film, reach = end - camera.microlenses.distance_mm, extent_mm(camera.microlenses)[1] / 2
         sheet.line([(film, -reach), (film, reach)], "#8e44ad", 1.5, dashes="2 2")
         sheet.label(film, reach, "MLA", "end")
 

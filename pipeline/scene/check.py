@@ -10,11 +10,12 @@ from pathlib import Path
 from pxr import Usd
 
 from pipeline.scene.asset_roots import check_assets
-from pipeline.scene.check_camera import check_camera, check_microlenses
+from pipeline.scene.check_camera import check_camera, check_sensor
 from pipeline.scene.check_dataset import check_checkerboard, check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check_glass import check_glass
 from pipeline.scene.check_layers import check_layers
 from pipeline.scene.check_lens import check_lens
+from pipeline.scene.check_microlenses import check_microlenses
 from pipeline.scene.check_poses import check_poses
 from pipeline.scene.check_prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check_properties import check_properties
@@ -24,6 +25,7 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
     ("PlenMicrolensArray", check_microlenses),
+    ("PlenSensor", check_sensor),
     ("PlenCheckerboard", check_checkerboard),
 )
 

@@ -12,12 +12,10 @@ from pipeline.scene.problems import Problem, did_you_mean, shown_path
 from pipeline.scene.values import numbers, plain, range_of
 
 _NO_TILT = ((0.0, 0.0),)
-# What the schemas allow and the pipeline builds today. Attributes that are not named here are supported as a whole.
+# What the schemas allow and the pipeline builds today, with the prim type in front where it depends on that. Attributes
+# that are not named here are supported as a whole.
 SUPPORTED: dict[str, tuple[Any, ...]] = {
-    "plen:layout": ("hexagonal",),
-    "plen:model": ("thin",),
-    "plen:aperture": ("cell",),
-    "plen:tilt": _NO_TILT,
+    "PlenSensor plen:tilt": _NO_TILT,
     "plen:camera:weight": ("irradiance",),
     "plen:truth:method": ("two-plane", "moments", "image"),
     "plen:truth:footprint": ("point",),
@@ -101,9 +99,10 @@ def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None) -> 
 
 def _check_supported(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
     name = attribute.GetName()
-    if name in SUPPORTED and plain(value) not in SUPPORTED[name]:
+    supported = SUPPORTED.get(name, SUPPORTED.get(f"{attribute.GetPrim().GetTypeName()} {name}"))
+    if supported is not None and plain(value) not in supported:
         is_array = attribute.GetTypeName().isArray
-        choices = ", ".join(_shown(choice, is_array) for choice in SUPPORTED[name])
+        choices = ", ".join(_shown(choice, is_array) for choice in supported)
         hint = f"supported: {choices}" if choices else "leave it out"
         message = f'"{name}" = {_shown(plain(value), is_array)} is not supported yet'
         yield problem(attribute, "not-yet-supported", message, hint=hint, time=time)
