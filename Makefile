@@ -21,7 +21,7 @@ lint: $(STAMP)
 	$(BIN)/python schemas/generate.py --check
 
 bench: $(STAMP)
-	$(BIN)/python -m pip install -q -c constraints.txt batoid
+	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
 

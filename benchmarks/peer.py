@@ -17,9 +17,9 @@ def version() -> str | None:
     return batoid.__version__ if batoid else None
 
 
-def use_one_thread() -> None:
-    """Keep batoid from starting a thread per core, whatever OMP_NUM_THREADS says."""
-    batoid.global_vars._batoid_max_threads = 1
+def use_threads(count: int) -> None:
+    """Batoid would start a thread per core, whatever OMP_NUM_THREADS says."""
+    batoid.global_vars._batoid_max_threads = count
 
 
 def optic(race: Race) -> Any:

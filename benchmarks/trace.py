@@ -1,15 +1,19 @@
-"""How fast are rays traced? Packets through two lenses against batoid, then whole bundles with their moments.
+"""How fast are rays traced? Packets through two lenses against peers, then whole bundles with their moments.
 
     python benchmarks/trace.py [--small]
 
-One thread. Competitors take turns in one run, because only ratios mean something on a machine that does other work.
+Competitors take turns in one run, because only ratios mean something on a machine that does other work. One thread,
+but for one race at the end with all of them.
 """
 
 import argparse
 import dataclasses
+import itertools
+import os
 import statistics
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +31,9 @@ from pipeline.scene.dataset import CameraEntry
 
 # After pipeline.jit, which asks OpenMP for one thread; batoid reads that while it is imported.
 import peer  # isort: skip
+import peer_optiland  # isort: skip
 
+OURS = "packets"
 FIELD_DEG = 10.0
 AGREEMENT_MM = 1e-9
 _STACK = 12
@@ -38,14 +44,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--small", action="store_true", help="few rays, few turns: does it run at all?")
     small = parser.parse_args().small
-    count, turns = (10_000, 2) if small else (1_000_000, 9)
-    if peer.version():
-        peer.use_one_thread()
-    else:
-        print("batoid is not installed, so only our own figures follow (`make bench` installs it)")
-    print(f"single rays: {count} over the entrance pupil, {FIELD_DEG:g} deg field, float64, one thread, {turns} turns")
+    count, turns = (10_000, 2) if small else (1_000_000, 7)
+    if not peer.version():
+        print("batoid is not installed, so it is not raced (`make bench` installs it)")
+    for mode in ("numpy", "torch"):
+        if mode not in peer_optiland.modes():
+            hint = " (`make bench` installs it)" if mode == "numpy" else ""
+            print(f"optiland with {mode} is not installed, so it is not raced{hint}")
+    print(f"single rays: {count} over the entrance pupil, {FIELD_DEG:g} deg field, float64, {turns} turns")
     for race in (codev_double_gauss(), tronnier()):
-        run_race(race, count, turns)
+        run_race(race, count, turns, 1)
+    run_race(codev_double_gauss(), count, turns, os.cpu_count() or 1)
     run_shapes(count, turns)
     print("whole bundles: sampling, trace, moments on two planes; rays started, samples as the example has them")
     folder = TINY if small else EXAMPLES
@@ -53,31 +62,39 @@ def main() -> None:
         run_bundles(name, folder / name / "dataset.usda", 200 if small else 20_000, turns)
 
 
-def run_race(race: Race, count: int, turns: int) -> None:
-    """Trace the same rays by both programs in turns; print rates, ratio and agreement."""
+def run_race(race: Race, count: int, turns: int, threads: int) -> None:
+    """Trace the same rays by all programs in turns; print rates, ratios and agreement.
+
+    One thread is timed by the CPU seconds of the process, which other jobs on the machine hardly touch; several threads
+    can only be timed by the clock.
+    """
     position, direction = race.rays(count, FIELD_DEG)
-    ours, theirs, results = [], [], {}
-    optic = peer.optic(race) if peer.version() else None
+    clock = time.process_time if threads == 1 else time.perf_counter
+    programs = {
+        OURS: lambda: _our_trace(race, position, direction, threads),
+        **_peers(race, position, direction, threads),
+    }
+    rates: dict[str, list[float]] = {name: [] for name in programs}
+    results = {}
     for turn in range(turns + 1):
-        seconds, results["ours"] = _timed(*_our_trace(race, position, direction))
-        ours += [count / seconds] if turn else []  # the first turn compiles
-        if optic:
-            bundle = peer.rays(position, direction)
-            seconds, traced = _timed(optic.trace, bundle)
-            theirs += [count / seconds] if turn else []
-            results["batoid"] = peer.landed(traced)
-    passed = results["ours"][1]
-    print(f"  {race.name}, {race.surface_count} surfaces, {passed.mean():.4%} pass")
-    print(f"    packets  {_rates(ours)}, {np.median(ours) * race.surface_count:.3g} ray-surfaces/s")
-    if theirs:
-        ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
-        print(f"    batoid   {_rates(theirs)} (version {peer.version()})")
-        print(f"    ratio    median {statistics.median(ratios):.1f}, from {min(ratios):.1f} to {max(ratios):.1f}")
-        print(f"    {agreement(results['ours'], results['batoid'])}")
+        for name, prepare in programs.items():
+            trace, landed = prepare()
+            start = clock()
+            traced = trace()
+            seconds = max(clock() - start, 1e-9)
+            results[name] = landed(traced)
+            rates[name] += [count / seconds] if turn else []  # the first turn compiles
+    print(f"  {race.name}, {race.surface_count} surfaces, threads: {threads}, {results[OURS][1].mean():.4%} pass")
+    print(f"    {OURS:28s} {_rates(rates[OURS])}, {np.median(rates[OURS]) * race.surface_count:.3g} ray-surfaces/s")
+    for name in list(programs)[1:]:
+        ratios = [a / b for a, b in zip(rates[OURS], rates[name], strict=True)]
+        print(f"    {name:28s} {_rates(rates[name])}")
+        print(f"      ratio of turns: median {statistics.median(ratios):.1f}, {min(ratios):.1f} to {max(ratios):.1f}")
+        print(f"      {agreement(results[OURS], results[name])}")
 
 
-def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray) -> tuple[Callable[..., Any], ...]:
-    """The kernel and its arguments for one turn; rays are traced in place, so they are copied before."""
+def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray, threads: int) -> tuple[Callable[..., Any], ...]:
+    """One turn and how to read its result; rays are traced in place, so they are copied before."""
     prescription = race.prescription
     image = prescription.vertices_from_stop_mm[-1] + race.image_mm
     table = towards_sensor(prescription)
@@ -86,12 +103,40 @@ def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray) -> tuple
     table = np.vstack([table, plane])
     start = position - [0.0, 0.0, prescription.vertices_mm[prescription.stop_index]]
     heading, alive = direction.copy(), np.ones(len(start))
+    ends = [len(start) * i // threads for i in range(threads + 1)]
+    parts = [(table, start[a:b], heading[a:b], alive[a:b]) for a, b in itertools.pairwise(ends)]
 
-    def trace() -> tuple[np.ndarray, np.ndarray]:
-        trace_rays(table, start, heading, alive)
-        return start[:, :2], alive > 0
+    def trace() -> None:
+        if threads == 1:
+            trace_rays(*parts[0])
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(lambda part: trace_rays(*part), parts))
 
-    return (trace,)
+    return trace, lambda _: (start[:, :2], alive > 0)
+
+
+def _peers(race: Race, position: np.ndarray, direction: np.ndarray, threads: int) -> dict[str, Callable[[], Any]]:
+    """Per installed peer what prepares one turn: copies the rays in the peer's own layout."""
+    peers: dict[str, Callable[[], Any]] = {}
+    if peer.version():
+        optic = peer.optic(race)
+
+        def batoid() -> tuple[Callable[..., Any], ...]:
+            peer.use_threads(threads)
+            bundle = peer.rays(position, direction)
+            return lambda: optic.trace(bundle), peer.landed
+
+        peers[f"batoid {peer.version()}"] = batoid
+    for mode in peer_optiland.modes():
+
+        def optiland(mode: str = mode) -> tuple[Callable[..., Any], ...]:
+            peer_optiland.use(mode, threads)
+            lens, bundle = peer_optiland.optic(race), peer_optiland.rays(position, direction)
+            return lambda: peer_optiland.trace(lens, bundle), peer_optiland.landed
+
+        peers[f"optiland {peer_optiland.version(mode)}"] = optiland
+    return peers
 
 
 def agreement(ours: tuple[np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.ndarray]) -> str:
@@ -100,7 +145,7 @@ def agreement(ours: tuple[np.ndarray, np.ndarray], theirs: tuple[np.ndarray, np.
     both = ours[1] & theirs[1]
     apart = float(np.abs(ours[0] - theirs[0])[both].max())
     if other or not apart < AGREEMENT_MM:
-        raise SystemExit(f"ours and batoid differ: {other} rays pass in one only, the others by up to {apart} mm")
+        raise SystemExit(f"ours and the peer differ: {other} rays pass in one only, the others by up to {apart} mm")
     return f"agree    the same rays pass, positions within {apart:.1e} mm"
 
 
@@ -110,6 +155,11 @@ def run_shapes(count: int, turns: int) -> None:
         "sphere": {},
         "conic": {"conic": -0.8},
         "even asphere, a4 to a10": {"conic": -0.8, "even_coefficients": (0.0, 2e-6, -3e-9, 1e-12, 1e-15)},
+        "even asphere, a4 to a16": {
+            "conic": -0.8,
+            "even_coefficients": (0.0, 2e-6, -3e-9, 1e-12, 1e-15, 1e-18, 1e-21, 1e-24),
+        },
+        "strong asphere, a4 to a10": {"conic": -0.8, "even_coefficients": (0.0, 1e-4, -1e-6, 1e-9, 1e-12)},
         "odd asphere, a3 to a8": {
             "conic": -0.8,
             "even_coefficients": (0.0, 2e-6, -3e-9, 1e-12),
@@ -132,7 +182,7 @@ def run_shapes(count: int, turns: int) -> None:
     for name, seconds in times.items():
         ratio = statistics.median(a / b for a, b in zip(seconds, times["sphere"], strict=True))
         rate = count * _STACK / statistics.median(seconds)
-        print(f"  {name:24s} {rate:.3g} ray-surfaces/s, costs {ratio:.2f} spheres, passing: {passed[name]:.2%}")
+        print(f"  {name:26s} {rate:.3g} ray-surfaces/s, costs {ratio:.2f} spheres, passing: {passed[name]:.2%}")
 
 
 def _stack(shape: dict[str, Any]) -> Prescription:
@@ -169,9 +219,10 @@ def _positions(entry: CameraEntry, count: int) -> tuple[Tracer, np.ndarray, np.n
 
 
 def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:
-    start = time.perf_counter()
+    """CPU seconds of the process, which has one thread, and the result."""
+    start = time.process_time()
     result = work(*arguments)
-    return time.perf_counter() - start, result
+    return max(time.process_time() - start, 1e-9), result
 
 
 def _rates(rates: list[float]) -> str:

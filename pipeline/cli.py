@@ -184,13 +184,15 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
 
 @app.command()
 def show(
-    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a rig alone.")],
+    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a rig or a lens alone.")],
     camera: Annotated[str | None, typer.Argument(metavar="[CAMERA]", help="Its name, if there are several.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what camera.json says.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object: what camera.json says, and curves.")
+    ] = False,
     plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.svg", help="Draw the lens and its rays.")] = None,
     allow_root: Roots = None,
 ) -> None:
-    """Say what a camera does: focal lengths, pupils, focus, depth of field, microlenses, real rays over the field."""
+    """Say what a camera or a lens does: focal lengths, pupils, focus, depth of field, real rays over the field."""
     from pipeline.tasks.show import show as camera_of
 
     if plot is not None and plot.suffix != ".svg":
@@ -222,9 +224,31 @@ def import_lens(
     spacing: Annotated[Spacing | None, typer.Option(help="Where a pbrt table has its thicknesses.")] = None,
 ) -> None:
     """Write the lens of another program's file as a stage, and say what could not be kept."""
-    from pipeline.importing import import_lens, write_stage
+    from pipeline.importing import import_lens
 
-    imported = import_lens(file, spacing.value if spacing else None)
+    _deliver(import_lens(file, spacing.value if spacing else None), out)
+
+
+@imports.command("camera")
+def import_camera(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blender add-on .csv, libpleno .js.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
+    ] = None,
+    lens: Annotated[
+        Path | None, typer.Option("--lens", metavar="FILE.csv", help="Lens table of a camera of the Blender add-on.")
+    ] = None,
+) -> None:
+    """Write the camera of another program's file as a rig, and say what could not be kept."""
+    from pipeline.importing import import_camera
+
+    _deliver(import_camera(file, lens), out)
+
+
+def _deliver(imported: Any, out: Path | None) -> None:
+    """Warnings to stderr; the stage to stdout, or to a new file that is then checked."""
+    from pipeline.importing import write_stage
+
     for line in imported.warnings:
         note(line)
     if out is None:

@@ -1,29 +1,32 @@
 """Files of other programs to stages: read, written as USD, checked. What is lost on the way is said."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.camera.camera import CameraError
 from pipeline.errors import UsageError
+from pipeline.files.cameras.read import read_camera_file
 from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.prescription import PrescriptionError
-from pipeline.optics.printed import Lost, PrintedLens
+from pipeline.optics.printed import Lost
 from pipeline.scene.load import load
 from pipeline.scene.problems import Problem
 from pipeline.scene.writing import lens_text
+from pipeline.scene.writing_camera import camera_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """A lens as a stage.
+    """A lens or a camera as a stage.
 
     Attributes
     ----------
     text : str
         The .usda file.
     warnings : tuple of str
-        What the file says and the lens does not, with file and line.
+        What the file says and the stage does not, with file and line.
     """
 
     text: str
@@ -40,10 +43,27 @@ def import_lens(path: Path, spacing: str | None = None) -> Imported:
     """
     lens = read_lens(path, spacing)
     try:
-        text = lens_text(replace(lens, provenance=(*lens.provenance, *_losses(lens))))
+        text = lens_text(replace(lens, provenance=(*lens.provenance, *_losses(lens.lost))))
     except PrescriptionError as error:
         raise UnreadableLens(path, error.what, hint=error.hint) from None
-    return Imported(text=text, warnings=tuple(_warnings(path, lens)))
+    return Imported(text=text, warnings=tuple(_warnings(path, lens.lost)))
+
+
+def import_camera(path: Path, lens: Path | None = None) -> Imported:
+    """The camera of a file as a rig; `lens` is the lens table of a camera of the Blender add-on.
+
+    Raises
+    ------
+    UnreadableLens
+        The file cannot be read, or its camera cannot be represented.
+    """
+    camera = read_camera_file(path, lens)
+    lost = (*camera.lens.lost, *camera.lost)
+    try:
+        text = camera_text(replace(camera, provenance=(*camera.provenance, *_losses(lost))))
+    except (PrescriptionError, CameraError) as error:
+        raise UnreadableLens(path, error.what, hint=error.hint) from None
+    return Imported(text=text, warnings=tuple(_warnings(path, lost)))
 
 
 def write_stage(text: str, out: Path) -> list[Problem]:
@@ -60,13 +80,13 @@ def write_stage(text: str, out: Path) -> list[Problem]:
     return load(out).problems
 
 
-def _losses(lens: PrintedLens) -> Iterator[str]:
-    if lens.lost:
-        yield "Not part of this lens, or decided on import: " + "; ".join(one.what for one in lens.lost) + "."
+def _losses(lost: Iterable[Lost]) -> Iterator[str]:
+    if said := "; ".join(one.what for one in lost):
+        yield f"Not part of this stage, or decided on import: {said}."
 
 
-def _warnings(path: Path, lens: PrintedLens) -> Iterator[str]:
-    for one in lens.lost:
+def _warnings(path: Path, lost: Iterable[Lost]) -> Iterator[str]:
+    for one in lost:
         yield f"{_place(path, one)}: warning: {one.what}"
 
 

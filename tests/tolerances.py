@@ -89,3 +89,14 @@ FOCUS_MM = 1e-11
 
 BISECTED_MM = 1e-10
 """A root bisected to the last bit of the path [mm], its normal by complex steps: roundings along a few surfaces."""
+
+PRINTED_6_RATIO = 0.5001e-6
+"""Half a unit of a ratio printed to six decimals [1]."""
+
+GRID_PX = 4.0
+"""A measured grid of micro-images against an untilted array of one pitch [px], a sixth of its pitch: a tilt of 0.03
+degrees moves the array by 6 µm at its edges, and two pitches that differ by 1e-4 part by 0.2 px from there."""
+
+CALIBRATED_FOCUS_MM = 1.4e-3
+"""An in-focus distance printed to three decimals [mm]: half a unit, and half a unit of the sixth decimal of the array's
+distance, which grows by 5.6 to the virtual object and by 300 to the real one."""

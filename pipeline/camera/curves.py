@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,11 @@ class FieldCurves:
     relative_illumination: np.ndarray
     distortion: np.ndarray
     object_mm: float
+
+    def to_plain(self) -> dict[str, Any]:
+        """The rows as lists."""
+        names = ("height_mm", "angle_deg", "relative_illumination", "distortion")
+        return {"object_mm": self.object_mm, **{name: getattr(self, name).tolist() for name in names}}
 
 
 def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurves:

@@ -77,8 +77,7 @@ def _microlens_focus(lens: FirstOrder, array_z: float, focal: float, behind: flo
 
 def _object(lens: FirstOrder, image_z: float) -> float:
     """Object of an image at vision z; inf where the image lies at or in front of the rear focus."""
-    beyond = lens.rear_focus_mm - image_z
-    return lens.object_mm(image_z) if beyond > 0 else math.inf
+    return lens.object_mm(image_z) if image_z < lens.rear_focus_mm else math.inf
 
 
 def middle_focus(camera: Camera) -> float:

@@ -8,6 +8,7 @@ from pipeline.camera.focus import Focus, foci
 from pipeline.camera.lattice import extent_mm, lattice
 from pipeline.camera.request import matched_stop_mm
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
+from pipeline.optics.prescription import Prescription
 
 
 def report(camera: Camera) -> dict[str, Any]:
@@ -36,6 +37,23 @@ def report(camera: Camera) -> dict[str, Any]:
     if camera.microlenses:
         figures["mla"] = _array(camera, camera.microlenses, lens, found)
     return figures
+
+
+def lens_report(prescription: Prescription) -> dict[str, Any]:
+    """Figures of a lens for an object at infinity."""
+    lens, vertices = first_order(prescription), prescription.vertices_mm
+    return {
+        "efl_mm": lens.efl_mm,
+        "bfd_mm": lens.bfd_mm,
+        "f_number": lens.f_number,
+        "focal_points_mm": [lens.front_focus_mm, lens.rear_focus_mm],
+        "entrance_pupil": _pupil(lens.entrance_pupil),
+        "exit_pupil": _pupil(lens.exit_pupil),
+        "principal_planes_mm": [lens.front_principal_mm, lens.rear_principal_mm],
+        "stop_diameter_mm": 2 * prescription.stop.semi_diameter_mm,
+        "length_mm": vertices[-1],
+        "surfaces": len(prescription.surfaces),
+    }
 
 
 def field_of_view_deg(sensor: Sensor, principal_mm: float) -> list[float]:
@@ -77,17 +95,14 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
     in_focus = lens.object_mm(-camera.sensor_distance_mm)
     array = camera.microlenses
     matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
+    own = lens_report(camera.prescription)
     return {
-        "efl_mm": lens.efl_mm,
-        "bfd_mm": lens.bfd_mm,
-        "f_number": lens.f_number,
+        **{name: own[name] for name in ("efl_mm", "bfd_mm", "f_number")},
         "working_f_number": to_sensor / lens.exit_pupil.diameter_mm,
-        "entrance_pupil": _pupil(lens.entrance_pupil),
-        "exit_pupil": _pupil(lens.exit_pupil),
-        "principal_planes_mm": [lens.front_principal_mm, lens.rear_principal_mm],
+        **{name: own[name] for name in ("entrance_pupil", "exit_pupil", "principal_planes_mm")},
         "magnification": _magnification(lens, in_focus),
         "focus_distance_mm": in_focus,
-        "stop_diameter_mm": 2 * camera.prescription.stop.semi_diameter_mm,
+        "stop_diameter_mm": own["stop_diameter_mm"],
         "matched_stop_diameter_mm": matched,
     }
 

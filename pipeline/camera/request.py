@@ -1,7 +1,8 @@
 """Focus as intent: a camera that says what it shall do, and the camera whose parts stand so that it does.
 
-Paraxial; positions are vision z [mm]. The sensor moves, with the microlens array a fixed distance before it; the lens
-and its groups stay. Far objects have their images nearest to the lens, so the last vertex bounds what can be reached.
+Paraxial; positions are vision z [mm]. The sensor moves, with the microlens array a fixed distance before it, and the
+lens stays; or else the sensor stays and groups of the lens move, see `camera.travel`. Where the sensor moves, far
+objects have their images nearest to the lens, so the last vertex bounds what can be reached.
 """
 
 import dataclasses
@@ -9,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from pipeline.camera.camera import Camera, CameraError, MicrolensArray, Sensor
+from pipeline.camera.travel import moved, shift_mm
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.prescription import Prescription
 
@@ -20,11 +22,13 @@ class FocusRequest:
     Attributes
     ----------
     sensor_distance_mm : float or None
-        From the aperture stop to the sensor; None: `focus_distance_mm` decides.
+        From the aperture stop to the sensor; None: `focus_distance_mm` decides. With `focus_groups` both are given.
     focus_distance_mm : float or None
-        Object distance from the stop that shall be in focus.
+        Object distance from the stop that shall be in focus; may be inf.
     focus_type : int or None
         Microlens type that this holds for; None: the one of middle focal length.
+    focus_groups : tuple of str
+        Groups of the lens that move together to meet the focus distance; empty: sensor and array do.
     match_stop : bool
         Whether the stop gets the diameter with which the exit pupil's image through a microlens vertex is as wide as
         the MLA pitch.
@@ -39,6 +43,7 @@ class FocusRequest:
     sensor_distance_mm: float | None = None
     focus_distance_mm: float | None = None
     focus_type: int | None = None
+    focus_groups: tuple[str, ...] = ()
     match_stop: bool = False
 
     @property
@@ -62,7 +67,7 @@ def solved(camera: Camera | FocusRequest) -> Camera:
     if isinstance(camera, Camera):
         return camera
     placed = Camera(
-        prescription=camera.prescription,
+        prescription=moved(camera.prescription, camera.focus_groups, group_shift(camera)),
         sensor=camera.sensor,
         sensor_distance_mm=sensor_distance(camera),
         microlenses=camera.microlenses,
@@ -76,13 +81,14 @@ def solved(camera: Camera | FocusRequest) -> Camera:
 def sensor_distance(request: FocusRequest) -> float:
     """Distance from the stop to the sensor that brings the requested object distance into focus. [mm]"""
     wanted = request.focus_distance_mm
-    if wanted is None:
+    if wanted is None or request.focus_groups:
         if request.sensor_distance_mm is None:
             raise CameraError("neither a sensor distance nor a focus distance is given")
         return request.sensor_distance_mm
     near, far = reachable(request)
-    if not near < wanted < far:
-        what = f"no position of the sensor brings {wanted:g} mm from the stop into focus"
+    if not (near < wanted < far or wanted == far == math.inf):
+        place = f"{wanted:g} mm from the stop" if math.isfinite(wanted) else "infinity"
+        what = f"no position of the sensor brings {place} into focus"
         reach = f"between {near:.6g} and {far:.6g} mm" if math.isfinite(far) else f"beyond {near:.6g} mm"
         raise CameraError(what, hint=f"within reach: distances {reach}")
     array = request.microlenses
@@ -90,8 +96,19 @@ def sensor_distance(request: FocusRequest) -> float:
     return film + (_principal_mm(array, request.type)[1] if array else 0.0)
 
 
+def group_shift(request: FocusRequest) -> float:
+    """How far the groups move, + towards the sensor, to bring the requested object distance into focus. [mm]"""
+    wanted = request.focus_distance_mm
+    if not request.focus_groups or wanted is None:
+        return 0.0
+    array, film = request.microlenses, sensor_distance(request)
+    image = film - (_principal_mm(array, request.type)[1] if array else 0.0) + _image_behind_film(request)
+    film -= array.reach_mm if array else 0.0
+    return shift_mm(request.prescription, request.focus_groups, film, image, wanted)
+
+
 def reachable(request: FocusRequest) -> tuple[float, float]:
-    """Object distances that can be brought into focus, ends excluded: nearest and farthest, maybe inf. [mm]
+    """Object distances that can be brought into focus: nearest and farthest, ends excluded but inf. [mm]
 
     The nearest object stands before the lens and its front focus; for the farthest one the sensor, or the array,
     touches the last vertex.
@@ -164,7 +181,7 @@ def with_matched_stop(camera: Camera) -> Camera:
         raise CameraError(f"{what} {diameter:.4g} mm, wider than the lens lets through", hint=hint)
     surfaces = list(prescription.surfaces)
     surfaces[prescription.stop_index] = dataclasses.replace(prescription.stop, semi_diameter_mm=diameter / 2)
-    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))
+    return dataclasses.replace(camera, prescription=dataclasses.replace(prescription, surfaces=tuple(surfaces)))
 
 
 def _widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
@@ -174,7 +191,7 @@ def _widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
     for i in reversed(range(len(surfaces))):
         heights[i] = height
         in_front = surfaces[i - 1].index if i else 1.0
-        slope -= height * (surfaces[i].index - in_front) * surfaces[i].curvature_per_mm
+        slope -= height * surfaces[i].power_per_mm(in_front)
         height += slope * surfaces[i - 1].thickness_mm / in_front if i else 0.0
     at_stop = abs(heights[prescription.stop_index])
     others = [(s, abs(y)) for s, y in zip(surfaces, heights, strict=True) if not s.is_stop and y]

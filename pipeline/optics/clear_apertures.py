@@ -61,7 +61,6 @@ def _heights(surfaces: tuple[PrintedSurface, ...], height: float, slope: float) 
         if i:
             height += surfaces[i - 1].thickness_mm * reduced / index
         heights.append(height)
-        curvature = 0.0 if math.isinf(surface.radius_mm) else 1 / surface.radius_mm
-        reduced -= (surface.index - index) * curvature * height
+        reduced -= surface.power_per_mm(index) * height
         index = surface.index
     return heights

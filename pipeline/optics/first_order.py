@@ -12,6 +12,9 @@ from pipeline.optics.prescription import Prescription, PrescriptionError, Surfac
 
 _LEAST_POWER_PER_MM = 1e-9
 """A focal length of a thousand kilometres."""
+_AT_FOCUS_MM = 1e-9
+"""An image as near as this to the rear focus is that of an object at infinity: rounding decides the rest. Behind a lens
+of 10 mm such an object is a hundred thousand kilometres away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +65,7 @@ class FirstOrder:
 
     def object_mm(self, image_mm: float) -> float:
         """Vision z of the object whose image lies at vision z, inf for the rear focus; inverse of `image_mm`."""
-        if image_mm == self.rear_focus_mm:
+        if abs(image_mm - self.rear_focus_mm) < _AT_FOCUS_MM:
             return float("inf")
         return self.front_focus_mm + self.efl_mm**2 / (self.rear_focus_mm - image_mm)
 
@@ -106,7 +109,7 @@ def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:
     for i, surface in enumerate(surfaces):
         if i:
             matrix = np.array([[1.0, surfaces[i - 1].thickness_mm / index], [0.0, 1.0]]) @ matrix
-        power = (surface.index - index) * surface.vertex_curvature_per_mm
+        power = surface.power_per_mm(index)
         matrix = np.array([[1.0, 0.0], [-power, 1.0]]) @ matrix
         index = surface.index
     return matrix

@@ -2,8 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 from pipeline.errors import PipelineError
+
+_UPRIGHT_DEG = 90.0
+_HEIGHTS = 64
 
 
 class PrescriptionError(PipelineError):
@@ -43,6 +47,13 @@ class Surface:
         Edges of a regular polygon whose corners lie on the circle of the semi-diameter; 0 for none.
     aperture_rotation_deg : float
         Of rectangle or polygon, from +x towards +y of the lens frame. At 0 a polygon has a corner on +x.
+    focal_length_mm : float or None
+        Of an ideal thin lens in place of the surface, None for a surface. It is a plane in air that adds -height over
+        focal length to the slope of a ray: a collineation, so every object plane has a sharp, undistorted image.
+    decentre_mm : (float, float)
+        How far the vertex stands off the axis along x and y of the lens frame, or of the group it belongs to.
+    tilt_deg : (float, float)
+        Turn about the vertex: first about x, then about y as it has been turned, right-handed in the lens frame.
 
     Whatever its shape, an aperture lies within the circle of the semi-diameter.
     """
@@ -59,6 +70,9 @@ class Surface:
     half_widths_mm: tuple[float, float] | None = None
     blades: int = 0
     aperture_rotation_deg: float = 0.0
+    focal_length_mm: float | None = None
+    decentre_mm: tuple[float, float] = (0.0, 0.0)
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.radius_mm == 0 or math.isnan(self.radius_mm):
@@ -83,6 +97,21 @@ class Surface:
             raise PrescriptionError(f"a polygonal aperture has {self.blades} blades")
         if not self.index >= 1:
             raise PrescriptionError(f"refractive index {self.index} is below 1")
+        if self.focal_length_mm is not None:
+            self._check_ideal()
+        _check_displacement("a surface", self.decentre_mm, self.tilt_deg)
+
+    def _check_ideal(self) -> None:
+        if self.focal_length_mm == 0 or not math.isfinite(self.focal_length_mm or math.nan):
+            raise PrescriptionError(f"an ideal thin lens has the focal length {self.focal_length_mm} mm")
+        if not math.isinf(self.radius_mm) or any(self.even_coefficients + self.odd_coefficients) or self.index != 1:
+            raise PrescriptionError("an ideal thin lens has a shape or an index", hint="it is a plane in air")
+
+    def power_per_mm(self, index_in_front: float) -> float:
+        """Refracting power near the axis: what it takes from index times slope, per height."""
+        if self.focal_length_mm is not None:
+            return 1 / self.focal_length_mm
+        return (self.index - index_in_front) * self.vertex_curvature_per_mm
 
     @property
     def curvature_per_mm(self) -> float:
@@ -130,16 +159,87 @@ class Surface:
         return base + even + odd
 
 
+def least_gap_mm(front: Surface, behind: Surface) -> float:
+    """Least distance along the axis between neighbouring surfaces within both apertures; negative: they cross. [mm]
+
+    Between spheres it lies on the axis or at the edge; aspheres may come closest in between, and 64 heights are tried.
+    """
+    return min(gap for gap, _ in gaps_mm(front, behind))
+
+
+def gaps_mm(front: Surface, behind: Surface) -> list[tuple[float, float]]:
+    """Distances along the axis between neighbouring surfaces, each with its height above the axis. [mm]"""
+    edge = min(front.semi_diameter_mm, behind.semi_diameter_mm)
+    heights = [edge * i / _HEIGHTS for i in range(_HEIGHTS + 1)]
+    return [(front.thickness_mm + behind.sag_mm(h) - front.sag_mm(h), h) for h in heights]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Consecutive surfaces that one mount holds: displaced, they move together as a rigid body.
+
+    Attributes
+    ----------
+    name : str
+    first, count : int
+        Its first surface, counted from 0, and how many there are.
+    decentre_mm : (float, float)
+        How far it stands off the axis along x and y of the lens frame.
+    tilt_deg : (float, float)
+        Turn about the pivot: first about x, then about y as it has been turned, right-handed in the lens frame.
+    pivot_mm : float
+        Place of the pivot on the axis, from the vertex of the first surface, + towards the sensor.
+    """
+
+    name: str
+    first: int
+    count: int
+    decentre_mm: tuple[float, float] = (0.0, 0.0)
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
+    pivot_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.first < 0 or self.count < 1:
+            raise PrescriptionError(f'group "{self.name}" holds no surface')
+        _check_displacement(f'group "{self.name}"', self.decentre_mm, self.tilt_deg)
+
+    @property
+    def members(self) -> range:
+        """Which surfaces it holds."""
+        return range(self.first, self.first + self.count)
+
+
+def _check_displacement(what: str, decentre_mm: tuple[float, float], tilt_deg: tuple[float, float]) -> None:
+    if not all(map(math.isfinite, decentre_mm)):
+        raise PrescriptionError(f"{what} is decentred by {decentre_mm} mm")
+    if not all(abs(angle) < _UPRIGHT_DEG for angle in tilt_deg):
+        raise PrescriptionError(f"{what} is tilted by {tilt_deg} deg", hint="less than 90 deg either way")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prescription:
     """Surfaces from the scene to the sensor, with exactly one aperture stop.
 
-    Lens frame: origin at the first vertex, +z from scene to sensor.
+    Lens frame: origin at the first vertex, +z from scene to sensor. Vertices and thicknesses are those of the centred
+    lens: a surface or group off its place moves nothing but itself.
+
+    Attributes
+    ----------
+    surfaces : tuple of Surface
+    groups : tuple of Group
+        Named ranges of surfaces that do not overlap, in any number.
     """
 
     surfaces: tuple[Surface, ...]
+    groups: tuple[Group, ...] = ()
 
     def __post_init__(self) -> None:
+        held = [i for group in self.groups for i in group.members]
+        if len(set(held)) < len(held) or not set(held) <= set(range(len(self.surfaces))):
+            raise PrescriptionError("the groups of a prescription overlap, or hold surfaces that it does not have")
+        for front, ideal in pairwise(self.surfaces):
+            if ideal.focal_length_mm is not None and front.index != 1:
+                raise PrescriptionError(f"an ideal thin lens stands in a medium of index {front.index}", hint="air: 1")
         stops = sum(surface.is_stop for surface in self.surfaces)
         if stops != 1:
             raise PrescriptionError(f"a prescription needs exactly one aperture stop, this one has {stops}")
@@ -151,6 +251,12 @@ class Prescription:
         for surface in self.surfaces[:-1]:
             positions.append(positions[-1] + surface.thickness_mm)
         return tuple(positions)
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether no surface and no group stands off its place."""
+        parts: tuple[Surface | Group, ...] = (*self.surfaces, *self.groups)
+        return not any(value for part in parts for value in (*part.decentre_mm, *part.tilt_deg))
 
     @property
     def stop_index(self) -> int:

@@ -44,6 +44,10 @@ class PrintedSurface:
         Conic constant; 0 is a sphere.
     asphere : tuple of (int, float)
         Powers p of the height and their coefficients [mm^(1 - p)], zeros left out.
+    inner_semi_diameter_mm, half_widths_mm, blades, aperture_rotation_deg
+        Of an annular, a rectangular or a polygonal aperture, as in `prescription.Surface`.
+    focal_length_mm : float or None
+        Of an ideal thin lens.
     """
 
     radius_mm: float = math.inf
@@ -55,6 +59,24 @@ class PrintedSurface:
     is_stop: bool = False
     conic: float = 0.0
     asphere: tuple[tuple[int, float], ...] = ()
+    inner_semi_diameter_mm: float = 0.0
+    half_widths_mm: tuple[float, float] | None = None
+    blades: int = 0
+    aperture_rotation_deg: float = 0.0
+    focal_length_mm: float | None = None
+
+    def power_per_mm(self, index_in_front: float) -> float:
+        """Refracting power near the axis, where an r^2 term bends, too."""
+        if self.focal_length_mm is not None:
+            return 1 / self.focal_length_mm
+        curvature = (0.0 if math.isinf(self.radius_mm) else 1 / self.radius_mm) + 2 * dict(self.asphere).get(2, 0.0)
+        return (self.index - index_in_front) * curvature
+
+    def coefficients(self, first: int) -> tuple[float, ...]:
+        """Coefficients of the powers `first`, `first` + 2, ... up to the last one that is not zero."""
+        terms = dict(self.asphere)
+        last = max((power for power in terms if power % 2 == first % 2), default=0)
+        return tuple(terms.get(power, 0.0) for power in range(first, last + 1, 2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +109,7 @@ class PrintedLens:
 
 
 class NotRepresentable(PrescriptionError):
-    """A lens that somebody can build, but not we, or not yet."""
+    """A lens that somebody can build, but not we."""
 
 
 def prescription_of(lens: PrintedLens) -> Prescription:
@@ -98,7 +120,9 @@ def prescription_of(lens: PrintedLens) -> Prescription:
     PrescriptionError
         The lens cannot exist, or cannot be represented; it names all surfaces that are to blame.
     """
-    wrong = [f"surface {i}: {what}" for i, surface in enumerate(lens.surfaces, 1) for what in not_yet(surface)]
+    wrong = [
+        f"surface {i}: {what}" for i, surface in enumerate(lens.surfaces, 1) for what in not_representable(surface)
+    ]
     if wrong:
         raise NotRepresentable(f'"{lens.name}" cannot be represented: {"; ".join(wrong)}')
     if lens.surfaces and lens.surfaces[-1].index != 1:
@@ -106,14 +130,13 @@ def prescription_of(lens: PrintedLens) -> Prescription:
     return Prescription(surfaces=tuple(_surface(surface, i) for i, surface in enumerate(lens.surfaces, 1)))
 
 
-def not_yet(surface: PrintedSurface) -> list[str]:
+def not_representable(surface: PrintedSurface) -> list[str]:
     """What keeps one surface from being represented: the only place that says so."""
     found = []
-    if surface.conic:
-        found.append(f"conic constant {surface.conic:g} is not supported yet")
-    if surface.asphere:
-        powers = ", ".join(f"r^{power}" for power, _ in surface.asphere)
-        found.append(f"an asphere (terms {powers}) is not supported yet")
+    if dict(surface.asphere).get(1):
+        found.append("the term r^1 of its asphere makes the vertex a tip")
+    if surface.half_widths_mm and surface.inner_semi_diameter_mm:
+        found.append("its aperture is a rectangle with an obstruction")
     if surface.semi_diameter_mm is None:
         found.append("its semi-diameter is not known")
     if not surface.thickness_mm >= 0:
@@ -122,7 +145,7 @@ def not_yet(surface: PrintedSurface) -> list[str]:
 
 
 def _surface(surface: PrintedSurface, number: int) -> Surface:
-    assert surface.semi_diameter_mm is not None  # not_yet has said so
+    assert surface.semi_diameter_mm is not None  # not_representable has said so
     try:
         return Surface(
             radius_mm=surface.radius_mm,
@@ -130,6 +153,14 @@ def _surface(surface: PrintedSurface, number: int) -> Surface:
             semi_diameter_mm=surface.semi_diameter_mm,
             index=surface.index,
             is_stop=surface.is_stop,
+            conic=surface.conic,
+            even_coefficients=surface.coefficients(2),
+            odd_coefficients=surface.coefficients(3),
+            inner_semi_diameter_mm=surface.inner_semi_diameter_mm,
+            half_widths_mm=surface.half_widths_mm,
+            blades=surface.blades,
+            focal_length_mm=surface.focal_length_mm,
+            aperture_rotation_deg=surface.aperture_rotation_deg,
         )
     except PrescriptionError as error:
         raise PrescriptionError(f"surface {number}: {error.what}", hint=error.hint) from None

@@ -13,6 +13,8 @@ VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_
 number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
 straight edges of the aperture and the column of the first one. Zeros behind the first four make a circle of a sphere.
 An edge takes three columns: x and y of its outward normal, distance from the axis [mm]."""
+IDEAL = -1.0
+"""In place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
 LOW_TERMS = 5
 """Least number of coefficients in the row of an asphere; zeros fill up."""
 COEFFICIENTS = 10
@@ -69,7 +71,9 @@ def unbounded(table: np.ndarray) -> np.ndarray:
 def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) -> list[float]:
     """One surface; `sign` is that of the frame's z against the lens frame's."""
     coefficients, odd = _polynomial(surface)
-    if coefficients:
+    if surface.focal_length_mm is not None:
+        coefficients = [sign / surface.focal_length_mm]  # without the sign that coefficients get below
+    elif coefficients:
         coefficients += [0.0] * (LOW_TERMS - len(coefficients))
     # The vision frame is the lens frame turned about x: y changes its sign, as z does.
     edges = [value + 0.0 for x, y, distance in surface.edges for value in (x, sign * y, distance)]
@@ -79,7 +83,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         index_ratio,
         surface.semi_diameter_mm**2,
         0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0,
-        len(coefficients),
+        len(coefficients) if surface.focal_length_mm is None else IDEAL,
         float(odd),
         surface.inner_semi_diameter_mm**2,
         len(edges) / 3,

@@ -1,7 +1,8 @@
 """A drawing of a camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
 
-Rays start at object points in focus (of the middle microlens type) whose images lie on the axis, at 0.7 and at the full
-height of the sensor. Lengths in mm from the stop, + towards the sensor, as light travels; the drawing is to scale.
+Rays start at object points in focus (of the middle microlens type) whose images lie at the centre of the sensor, at its
+upper or lower edge, whichever is farther from the axis, and at 0.7 of the way. Lengths in mm from the stop, + towards
+the sensor, as light travels; the drawing is to scale.
 """
 
 import math
@@ -30,11 +31,11 @@ _INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
 Points = list[tuple[float, float]]
 
 
-def svg(camera: Camera, title: str) -> str:
-    """The drawing as the text of an SVG file."""
+def svg(camera: Camera, title: str, film: str = "sensor") -> str:
+    """The drawing as the text of an SVG file; `film` is what its last plane is called."""
     first = camera.prescription.vertices_from_stop_mm[0]
     left = first - _AHEAD * (camera.sensor_distance_mm - first)
-    half = 1.12 * max([_half_sensor(camera), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
+    half = 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
     scale = (_WIDTH_PX - 2 * _MARGIN_PX) / (camera.sensor_distance_mm + 4 - left)
     height = 2 * half * scale + 3 * _MARGIN_PX
     sheet = _Sheet(left, scale, _MARGIN_PX + half * scale + _MARGIN_PX / 2)
@@ -48,25 +49,27 @@ def svg(camera: Camera, title: str) -> str:
         if not surface.is_stop:
             sheet.line(_profile(surface, vertex), "#24506e", 1.2)
     _draw_stop(sheet, camera.prescription, half)
-    _draw_film(sheet, camera)
+    _draw_film(sheet, camera, film)
     _draw_scale(sheet, left, camera.sensor_distance_mm, half)
     sheet.words(_MARGIN_PX, 22, escape(f"{title}; rays from objects at {_place(middle_focus(camera))}"), 14, "start")
     if camera.microlenses is None:
         return sheet.text(height)
     before = f"{camera.microlenses.distance_mm:g} mm before the sensor"
-    words = f"microlenses at the axis, {before}; more rays of the axial point"
+    words = f"microlenses at the centre of the sensor, {before}; more rays of the point there"
     sheet.words(_MARGIN_PX, height + 20, words, 11, "start")
     sheet.items.append(_inset(camera, camera.microlenses, left, height + 28))
     return sheet.text(height + _INSET_PX + 28 + _MARGIN_PX)
 
 
 def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) -> str:
-    """The microlenses next to the axis with more rays of the object point there, enlarged, in a picture of its own."""
+    """The microlenses at the centre of the sensor with more rays of the point there, enlarged: a picture of its own."""
     scale = _INSET_PX / (_INSET_LENSES * array.pitch_mm)
     width, end = (_WIDTH_PX - 2 * _MARGIN_PX) / scale, camera.sensor_distance_mm
     film, start = end - array.distance_mm, end + 0.05 * width - width
-    sheet = _Sheet(start + _MARGIN_PX / scale, scale, _INSET_PX / 2)
-    sheet.area([(start, -width), (end + width, -width), (end + width, width), (start, width)], "#fbfbfb")
+    centre = _height(camera, 0.0)
+    low, high = centre - width, centre + width
+    sheet = _Sheet(start + _MARGIN_PX / scale, scale, _INSET_PX / 2 + centre * scale)
+    sheet.area([(start, low), (end + width, low), (end + width, high), (start, high)], "#fbfbfb")
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for ray in bundle(camera, 0.0, left, _INSET_RAYS):
         sheet.line(ray[-3:], _FIELDS[0][1], 0.7)
@@ -75,13 +78,14 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
         half = array.pitch_mm * math.sqrt(3) / 4
     elif array.disc_diameter_mm is not None:
         half = array.disc_diameter_mm / 2
-    rows = vertices.y_mm[np.abs(vertices.x_mm) <= array.pitch_mm]
-    for y in np.unique(rows[np.abs(rows) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
-        own = _own(vertices, y)
+    x, y_all = _about_axis(camera, vertices)
+    rows = y_all[np.abs(x) <= array.pitch_mm]
+    for y in np.unique(rows[np.abs(rows - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
+        own = _own(camera, vertices, y)
         bulge = 0.12 * array.pitch_mm
         sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
         sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[own])}", "end")
-    sheet.line([(end, -width), (end, width)], "#111111", 3)
+    sheet.line([(end, low), (end, high)], "#111111", 3)
     box = f'x="{_MARGIN_PX}" y="{top_px:.0f}" width="{_WIDTH_PX - 2 * _MARGIN_PX}" height="{_INSET_PX}"'
     return f"<svg {box}>\n" + "\n".join(sheet.items) + "\n</svg>"
 
@@ -92,14 +96,14 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     Parameters
     ----------
     field : float
-        Image height over half the height of the sensor.
+        0 for an image at the centre of the sensor, 1 at its farther edge.
     count : int
         Rays, evenly over those that pass.
     """
     lens, distance = first_order(camera.prescription), middle_focus(camera)
     pupil = lens.entrance_pupil.z_mm
     principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
-    slope = field * _half_sensor(camera) / principal_mm
+    slope = _height(camera, field) / principal_mm
     start = np.full(_FAN, left_mm - 1.0)
     # Aimed at the entrance pupil a little beyond its edge: the lens clips.
     aim = 1.5 * lens.entrance_pupil.diameter_mm / 2 * np.linspace(-1, 1, _FAN)
@@ -145,18 +149,33 @@ def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
     film = camera.sensor_distance_mm - array.distance_mm
     at_film = y + slope * (film - x)
     vertices = lattice(array)
-    own = _own(vertices, at_film)
-    bent = slope - (at_film - float(vertices.y_mm[own])) / array.focal_lengths_mm[int(vertices.type[own])]
+    own = _own(camera, vertices, at_film)
+    bent = (
+        slope
+        - (at_film - float(_about_axis(camera, vertices)[1][own])) / array.focal_lengths_mm[int(vertices.type[own])]
+    )
     return [(film, at_film), (camera.sensor_distance_mm, at_film + bent * array.distance_mm)]
 
 
-def _own(vertices: Lattice, y: float) -> int:
+def _own(camera: Camera, vertices: Lattice, y: float) -> int:
     """Row of the microlens in whose cell the height y of the drawing lies; its up is +y of the sensor frame."""
-    return int(np.argmin(np.hypot(vertices.x_mm, vertices.y_mm - y).round(9)))
+    x, heights = _about_axis(camera, vertices)
+    return int(np.argmin(np.hypot(x, heights - y).round(9)))
+
+
+def _about_axis(camera: Camera, vertices: Lattice) -> tuple[np.ndarray, np.ndarray]:
+    """Microlens vertices from the optical axis, which need not meet the centre of the sensor."""
+    return vertices.x_mm - camera.sensor.offset_x_mm, vertices.y_mm - camera.sensor.offset_y_mm
 
 
 def _half_sensor(camera: Camera) -> float:
     return camera.sensor.height_px * camera.sensor.pitch_mm / 2
+
+
+def _height(camera: Camera, field: float) -> float:
+    """Height on the drawing of a place on the sensor: 0 its centre, 1 its edge that is farther from the axis."""
+    centre = 0.0 - camera.sensor.offset_y_mm
+    return centre + field * math.copysign(_half_sensor(camera), centre)
 
 
 def _profile(surface: Surface, vertex: float) -> Points:
@@ -186,14 +205,15 @@ def _draw_stop(sheet: "_Sheet", prescription: Prescription, half: float) -> None
     sheet.label(0.0, half, "stop")
 
 
-def _draw_film(sheet: "_Sheet", camera: Camera) -> None:
-    half, end = _half_sensor(camera), camera.sensor_distance_mm
-    sheet.line([(end, -half), (end, half)], "#111111", 3)
-    sheet.label(end, half, "sensor", "start")
+def _draw_film(sheet: "_Sheet", camera: Camera, name: str) -> None:
+    half, end, centre = _half_sensor(camera), camera.sensor_distance_mm, _height(camera, 0.0)
+    sheet.line([(end, centre - half), (end, centre + half)], "#111111", 3)
+    sheet.label(end, centre + half, name, "start")
     if camera.microlenses:
-        film, reach = end - camera.microlenses.distance_mm, extent_mm(camera.microlenses)[1] / 2
-        sheet.line([(film, -reach), (film, reach)], "#8e44ad", 1.5, dashes="2 2")
-        sheet.label(film, reach, "MLA", "end")
+        array = camera.microlenses
+        film, reach, middle = end - array.distance_mm, extent_mm(array)[1] / 2, centre + array.offset_y_mm
+        sheet.line([(film, middle - reach), (film, middle + reach)], "#8e44ad", 1.5, dashes="2 2")
+        sheet.label(film, middle + reach, "MLA", "end")
 
 
 def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None:

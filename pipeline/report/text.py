@@ -7,6 +7,7 @@ from typing import Any
 from pipeline.camera.curves import FieldCurves
 
 _WIDTH = 30
+_COUNTED = "distances are counted from the aperture stop, + towards the scene"
 
 
 def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
@@ -21,7 +22,7 @@ def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
     curves : FieldCurves
         Of the same camera.
     """
-    lines = [f"{name}: {document['lens']['name']}", "distances are counted from the aperture stop, + towards the scene"]
+    lines = [f"{name}: {document['lens']['name']}", _COUNTED]
     if document["focus_request"]:
         lines.append(_request(document["focus_request"]))
     lines += ["", "main lens", *_lens(document["lens"])]
@@ -32,17 +33,46 @@ def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
     return [*lines, "", *_curves(curves)]
 
 
+def lens_page(document: dict[str, Any], curves: FieldCurves | None) -> list[str]:
+    """Lines about a lens alone, for an object at infinity.
+
+    Parameters
+    ----------
+    document : dict
+        From `tasks.show`.
+    curves : FieldCurves or None
+        None where the lens has no real image.
+    """
+    lens = document["lens"]
+    lines = [f"{lens['name']}, for objects at infinity", _COUNTED, ""]
+    front, rear = lens["focal_points_mm"]
+    lines += [
+        _row("surfaces", f"{lens['surfaces']}", f"{lens['length_mm']:.3f} mm from first to last vertex"),
+        _row("indices", f"{lens['index_source']}", f"{document['wavelengths_nm'][0]:g} nm"),
+        *_own(lens),
+        _row("focal points", f"{_mm(front)}, {_mm(rear)}", "front, rear"),
+        _row("f-number", f"{lens['f_number']:.2f}"),
+    ]
+    return [*lines, "", *_curves(curves)] if curves else [*lines, "", "no real image: no rays to report"]
+
+
 def _request(asked: dict[str, Any]) -> str:
     wishes = []
     if asked["focus_distance_mm"] is not None:
         kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
-        wishes.append(f"focus at {asked['focus_distance_mm']:g} mm{kind} sets the sensor distance")
+        distance = asked["focus_distance_mm"]
+        place = "infinity" if math.isinf(distance) else f"{distance:g} mm"
+        shift = asked["group_shift_mm"]
+        what = "sets the sensor distance"
+        if shift is not None:
+            what = f"moves {', '.join(asked['focus_groups'])} by {shift:+.4f} mm towards the sensor"
+        wishes.append(f"focus at {place}{kind} {what}")
     if asked["stop_match"] != "none":
         wishes.append("a match with the microlenses sets the stop")
     return "asked for: " + "; ".join(wishes)
 
 
-def _lens(lens: dict[str, Any]) -> Iterator[str]:
+def _own(lens: dict[str, Any]) -> Iterator[str]:
     front, rear = lens["principal_planes_mm"]
     yield _row("effective focal length", _mm(lens["efl_mm"]))
     yield _row("back focal distance", _mm(lens["bfd_mm"]), "from the last vertex")
@@ -51,6 +81,10 @@ def _lens(lens: dict[str, Any]) -> Iterator[str]:
         pupil = lens[f"{which}_pupil"]
         yield _row(f"{which} pupil", f"{_mm(pupil['z_mm'])}, ø {_mm(pupil['diameter_mm'])}")
     yield _row("stop", f"ø {_mm(lens['stop_diameter_mm'])}")
+
+
+def _lens(lens: dict[str, Any]) -> Iterator[str]:
+    yield from _own(lens)
     yield _row("f-number", f"{lens['f_number']:.2f}, working {lens['working_f_number']:.2f}")
     where = "" if "matched_stop" not in lens else "without microlenses"
     yield _row("conjugate of the sensor", _mm(lens["focus_distance_mm"]), where)
@@ -140,8 +174,7 @@ def _gaps(array: dict[str, Any]) -> Iterator[str]:
 
 
 def _curves(curves: FieldCurves) -> Iterator[str]:
-    plane = "infinity" if math.isinf(curves.object_mm) else _mm(curves.object_mm, 1)
-    yield f"real rays of the main lens, without microlenses; distortion for objects at {plane}"
+    yield f"real rays of the main lens, without microlenses; distortion for objects at {_mm(curves.object_mm, 1)}"
     columns = ("height [mm]", "field angle [deg]", "relative illumination", "distortion [%]")
     values = zip(curves.height_mm, curves.angle_deg, curves.relative_illumination, 100 * curves.distortion, strict=True)
     yield from _table(columns, [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", f"{d + 0.0:.4f}") for h, a, e, d in values])
@@ -158,7 +191,7 @@ def _row(what: str, value: str, remark: str = "") -> str:
 
 
 def _mm(value: float, digits: int = 3) -> str:
-    return f"{value:.{digits}f} mm"
+    return "infinity" if math.isinf(value) else f"{value:.{digits}f} mm"
 
 
 def _range(near: float, far: float) -> str:

@@ -12,9 +12,11 @@ from pxr import Usd
 from pipeline.scene.asset_roots import check_assets
 from pipeline.scene.check_camera import check_camera, check_sensor
 from pipeline.scene.check_dataset import check_checkerboard, check_dataset, check_only_dataset, find_dataset
+from pipeline.scene.check_focus import check_planes
 from pipeline.scene.check_glass import check_glass
+from pipeline.scene.check_groups import check_groups, check_place
 from pipeline.scene.check_layers import check_layers
-from pipeline.scene.check_lens import check_lens
+from pipeline.scene.check_lens import check_lens, check_nominal
 from pipeline.scene.check_microlenses import check_microlenses
 from pipeline.scene.check_poses import check_poses
 from pipeline.scene.check_prims import all_prims, check_dangling, check_prim
@@ -24,6 +26,8 @@ from pipeline.scene.problems import Problem
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
+    ("PlenLens", check_groups),
+    ("PlenLensGroup", check_place),
     ("PlenMicrolensArray", check_microlenses),
     ("PlenSensor", check_sensor),
     ("PlenCheckerboard", check_checkerboard),
@@ -42,18 +46,28 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     prims = all_prims(stage)
     for prim in prims:
         found += [*check_prim(prim), *check_properties(prim)]
-    for prim in prims:
-        if prim.IsActive() and not prim.IsAbstract():
-            found += _check_whole(prim)
+    for prim in _parts(prims):
+        found += _check_whole(prim)
     found += check_only_dataset(stage)
     if root := find_dataset(stage):
         found += check_dataset(root)
-        # Poses are computed from values that the checks so far have vouched for.
-        if not any(one.is_error for one in found):
-            found += check_poses(root)
+    if not any(one.is_error for one in found):
+        # What follows computes with values that the checks so far have vouched for.
+        for prim in _parts(prims):
+            found += check_nominal(prim) if prim.IsA("PlenLens") else []
+            found += check_planes(prim) if _is_camera(prim) else []
+        found += check_poses(root) if root else []
     return list(dict.fromkeys(found))
+
+
+def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
+    return [prim for prim in prims if prim.IsActive() and not prim.IsAbstract()]
+
+
+def _is_camera(prim: Usd.Prim) -> bool:
+    return bool(prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"))
 
 
 def _check_whole(prim: Usd.Prim) -> list[Problem]:
     found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
-    return found + (list(check_camera(prim)) if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI") else [])
+    return found + (list(check_camera(prim)) if _is_camera(prim) else [])

@@ -5,23 +5,27 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.camera.camera import Camera, CameraError, MicrolensArray
-from pipeline.camera.focus import foci
+from pipeline.camera.focus import foci, focused
 from pipeline.camera.report import gaps_mm
-from pipeline.camera.request import FocusRequest, sensor_distance, solved
+from pipeline.camera.request import FocusRequest, group_shift, sensor_distance, solved
 from pipeline.errors import PipelineError
 from pipeline.scene.places import problem
-from pipeline.scene.problems import Problem
-from pipeline.scene.reading import read_camera
+from pipeline.scene.problems import Problem, did_you_mean
+from pipeline.scene.reading import lens_groups, read_camera
 from pipeline.scene.values import read, target, target_paths
 
 _SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
+_GROUPS = "plen:camera:focusGroups"
 _TYPE, _MATCH = "plen:camera:focusType", "plen:camera:stopMatch"
 
 
 def check_request(camera: Usd.Prim) -> Iterator[Problem]:
     """Attributes of a Camera with PlenCameraAPI that contradict each other, or mean nothing without another one."""
     sensor, focus, kind, match = (camera.GetAttribute(name) for name in (_SENSOR, _FOCUS, _TYPE, _MATCH))
-    if sensor.HasAuthoredValue() and focus.HasAuthoredValue():
+    groups = camera.GetAttribute(_GROUPS)
+    if read(camera, _GROUPS):
+        yield from _check_groups(camera, groups)
+    elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
         message = f'"{_SENSOR}" and "{_FOCUS}" both say where the sensor stands'
         yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
     elif not (sensor.HasAuthoredValue() or focus.HasAuthoredValue()):
@@ -43,6 +47,20 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(kind, "focus-type", message)
 
 
+def _check_groups(camera: Usd.Prim, groups: Usd.Attribute) -> Iterator[Problem]:
+    """Focusing groups that the lens does not have, or that nothing tells where to go."""
+    for name in (_SENSOR, _FOCUS):
+        if not camera.GetAttribute(name).HasAuthoredValue():
+            message = f'"{_GROUPS}" needs "{name}": groups move for a focus distance before a sensor that stays'
+            yield problem(groups, "missing-value", message, hint="write it, or leave the groups out")
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    known = [group.GetName() for group in lens_groups(lens)] if lens else []
+    for name in read(camera, _GROUPS) if lens else ():
+        if name not in known:
+            hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
+            yield problem(groups, "focus-groups", f'"{name}" is no PlenLensGroup of the lens', hint=hint)
+
+
 def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
     """A focus out of reach; then warnings about what the microlenses see. Silent where something else is wrong."""
     if not target(camera, "plen:camera:sensor", "PlenSensor"):
@@ -52,7 +70,9 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
     except PipelineError:
         return  # a part is missing or wrong, and reported as that
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
-    if both or _bad_type(record):
+    if both and not read(camera, _GROUPS):
+        return
+    if (read(camera, _GROUPS) and any(_check_groups(camera, camera.GetAttribute(_GROUPS)))) or _bad_type(record):
         return
     found = _out_of_reach(record)
     if found:
@@ -77,6 +97,8 @@ def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | No
     try:
         if isinstance(record, FocusRequest):
             sensor_distance(record)
+            name = _GROUPS if record.focus_groups else _FOCUS
+            group_shift(record)
             name = _MATCH
             if record.microlenses:
                 solved(record)
@@ -85,6 +107,17 @@ def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | No
     except ArithmeticError:
         return name, CameraError("the lens has no first-order figures: it bends no light")
     return None
+
+
+def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
+    """A camera without errors from whose focus no near and far planes can be derived."""
+    try:
+        focused(read_camera(camera))
+    except CameraError as error:
+        name = _FOCUS if camera.GetAttribute(_FOCUS).HasAuthoredValue() else _SENSOR
+        yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)
+    except (PipelineError, ArithmeticError):
+        return  # a lens without power
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:

@@ -7,8 +7,9 @@ from itertools import pairwise
 
 from pxr import Usd
 
+from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
-from pipeline.optics.prescription import PrescriptionError, Surface
+from pipeline.optics.prescription import PrescriptionError, Surface, gaps_mm
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
 from pipeline.scene.reading import APERTURE_VALUES, ordered_surfaces, read_prescription, read_surface
@@ -16,7 +17,9 @@ from pipeline.scene.values import UnreadableValue, read
 
 # Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
-_HEIGHTS = 64
+_THIN = 1 / 200
+"""Least thickness of an element at its rim over its diameter without a warning: the thinnest of the published lenses in
+the library is 1/130."""
 _NOMINAL = 0.05
 """Largest relative deviation from the nominal focal length without a warning: names are round numbers."""
 
@@ -32,20 +35,22 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
         yield from _check_aperture(prim)
         yield from _check_shape(prim)
     for front, behind in pairwise(prims):
-        yield from _check_crossing(front, behind)
+        yield from _check_in_air(front, behind)
+        crossing = list(_check_crossing(front, behind))
+        yield from crossing or _check_rim(front, behind)
     last = _surface(prims[-1])
     if last and last.index != 1:
         message = f"the medium behind the last surface has index {last.index}, and only air (1) is supported yet"
         yield problem(prims[-1].GetAttribute("plen:index"), "not-yet-supported", message)
-    yield from _check_nominal(lens)
 
 
-def _check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
+def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
+    """A focal length far from the one by which a PlenLens without errors goes."""
     nominal_mm = read(lens, "plen:nominalFocalLength")
     try:
         efl_mm = first_order(read_prescription(lens)).efl_mm if nominal_mm and nominal_mm > 0 else None
-    except (PrescriptionError, UnreadableValue, ArithmeticError):
-        return  # reported already, or a lens without power
+    except (PipelineError, ArithmeticError):
+        return  # not named, or a lens without power
     if efl_mm is None or abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
         return
     off = f"its focal length is {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
@@ -116,18 +121,26 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
     except PrescriptionError as error:
         if "beyond" in error.what:
             yield problem(prim, "beyond-sphere", error.what)
+        elif "ideal thin lens" in error.what:
+            yield problem(prim.GetAttribute("plen:focalLength"), "ideal-lens", error.what, hint=error.hint)
         elif "obstruction" in error.what:
             yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
+
+
+def _check_in_air(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
+    first, second = _surface(front), _surface(behind)
+    if first and second and second.focal_length_mm is not None and first.index != 1:
+        message = (
+            f'"{behind.GetName()}", an ideal thin lens, stands in a medium of index {first.index:g}, and not in air'
+        )
+        yield problem(behind.GetAttribute("plen:focalLength"), "ideal-lens", message)
 
 
 def _check_crossing(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
     first, second = _surface(front), _surface(behind)
     if not first or not second:
         return
-    # Between spheres the gap changes monotonically from vertex to edge; aspheres may come closest in between.
-    edge = min(first.semi_diameter_mm, second.semi_diameter_mm)
-    heights = [edge * i / _HEIGHTS for i in range(1, _HEIGHTS + 1)]
-    gap, height = min((first.thickness_mm + second.sag_mm(h) - first.sag_mm(h), h) for h in heights)
+    gap, height = min(gaps_mm(first, second))
     if gap < -_TOUCH_MM:
         message = (
             f'surfaces "{front.GetName()}" and "{behind.GetName()}" cross: {first.thickness_mm:g} mm apart on the axis,'
@@ -135,3 +148,28 @@ def _check_crossing(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
         )
         hint = "enlarge the thickness or reduce a semi-diameter"
         yield problem(front.GetAttribute("plen:thickness"), "surfaces-cross", message, hint=hint)
+
+
+def _check_rim(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
+    """An element without glass, or with hardly any, at its rim."""
+    first, second = _surface(front), _surface(behind)
+    if not first or not second or first.index == 1:
+        return
+    widest = max(first.semi_diameter_mm, second.semi_diameter_mm)
+    # Outside of its clear aperture a surface may go on as it is or be ground flat, whichever leaves more glass.
+    flat = first.thickness_mm + second.sag_mm(second.semi_diameter_mm) - first.sag_mm(first.semi_diameter_mm)
+    try:
+        rim = max(flat, first.thickness_mm + second.sag_mm(widest) - first.sag_mm(widest))
+    except ValueError:  # a sphere ends before
+        rim = flat
+    if rim >= 2 * widest * _THIN:
+        return
+    what = f'the element between "{front.GetName()}" and "{behind.GetName()}" is'
+    if rim < -_TOUCH_MM:
+        message = f"{what} {-rim:.4g} mm short of glass at its rim, {widest:g} mm from the axis"
+        severity = "error"
+    else:
+        message = f"{what} {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
+        severity = "warning"
+    hint = "enlarge the thickness or reduce a semi-diameter"
+    yield problem(front.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)

@@ -4,10 +4,22 @@ from dataclasses import dataclass
 
 from pipeline.camera.camera import Camera, Sampling
 from pipeline.camera.request import FocusRequest
+from pipeline.optics.prescription import Prescription
 from pipeline.target.checkerboard import Checkerboard
 
 Matrix = tuple[tuple[float, ...], ...]
 """A 4 x 4 rigid transform, rows of a matrix that acts on column vectors, lengths in mm."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LensEntry:
+    """A lens alone; the fields mean what they mean in `CameraEntry`."""
+
+    name: str
+    lens_name: str
+    index_source: str
+    wavelength_nm: float
+    prescription: Prescription
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 from pipeline.scene.asset_roots import allowed_roots
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
-from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry
 from pipeline.scene.flatten import flattened
 from pipeline.scene.opening import open_stage
 from pipeline.scene.problems import Problem, StageError, shown_path
-from pipeline.scene.reading import read_camera_entries, read_dataset
+from pipeline.scene.reading import read_camera_entries, read_dataset, read_lens_entry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +28,15 @@ class Loaded:
         The composed stage as one text; empty if the stage has errors.
     cameras : tuple of CameraEntry
         Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
+    lens : LensEntry or None
+        The lens of a stage that is a lens alone.
     """
 
     dataset: Dataset | None
     problems: list[Problem]
     flattened: str
     cameras: tuple[CameraEntry, ...] = ()
+    lens: LensEntry | None = None
 
     @property
     def errors(self) -> list[Problem]:
@@ -65,6 +68,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
         problems=problems,
         flattened=flattened(stage),
         cameras=read_camera_entries(stage),
+        lens=read_lens_entry(stage),
     )
 
 

@@ -8,12 +8,12 @@ from pxr import Usd, UsdGeom
 from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
 from pipeline.camera.request import FocusRequest
 from pipeline.frames import VISION_FROM_CAMERA
-from pipeline.optics.prescription import Prescription, Surface
-from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Matrix, TargetEntry
+from pipeline.optics.prescription import Group, Prescription, Surface
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix, TargetEntry
 from pipeline.scene.media import index_source, with_indices
 from pipeline.scene.microlenses import read_microlenses
 from pipeline.scene.poses import inverse, product, world_from
-from pipeline.scene.values import need, read, target, targets
+from pipeline.scene.values import UnreadableValue, need, read, target, targets
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.units import mm_per_unit
 
@@ -90,6 +90,20 @@ def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
     return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
 
 
+def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
+    """The lens that is the default prim of a stage that passed the checks; None for any other stage."""
+    prim = stage.GetDefaultPrim()
+    if not prim or not prim.IsA("PlenLens"):
+        return None
+    return LensEntry(
+        name=prim.GetName(),
+        lens_name=need(prim, "plen:name") or prim.GetName(),
+        index_source=index_source(prim, ordered_surfaces(prim)),
+        wavelength_nm=need(prim, "plen:wavelength"),
+        prescription=read_prescription(prim),
+    )
+
+
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     """A camera of the dataset with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
@@ -126,10 +140,12 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     focus_mm, match_stop = read(prim, "plen:camera:focusDistance"), need(prim, "plen:camera:stopMatch") != "none"
     if focus_mm is None and not match_stop:
         return Camera(sensor_distance_mm=need(prim, "plen:camera:sensorDistance"), **parts)
+    groups = need(prim, "plen:camera:focusGroups")
     return FocusRequest(
-        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None else None,
+        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None or groups else None,
         focus_distance_mm=focus_mm,
         focus_type=read(prim, "plen:camera:focusType"),
+        focus_groups=groups,
         match_stop=match_stop,
         **parts,
     )
@@ -141,10 +157,33 @@ def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
     return [prim for prim in named if prim and prim.IsA("PlenSurface")]
 
 
+def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
+    """Groups of a lens, in stage order."""
+    return [prim for prim in lens.GetChildren() if prim.IsA("PlenLensGroup")]
+
+
 def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
     """A PlenLens at a wavelength; without one at the wavelength of its printed indices."""
     prims = ordered_surfaces(lens)
-    return Prescription(surfaces=with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm))
+    surfaces = with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm)
+    groups = [read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
+    return Prescription(surfaces=surfaces, groups=tuple(sorted(groups, key=lambda group: group.first)))
+
+
+def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
+    """A PlenLensGroup; `surfaces` are the names of those of its lens, in order."""
+    names = need(prim, "plen:surfaces")
+    first = surfaces.index(names[0]) if names and names[0] in surfaces else 0
+    if not names or list(names) != surfaces[first : first + len(names)]:
+        raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another")
+    return Group(
+        name=prim.GetName(),
+        first=first,
+        count=len(names),
+        decentre_mm=need(prim, "plen:decentre"),
+        tilt_deg=need(prim, "plen:tilt"),
+        pivot_mm=need(prim, "plen:pivot"),
+    )
 
 
 def read_surface(prim: Usd.Prim) -> Surface:
@@ -158,6 +197,9 @@ def read_surface(prim: Usd.Prim) -> Surface:
         conic=need(prim, "plen:conic"),
         even_coefficients=need(prim, "plen:evenCoefficients"),
         odd_coefficients=need(prim, "plen:oddCoefficients"),
+        focal_length_mm=read(prim, "plen:focalLength"),
+        decentre_mm=need(prim, "plen:decentre"),
+        tilt_deg=need(prim, "plen:tilt"),
         **_read_aperture(prim),
     )
 

@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Iterable
 from typing import Any
 
-from pxr import Sdf, Vt
+from pxr import Gf, Sdf, Vt
 
 from pipeline.optics.first_order import first_order
 from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
@@ -29,24 +29,23 @@ def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
     """
     prescription_of(lens)  # raises
     name = prim_name or identifier(lens.name)
-    layer = Sdf.Layer.CreateAnonymous(".usda")
-    root = layer.pseudoRoot
-    layer.defaultPrim = name
-    layer.documentation = lens_documentation(lens)
-    root.SetInfo("metersPerUnit", 0.001)
-    root.SetInfo("upAxis", "Y")
-    layer.timeCodesPerSecond = 24
-    fallback = Vt.TokenArray(["Scope"])
-    root.SetInfo("fallbackPrimTypes", {"PlenLens": fallback, "PlenSurface": fallback})
+    layer = new_layer(name, lens_documentation(lens), ("PlenLens", "PlenSurface"))
     prim = Sdf.PrimSpec(layer, name, Sdf.SpecifierDef, "PlenLens")
     prim.kind = "component"
+    write_lens(prim, lens)
+    return text_of(layer)
+
+
+def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
+    """Attributes and surfaces of a PlenLens."""
     names = surface_names(lens)
     _author(prim, "plen:name", Sdf.ValueTypeNames.String, lens.name)
+    if lens.nominal_efl_mm is not None and lens.nominal_efl_mm > 0:
+        _author(prim, "plen:nominalFocalLength", Sdf.ValueTypeNames.Double, lens.nominal_efl_mm)
     _author(prim, "plen:surfaceOrder", Sdf.ValueTypeNames.TokenArray, Vt.TokenArray(names))
     _author(prim, "plen:wavelength", Sdf.ValueTypeNames.Double, lens.wavelength_nm)
     for child, surface in zip(names, lens.surfaces, strict=True):
         _write_surface(Sdf.PrimSpec(prim, child, Sdf.SpecifierDef, "PlenSurface"), surface)
-    return layer.ExportToString().rstrip("\n") + "\n"
 
 
 def lens_documentation(lens: PrintedLens) -> str:
@@ -57,7 +56,7 @@ def lens_documentation(lens: PrintedLens) -> str:
         f" f/{abs(found.f_number):.2f}."
     )
     figures = f"{_nominal(lens)} {computed}"
-    return "\n\n".join(_filled([f"{lens.name}.", *lens.provenance, figures]))
+    return filled([f"{lens.name}.", *lens.provenance, figures])
 
 
 def surface_names(lens: PrintedLens) -> list[str]:
@@ -81,13 +80,41 @@ def _nominal(lens: PrintedLens) -> str:
     return f"Nominal: {', '.join(known)}." if known else "The source states neither EFL nor BFD."
 
 
-def _filled(paragraphs: Iterable[str]) -> list[str]:
-    return [textwrap.fill(text, _DOC_WIDTH, break_long_words=False, break_on_hyphens=False) for text in paragraphs]
+def filled(paragraphs: Iterable[str]) -> str:
+    """Paragraphs as the documentation of a layer."""
+    lines = [textwrap.fill(text, _DOC_WIDTH, break_long_words=False, break_on_hyphens=False) for text in paragraphs]
+    return "\n\n".join(lines)
+
+
+def new_layer(name: str, documentation: str, types: Iterable[str]) -> Sdf.Layer:
+    """A new layer in millimetres with its default prim, and types that USD without our plug-in knows."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.defaultPrim = name
+    layer.documentation = documentation
+    layer.pseudoRoot.SetInfo("metersPerUnit", 0.001)
+    layer.pseudoRoot.SetInfo("upAxis", "Y")
+    layer.timeCodesPerSecond = 24
+    fallback = Vt.TokenArray(["Scope"])
+    layer.pseudoRoot.SetInfo("fallbackPrimTypes", dict.fromkeys(types, fallback))
+    return layer
+
+
+def text_of(layer: Sdf.Layer) -> str:
+    """A layer as USD itself would write it."""
+    return str(layer.ExportToString().rstrip("\n") + "\n")
 
 
 def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
     if surface.abbe is not None:
         _author(prim, "plen:abbe", Sdf.ValueTypeNames.Double, surface.abbe)
+    _write_aperture(prim, surface)
+    if surface.conic:
+        _author(prim, "plen:conic", Sdf.ValueTypeNames.Double, surface.conic)
+    for name, first in (("plen:evenCoefficients", 2), ("plen:oddCoefficients", 3)):
+        if coefficients := surface.coefficients(first):
+            _author(prim, name, Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(coefficients))
+    if surface.focal_length_mm is not None:
+        _author(prim, "plen:focalLength", Sdf.ValueTypeNames.Double, surface.focal_length_mm)
     if surface.glass:
         _author(prim, "plen:glass", Sdf.ValueTypeNames.String, surface.glass)
     _author(prim, "plen:index", Sdf.ValueTypeNames.Double, surface.index)
@@ -96,6 +123,21 @@ def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
     _author(prim, "plen:radius", Sdf.ValueTypeNames.Double, surface.radius_mm)
     _author(prim, "plen:semiDiameter", Sdf.ValueTypeNames.Double, surface.semi_diameter_mm)
     _author(prim, "plen:thickness", Sdf.ValueTypeNames.Double, surface.thickness_mm)
+
+
+def _write_aperture(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
+    if surface.half_widths_mm is not None:
+        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "rectangular")
+        _author(prim, "plen:halfWidths", Sdf.ValueTypeNames.Double2, Gf.Vec2d(*surface.half_widths_mm))
+        if surface.aperture_rotation_deg:
+            _author(prim, "plen:apertureRotation", Sdf.ValueTypeNames.Double, surface.aperture_rotation_deg)
+    elif surface.inner_semi_diameter_mm:
+        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "annular")
+        _author(prim, "plen:innerSemiDiameter", Sdf.ValueTypeNames.Double, surface.inner_semi_diameter_mm)
+    elif surface.blades:
+        _author(prim, "plen:apertureShape", Sdf.ValueTypeNames.Token, "polygonal")
+        _author(prim, "plen:apertureRotation", Sdf.ValueTypeNames.Double, surface.aperture_rotation_deg)
+        _author(prim, "plen:blades", Sdf.ValueTypeNames.Int, surface.blades)
 
 
 def _author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.request import FocusRequest, solved
+from pipeline.camera.request import FocusRequest, group_shift, solved
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.records import to_plain
@@ -57,6 +57,8 @@ def labels_of(entry: CameraEntry) -> dict[str, Any]:
         labels["focus_request"] = {
             "focus_distance_mm": asked.focus_distance_mm,
             "focus_type": None if asked.focus_distance_mm is None else asked.type,
+            "focus_groups": list(asked.focus_groups),
+            "group_shift_mm": group_shift(asked) if asked.focus_groups else None,
             "stop_match": "microlenses" if asked.match_stop else "none",
         }
     return labels

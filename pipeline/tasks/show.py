@@ -1,22 +1,29 @@
 """What `pipeline show` says of a camera: the same records and figures as a build, without a build."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.curves import field_curves
+from pipeline.camera.camera import Camera, CameraError, Sensor
+from pipeline.camera.curves import FieldCurves, field_curves
 from pipeline.camera.focus import focused, middle_focus
+from pipeline.camera.report import lens_report
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import json_bytes
+from pipeline.optics.first_order import first_order
 from pipeline.report import drawing, text
-from pipeline.scene.dataset import CameraEntry
+from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
 from pipeline.scene.problems import Problem, StageError, did_you_mean, shown_path
-from pipeline.tasks.first_order import document
+from pipeline.tasks.first_order import CONVENTIONS, document
 from pipeline.tasks.graph import labels_of
+
+_CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
+"""Of the sensor before which a lens alone is shown: half its diagonal over the focal length, the first with a chief ray
+in its corners, and pixels along an edge."""
 
 
 @dataclass(frozen=True)
@@ -43,26 +50,89 @@ class Shown:
         """Contents of camera.json."""
         return document(labels_of(self.entry), self.camera)
 
+    @cached_property
+    def curves(self) -> FieldCurves:
+        """Illumination and distortion over the field."""
+        return field_curves(self.camera, middle_focus(self.camera))
+
     def json(self) -> str:
-        """The text of camera.json."""
-        return json_bytes(self.document).decode()
+        """What camera.json says, and the curves."""
+        return json_bytes({**self.document, "field_curves": self.curves.to_plain()}).decode()
 
     def page(self) -> list[str]:
         """Lines for a terminal."""
-        return text.page(self.entry.name, self.document, field_curves(self.camera, middle_focus(self.camera)))
+        return text.page(self.entry.name, self.document, self.curves)
 
     def plot(self, path: Path) -> None:
         """Write the drawing of the lens."""
         path.write_text(drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}"), encoding="utf-8")
 
 
-def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Shown:
-    """The camera of a stage, of a dataset or of a rig alone.
+@dataclass(frozen=True)
+class ShownLens:
+    """The lens of a stage that holds nothing else; attributes as those of `Shown`."""
+
+    entry: LensEntry
+    warnings: list[Problem]
+
+    @property
+    def camera(self) -> Camera | None:
+        """The lens with a square sensor in its rear focus; None without a real image, or without a chief ray."""
+        return self._seen[0]
+
+    @property
+    def curves(self) -> FieldCurves | None:
+        """Illumination and distortion over the field, for objects at infinity."""
+        return self._seen[1]
+
+    @cached_property
+    def _seen(self) -> tuple[Camera, FieldCurves] | tuple[None, None]:
+        lens = first_order(self.entry.prescription)
+        if not (0 < lens.efl_mm < math.inf and lens.bfd_mm > 0):
+            return None, None
+        parts: dict[str, Any] = {
+            "prescription": self.entry.prescription,
+            "sensor_distance_mm": -lens.rear_focus_mm,
+        }
+        for corner in _CORNERS:
+            pitch_mm = corner * lens.efl_mm * math.sqrt(2) / _PIXELS
+            camera = Camera(sensor=Sensor(width_px=_PIXELS, height_px=_PIXELS, pitch_mm=pitch_mm), **parts)
+            try:
+                return camera, field_curves(camera, math.inf)
+            except CameraError:
+                continue  # no chief ray there
+        return None, None
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """Figures of the lens."""
+        head = {"name": self.entry.lens_name, "index_source": self.entry.index_source}
+        lens = {**head, **lens_report(self.entry.prescription)}
+        return {"conventions": CONVENTIONS, "wavelengths_nm": [self.entry.wavelength_nm], "lens": lens}
+
+    def json(self) -> str:
+        """The document and the curves."""
+        curves = self.curves.to_plain() if self.curves else None
+        return json_bytes({**self.document, "field_curves": curves}).decode()
+
+    def page(self) -> list[str]:
+        """Lines for a terminal."""
+        return text.lens_page(self.document, self.curves)
+
+    def plot(self, path: Path) -> None:
+        """Write the drawing of the lens."""
+        if self.camera is None:
+            raise UsageError("a lens without a real image cannot be drawn")
+        path.write_text(drawing.svg(self.camera, self.entry.lens_name, film="rear focus"), encoding="utf-8")
+
+
+def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Shown | ShownLens:
+    """The camera of a stage, of a dataset or of a rig alone; or the lens of a stage that is one.
 
     Raises
     ------
     StageError
-        The stage does not pass `check`, or holds no camera.
+        The stage does not pass `check`, or holds neither camera nor lens.
     UsageError
         There is no camera of that name, or several and none is named.
     """
@@ -70,8 +140,10 @@ def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str 
     if loaded.errors:
         raise StageError(loaded.problems)
     names = [entry.name for entry in loaded.cameras]
+    if not names and loaded.lens and camera is None:
+        return ShownLens(loaded.lens, loaded.problems)
     if not names:
-        hint = "name a dataset or a rig; a camera is a Camera with PlenCameraAPI"
+        hint = "name a dataset, a rig or a lens; a camera is a Camera with PlenCameraAPI"
         file = shown_path(Path(path).resolve())
         raise StageError([Problem(code="no-camera", message="the stage holds no camera", file=file, line=1, hint=hint)])
     if camera is None and len(names) > 1:

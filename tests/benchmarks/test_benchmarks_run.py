@@ -19,13 +19,13 @@ def output_of(script: str, folder: Path) -> str:
     return done.stdout
 
 
-def test_the_race_reports_a_rate_per_lens_with_batoid_or_without(tmp_path: Path) -> None:
-    """Two lenses, four shapes and two cameras, each with rays per second; about three quarters of rays pass at f/2."""
+def test_the_race_reports_a_rate_per_lens_with_peers_or_without(tmp_path: Path) -> None:
+    """Three races, six shapes and two cameras, each with rays per second; about three quarters of rays pass at f/2."""
     text = output_of("trace.py", tmp_path)
-    assert len(re.findall(r"packets +[\d.e+]+ rays/s \(best", text)) == 2
-    assert len(re.findall(r"ray-surfaces/s, costs [\d.]+ spheres, passing: 100.00%", text)) == 4
+    assert len(re.findall(r"packets +[\d.e+]+ rays/s \(best", text)) == 3
+    assert len(re.findall(r"ray-surfaces/s, costs [\d.]+ spheres, passing: 100.00%", text)) == 6
     assert len(re.findall(r"tiny_\w+, 64 samples +[\d.e+]+ rays/s", text)) == 2
-    assert [round(float(share)) for share in re.findall(r"([\d.]+)% pass", text)] == [77, 75]
+    assert [round(float(share)) for share in re.findall(r"([\d.]+)% pass", text)] == [77, 75, 77]
 
 
 def test_both_methods_agree_with_solutions_that_know_no_grid(tmp_path: Path) -> None:

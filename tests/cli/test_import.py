@@ -54,3 +54,12 @@ def test_a_wrong_file_ends_with_2_and_writes_nothing(pipeline, tmp_path):
     assert not (tmp_path / "b.usda").exists()
     code, _, log = pipeline("import", "lens", "none.zmx")
     assert code == 2 and log.startswith("error: none.zmx: No such file")
+
+
+def test_a_camera_goes_to_a_new_rig_and_a_lens_table_is_told_from_it(pipeline, tmp_path):
+    (tmp_path / "cam.csv").write_text("prop_wavelength;587.6\n")
+    code, _, log = pipeline("import", "lens", "cam.csv")
+    assert code == 2 and "pipeline import camera FILE" in log
+    code, _, log = pipeline("import", "camera", "cam.csv", "--lens", "none.csv")
+    assert code == 2 and log.startswith("error: none.csv: No such file")
+    assert pipeline("import", "camera", "a.dat")[0] == 2

@@ -1,6 +1,8 @@
 """`pipeline show`: the figures of a camera, as a table, as JSON, as a drawing."""
 
+import dataclasses
 import json
+import math
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -9,10 +11,16 @@ import pytest
 
 import pipeline as package
 from pipeline import cli
+from pipeline.camera.camera import Camera
 from pipeline.engine.perform import ONE_THREAD
+from pipeline.files.jsonfile import json_bytes
+from pipeline.report.drawing import bundle
+from pipeline.scene.load import load
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = str(ROOT / "stages/rigs/plenoptic_michels_2019.usda")
+LENS = str(ROOT / "stages/lenses/double_gauss_100mm_tronnier.usda")
+SVG = "{http://www.w3.org/2000/svg}"
 TINY = str(ROOT / "tests/data/tiny_plenoptic/dataset.usda")
 
 
@@ -59,8 +67,10 @@ def test_json_is_what_a_build_writes_into_camera_json(pipeline, tmp_path, monkey
     package.build(TINY, tmp_path / "out", jobs=1, until=["first_order/Rig.Camera"])
     code, text, _ = pipeline("show", TINY, "Rig.Camera", "--json")
     stored = [path.read_bytes() for path in (tmp_path / "store").rglob("*") if path.is_file()]
-    assert code == 0 and text.encode() in stored
     figures = json.loads(text)
+    curves = figures.pop("field_curves")
+    assert code == 0 and json_bytes(figures) in stored
+    assert len(curves["distortion"]) == len(curves["relative_illumination"]) == 11
     assert figures["mla"]["depth_of_field_gaps_mm"] == []
     assert len(figures["field_of_view_deg"]) == 3
 
@@ -78,6 +88,40 @@ def test_a_drawing_is_svg_with_rays_that_reach_the_sensor(pipeline, tmp_path):
     assert len(ends) == 1
     words = {text.text for text in root.findall("{http://www.w3.org/2000/svg}text")}
     assert {"stop", "sensor", "MLA", "0 mm"} <= words
+
+
+def test_a_lens_alone_shows_its_figures_its_curves_and_a_drawing(pipeline, tmp_path):
+    """Tronnier 100 mm: EFL 100.7163 and BFD 72.2118 mm, pupils 6.123 behind and 5.233 mm before the stop."""
+    code, page, _ = pipeline("show", LENS, "--plot", "lens.svg")
+    assert code == 0 and page.startswith("Tronnier double Gauss 100 mm f/2, for objects at infinity")
+    assert re.search(r"effective focal length +100\.716 mm", page)
+    assert re.search(r"back focal distance +72\.212 mm", page)
+    assert re.search(r"entrance pupil +-6\.123 mm", page) and re.search(r"exit pupil +5\.233 mm", page)
+    rows = [list(map(float, line.split())) for line in page.split("distortion [%]")[1].splitlines() if line]
+    assert len(rows) == 11 and rows[-1][0] == pytest.approx(0.2 * 100.716, rel=1e-4)
+    words = [text.text for text in ElementTree.parse(tmp_path / "lens.svg").getroot().iter(f"{SVG}text")]
+    assert "rear focus" in words and "sensor" not in words
+    figures = json.loads(pipeline("show", LENS, "--json")[1])
+    assert figures["lens"]["efl_mm"] == pytest.approx(100.7163, rel=0, abs=0.5001e-4)
+    assert len(figures["field_curves"]["angle_deg"]) == 11
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "stages/lenses").glob("*.usda")), ids=lambda path: path.stem)
+def test_every_lens_of_the_library_can_be_shown(pipeline, path):
+    code, page, log = pipeline("show", str(path), "--plot", "lens.svg")
+    assert (code, log) == (0, "wrote lens.svg\n") and "nan" not in page
+
+
+@pytest.mark.parametrize("offset_mm", [-0.7, 0.9])
+def test_the_drawing_shows_the_sensor_where_it_stands(offset_mm):
+    """Rays meet its centre and its far edge, which the offset of the axis moves; aberrations are a few µm."""
+    camera = load(ROOT / "stages/rigs/conventional_100mm.usda").cameras[0].camera
+    assert isinstance(camera, Camera)
+    moved = dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor, offset_y_mm=offset_mm))
+    for field, height in ((0.0, -offset_mm), (1.0, -offset_mm + math.copysign(2.4, -offset_mm))):
+        ends = [ray[-1] for ray in bundle(moved, field, -60.0)]
+        assert len(ends) == 7
+        assert all(x == camera.sensor_distance_mm and y == pytest.approx(height, rel=0, abs=0.01) for x, y in ends)
 
 
 def test_a_rig_that_asks_for_focus_and_a_matched_stop_shows_what_solves_it(pipeline, tmp_path):

@@ -2,7 +2,7 @@
 
 import math
 
-from pipeline.optics.prescription import Prescription
+from pipeline.optics.prescription import Prescription, Surface
 
 D_UM = 0.5875618
 
@@ -14,11 +14,20 @@ def zemax(lens: Prescription, encoding: str = "utf-16", unit: str = "MM") -> byt
     lines += ["ENPD 1.0E+1", "GCAT SCHOTT MISC", f"WAVM 1 {D_UM} 1.0E+0", "FTYP 0 0 1 1 0 0 0"]
     lines += ["SURF 0", "  TYPE STANDARD", "  CURV 0.0", "  DISZ INFINITY"]
     for i, s in enumerate(lens.surfaces, 1):
-        lines += [f"SURF {i}", *(["  STOP"] if s.is_stop else []), "  TYPE STANDARD"]
+        powers = _powers(s)
+        kind = "STANDARD" if not powers else "EVENASPH" if all(p % 2 == 0 for p in powers) else "ODDASPHE"
+        lines += [f"SURF {i}", *(["  STOP"] if s.is_stop else []), f"  TYPE {kind}"]
         lines += [f"  CURV {s.curvature_per_mm * mm!r} 0 0 0 0", f"  DISZ {s.thickness_mm / mm!r}"]
+        lines += [f"  CONI {s.conic!r}"] if s.conic else []
+        step = 2 if kind == "EVENASPH" else 1
+        lines += [f"  PARM {p // step} {a * mm ** (p - 1)!r}" for p, a in powers.items()]
         if s.index != 1:
             lines.append(f"  GLAS ___BLANK 1 0 {s.index!r} 5.0E+1 0 0 0 0 0 0")
         lines.append(f"  DIAM {s.semi_diameter_mm / mm!r} 1 0 0 1")
+        if s.inner_semi_diameter_mm:
+            lines.append(f"  OBSC 0 {s.inner_semi_diameter_mm / mm!r} 0")
+        if s.half_widths_mm:
+            lines.append(f"  SQAP {s.half_widths_mm[0] / mm!r} {s.half_widths_mm[1] / mm!r} 0")
     lines += [f"SURF {len(lens.surfaces) + 1}", "  TYPE STANDARD", "  CURV 0.0", "  DISZ 0", "  DIAM 4.3 0 0 0 1"]
     return ("\r\n".join(lines) + "\r\n").encode(encoding)
 
@@ -32,8 +41,22 @@ def codev(lens: Prescription, curvatures: bool = False) -> bytes:
         digits = f"{s.index!r}"[2:].ljust(6, "0")
         glass = f" {digits}.500000" if s.index != 1 else ""
         lines += [f"S {shape!r} {s.thickness_mm!r}{glass}", *(["  STO"] if s.is_stop else [])]
+        powers = _powers(s)
+        lines += ["  ASP" if powers else "  CON", f"  K {s.conic!r}"] if powers or s.conic else []
+        lines += [f"  {'ABCDEFGHJ'[p // 2 - 2]} {a!r}; AC 100" for p, a in powers.items()]
         lines.append(f"  CIR {s.semi_diameter_mm!r}; CCY 0")
+        if s.inner_semi_diameter_mm:
+            lines.append(f"  CIR OBS {s.inner_semi_diameter_mm!r}")
+        if s.half_widths_mm:
+            lines.append(f"  REX {s.half_widths_mm[0]!r}; REY {s.half_widths_mm[1]!r}; ARO {s.aperture_rotation_deg!r}")
     return ("\n".join([*lines, "SI 0.0 0.0", "GO"]) + "\n").encode()
+
+
+def _powers(surface: Surface) -> dict[int, float]:
+    """Coefficients of an asphere by their powers, without zeros."""
+    even, odd = surface.even_coefficients, surface.odd_coefficients
+    terms = {2 * i + 2: a for i, a in enumerate(even)} | {2 * i + 3: a for i, a in enumerate(odd)}
+    return {power: a for power, a in sorted(terms.items()) if a}
 
 
 def pbrt(lens: Prescription, spacing: str = "after") -> bytes:

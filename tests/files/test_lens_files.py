@@ -1,8 +1,10 @@
 """Lenses of the library go through the formats of other programs and come back as the same rays."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from pipeline.files.lenses.text import UnreadableLens
 from pipeline.importing import import_lens, write_stage
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.prescription import Prescription
+from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_sensor
 from pipeline.scene.reading import read_prescription
 
@@ -110,7 +112,7 @@ def zmx(*surface: str) -> str:
 
 def test_zemax_names_what_it_cannot_keep(tmp_path: Path) -> None:
     waves = "FTYP 0 0 1 2 0\nWAVM 1 0.4861 1\nWAVM 2 0.5876 1\nWAVM 3 0.55 1\n"
-    text = "COAT_FILE x\nVDYN 0.1 0\n" + waves + zmx("  SQAP 3 3").replace("DIAM 5 1", "DIAM 5 0") + "EFLY 1 43 0\n"
+    text = "COAT_FILE x\nVDYN 0.1 0\n" + waves + zmx("  ELAP 3 3").replace("DIAM 5 1", "DIAM 5 0") + "EFLY 1 43 0\n"
     lost = {one.what.split(":")[0].split(" nm")[0]: one.line for one in read(tmp_path, "a.zmx", text).lost}
     assert lost["COAT_FILE is not read"] == 1
     assert lost["VDYN"] == 2
@@ -177,16 +179,70 @@ def test_numbers_beside_a_zemax_glass_that_are_not_its_own_are_named(tmp_path: P
 
 def test_a_circular_aperture_of_zemax_stands_above_the_semi_diameter(tmp_path: Path) -> None:
     lens = read(tmp_path, "a.zmx", zmx("  CLAP 1 7.5 0"))
-    assert lens.surfaces[0].semi_diameter_mm == 7.5
-    assert "surface 1: the inner edge of a ring" in [one.what for one in lens.lost]
+    assert (lens.surfaces[0].semi_diameter_mm, lens.surfaces[0].inner_semi_diameter_mm) == (7.5, 1)
 
 
-def test_an_even_asphere_is_read_and_not_written_yet(tmp_path: Path) -> None:
+def aspheric(**first: Any) -> Prescription:
+    """A singlet before its stop, with a conic asphere in front and a conic behind; `first` changes the front."""
+    front = {"conic": -0.6, "even_coefficients": (0.0, -3e-6, 2e-9, 0.0, 1e-14), **first}
+    return Prescription(
+        surfaces=(
+            Surface(radius_mm=30.0, thickness_mm=6.0, semi_diameter_mm=12.0, index=1.5, **front),
+            Surface(radius_mm=-80.0, thickness_mm=4.0, semi_diameter_mm=12.0, conic=-2.5),
+            Surface(semi_diameter_mm=8.0, is_stop=True, inner_semi_diameter_mm=2.0),
+        )
+    )
+
+
+ASPHERES = {
+    "even": aspheric(),
+    "vertex": aspheric(even_coefficients=(2e-3, -3e-6)),
+    "odd": aspheric(odd_coefficients=(1e-5, 0.0, -2e-9)),
+    "rectangle": aspheric(half_widths_mm=(9.0, 6.0)),
+}
+KEPT = [(kind, name) for kind in FORMATS for name in ASPHERES if "zemax" in kind]
+KEPT += [(kind, name) for kind in FORMATS for name in ("even", "rectangle") if "codev" in kind]
+
+
+@pytest.mark.parametrize(("kind", "name"), KEPT)
+def test_conics_aspheres_and_apertures_come_back_as_the_same_rays(kind: str, name: str, tmp_path: Path) -> None:
+    file_name, writer = FORMATS[kind]
+    lens, source, out = ASPHERES[name], tmp_path / file_name, tmp_path / "lens.usda"
+    source.write_bytes(writer(lens))
+    assert write_stage(import_lens(source).text, out) == []
+    (position, direction, alive), again = rays(lens), rays(stage_prescription(out))
+    spheres = rays(Prescription(surfaces=tuple(replace(s, conic=0, even_coefficients=()) for s in lens.surfaces)))
+    through = alive == 1
+    assert through.sum() > 100 and not through.all() and np.array_equal(alive, again[2])
+    assert np.abs(spheres[0] - position)[through].max() > 1e3 * ROUND_TRIP_MM  # the terms matter
+    np.testing.assert_allclose(again[0][through], position[through], rtol=0, atol=ROUND_TRIP_MM)
+    np.testing.assert_allclose(again[1][through], direction[through], rtol=0, atol=ROUND_TRIP_MM)
+
+
+def test_the_unit_of_a_coefficient_is_a_power_of_the_unit_of_the_file(tmp_path: Path) -> None:
     text = zmx("  TYPE EVENASPH", "  CONI -0.5", "  PARM 1 0", "  PARM 2 1e-6").replace("UNIT MM", "UNIT CM")
     first, *_ = read(tmp_path, "a.zmx", text).surfaces
     assert (first.conic, first.asphere) == (-0.5, ((4, 1e-6 * 10.0**-3),))
-    with pytest.raises(UnreadableLens, match=r"surface 1: conic constant -0.5 .*terms r\^4"):
+
+
+def test_a_tip_at_the_vertex_is_refused(tmp_path: Path) -> None:
+    read(tmp_path, "a.zmx", zmx("  TYPE ODDASPHE", "  PARM 1 1e-3"))
+    with pytest.raises(UnreadableLens, match=r"surface 1: the term r\^1 of its asphere makes the vertex a tip"):
         import_lens(tmp_path / "a.zmx")
+
+
+def test_a_rectangle_alone_decides_how_far_a_surface_reaches(tmp_path: Path) -> None:
+    """An automatic semi-diameter of Zemax is a drawing; CODE V needs both sides of the rectangle."""
+    text = zmx("  SQAP 3 4 0").replace("DIAM 9 1\n  SQAP", "DIAM 2 0\n  SQAP")
+    first, *_ = read(tmp_path, "a.zmx", text).surfaces
+    assert (first.semi_diameter_mm, first.half_widths_mm) == (5, (3, 4))
+    said = refused(tmp_path, "a.seq", SEQ.replace("S 0 2", "REX 3\nS 0 2"))
+    assert said == "a.seq:6: surface 1 has REX, and a rectangle needs REX and REY"
+
+
+def test_obstructions_that_leave_a_hole_are_named(tmp_path: Path) -> None:
+    lost = [one.what for one in read(tmp_path, "a.zmx", zmx("  OBSC 1 2 0")).lost]
+    assert "surface 1: an obstruction from 1 to 2, which leaves a hole inside" in lost
 
 
 SEQ = "RDM\nDIM M\nEPD 10\nYAN 0 14\nSO 0 1e13\nS 50 4 620410.603236\nS 0 2\nS 0 90\n  STO\nSI 0 -0.4\nGO\n"
@@ -295,7 +351,7 @@ def test_blender_refuses_with_file_and_line(old: str, new: str, said: str, tmp_p
 
 def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     assert "known are .zmx" in refused(tmp_path, "a.zar", "x")
-    assert "a thin main lens" in refused(tmp_path, "camera.js", "{}")
+    assert "a camera of libpleno" in refused(tmp_path, "camera.js", "{}")
     assert "a camera of the add-on" in refused(tmp_path, "a.csv", "prop_wavelength;587.6\n")
     assert refused(tmp_path, "a.zmx", b"PK\0\1").startswith("a.zmx: is no text")
     assert "for lens tables of pbrt" in refused(tmp_path, "a.zmx", zmx(), spacing="after")

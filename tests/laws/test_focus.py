@@ -1,16 +1,21 @@
 """Claim: a camera that is asked to focus, or to match its stop, does so; what it cannot do is named with its reach."""
 
 import dataclasses
+import itertools
 import math
 
+import numpy as np
 import pytest
 from laws import rigs
+from tolerances import ORDER
 
 from pipeline.camera.camera import Camera, CameraError, Sensor
 from pipeline.camera.focus import foci, focused
 from pipeline.camera.report import report
 from pipeline.camera.request import FocusRequest, reachable, sensor_distance, solved
 from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import towards_sensor
 from pipeline.records import from_plain, to_plain
 
 SENSOR = Sensor(width_px=64, height_px=48, pitch_mm=0.01)
@@ -90,6 +95,44 @@ def test_what_lies_within_reach_is_solved_and_what_lies_beyond_is_refused_with_t
 def test_a_conventional_camera_reaches_from_its_front_focus_to_infinity() -> None:
     near, far = reachable(conventional(400.0))
     assert near == first_order(rigs.tronnier()).front_focus_mm and far == math.inf
+
+
+def test_at_infinity_the_sensor_stands_in_the_rear_focus() -> None:
+    """Parallel real rays close to the axis meet there: their miss falls with the third power of the height."""
+    asked = dataclasses.replace(conventional(math.inf), near_mm=1e3, far_mm=2e3)
+    camera = focused(asked)
+    assert foci(camera)[0].focus_distance_mm == math.inf
+    assert camera.sensor_distance_mm == -first_order(camera.prescription).rear_focus_mm
+    misses = [parallel_miss(camera, height) for height in (2.0, 1.0, 0.5)]
+    for coarse, fine in itertools.pairwise(misses):
+        assert math.log2(coarse / fine) == pytest.approx(3, rel=0, abs=ORDER)
+
+
+def parallel_miss(camera: Camera, height_mm: float) -> float:
+    """Where a ray that enters parallel to the axis meets the sensor [mm]."""
+    position = np.array([[0.0, height_mm, camera.prescription.vertices_from_stop_mm[0] - 10]])
+    direction, alive = np.array([[0.0, 0.0, 1.0]]), np.ones(1)
+    trace_rays(towards_sensor(camera.prescription), position, direction, alive)
+    slope = direction[0, 1] / direction[0, 2]
+    return abs(float(position[0, 1] + slope * (camera.sensor_distance_mm - position[0, 2])))
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+def test_a_microlens_type_sees_infinity_with_its_virtual_object_in_the_rear_focus(kind: int) -> None:
+    """The virtual object lies f B / (f - B) behind the array."""
+    camera = solved(plenoptic(math.inf, focus_type=kind))
+    assert foci(camera)[kind].focus_distance_mm == math.inf
+    focal, array = camera.microlenses.focal_lengths_mm[kind], camera.microlenses
+    film = camera.sensor_distance_mm - array.distance_mm
+    behind = focal * array.distance_mm / (focal - array.distance_mm)
+    assert film + behind == pytest.approx(-first_order(camera.prescription).rear_focus_mm, rel=0, abs=1e-12)
+
+
+def test_infinity_is_refused_where_the_array_would_lie_in_the_lens() -> None:
+    short = dataclasses.replace(rigs.michels_array(3.0), focal_lengths_mm=(1.73,))
+    with pytest.raises(CameraError, match="brings infinity into focus") as caught:
+        solved(plenoptic(math.inf, microlenses=short))
+    assert "within reach: distances between" in caught.value.hint
 
 
 def test_microlenses_one_focal_length_before_the_sensor_cannot_be_asked_to_focus() -> None:

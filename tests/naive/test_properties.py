@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.frames import apply, inverse, rigid, rotation_vector
-from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records import from_plain, to_plain
 from pipeline.truth.grid import fine_from_image, image_from_fine
 
@@ -55,11 +55,14 @@ def cameras(draw: st.DrawFn) -> Camera:
                 thickness_mm=st.floats(0.0, 20.0),
                 semi_diameter_mm=st.floats(0.1, 49.0),
                 index=st.floats(1.0, 2.0),
+                decentre_mm=st.tuples(metres, metres),
+                tilt_deg=st.tuples(st.floats(-89, 89), st.floats(-89, 89)),
             ),
             max_size=4,
         )
     )
     surfaces.insert(draw(st.integers(0, len(surfaces))), Surface(semi_diameter_mm=draw(positive), is_stop=True))
+    group = st.builds(Group, name=st.text(), first=st.just(0), count=st.just(1), pivot_mm=metres)
     array = st.builds(
         MicrolensArray,
         pitch_mm=positive,
@@ -77,7 +80,7 @@ def cameras(draw: st.DrawFn) -> Camera:
         offset_x_mm=metres,
     )
     return Camera(
-        prescription=Prescription(surfaces=tuple(surfaces)),
+        prescription=Prescription(surfaces=tuple(surfaces), groups=draw(st.just(()) | st.tuples(group))),
         sensor=draw(sensor),
         sensor_distance_mm=draw(st.floats(150.0, 900.0)),
         microlenses=draw(st.none() | array),

@@ -250,7 +250,8 @@ def test_focus_as_intent_is_solved_by_the_focus_task_and_undoing_it_reruns_nothi
     ran = plenoptic.run()
     assert ran["focus"] == ran["rays"] == ran["first_order"] == 1
     figures = json.loads((plenoptic.out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
-    assert figures["focus_request"] == {"focus_distance_mm": 420, "focus_type": 1, "stop_match": "microlenses"}
+    request = {"focus_distance_mm": 420, "focus_type": 1, "stop_match": "microlenses"}
+    assert figures["focus_request"] == {**request, "focus_groups": [], "group_shift_mm": None}
     assert figures["mla"]["types"][1]["focus_distance_mm"] == pytest.approx(420, rel=0, abs=1e-9)
     assert figures["mla"]["f_number_mismatch"] == pytest.approx(1, rel=1e-12)
     assert figures["sensor_distance_mm"] > 125

@@ -17,7 +17,7 @@ from pipeline.scene.problems import Problem, StageError
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests/data/bad").glob("*.usda"))
-WARNINGS = {"up-axis", "normalised", "depth-gap", "mixed-microlenses", "focal-length"}
+WARNINGS = {"up-axis", "normalised", "depth-gap", "mixed-microlenses", "focal-length", "rim-thickness"}
 
 
 @pytest.fixture(autouse=True)

@@ -23,7 +23,7 @@ def name_of(path):
 
 
 def test_there_is_a_library_and_two_examples():
-    assert len(LIBRARY) == 31
+    assert len(LIBRARY) == 35
     assert [path.parent.name for path in EXAMPLES] == ["01_conventional", "02_plenoptic"]
 
 

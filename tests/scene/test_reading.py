@@ -6,11 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laws import rigs
 
 import pipeline
+from pipeline.optics.prescription import Group, Prescription, PrescriptionError
 from pipeline.records import to_plain
 from pipeline.scene.load import load, open_dataset
+from pipeline.scene.opening import open_stage
 from pipeline.scene.problems import StageError
+from pipeline.scene.reading import read_prescription
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
@@ -328,3 +332,64 @@ def "Dataset" (prepend references = @{TINY}@)
     assert (front.half_widths_mm, front.aperture_rotation_deg, front.blades) == ((20.0, 15.0), 10.0, 0)
     assert (second.inner_semi_diameter_mm, second.conic, second.aperture_rotation_deg) == (2.0, 0.0, 0.0)
     assert (stop.blades, stop.aperture_rotation_deg, stop.half_widths_mm) == (6, 30.0, None)
+
+
+GROUPED = """#usda 1.0
+(
+    defaultPrim = "Lens"
+    metersPerUnit = 0.001
+    timeCodesPerSecond = 24
+    upAxis = "Y"
+)
+
+def PlenLens "Lens" (
+    prepend references = @lenses/double_gauss_100mm_tronnier.usda@
+)
+{
+    def PlenLensGroup "Rear"
+    {
+        uniform double2 plen:decentre = (0.05, -0.02)
+        uniform double plen:pivot = 1.5
+        uniform token[] plen:surfaces = ["S7", "S8", "S9"]
+        uniform double2 plen:tilt = (0.1, -0.0)
+    }
+
+    def PlenLensGroup "Front"
+    {
+        uniform token[] plen:surfaces = ["S1", "S2"]
+    }
+
+    over "S3"
+    {
+        uniform double2 plen:tilt = (0, 0.2)
+    }
+}
+"""
+
+
+def test_groups_laid_over_a_lens_are_named_ranges_of_its_surfaces(tmp_path):
+    path = tmp_path / "lens.usda"
+    path.write_text(GROUPED)
+    stage, _ = open_stage(path)
+    lens = read_prescription(stage.GetDefaultPrim())
+
+    front, rear = lens.groups
+    assert front == Group(name="Front", first=0, count=2)
+    assert rear == Group(name="Rear", first=6, count=3, decentre_mm=(0.05, -0.02), tilt_deg=(0.1, 0.0), pivot_mm=1.5)
+    assert list(rear.members) == [6, 7, 8]
+    assert [i for i, surface in enumerate(lens.surfaces) if any(surface.tilt_deg)] == [2]
+    assert not lens.is_centred
+    assert Prescription(surfaces=rigs.tronnier().surfaces, groups=(front,)).is_centred
+
+
+@pytest.mark.parametrize(
+    "groups",
+    [
+        (Group(name="A", first=0, count=2), Group(name="B", first=1, count=1)),
+        (Group(name="A", first=9, count=3),),
+    ],
+    ids=["overlap", "beyond the last surface"],
+)
+def test_groups_that_no_lens_can_have_are_refused_by_the_record(groups):
+    with pytest.raises(PrescriptionError, match="groups"):
+        Prescription(surfaces=rigs.tronnier().surfaces, groups=groups)

@@ -12,7 +12,15 @@ from pipeline.scene.register import library_path, plugin_path
 from pipeline.scene.values import range_of
 
 ROOT = Path(__file__).resolve().parents[2]
-CONCRETE = ("PlenDataset", "PlenLens", "PlenSurface", "PlenMicrolensArray", "PlenSensor", "PlenCheckerboard")
+CONCRETE = (
+    "PlenDataset",
+    "PlenLens",
+    "PlenLensGroup",
+    "PlenSurface",
+    "PlenMicrolensArray",
+    "PlenSensor",
+    "PlenCheckerboard",
+)
 APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
 
 

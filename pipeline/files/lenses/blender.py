@@ -26,8 +26,7 @@ def read_blender(path: str | Path) -> PrintedLens:
     lines = read_lines(path)
     header = [cell.strip().lower() for cell in lines[0].split(";")] if lines else []
     if any(text.startswith(("prop_", "objective_")) for text in lines):
-        reason = "is a camera of the add-on, and only its lens tables can be imported"
-        raise UnreadableLens(path, reason, hint="import the lens that it names, and write the rig by hand")
+        raise UnreadableLens(path, "is a camera of the add-on, and no lens table", hint="pipeline import camera FILE")
     if tuple(header[: len(_COLUMNS)]) != _COLUMNS:
         raise UnreadableLens(path, f'the first line must be "{";".join(_COLUMNS)}"', line=1)
     rows = [(line, text) for line, text in enumerate(lines[1:], 2) if text.strip("; \t")]

@@ -17,13 +17,14 @@ from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
 _COEFFICIENTS = {letter: 4 + 2 * i for i, letter in enumerate("ABCDEFGHJ")}
+_EDGES = ("CIR", "REX", "REY", "ARO")
 _REFUSED = {
     **dict.fromkeys(("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE", "DAR", "BEN", "GLB"), "a decentred or tilted surface"),
     **dict.fromkeys(("XTO", "YTO", "CYL", "SPS", "UDS", "GRT", "HOE", "DIF"), "a surface that is not of revolution"),
 }
 _NAMED = {
     **dict.fromkeys(("VUX", "VLX"), "vignetting factors; only semi-diameters block rays"),
-    **dict.fromkeys(("REX", "REY", "ELX", "ELY", "HOL", "OBS"), "an aperture that is no circle"),
+    **dict.fromkeys(("ELX", "ELY", "HOL", "OBS", "ADX", "ADY"), "an aperture that is no centred circle or rectangle"),
     **dict.fromkeys(("ZOO",), "zoom positions; only the first one is read"),
     **dict.fromkeys(("PIM", "PIK", "SLV"), "a solve; thicknesses are taken as written"),
     **dict.fromkeys(("NAO", "NA"), "a numerical aperture; the stop decides"),
@@ -42,6 +43,9 @@ class _Row:
     conic: float = 0.0
     coefficients: dict[int, float] = field(default_factory=dict)
     semi_diameter: float | None = None
+    inner: float = 0.0
+    half_widths: dict[str, float] = field(default_factory=dict)
+    rotation_deg: float = 0.0
 
 
 class _Sequence:
@@ -135,7 +139,7 @@ class _Sequence:
             if row:
                 row.is_stop = True
             return row is not None
-        if name not in ("K", "CON", "ASP", "SPH", "CIR", *_COEFFICIENTS):
+        if name not in ("K", "CON", "ASP", "SPH", *_EDGES, *_COEFFICIENTS):
             return False
         if row is None:
             self.lost.append(Lost(what=f"{name} {' '.join(values)} of no lens surface", line=line))
@@ -143,12 +147,24 @@ class _Sequence:
             row.conic = self._numbers(line, name, rest)[0]
         elif name in _COEFFICIENTS:
             row.coefficients[_COEFFICIENTS[name]] = self._numbers(line, name, rest)[0]
-        elif name == "CIR":
-            if rest[:1] and rest[0].upper() in ("EDG", "OBS", "HOL"):
-                self.lost.append(Lost(what=f"CIR {rest[0]}: only clear apertures block rays", line=line))
-            else:
-                row.semi_diameter = self._numbers(line, name, rest)[0]
+        elif name in _EDGES:
+            self._edge(line, row, name, rest)
         return True
+
+    def _edge(self, line: int, row: _Row, name: str, rest: list[str]) -> None:
+        """An aperture: clear, or with a qualifier in front of its value an edge, a hole or an obstruction."""
+        kind = rest[0].upper() if rest and rest[0].upper() in ("CLR", "EDG", "OBS", "HOL") else ""
+        value = self._numbers(line, name, rest[1:] if kind else rest)[0]
+        if name == "CIR" and kind == "OBS":
+            row.inner = value
+        elif kind not in ("", "CLR"):
+            self.lost.append(Lost(what=f"{name} {kind}: only clear apertures block rays", line=line))
+        elif name == "CIR":
+            row.semi_diameter = value
+        elif name == "ARO":
+            row.rotation_deg = value
+        else:
+            row.half_widths[name] = value
 
     def _addressed(self, line: int, values: list[str]) -> tuple[_Row | None, list[str]]:
         """The surface that a command means, named as S3 or else the current one, and the other words."""
@@ -222,11 +238,17 @@ def _printed(sequence: _Sequence, place: int, row: _Row) -> PrintedSurface:
     unit_mm = sequence.unit_mm or 1.0
     radius = (row.shape or math.inf) if sequence.shape == "radius" else radius_of(row.shape)
     index, abbe, glass = _medium(sequence, place, row)
-    semi_diameter = row.semi_diameter
+    half_widths_mm = _half_widths(sequence, place, row, unit_mm)
+    semi_diameter_mm = None if row.semi_diameter is None else row.semi_diameter * unit_mm
+    if semi_diameter_mm is None and half_widths_mm:
+        semi_diameter_mm = math.hypot(*half_widths_mm)
     return PrintedSurface(
         radius_mm=radius * unit_mm,
         thickness_mm=row.thickness * unit_mm,
-        semi_diameter_mm=None if semi_diameter is None else semi_diameter * unit_mm,
+        semi_diameter_mm=semi_diameter_mm,
+        inner_semi_diameter_mm=row.inner * unit_mm,
+        half_widths_mm=half_widths_mm,
+        aperture_rotation_deg=row.rotation_deg if half_widths_mm else 0.0,
         index=index,
         glass=glass,
         abbe=abbe,
@@ -234,6 +256,15 @@ def _printed(sequence: _Sequence, place: int, row: _Row) -> PrintedSurface:
         conic=row.conic,
         asphere=tuple((p, value * unit_mm ** (1 - p)) for p, value in sorted(row.coefficients.items()) if value),
     )
+
+
+def _half_widths(sequence: _Sequence, place: int, row: _Row, unit_mm: float) -> tuple[float, float] | None:
+    if not row.half_widths:
+        return None
+    if len(row.half_widths) != 2:
+        reason = f"surface {place} has {next(iter(row.half_widths))}, and a rectangle needs REX and REY"
+        raise UnreadableLens(sequence.path, reason, line=row.line)
+    return row.half_widths["REX"] * unit_mm, row.half_widths["REY"] * unit_mm
 
 
 def _medium(sequence: _Sequence, place: int, row: _Row) -> tuple[float, float | None, str]:

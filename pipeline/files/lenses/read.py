@@ -35,7 +35,7 @@ def read_lens(path: str | Path, spacing: str | None = None) -> PrintedLens:
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".js":
-        raise UnreadableLens(path, "cameras of libpleno have a thin main lens, which cannot be represented")
+        raise UnreadableLens(path, "is a camera of libpleno", hint="pipeline import camera FILE")
     if suffix not in _READERS:
         kinds = ", ".join(f"{ending} ({what})" for ending, (what, _) in _READERS.items())
         raise UnreadableLens(path, f'lens files do not end in "{suffix}"', hint=f"known are {kinds}")

@@ -18,8 +18,20 @@ _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "
 _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter
 _PLACEHOLDER = (1.5, 40.0)  # what Zemax writes where it keeps no nd and Vd
 _SAME_INDEX = 5e-4
-_APERTURES = ("SQAP", "ELAP", "UDAD", "OBSC", "SPID", "UDOB", "OBEL", "OBSQ")
-_OF_SURFACE = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "DIAM", "CLAP", "STOP")  # indented or not
+_APERTURES = ("ELAP", "UDAD", "SPID", "UDOB", "OBEL", "OBSQ", "OBDC")
+_OF_SURFACE = (
+    "TYPE",
+    "CURV",
+    "CONI",
+    "PARM",
+    "DISZ",
+    "GLAS",
+    "DIAM",
+    "CLAP",
+    "OBSC",
+    "SQAP",
+    "STOP",
+)  # indented or not
 _VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN", "VANN")
 # Drawing, analysis, merit functions, couplings, settings of the editor.
 _SILENT = """
@@ -43,6 +55,8 @@ class _Row:
     glass_line: int = 0
     semi_diameter: float | None = None
     is_automatic: bool = False
+    inner: float = 0.0
+    half_widths: tuple[float, float] | None = None
     is_stop: bool = False
 
 
@@ -123,7 +137,7 @@ class _System:
             row.thickness = math.inf if far else self._first(line, keyword, words)
         elif keyword == "GLAS":
             row.glass, row.glass_line = words, line
-        elif keyword in ("DIAM", "CLAP"):
+        elif keyword in ("DIAM", "CLAP", "OBSC", "SQAP"):
             self._aperture(line, row, keyword, words)
         elif keyword == "STOP":
             row.is_stop = True
@@ -134,12 +148,20 @@ class _System:
             self.unread.setdefault(keyword, line)
 
     def _aperture(self, line: int, row: _Row, keyword: str, words: list[str]) -> None:
-        """DIAM is a semi-diameter, for drawing unless it is fixed; CLAP a hard ring and stands above it."""
+        """DIAM is a semi-diameter, for drawing unless it is fixed; CLAP a hard ring and stands above it.
+
+        OBSC blocks what lies between two radii, SQAP what lies outside a rectangle of two half widths.
+        """
+        one, other = (0.0, 0.0) if keyword == "DIAM" else (self._first(line, keyword, words, i) for i in (0, 1))
         if keyword == "CLAP":
-            inner, outer = self._first(line, keyword, words), self._first(line, keyword, words, 1)
-            if inner:
-                self.lost.append(Lost(what=f"surface {len(self.rows) - 1}: the inner edge of a ring", line=line))
-            row.semi_diameter, row.is_automatic = outer, False
+            row.inner, row.semi_diameter, row.is_automatic = one, other, False
+        elif keyword == "OBSC" and one == 0:
+            row.inner = other
+        elif keyword == "OBSC":
+            what = f"surface {len(self.rows) - 1}: an obstruction from {one:g} to {other:g}, which leaves a hole inside"
+            self.lost.append(Lost(what=what, line=line))
+        elif keyword == "SQAP":
+            row.half_widths = (one, other)
         elif row.semi_diameter is None or row.is_automatic:
             semi_diameter = self._first(line, keyword, words)
             row.semi_diameter = semi_diameter or None
@@ -181,7 +203,11 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
         lost.append(Lost(what=what, line=first.line))
     if image.curvature:
         lost.append(Lost(what="the image surface is curved; sensors are flat", line=image.line))
-    automatic = [i for i, row in enumerate(system.rows[1:-1], 1) if row.is_automatic and row.semi_diameter]
+    automatic = [
+        i
+        for i, row in enumerate(system.rows[1:-1], 1)
+        if row.is_automatic and row.semi_diameter and not row.half_widths
+    ]
     if automatic:
         shown = ", ".join(map(str, automatic))
         lost.append(Lost(what=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
@@ -197,7 +223,7 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
 
 def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     unit_mm = system.unit_mm or 1.0
-    if row.type_name not in ("STANDARD", *_POWER_OF_TERM):
+    if row.type_name not in ("STANDARD", "PARAXIAL", *_POWER_OF_TERM):
         reason = f"surface {place} is of type {row.type_name}, which cannot be represented"
         raise UnreadableLens(system.path, reason, line=row.type_line)
     if not math.isfinite(row.thickness):
@@ -205,10 +231,17 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
     index, abbe, glass = _medium(system, place, row)
     step = _POWER_OF_TERM.get(row.type_name, 0)
     terms = {step * i: value for i, value in sorted(row.parameters.items()) if value and step}
+    ideal = row.parameters.get(1, 100.0) if row.type_name == "PARAXIAL" else None
+    edge = row.semi_diameter
+    if row.half_widths and (edge is None or row.is_automatic):
+        edge = math.hypot(*row.half_widths)
     return PrintedSurface(
         radius_mm=radius_of(row.curvature) * unit_mm,
         thickness_mm=row.thickness * unit_mm,
-        semi_diameter_mm=None if row.semi_diameter is None else row.semi_diameter * unit_mm,
+        semi_diameter_mm=None if edge is None else edge * unit_mm,
+        inner_semi_diameter_mm=row.inner * unit_mm,
+        focal_length_mm=None if ideal is None else ideal * unit_mm,
+        half_widths_mm=row.half_widths and (row.half_widths[0] * unit_mm, row.half_widths[1] * unit_mm),
         index=index,
         glass=glass,
         abbe=abbe,

@@ -1,0 +1,97 @@
+"""Cameras to USD text: a rig with its lens, sensor and microlenses written out."""
+
+from typing import Any
+
+from pxr import Gf, Sdf, Vt
+
+from pipeline.camera.camera import Camera, MicrolensArray, Sensor
+from pipeline.camera.printed import PrintedCamera
+from pipeline.optics.first_order import first_order
+from pipeline.optics.printed import prescription_of
+from pipeline.scene.writing import filled, new_layer, text_of, write_lens
+
+_TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
+_TENTHS = 10.0
+"""USD counts film backs and focal lengths of a Camera in tenths of the stage's unit."""
+
+
+def camera_text(camera: PrintedCamera) -> str:
+    """A camera as a layer of its own, with the default prim Rig.
+
+    Raises
+    ------
+    PipelineError
+        It cannot be represented.
+    """
+    record = Camera(
+        prescription=prescription_of(camera.lens),
+        sensor=camera.sensor,
+        sensor_distance_mm=camera.sensor_distance_mm,
+        microlenses=camera.microlenses,
+    )
+    preview = (
+        "The Camera's own focalLength and apertures are a pinhole preview: principal distance and size of the sensor."
+    )
+    layer = new_layer("Rig", filled([f"{camera.name}.", *camera.provenance, preview]), _TYPES)
+    rig = Sdf.PrimSpec(layer, "Rig", Sdf.SpecifierDef, "Xform")
+    rig.kind = "assembly"
+    _write_camera(Sdf.PrimSpec(rig, "Camera", Sdf.SpecifierDef, "Camera"), camera, record)
+    write_lens(Sdf.PrimSpec(rig, "Lens", Sdf.SpecifierDef, "PlenLens"), camera.lens)
+    _write_sensor(Sdf.PrimSpec(rig, "Sensor", Sdf.SpecifierDef, "PlenSensor"), camera.sensor)
+    if camera.microlenses:
+        array = Sdf.PrimSpec(rig, "Microlenses", Sdf.SpecifierDef, "PlenMicrolensArray")
+        _write_array(array, camera.microlenses)
+    return text_of(layer)
+
+
+def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) -> None:
+    schemas = Sdf.TokenListOp()
+    schemas.prependedItems = ["PlenCameraAPI"]
+    prim.SetInfo("apiSchemas", schemas)
+    lens, sensor = first_order(camera.prescription), camera.sensor
+    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
+    size_mm = sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm
+    preview = {"focalLength": principal_mm, "horizontalAperture": size_mm[0], "verticalAperture": size_mm[1]}
+    for name, length_mm in preview.items():
+        attribute = Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Float)
+        attribute.default = _TENTHS * length_mm
+    for name, wanted in (("lens", "Lens"), ("microlenses", "Microlenses"), ("sensor", "Sensor")):
+        if name != "microlenses" or camera.microlenses:
+            relationship = Sdf.RelationshipSpec(prim, f"plen:camera:{name}", custom=False)
+            relationship.targetPathList.explicitItems = [Sdf.Path(f"/Rig/{wanted}")]
+    lengths: dict[str, float | None] = {
+        "sensorDistance": camera.sensor_distance_mm,
+        "near": printed.near_mm,
+        "far": printed.far_mm,
+    }
+    if camera.microlenses:
+        lengths["microlensDistance"] = camera.microlenses.distance_mm
+    for name, value in lengths.items():
+        if value is not None:
+            _author(prim, f"plen:camera:{name}", Sdf.ValueTypeNames.Double, value)
+
+
+def _write_sensor(prim: Sdf.PrimSpec, sensor: Sensor) -> None:
+    _write_offset(prim, sensor.offset_x_mm, sensor.offset_y_mm)
+    _author(prim, "plen:pixelPitch", Sdf.ValueTypeNames.Double, sensor.pitch_mm)
+    _author(prim, "plen:resolution", Sdf.ValueTypeNames.Int2, Gf.Vec2i(sensor.width_px, sensor.height_px))
+
+
+def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
+    _author(prim, "plen:focalLengths", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(array.focal_lengths_mm))
+    _author(prim, "plen:layout", Sdf.ValueTypeNames.Token, array.layout)
+    _write_offset(prim, array.offset_x_mm, array.offset_y_mm)
+    lengths = {"height": array.height_mm, "pitch": array.pitch_mm, "width": array.width_mm}
+    for name, value in lengths.items():
+        _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Double, value)
+    if array.rotation_deg:
+        _author(prim, "plen:rotation", Sdf.ValueTypeNames.Double, array.rotation_deg)
+
+
+def _write_offset(prim: Sdf.PrimSpec, x_mm: float, y_mm: float) -> None:
+    if x_mm or y_mm:
+        _author(prim, "plen:offset", Sdf.ValueTypeNames.Double2, Gf.Vec2d(x_mm, y_mm))
+
+
+def _author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any) -> None:
+    Sdf.AttributeSpec(prim, name, type_name, Sdf.VariabilityUniform).default = value

@@ -1,0 +1,192 @@
+"""Cameras of other programs become rigs that do what their files say, and name what they cannot keep."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from files import lens_writers as write
+from laws import rigs
+
+from pipeline.camera.lattice import lattice
+from pipeline.camera.report import report
+from pipeline.files.cameras.read import read_camera_file
+from pipeline.files.lenses.text import UnreadableLens
+from pipeline.importing import import_camera, write_stage
+from pipeline.scene.load import load
+
+BLENDER = """objective_file_name;table
+prop_objective_scale;1.0
+prop_aperture_blades;6
+prop_aperture_size;10.0
+prop_aperture_angle;30.0
+prop_sensor_width;10.0
+prop_sensor_height;8.0
+prop_pixel_size;0.009999999776482582
+prop_wavelength;587.5999755859375
+prop_focus_distance;43.0
+prop_sensor_mainlens_distance;125.0
+prop_mla_enabled;True
+prop_mla_type;HEX
+prop_microlens_diam;217.3000030517578
+prop_mla_sensor_dist;1.7000000476837158
+prop_three_ml_types;True
+prop_ml_type_1_f;1.899999976158142
+prop_ml_type_2_f;2.0999999046325684
+prop_ml_type_3_f;2.299999952316284
+"""
+UPRIGHT = [["1", "0", "0"], ["0", "1", "0"], ["0", "0", "1"]]
+
+
+def libpleno(columns: int = 11, rows: int = 10, **changes) -> dict:
+    """A small camera whose array is centred on the axis, as libpleno writes it: numbers are strings."""
+    pitch, sensor_mm = 0.2, (0.01 * 239, 0.01 * 179)
+    x, y = pitch * (columns - 0.5) / 2, pitch * (rows - 1) * 3**0.5 / 4
+    mesh = {"geometry": "1", "width": str(columns), "height": str(rows), "pitch": [[str(pitch), str(pitch)]]}
+    place = {"rotation": UPRIGHT, "translation": [[repr(-x), repr(-y), "-56.0"]]}
+    at = {"rotation": UPRIGHT, "translation": [[repr(-sensor_mm[0] / 2), repr(-sensor_mm[1] / 2), "-57.0"]]}
+    file = {
+        "I": "3",
+        "main_lens": {"f": "50", "aperture": "4"},
+        "sensor": {"width": "240", "height": "180", "scale": "0.01", "pose": at},
+        "mla": {"focal_lengths": ["1.1", "1.2", "1.3"], "mesh": {**mesh, "pose": place}},
+        "distortions": {"radial": [["0", "0", "0"]]},
+    }
+    return {**file, **changes}
+
+
+def imported(folder: Path, name: str, text: str):
+    """The camera of a file, by way of a stage that passes the checks."""
+    (folder / name).write_text(text, encoding="utf-8")
+    out = folder / "rig.usda"
+    assert write_stage(import_camera(folder / name).text, out) == []
+    (entry,) = load(out).cameras
+    return entry.camera
+
+
+def blender_folder(folder: Path) -> Path:
+    (folder / "table.csv").write_bytes(write.blender(rigs.tronnier()))
+    return folder
+
+
+def refused(folder: Path, name: str, text: str, **options) -> str:
+    (folder / name).write_text(text, encoding="utf-8")
+    with pytest.raises(UnreadableLens) as error:
+        read_camera_file(folder / name, **options)
+    return str(error.value).replace(f"{folder}/", "")
+
+
+def test_a_camera_of_the_add_on_is_the_rig_that_it_describes(tmp_path):
+    """The rig of Michels et al. 2019 with a stop of 10 mm: in focus at 362.70, 459.65 and 429.52 mm, printed n_d."""
+    camera = imported(blender_folder(tmp_path), "mine.csv", BLENDER)
+    stop, array = camera.prescription.stop, camera.microlenses
+    assert (stop.semi_diameter_mm, stop.blades, stop.aperture_rotation_deg) == (5.0, 6, 30.0)
+    assert (camera.sensor.width_px, camera.sensor.height_px, camera.sensor.pitch_mm) == (1000, 800, 0.01)
+    assert array.pitch_mm == pytest.approx(0.2173, rel=1e-15)
+    assert (array.distance_mm, array.focal_lengths_mm) == (1.7, (1.9, 2.3, 2.1))
+    found = [kind["focus_distance_mm"] for kind in report(camera)["mla"]["types"]]
+    assert found == pytest.approx([362.704, 459.652, 429.52], rel=0, abs=0.5001e-3)
+
+
+def test_the_aperture_of_the_add_on_is_clipped_by_the_stop_and_the_lens_is_scaled(tmp_path):
+    text = BLENDER.replace("aperture_size;10.0", "aperture_size;100.0").replace("scale;1.0", "scale;0.5")
+    lens = imported(blender_folder(tmp_path), "mine.csv", text).prescription
+    assert lens.stop.semi_diameter_mm == 17.1 / 2
+    assert lens.surfaces[0].radius_mm == 58.95 / 2 and lens.surfaces[0].thickness_mm == 7.52 / 2
+
+
+def test_what_the_add_on_says_beyond_that_is_named(tmp_path):
+    text = BLENDER.replace("587.59", "500.0") + "prop_new;1\n"
+    (blender_folder(tmp_path) / "mine.csv").write_text(text)
+    lost = {one.what.split(" = ")[0]: one.line for one in read_camera_file(tmp_path / "mine.csv").lost}
+    assert (lost["prop_focus_distance"], lost["prop_wavelength"], lost["prop_new is not read"]) == (10, 9, 20)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("objective_file_name;table", "objective_file_name;other", 'mine.csv:1: its lens "other" is not here'),
+        (
+            "objective_file_name;table",
+            "prop_objective_list;OBJECTIVE_5",
+            "mine.csv: names its lens by a place in a list",
+        ),
+        ("prop_pixel_size;0.009999999776482582\n", "", "mine.csv: has no prop_pixel_size"),
+        (
+            "prop_aperture_size;10.0",
+            "prop_aperture_size;ten",
+            'mine.csv:4: prop_aperture_size must be a number, not "ten"',
+        ),
+        ("prop_mla_type;HEX", "prop_mla_type;TRI", 'mine.csv:13: prop_mla_type must be HEX or RECT, not "TRI"'),
+        ("prop_aperture_size;10.0\n", "", "mine.csv: has no prop_aperture_size"),
+        ("prop_mla_enabled;True", "prop_mla_enabled", 'mine.csv:12: a row must be key;value, not "prop_mla_enabled"'),
+    ],
+)
+def test_cameras_of_the_add_on_are_refused_with_file_and_line(old, new, said, tmp_path):
+    assert refused(blender_folder(tmp_path), "mine.csv", BLENDER.replace(old, new)).startswith(said)
+
+
+def test_a_camera_of_libpleno_is_a_thin_lens_camera(tmp_path):
+    camera = imported(tmp_path, "intrinsics.js", json.dumps(libpleno()))
+    figures, array = report(camera), camera.microlenses
+    assert (figures["lens"]["efl_mm"], figures["lens"]["f_number"]) == pytest.approx((50.0, 4.0), rel=1e-14)
+    assert (camera.sensor_distance_mm, array.distance_mm, array.pitch_mm) == (57.0, 1.0, 0.2)
+    assert figures["optical_axis_px"] == pytest.approx([119.5, 89.5], rel=0, abs=1e-9)
+    # Image at 56 + f / (f - 1) mm, object by the thin-lens equation.
+    for kind in figures["mla"]["types"]:
+        focal = kind["focal_length_mm"]
+        image = 56 + focal / (focal - 1)
+        assert kind["focus_distance_mm"] == pytest.approx(1 / (1 / 50 - 1 / image), rel=1e-12)
+
+
+def test_the_microlenses_of_libpleno_stand_in_the_image_where_its_own_model_has_them(tmp_path):
+    """Node (k, l) at pitch (k + 1/2 for even l, l sin 60), the image turned by 180 degrees, types by micro-image."""
+    file = libpleno()
+    camera = imported(tmp_path, "intrinsics.js", json.dumps(file))
+    found, array = lattice(camera.microlenses), file["mla"]["mesh"]
+    origin = [float(value) for value in array["pose"]["translation"][0]]
+    types = {}
+    for l_node in range(10):
+        for k_node in range(11):
+            x = -(origin[0] + 0.2 * (k_node + 0.5 * (l_node % 2 == 0)))
+            y = -(origin[1] + 0.2 * l_node * 3**0.5 / 2)
+            types[round(x, 6), round(y, 6)] = ((9 - l_node) % 2 + 10 - k_node) % 3
+    same = 0
+    for x, y, kind in zip(found.x_mm, found.y_mm, found.type, strict=True):
+        theirs = types.get((round(float(x), 6), round(float(y), 6)))
+        if theirs is not None:
+            same += 1
+            assert camera.microlenses.focal_lengths_mm[kind] == (1.1, 1.2, 1.3)[theirs]
+    assert same >= 110 - 11 and len(np.unique(found.type)) == 3
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ({"main_lens": {}, "sensor": {}}, "a.js: holds start values without a microlens array"),
+        ({"poses": []}, "a.js: is no camera of libpleno"),
+        (libpleno(main_lens={"f": "nan", "aperture": "4"}), "a.js: lacks something or has no number there: nan is not"),
+        (libpleno(main_lens={"f": "x"}), "a.js: lacks something or has no number there"),
+        (libpleno(mla={"focal_lengths": [], "mesh": libpleno()["mla"]["mesh"]}), "a.js: its array has 0 types"),
+        (libpleno(mla={"mesh": {"geometry": "2"}}), "a.js: its microlenses do not form hexagonal rows"),
+    ],
+)
+def test_cameras_of_libpleno_that_cannot_be_represented_are_refused(file, said, tmp_path):
+    assert refused(tmp_path, "a.js", json.dumps(file)).startswith(said)
+
+
+def test_other_files_are_refused(tmp_path):
+    assert refused(tmp_path, "a.js", "{").startswith("a.js:1: is no JSON")
+    assert "known are .csv" in refused(tmp_path, "a.zmx", "x")
+    assert "--lens is for" in refused(tmp_path, "a.js", "{}", lens=tmp_path / "table.csv")
+    assert refused(tmp_path, "none.csv", "radius;thickness\n").startswith("none.csv: ")
+
+
+def test_tilt_pitches_and_distortion_are_named(tmp_path):
+    file = libpleno(distortions={"radial": [["1e-4"]]}, scaling={})
+    file["mla"]["mesh"]["pitch"] = [["0.2", "0.2001"]]
+    file["mla"]["mesh"]["pose"]["rotation"] = [["1", "0", "1e-3"], ["0", "1", "0"], ["-1e-3", "0", "1"]]
+    (tmp_path / "a.js").write_text(json.dumps(file))
+    said = " ".join(one.what for one in read_camera_file(tmp_path / "a.js").lost)
+    assert "tilt of the array by 0 and -0.057296 degrees" in said and "0.2001 mm across" in said
+    assert "distortion coefficients" in said and "depth scaling" in said

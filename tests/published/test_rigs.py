@@ -1,0 +1,104 @@
+"""Claim: every rig of the library has what its source states of it.
+
+The numbers are those of the calibrations in comsee-research/compote and blade (intrinsics.js) and of the simulation
+input in comsee-research/prism (camera.js). In-focus distances are thin-lens values, 1/a = 1/f - 1/B behind the array.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tolerances import CALIBRATED_FOCUS_MM, GRID_PX, PRINTED_6_RATIO
+
+from pipeline.camera.lattice import lattice
+from pipeline.camera.report import report
+from pipeline.scene.load import load
+
+RIGS = Path(__file__).resolve().parents[2] / "stages/rigs"
+R12 = {
+    "plenoptic_r12_a": {
+        "focal_mm": (0.5826696686550624, 0.5240249316658897, 0.5605736155334103),
+        "in_focus_mm": (369.968, 364.099, 368.095),
+        "virtual_depth": (2.3730, 2.8038, 2.5087),
+        "scale": 1.005929,
+        "principal_point_px": (2078.3473, 1591.0025),
+        "grid_px": ((-13.288367249582958, 4.84564257269724), (23.31265239636227, 23.314579536228166)),
+    },
+    "plenoptic_r12_b": {
+        "focal_mm": (0.5663889909505797, 0.5070873361097464, 0.5424685020176635),
+        "in_focus_mm": (912.074, 870.656, 897.648),
+        "virtual_depth": (2.3632, 2.8114, 2.5143),
+        "scale": 1.006266,
+        "principal_point_px": (1855.7852, 1926.1983),
+        "grid_px": ((-14.300210014235569, 3.947051843828546), (23.32412319595749, 23.32610559401216)),
+    },
+}
+
+
+def camera_of(name: str):
+    """The camera of a rig."""
+    (entry,) = load(RIGS / f"{name}.usda").cameras
+    return entry.camera
+
+
+@pytest.mark.parametrize("name", R12)
+def test_each_type_is_in_focus_where_the_calibration_has_it(name):
+    stated, figures = R12[name], report(camera_of(name))
+    types = {kind["focal_length_mm"]: kind for kind in figures["mla"]["types"]}
+    for focal, distance, depth in zip(stated["focal_mm"], stated["in_focus_mm"], stated["virtual_depth"], strict=True):
+        assert types[focal]["focus_distance_mm"] == pytest.approx(distance, rel=0, abs=CALIBRATED_FOCUS_MM)
+        assert types[focal]["virtual_depth"] == pytest.approx(depth, rel=0, abs=0.5001e-4)
+
+
+@pytest.mark.parametrize("name", R12)
+def test_scale_of_micro_images_and_principal_point(name):
+    stated, camera = R12[name], camera_of(name)
+    figures = report(camera)
+    scale = figures["mla"]["micro_image_pitch_px"] * camera.sensor.pitch_mm / camera.microlenses.pitch_mm
+    assert scale == pytest.approx(stated["scale"], rel=0, abs=PRINTED_6_RATIO)
+    assert figures["optical_axis_px"] == pytest.approx(stated["principal_point_px"], rel=0, abs=1e-6)
+    assert figures["lens"]["f_number"] == pytest.approx(4.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", R12)
+def test_micro_images_lie_on_the_measured_grid_and_have_the_types_of_the_calibration(name):
+    """Its grid of micro-image centres was fitted to white images, apart from the model of the array.
+
+    Hexagonal rows, even ones half a pitch to the right; the type of a micro-image is ((l mod 2) + k) mod 3.
+    """
+    stated, camera = R12[name], camera_of(name)
+    (origin_x, origin_y), (pitch_x, pitch_y) = stated["grid_px"]
+    array, sensor, vertices = camera.microlenses, camera.sensor, lattice(camera.microlenses)
+    scale = camera.sensor_distance_mm / (camera.sensor_distance_mm - array.distance_mm)
+    x_mm, y_mm = ((v - o) * scale + o for v, o in zip(positions(vertices), offsets(sensor), strict=True))
+    x_px = x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2
+    y_px = y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2
+    row = (y_px - origin_y) / (pitch_y * np.sin(np.pi / 3))
+    line = np.round(row)
+    column = (x_px - origin_x) / pitch_x - 0.5 * (line % 2 == 0)
+    off = np.hypot((column - np.round(column)) * pitch_x, (row - line) * pitch_y * np.sin(np.pi / 3))
+    assert off.max() < GRID_PX
+    assert abs(len(line) - 176 * 152) <= 176  # a row may end at the edge of the array
+    focal = np.array(array.focal_lengths_mm)[vertices.type]
+    expected = np.array(stated["focal_mm"])[((line % 2 + np.round(column)) % 3).astype(int)]
+    assert np.array_equal(focal, expected)
+
+
+def positions(vertices):
+    """Across the sensor, from its centre [mm]."""
+    return vertices.x_mm, vertices.y_mm
+
+
+def offsets(sensor):
+    """Where the optical axis meets it [mm]."""
+    return sensor.offset_x_mm, sensor.offset_y_mm
+
+
+def test_the_unfocused_rig_has_the_pitch_of_its_simulation():
+    camera = camera_of("plenoptic_upc_s")
+    figures = report(camera)
+    assert figures["mla"]["micro_image_pitch_px"] == pytest.approx(14.343866357, rel=0, abs=1e-8)
+    assert figures["lens"]["efl_mm"] == pytest.approx(9.98445, rel=1e-12)
+    assert figures["lens"]["f_number"] == pytest.approx(2.0, rel=1e-12)
+    assert camera.microlenses.focal_lengths_mm == (camera.microlenses.distance_mm,)
+    assert np.count_nonzero(lattice(camera.microlenses).y_mm == 0) == 541
