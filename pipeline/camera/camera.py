@@ -6,15 +6,12 @@ Distances along the axis are counted from the aperture stop, the origin of the c
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pipeline.errors import PipelineError
+from pipeline.camera.array import CameraError as CameraError
+from pipeline.camera.array import MicrolensArray as MicrolensArray
 from pipeline.optics.prescription import Prescription
 
 if TYPE_CHECKING:
     from pipeline.camera.bundle import Bundle
-
-
-class CameraError(PipelineError):
-    """A camera that cannot be built from its parts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +26,13 @@ class Sensor:
         Distance of neighbouring pixel centres, the same in x and y.
     offset_x_mm, offset_y_mm : float
         Where the optical axis meets the sensor, from the image centre, sensor frame (x right, y down in the image).
+    acceptance : str
+        What share of a ray at the angle theta to the axis a pixel takes: `all`; `cosine`, cos^power(theta); `cone`, 1
+        up to the half angle, from there falling linearly with the angle to 0 over the roll-off.
+    acceptance_power : float
+        Of `cosine`.
+    acceptance_half_angle_deg, acceptance_roll_off_deg : float
+        Of `cone`.
     """
 
     width_px: int
@@ -36,51 +40,18 @@ class Sensor:
     pitch_mm: float
     offset_x_mm: float = 0.0
     offset_y_mm: float = 0.0
+    acceptance: str = "all"
+    acceptance_power: float = 1.0
+    acceptance_half_angle_deg: float = 90.0
+    acceptance_roll_off_deg: float = 0.0
 
     def __post_init__(self) -> None:
+        if self.acceptance not in ("all", "cosine", "cone"):
+            raise CameraError(f'a pixel knows no acceptance "{self.acceptance}"')
+        if not (self.acceptance_power > 0 and self.acceptance_half_angle_deg > 0 <= self.acceptance_roll_off_deg):
+            raise CameraError("a pixel's acceptance needs a positive power, or a positive half angle and a roll-off")
         if self.width_px < 1 or self.height_px < 1 or not self.pitch_mm > 0:
             raise CameraError(f"a sensor of {self.width_px} x {self.height_px} pixels of {self.pitch_mm} mm")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MicrolensArray:
-    """Microlenses on a regular lattice, perpendicular to the axis. Lattice and types: CONVENTIONS.md.
-
-    Attributes
-    ----------
-    layout : str
-        `hexagonal`, rows along +x.
-    pitch_mm : float
-        Distance of neighbouring vertices.
-    focal_lengths_mm : tuple of float
-        One per type; a lens (k, l) has type (k - l) mod 3 when there are three.
-    width_mm, height_mm : float
-        Extent of the array: a lens exists where its vertex lies inside.
-    distance_mm : float
-        From the principal plane of the microlenses to the sensor.
-    rotation_deg : float
-        Of the lattice, from +x towards +y of the sensor frame.
-    offset_x_mm, offset_y_mm : float
-        Of lens (0, 0) from the sensor's centre, sensor frame: array and sensor move together.
-    """
-
-    layout: str = "hexagonal"
-    pitch_mm: float
-    focal_lengths_mm: tuple[float, ...]
-    width_mm: float
-    height_mm: float
-    distance_mm: float
-    rotation_deg: float = 0.0
-    offset_x_mm: float = 0.0
-    offset_y_mm: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.layout != "hexagonal":
-            raise CameraError(f'microlens layout "{self.layout}" is not supported yet')
-        if len(self.focal_lengths_mm) not in (1, 3):
-            raise CameraError(f"{len(self.focal_lengths_mm)} microlens types; the type rule knows 1 or 3")
-        if not min(self.pitch_mm, self.distance_mm, *self.focal_lengths_mm) > 0:
-            raise CameraError("microlens pitch, distance and focal lengths must be positive")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +78,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         last_mm = self.prescription.vertices_from_stop_mm[-1]
-        film_mm = self.sensor_distance_mm - (self.microlenses.distance_mm if self.microlenses else 0.0)
+        film_mm = self.sensor_distance_mm - (self.microlenses.reach_mm if self.microlenses else 0.0)
         if film_mm <= last_mm:
             what = "the microlens array" if self.microlenses else "the sensor"
             raise CameraError(

@@ -42,10 +42,9 @@ def foci(camera: Camera) -> tuple[Focus, ...]:
     if camera.microlenses is None:
         return (_sensor_focus(lens, -camera.sensor_distance_mm, confusion_mm),)
     array = camera.microlenses
-    array_z = -(camera.sensor_distance_mm - array.distance_mm)
     return tuple(
-        _microlens_focus(lens, array_z, focal, array.distance_mm, confusion_mm / array.pitch_mm)
-        for focal in array.focal_lengths_mm
+        _microlens_focus(lens, ahead_mm - camera.sensor_distance_mm, focal, behind_mm, confusion_mm / array.aperture_mm)
+        for focal, (behind_mm, ahead_mm) in zip(array.focal_lengths_mm, array.principal_mm, strict=True)
     )
 
 

@@ -7,9 +7,9 @@ else is the same code. `lens` is the row of a microlens, `NO_MICROLENS`, or `SKI
 import numpy as np
 
 from pipeline.camera.camera import REPLICAS
+from pipeline.camera.elements import free_weight
 from pipeline.camera.moments import FREE_WEIGHT, WEIGHT, accumulate, cross_packet, finish, set_pivot
 from pipeline.camera.packets import draw, new_packet, start_packet
-from pipeline.camera.polygon import projected_solid_angle
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.camera.sobol import hash32
 from pipeline.jit import kernel
@@ -20,7 +20,9 @@ _PIXEL_CIRCUMRADIUS = 0.7072
 
 
 @kernel
-def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed, pixels, positions, lens, moments):
+def bundle_moments(
+    optics, table, outlines, lenses, aperture, mosaic, planes, bits, seed, pixels, positions, lens, moments
+):
     """Moments of the bundles of many sensor positions on two planes.
 
     Parameters
@@ -31,10 +33,12 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
         Surfaces, from `optics.table.towards_scene`.
     outlines : (rows, columns, d, 2) float64
         From `camera.pupil`.
-    lenses : (m, 3) float64
-        Vertex x, y and focal length of every microlens.
+    lenses : (m, columns) float64
+        Vertex x, y and focal length of every microlens, and more of those that are not plain: `camera.elements`.
     aperture : (c, 2) float64
-        Outline of a microlens aperture around its vertex, counter-clockwise.
+        Polygon around a microlens aperture about its vertex, counter-clockwise; of a cell it is the aperture itself.
+    mosaic : tuple
+        From `camera.mosaic`.
     planes : (n or 1, 2, 4, 3) float64
         Two planes of each position, or of all, as rows origin, first axis, second axis, normal.
     bits : (DIMENSIONS, samples / REPLICAS) uint32
@@ -61,9 +65,7 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
         sx, sy = positions[n]
         near, far = planes[n if planes.shape[0] > 1 else 0]
         if lens[n] >= 0:
-            moments[n, FREE_WEIGHT] = projected_solid_angle(
-                aperture, aperture.shape[0], sx - lenses[lens[n], 0], sy - lenses[lens[n], 1], optics[1] - optics[0]
-            )
+            moments[n, FREE_WEIGHT] = free_weight(optics, lenses, aperture, mosaic, lens[n], sx, sy, region[0])
         fan_of = bound(optics, outlines, lenses, aperture, lens[n], sx, sy, 0.0, region)
         if not fan_of[3] > 0.0:
             continue
@@ -75,7 +77,7 @@ def bundle_moments(optics, table, outlines, lenses, aperture, planes, bits, seed
             size = min(PACKET, samples - first)
             draw(bits[0], first, size, hash32(base, 2 * r), x)
             draw(bits[1], first, size, hash32(base, 2 * r + 1), y)
-            start_packet(table, optics, lenses, lens[n], sx, sy, start_x, start_y, region, fan_of, size, packet)
+            start_packet(table, optics, lenses, mosaic, lens[n], sx, sy, start_x, start_y, region, fan_of, size, packet)
             cross_packet(near, far, packet, size, crossing)
             if not started:
                 started = set_pivot(crossing, alive, size, pivot)
@@ -92,6 +94,7 @@ def image_rays(
     outlines,
     lenses,
     aperture,
+    mosaic,
     bits,
     seed,
     pitch,
@@ -116,9 +119,9 @@ def image_rays(
     origin, direction : (n * s * samples, 3) float64
         Written: a point behind the front vertex and the unit direction, vision frame.
     share : (n * s * samples,) float64
-        Written: share of the pixel's integral of cos(theta) d omega [sr].
+        Written: share of the pixel's integral of cos(theta) d omega, times its acceptance [sr].
     owner : (n * s * samples,) int64
-        Written: row of the pixel.
+        Written: s times the row of the pixel plus the place of the microlens among its strata.
 
     Returns
     -------
@@ -148,12 +151,14 @@ def image_rays(
                 for i in range(size):
                     start_x[i] = sx + pitch * (start_x[i] - 0.5)
                     start_y[i] = sy + pitch * (start_y[i] - 0.5)
-                start_packet(table, optics, lenses, lens, sx, sy, start_x, start_y, region, fan_of, size, packet)
+                start_packet(
+                    table, optics, lenses, mosaic, lens, sx, sy, start_x, start_y, region, fan_of, size, packet
+                )
                 for i in range(size):
                     if alive[i] > 0.0:
                         origin[written] = x[i], y[i], z[i]
                         direction[written] = dx[i], dy[i], dz[i]
                         share[written] = weight[i] * fan_of[3] / samples
-                        owner[written] = n
+                        owner[written] = n * strata.shape[1] + j
                         written += 1
     return written

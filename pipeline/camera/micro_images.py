@@ -5,14 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from pipeline.camera import elements
 from pipeline.camera.camera import CameraError
 from pipeline.camera.chief import chief_slopes
-from pipeline.camera.regions import NO_MICROLENS, SKIP
+from pipeline.camera.mosaic import is_plain
+from pipeline.camera.regions import NO_MICROLENS, SKIP, outlines_at
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import exit_pupil
 
-_NEIGHBOURS = 4
-"""No point of a plane lies within reach of more than three micro-images of a hexagonal array that hardly overlap."""
+_STEPS = 12
+_TOLERANCE = 1e-12
+_ROUNDING_MM = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,40 +44,78 @@ class MicroImages:
         return self.tree.query(positions_mm)[1]
 
     def contributors(self, positions_mm: np.ndarray, slack_mm: float) -> np.ndarray:
-        """Rows of the microlenses whose light may reach within `slack_mm` of each position, (n, _NEIGHBOURS)."""
-        distance, rows = self.tree.query(positions_mm, k=min(_NEIGHBOURS, len(self.centre_mm)))
+        """Rows of the microlenses whose light may reach within `slack_mm` of each position, nearest first, (n, s).
+
+        As many columns as the position with the most of them needs; `SKIP` for a microlens whose light does not.
+        """
+        farthest = float(self.reach_mm.max()) + slack_mm
+        within = self.tree.query_ball_point(positions_mm, farthest, return_length=True)
+        distance, rows = self.tree.query(positions_mm, k=max(1, int(within.max())))
         distance, rows = distance.reshape(len(positions_mm), -1), rows.reshape(len(positions_mm), -1)
         lit = distance <= self.reach_mm[rows] + slack_mm
-        if rows.shape[1] == _NEIGHBOURS and lit[:, -1].any():
-            raise CameraError(
-                "more than three micro-images overlap",
-                hint="stop the main lens down: see matched_stop_diameter_mm in camera.json",
-            )
-        return np.where(lit, rows, SKIP)
+        return np.where(lit, rows, SKIP)[:, : max(1, int(np.flatnonzero(lit.any(axis=0)).max(initial=0)) + 1)]
 
 
 def micro_images(tracer: Tracer) -> MicroImages:
     """Micro-images of a plenoptic camera.
 
-    The chief ray is traced backwards from the microlens vertex, so its slope in front of the array is exact; an ideal
-    thin lens passes it undeviated.
+    The chief ray is traced backwards from the microlens vertex, so its slope in front of the array is exact; a plain
+    thin lens passes it undeviated. Where a microlens is more than that, the ray through the vertex of its aperture's
+    face is sought that leaves as a chief ray.
     """
     array, grid = tracer.camera.microlenses, tracer.lattice
     if array is None or grid is None:
         raise CameraError("a conventional camera has no micro-images")
     vertex = tracer.vertices_mm
-    points = np.column_stack([vertex, np.full(len(vertex), tracer.film_z_mm)])
-    slope = chief_slopes(tracer.table, tracer.stop_row, points)
+    if is_plain(array):
+        slope = chief_slopes(tracer.table, tracer.stop_row, tracer.on_film(vertex))
+        centre = vertex - slope * array.distance_mm
+    else:
+        centre = _centres(tracer)
     pupil = exit_pupil(tracer.camera.prescription)
-    to_pupil = pupil.z_mm - tracer.film_z_mm
-    radius = pupil.diameter_mm / 2 * array.distance_mm / to_pupil
-    focal = np.array(array.focal_lengths_mm)[grid.type]
-    # A ray through aperture offset a and pupil point e lands at centre + a (1 + B / P - B / f) - e B / P.
-    spread = np.abs(1 + array.distance_mm / to_pupil - array.distance_mm / focal)
-    corner = array.pitch_mm / np.sqrt(3)
-    reach = 1.1 * radius + 1.1 * corner * spread
-    centre = vertex - slope * array.distance_mm
-    return MicroImages(centre, float(radius), reach, cKDTree(centre))
+    behind, ahead = array.principal_mm[0]
+    radius = pupil.diameter_mm / 2 * behind / (pupil.z_mm - tracer.sensor_z_mm - ahead)
+    return MicroImages(centre, float(radius), _reach(tracer, centre), cKDTree(centre))
+
+
+def _centres(tracer: Tracer) -> np.ndarray:
+    """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
+    optics, _, _, lenses, _, mosaic = tracer.arrays
+    lens, count = np.arange(len(lenses)), len(lenses)
+    array = tracer.camera.microlenses
+    assert array is not None and tracer.lattice is not None
+    point = np.zeros((count, 3))
+    heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
+    point[:, 2] = np.array(heights)[tracer.lattice.type] if heights else 0.0
+    centre = lenses[:, :2].copy()
+    aims, position, direction, passes = (np.empty((count, n)) for n in (2, 3, 3, 1))
+    for _ in range(_STEPS):
+        elements.aims_for(optics, lenses, mosaic, lens, centre, point, aims)
+        elements.rays_before(optics, lenses, mosaic, lens, centre, aims, position, direction, passes[:, 0])
+        slope = direction[:, :2] / direction[:, 2:]
+        on_film = position[:, :2] + slope * (tracer.film_z_mm - position[:, 2:])
+        miss = slope - chief_slopes(tracer.table, tracer.stop_row, tracer.on_film(on_film))
+        centre += lenses[:, [elements.AIM]] * miss
+        if np.abs(miss).max() < _TOLERANCE:
+            return centre
+    raise CameraError("no chief ray was found through some microlens", hint="is a microlens too strong for its slope?")
+
+
+def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
+    """The sampling bounds turned round: beyond which distance from its centre a microlens has no region, (n,) [mm]."""
+    _, _, outlines, lenses, aperture, _ = tracer.arrays
+    base = around = lenses[:, :2]
+    margin: np.ndarray | float = 0.0
+    if lenses.shape[1] != elements.PLAIN_COLUMNS:
+        base = lenses[:, [elements.BASE_X, elements.BASE_Y]]
+        around = lenses[:, [elements.OUTLINE_X, elements.OUTLINE_Y]]
+        margin = lenses[:, elements.MARGIN]
+    polygons = np.empty((len(lenses), outlines.shape[2], 2))
+    outlines_at(tracer.bounds.step_mm, outlines, np.ascontiguousarray(around), polygons)
+    by_start, by_aim = tracer.microlenses.reach.T
+    edge = (polygons - base[:, None]) / by_start[:, None, None] - (centre - lenses[:, :2])[:, None]
+    corner = np.hypot(*aperture.T).max() * (1 + (lenses[0, elements.INFLATION] if np.ndim(margin) else 0.0))
+    return np.hypot(*edge.T).max(axis=0) + (corner * np.abs(by_aim) + margin) / np.abs(by_start) + _ROUNDING_MM
 
 
 def owners(images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
@@ -85,7 +126,7 @@ def owners(images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
 
 
 def strata(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
-    """Microlenses that light of the pixel around each position may pass, (n, s)."""
+    """Microlenses that light of the pixel around each position may pass, that of its own cell first, (n, s)."""
     if images is None:
         return np.full((len(positions_mm), 1), NO_MICROLENS)
     return images.contributors(positions_mm, tracer.camera.sensor.pitch_mm * np.sqrt(0.5))

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from pipeline.camera.acceptance import accepted_share, is_limited
+from pipeline.camera.elements import AIM, DISC, MODEL, PLAIN, through_microlens
 from pipeline.camera.polygon import point_in_fan
 from pipeline.camera.sobol import scrambled
 from pipeline.jit import inline
@@ -34,7 +36,9 @@ def draw(bits, first, size, seed, values):
 
 
 @inline
-def start_packet(table, optics, lenses, lens, centre_x, centre_y, start_x, start_y, region, fan_of, size, packet):
+def start_packet(
+    table, optics, lenses, mosaic, lens, centre_x, centre_y, start_x, start_y, region, fan_of, size, packet
+):
     """Send rays from sensor positions through random points of a region and trace them into the scene.
 
     Parameters
@@ -56,20 +60,37 @@ def start_packet(table, optics, lenses, lens, centre_x, centre_y, start_x, start
     for i in range(size):
         px, py = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
         x[i], y[i] = px + drift * (start_x[i] - centre_x), py + drift * (start_y[i] - centre_y)
-    send_packet(table, optics, lenses, lens, start_x, start_y, size, packet)
+    send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet)
 
 
 @inline
-def send_packet(table, optics, lenses, lens, start_x, start_y, size, packet):
+def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet):
     """Send rays from sensor positions through given points of the sampling plane and trace them into the scene.
 
     `packet`: x and y hold the points on entry; the rays behind the front vertex and their weights on exit.
     """
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    for i in range(size):
-        dx[i], dy[i], dz[i], weight[i] = aim(optics, lenses, lens, start_x[i], start_y[i], x[i], y[i])
-        z[i] = optics[1]
-        alive[i] = 1.0
+    detail = mosaic[0]
+    if lens >= 0 and detail[MODEL] != PLAIN:
+        through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, packet)
+    else:
+        for i in range(size):
+            dx[i], dy[i], dz[i], weight[i] = aim(optics, lenses, lens, start_x[i], start_y[i], x[i], y[i])
+            z[i] = optics[1]
+            alive[i] = 1.0
+        if lens >= 0 and detail[DISC] > 0.0:
+            for i in range(size):
+                ax, ay = x[i] - lenses[lens, 0], y[i] - lenses[lens, 1]
+                alive[i] = 1.0 if ax * ax + ay * ay <= detail[DISC] * detail[DISC] else 0.0
+    if is_limited(detail):
+        h = optics[1] - optics[0]
+        if lens >= 0 and detail[MODEL] != PLAIN:
+            h = lenses[lens, AIM]
+        for i in range(size):
+            # The weight without acceptance is cos^4 / h^2.
+            share = accepted_share(detail, math.sqrt(h * math.sqrt(weight[i])))
+            weight[i] *= share
+            alive[i] = alive[i] if share > 0.0 else 0.0
     trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
 
 

@@ -8,9 +8,10 @@ import math
 import numpy as np
 
 from pipeline.camera.camera import REPLICAS
+from pipeline.camera.elements import DISC, free_weight
 from pipeline.camera.moments import accumulate, cross_packet, finish, set_pivot
 from pipeline.camera.packets import new_packet, send_packet
-from pipeline.camera.polygon import fan, point_in_fan, projected_solid_angle
+from pipeline.camera.polygon import fan, point_in_fan
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, trace_packet
@@ -23,7 +24,7 @@ _GOLDEN_U, _GOLDEN_V = 0.7548776662466927, 0.5698402909980532
 
 
 @kernel
-def bounds(optics, outlines, lenses, aperture, positions, lens, polygons, counts, free):
+def bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons, counts, free):
     """Polygons that enclose what passes, and the weight of all rays through each position's own microlens.
 
     Parameters
@@ -40,9 +41,7 @@ def bounds(optics, outlines, lenses, aperture, positions, lens, polygons, counts
             continue
         x, y = positions[n]
         if lens[n] >= 0:
-            free[n] = projected_solid_angle(
-                aperture, aperture.shape[0], x - lenses[lens[n], 0], y - lenses[lens[n], 1], optics[1] - optics[0]
-            )
+            free[n] = free_weight(optics, lenses, aperture, mosaic, lens[n], x, y, region[0])
         count, _, _, area = bound(optics, outlines, lenses, aperture, lens[n], x, y, 0.0, region)
         if area > 0.0:
             counts[n] = count
@@ -77,7 +76,7 @@ def reach(polygons, counts, centres, owner, angle, limit, side):
 
 
 @kernel
-def probe(optics, table, lenses, positions, lens, owner, points, label):
+def probe(optics, table, lenses, aperture, mosaic, positions, lens, owner, points, label):
     """Trace one ray through each point and say what blocks it.
 
     Parameters
@@ -87,7 +86,8 @@ def probe(optics, table, lenses, positions, lens, owner, points, label):
     points : (m, 2) float64
         On the sampling plane.
     label : (m,) int64
-        Written: PASSES, or the row of the blocking surface, with a number for each straight edge of its aperture.
+        Written: PASSES, or the row of the blocking surface, with a number for each straight edge of its aperture; the
+        number of rows stands for the microlens and the pixel's acceptance.
     """
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
     x, y, z, dx, dy, dz, alive, scratch, _ = packet
@@ -98,7 +98,13 @@ def probe(optics, table, lenses, positions, lens, owner, points, label):
         for i in range(size):
             x[i], y[i] = points[first + i]
             label[first + i] = PASSES
-        send_packet(table[:0], optics, lenses, lens[n], start_x, start_y, size, packet)
+        send_packet(table[:0], optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
+        for i in range(size):
+            if not alive[i] > 0.0:
+                label[first + i] = table.shape[0]
+                if lens[n] >= 0 and not mosaic[0][DISC] > 0.0:
+                    side = _side_of(aperture, points[first + i] - lenses[lens[n], :2])
+                    label[first + i] += _STRAIGHT * (1 + side)
         for k in range(table.shape[0]):
             trace_packet(table[k : k + 1], x, y, z, dx, dy, dz, alive, scratch, size)
             for i in range(size):
@@ -109,7 +115,7 @@ def probe(optics, table, lenses, positions, lens, owner, points, label):
 
 
 @kernel
-def integrate(optics, table, lenses, planes, positions, lens, owner, points, measure, moments, whole):
+def integrate(optics, table, lenses, mosaic, planes, positions, lens, owner, points, measure, moments, whole):
     """Sum moments on two planes of each position over nodes of a quadrature.
 
     Parameters
@@ -135,7 +141,7 @@ def integrate(optics, table, lenses, planes, positions, lens, owner, points, mea
         start_x[:size], start_y[:size] = positions[n, 0], positions[n, 1]
         for i in range(size):
             x[i], y[i] = points[first + i]
-        send_packet(table, optics, lenses, lens[n], start_x, start_y, size, packet)
+        send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
         for i in range(size):
             weight[i] *= measure[first + i]
             if not alive[i] > 0.0:
@@ -157,6 +163,19 @@ def _stretch(owner, first):
     while size < PACKET and first + size < owner.shape[0] and owner[first + size] == owner[first]:
         size += 1
     return size
+
+
+@inline
+def _side_of(polygon, point):
+    """Which side of a polygon about the origin a point lies farthest towards."""
+    worst, found = -np.inf, 0
+    for i in range(polygon.shape[0]):
+        j = i + 1 if i + 1 < polygon.shape[0] else 0
+        ex, ey = polygon[j, 0] - polygon[i, 0], polygon[j, 1] - polygon[i, 1]
+        reach = (ey * point[0] - ex * point[1]) / (ey * polygon[i, 0] - ex * polygon[i, 1])
+        if reach > worst:
+            worst, found = reach, i
+    return found
 
 
 @inline

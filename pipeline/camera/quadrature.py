@@ -9,6 +9,7 @@ point; one that is not is reported, not integrated.
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Edges:
         Traced so far.
     """
 
-    arrays: tuple[np.ndarray, ...]
+    arrays: tuple[Any, ...]
     positions: np.ndarray
     lens: np.ndarray
     polygons: np.ndarray
@@ -90,10 +91,10 @@ class Edges:
             points = self.centres[owner, None] + r[..., None] * along[:, None]
             measure = r * (radius * share)[:, None] * weight
             whole = np.zeros(n, bool)
-            optics, table, _, lenses, _ = self.arrays
+            optics, table, _, lenses, _, mosaic = self.arrays
             arguments = self.positions, self.lens, np.repeat(owner, nodes[0]), points.reshape(-1, 2), measure.ravel()
             planes = np.ascontiguousarray(planes)
-            probes.integrate(optics, table, lenses, planes, *arguments, result, whole)
+            probes.integrate(optics, table, lenses, mosaic, planes, *arguments, result, whole)
             rays += measure.size + len(owner)
             status[owner] = np.where(whole & self._nothing_beyond(owner, along, radius, limit), 1, 2)[owner]
         result[:, VARIANCE:] = 0.0
@@ -114,13 +115,13 @@ class Edges:
         return clear
 
 
-def edges(arrays: tuple[np.ndarray, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
     positions, lens = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(lens, np.int64)
     n = len(positions)
     polygons, counts, free = np.zeros((n, MAX_VERTICES, 2)), np.zeros(n, np.int64), np.zeros(n)
-    optics, _, outlines, lenses, aperture = arrays
-    probes.bounds(optics, outlines, lenses, aperture, positions, lens, polygons, counts, free)
+    optics, _, outlines, lenses, aperture, mosaic = arrays
+    probes.bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons, counts, free)
     none = np.zeros(0, np.int64), np.zeros(0)
     found = Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0)
     rays = _settle_centres(found)
@@ -221,9 +222,10 @@ def _find(
 
 
 def _probe(found: Edges, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
-    optics, table, _, lenses, _ = found.arrays
+    optics, table, _, lenses, aperture, mosaic = found.arrays
     label = np.empty(len(owner), np.int64)
-    probes.probe(optics, table, lenses, found.positions, found.lens, owner, np.ascontiguousarray(points), label)
+    starts = found.positions, found.lens, owner, np.ascontiguousarray(points)
+    probes.probe(optics, table, lenses, aperture, mosaic, *starts, label)
     return label
 
 

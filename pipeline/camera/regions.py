@@ -8,8 +8,19 @@ import math
 
 import numpy as np
 
+from pipeline.camera.elements import (
+    BASE_X,
+    BASE_Y,
+    BY_AIM,
+    BY_START,
+    INFLATION,
+    MARGIN,
+    OUTLINE_X,
+    OUTLINE_Y,
+    PLAIN_COLUMNS,
+)
 from pipeline.camera.polygon import MAX_VERTICES, clip, fan
-from pipeline.jit import inline
+from pipeline.jit import inline, kernel
 
 NO_MICROLENS, SKIP = -1, -2
 _SHORTEST_EDGE_MM = 1e-9
@@ -94,21 +105,31 @@ def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, pol
 
     With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
     meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f), while the outline of v + a is that of
-    v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a.
+    v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a. Of
+    microlenses that are not plain the same linear map stands in `lenses`, with a margin for what is not linear in it.
     """
     vx, vy, focal = lenses[lens, 0], lenses[lens, 1], lenses[lens, 2]
-    behind, ahead = optics[1] - optics[0], optics[2] - optics[1]
-    scale = 1.0 + ahead / behind - ahead / focal - optics[4]
-    bx, by = vx + ahead * (vx - x) / behind, vy + ahead * (vy - y) / behind
     count = aperture.shape[0]
-    for i in range(count):
-        polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
-    size = outline_at(optics[3], outlines, vx, vy, outline)
+    if lenses.shape[1] == PLAIN_COLUMNS:
+        behind, ahead = optics[1] - optics[0], optics[2] - optics[1]
+        scale = 1.0 + ahead / behind - ahead / focal - optics[4]
+        bx, by = vx + ahead * (vx - x) / behind, vy + ahead * (vy - y) / behind
+        reach = slack * ahead / behind
+        for i in range(count):
+            polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
+        size = outline_at(optics[3], outlines, vx, vy, outline)
+    else:
+        by_start, scale = lenses[lens, BY_START], lenses[lens, BY_AIM]
+        bx, by = lenses[lens, BASE_X] + by_start * (x - vx), lenses[lens, BASE_Y] + by_start * (y - vy)
+        reach = slack * abs(by_start) + lenses[lens, MARGIN]
+        for i in range(count):
+            polygon[i, 0] = (1.0 + lenses[lens, INFLATION]) * aperture[i, 0]
+            polygon[i, 1] = (1.0 + lenses[lens, INFLATION]) * aperture[i, 1]
+        size = outline_at(optics[3], outlines, lenses[lens, OUTLINE_X], lenses[lens, OUTLINE_Y], outline)
     if outline[0, 0] == outline[size // 2, 0] and outline[0, 1] == outline[size // 2, 1]:
         return 0
     # A negative scale mirrors the region through its centre.
     sign = 1.0 if scale > 0.0 else -1.0
-    reach = slack * ahead / behind
     for j in range(size):
         k = j + 1 if j + 1 < size else 0
         ex, ey = outline[k, 0] - outline[j, 0], outline[k, 1] - outline[j, 1]
@@ -125,3 +146,10 @@ def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, pol
         polygon[i, 0] += vx
         polygon[i, 1] += vy
     return count
+
+
+@kernel
+def outlines_at(step, outlines, points, polygons):
+    """Outlines for many points (n, 2), written, (n, directions, 2)."""
+    for n in range(points.shape[0]):
+        outline_at(step, outlines, points[n, 0], points[n, 1], polygons[n])

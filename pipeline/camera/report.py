@@ -5,6 +5,7 @@ from typing import Any
 
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.focus import Focus, foci
+from pipeline.camera.lattice import extent_mm, lattice
 from pipeline.camera.request import matched_stop_mm
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 from pipeline.optics.prescription import Prescription
@@ -19,6 +20,7 @@ def report(camera: Camera) -> dict[str, Any]:
     figures: dict[str, Any] = {
         "resolution": [sensor.width_px, sensor.height_px],
         "pixel_pitch_mm": sensor.pitch_mm,
+        "pixel_acceptance": _acceptance(sensor),
         "sensor_mm": [sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm],
         "sensor_distance_mm": camera.sensor_distance_mm,
         "lens": _lens(camera, lens, to_sensor),
@@ -69,6 +71,16 @@ def field_of_view_deg(sensor: Sensor, principal_mm: float) -> list[float]:
     return [*across, math.degrees(math.acos(max(-1.0, min(1.0, cosine))))]
 
 
+def _acceptance(sensor: Sensor) -> dict[str, Any]:
+    """Shape of the pixels' angular acceptance, with the numbers that this shape has."""
+    if sensor.acceptance == "cosine":
+        return {"shape": "cosine", "power": sensor.acceptance_power}
+    if sensor.acceptance == "cone":
+        cone = {"half_angle_deg": sensor.acceptance_half_angle_deg, "roll_off_deg": sensor.acceptance_roll_off_deg}
+        return {"shape": "cone", **cone}
+    return {"shape": "all"}
+
+
 def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
     """What the union of ranges leaves out between its ends, near to far."""
     gaps, reached = list[list[float]](), -math.inf
@@ -107,40 +119,49 @@ def _pupil(pupil: Pupil) -> dict[str, float]:
 
 
 def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple[Focus, ...]) -> dict[str, Any]:
-    to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - array.distance_mm
-    scale = 1 + array.distance_mm / to_array
-    array_z = -(camera.sensor_distance_mm - array.distance_mm)
+    behind_mm, ahead_mm = array.principal_mm[0]
+    to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead_mm
+    scale = 1 + behind_mm / to_array
     types = [
         {
             "focal_length_mm": focal,
+            "principal_planes_mm": [ahead, behind],
             "focus_distance_mm": focus.focus_distance_mm,
             "depth_of_field_mm": list(focus.depth_of_field_mm),
             "virtual_depth": focus.virtual_depth,
             "magnification": _magnification(lens, focus.focus_distance_mm),
-            "micro_image_magnification": _through_microlens(array, lens, focal, array_z),
+            "micro_image_magnification": _through_microlens(behind, lens, focal, ahead - camera.sensor_distance_mm),
         }
-        for focal, focus in zip(array.focal_lengths_mm, found, strict=True)
+        for focal, focus, (behind, ahead) in zip(array.focal_lengths_mm, found, array.principal_mm, strict=True)
     ]
+    width_mm, height_mm = extent_mm(array)
     return {
         "layout": array.layout,
         "pitch_mm": array.pitch_mm,
+        "cross_pitch_mm": array.pitches_mm[1],
+        "extent_mm": [width_mm, height_mm],
+        "count": len(lattice(array).k),
         "rotation_deg": array.rotation_deg,
         "offset_mm": [array.offset_x_mm, array.offset_y_mm],
-        "tilt_deg": [0.0, 0.0],
+        "tilt_deg": [array.tilt_x_deg, array.tilt_y_deg],
         "distance_mm": array.distance_mm,
-        "aperture": "cell",
+        "model": array.model,
+        "index": array.index,
+        "thickness_mm": array.thickness_mm,
+        "aperture": array.aperture,
+        "disc_diameter_mm": array.disc_diameter_mm,
         "types": types,
         "depth_of_field_gaps_mm": gaps_mm([focus.depth_of_field_mm for focus in found]),
         "micro_image_pitch_px": array.pitch_mm * scale / camera.sensor.pitch_mm,
-        "f_number_mismatch": (to_array / lens.exit_pupil.diameter_mm) / (array.distance_mm / array.pitch_mm),
+        "f_number_mismatch": (to_array / lens.exit_pupil.diameter_mm) / (behind_mm / array.pitch_mm),
     }
 
 
-def _through_microlens(array: MicrolensArray, lens: FirstOrder, focal: float, array_z: float) -> float:
+def _through_microlens(behind_mm: float, lens: FirstOrder, focal: float, array_z: float) -> float:
     """Magnification from the in-focus object to the micro-image.
 
     The main lens's, -(F' - image) / EFL with the image B / v behind the array, times the microlens's v = 1 - B / f. The
     product stays finite where v is 0 and the image in between lies at infinity.
     """
-    vergence = 1 - array.distance_mm / focal
-    return -((lens.rear_focus_mm - array_z) * vergence + array.distance_mm) / lens.efl_mm
+    vergence = 1 - behind_mm / focal
+    return -((lens.rear_focus_mm - array_z) * vergence + behind_mm) / lens.efl_mm

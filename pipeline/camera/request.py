@@ -93,7 +93,7 @@ def sensor_distance(request: FocusRequest) -> float:
         raise CameraError(what, hint=f"within reach: distances {reach}")
     array = request.microlenses
     film = -first_order(request.prescription).image_mm(wanted) - _image_behind_film(request)
-    return film + (array.distance_mm if array else 0.0)
+    return film + (_principal_mm(array, request.type)[1] if array else 0.0)
 
 
 def group_shift(request: FocusRequest) -> float:
@@ -101,8 +101,9 @@ def group_shift(request: FocusRequest) -> float:
     wanted = request.focus_distance_mm
     if not request.focus_groups or wanted is None:
         return 0.0
-    film = sensor_distance(request) - (request.microlenses.distance_mm if request.microlenses else 0.0)
-    image = film + _image_behind_film(request)
+    array, film = request.microlenses, sensor_distance(request)
+    image = film - (_principal_mm(array, request.type)[1] if array else 0.0) + _image_behind_film(request)
+    film -= array.reach_mm if array else 0.0
     return shift_mm(request.prescription, request.focus_groups, film, image, wanted)
 
 
@@ -117,7 +118,9 @@ def reachable(request: FocusRequest) -> tuple[float, float]:
         power = "without power" if math.isinf(lens.efl_mm) else f"with the focal length {lens.efl_mm:g} mm"
         raise CameraError(f"a lens {power} has no real image to focus")
     nearest = max(lens.front_focus_mm, -vertices[0])
-    least_image = vertices[-1] + _image_behind_film(request)
+    array = request.microlenses
+    before_film = array.reach_mm - _principal_mm(array, request.type)[1] if array else 0.0
+    least_image = vertices[-1] + before_film + _image_behind_film(request)
     if least_image <= -lens.rear_focus_mm:
         return nearest, math.inf
     farthest = lens.object_mm(-least_image)
@@ -127,22 +130,32 @@ def reachable(request: FocusRequest) -> tuple[float, float]:
 
 
 def _image_behind_film(request: FocusRequest) -> float:
-    """How far behind the sensor, or the microlens array, the main-lens image lies that is in focus. [mm]"""
+    """How far behind the sensor, or the microlens' front principal plane, the main-lens image in focus lies. [mm]"""
     array = request.microlenses
     if array is None or request.type is None:
         return 0.0
     focal = array.focal_lengths_mm[request.type]
-    vergence = 1 - array.distance_mm / focal
+    behind_mm = _principal_mm(array, request.type)[0]
+    vergence = 1 - behind_mm / focal
     if vergence == 0:
         what = f"microlenses of {focal:g} mm, as far from the sensor, see infinity sharp wherever the sensor stands"
         raise CameraError(what, hint="author plen:camera:sensorDistance")
-    return array.distance_mm / vergence
+    return behind_mm / vergence
+
+
+def _principal_mm(array: MicrolensArray, kind: int | None) -> tuple[float, float]:
+    """Rear and front principal plane of a microlens type before the sensor. [mm]"""
+    return array.principal_mm[kind or 0]
 
 
 def matched_stop_mm(lens: FirstOrder, array: MicrolensArray, sensor_distance_mm: float) -> float:
-    """Stop diameter with which the exit pupil's image through a microlens vertex is as wide as the MLA pitch. [mm]"""
-    to_array = lens.exit_pupil.z_mm + sensor_distance_mm - array.distance_mm
-    return to_array / array.distance_mm * array.pitch_mm / abs(lens.exit_pupil.magnification)
+    """Stop diameter with which the exit pupil's image through a microlens vertex is as wide as the MLA pitch. [mm]
+
+    Of microlenses with faces, the vertex is that of the principal planes of type 0.
+    """
+    behind_mm, ahead_mm = array.principal_mm[0]
+    to_array = lens.exit_pupil.z_mm + sensor_distance_mm - ahead_mm
+    return to_array / behind_mm * array.pitch_mm / abs(lens.exit_pupil.magnification)
 
 
 def with_matched_stop(camera: Camera) -> Camera:
@@ -157,7 +170,7 @@ def with_matched_stop(camera: Camera) -> Camera:
     if array is None:
         raise CameraError("a camera without microlenses has no stop that matches them")
     diameter = matched_stop_mm(first_order(prescription), array, camera.sensor_distance_mm)
-    widest = _widest_stop_mm(prescription, camera.sensor_distance_mm - array.distance_mm)
+    widest = _widest_stop_mm(prescription, camera.sensor_distance_mm - array.principal_mm[0][1])
     if diameter > widest:
         what = (
             f"microlenses of pitch {array.pitch_mm:g} mm, {array.distance_mm:g} mm before the sensor, match a stop of"

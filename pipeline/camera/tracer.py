@@ -2,14 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pipeline.camera import kernels
 from pipeline.camera.camera import REPLICAS, Camera
-from pipeline.camera.lattice import Lattice, lattice
+from pipeline.camera.lattice import Lattice, cell, lattice
 from pipeline.camera.moments import COLUMNS, WEIGHT
-from pipeline.camera.polygon import regular
+from pipeline.camera.mosaic import Microlenses, is_plain, microlenses
 from pipeline.camera.pupil import MARGIN, Outlines, outlines
 from pipeline.camera.pupil_grid import grid_outlines, upright
 from pipeline.camera.regions import NO_MICROLENS
@@ -72,34 +73,23 @@ class Tracer:
         return -np.stack([self.lattice.x_mm - sensor.offset_x_mm, self.lattice.y_mm - sensor.offset_y_mm], axis=1)
 
     @cached_property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """Leading arguments of the kernels: optics, table, outlines, lenses, aperture."""
-        camera, array = self.camera, self.camera.microlenses
-        sensor = camera.sensor
+    def bounds(self) -> Outlines:
+        """Outlines of the passing rays for the plane that the main lens sees; in a grid if it is not centred."""
+        if not is_centred(self.table):
+            return self._grid()
+        sensor = self.camera.sensor
         reach = np.hypot(sensor.width_px + 1, sensor.height_px + 1) * sensor.pitch_mm / 2
         reach += np.hypot(sensor.offset_x_mm, sensor.offset_y_mm)
-        lenses, aperture = np.zeros((0, 3)), np.zeros((0, 2))
-        if array and self.lattice:
-            reach = np.hypot(*self.vertices_mm.T).max()
-            focal = np.array(array.focal_lengths_mm)[self.lattice.type]
-            lenses = np.column_stack([self.vertices_mm, focal])
-            # Cells of a hexagonal lattice with rows along x have an edge normal along x. Vision x, y are sensor -x, -y:
-            # a half turn, under which rotation angles stay what they are.
-            aperture = regular(6, array.pitch_mm / 2, array.rotation_deg)
-        bounds = self._outlines(float(reach))
-        sampling_plane = self.film_z_mm if array else float(self.table[0, 0])
-        optics = np.array(
-            [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
-        )
-        return optics, self.table, bounds.vertices_mm, lenses, aperture
+        if self.lattice:
+            # Chief rays through vertices of a tilted array cross the untilted one at slopes below 1.
+            reach = np.hypot(*self.vertices_mm.T).max() + np.abs(self.lattice.z_mm).max()
+        return outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
 
-    def _outlines(self, reach_mm: float) -> Outlines:
-        """Outlines for all points of the film within a circle; of a lens that is not centred, in a grid."""
-        if is_centred(self.table):
-            return outlines(self.table, self.stop_row, self.film_z_mm, reach_mm, self.margin)
+    def _grid(self) -> Outlines:
         array, sensor = self.camera.microlenses, self.camera.sensor
-        if array:
-            extents, slack = np.abs(self.vertices_mm).max(axis=0), array.pitch_mm / np.sqrt(3)
+        if array and self.lattice:
+            extents = np.abs(self.vertices_mm).max(axis=0) + np.abs(self.lattice.z_mm).max()
+            slack = np.hypot(*cell(array).T).max() * (1.0 if is_plain(array) else 1.1)
         else:
             size = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
             extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
@@ -107,6 +97,25 @@ class Tracer:
         return grid_outlines(
             self.table, self.stop_row, upright(self.film_z_mm), (extents[0], extents[1]), float(slack), self.margin
         )
+
+    def on_film(self, points_mm: np.ndarray) -> np.ndarray:
+        """Points (n, 2) of the plane that the main lens sees, in space (n, 3), vision frame."""
+        return np.column_stack([points_mm, np.full(len(points_mm), self.film_z_mm)])
+
+    @cached_property
+    def microlenses(self) -> Microlenses:
+        """Microlenses and pixels as arrays; no lenses for a conventional camera."""
+        return microlenses(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
+
+    @cached_property
+    def arrays(self) -> tuple[Any, ...]:
+        """Leading arguments of the kernels: optics, table, outlines, lenses, aperture, mosaic."""
+        bounds, parts = self.bounds, self.microlenses
+        sampling_plane = self.film_z_mm if self.camera.microlenses else float(self.table[0, 0])
+        optics = np.array(
+            [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
+        )
+        return optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic
 
     def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""

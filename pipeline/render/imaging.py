@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.camera import kernels
 from pipeline.camera.micro_images import MicroImages, strata
+from pipeline.camera.regions import SKIP
 from pipeline.camera.sobol import sobol_bits
 from pipeline.camera.tracer import Tracer
 
@@ -31,16 +32,32 @@ def irradiance(tracer: Tracer, images: MicroImages | None, samples: int, radianc
     -------
     (height, width) float64
     """
+    return irradiance_and_crosstalk(tracer, images, samples, radiance)[0]
+
+
+def irradiance_and_crosstalk(
+    tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The image, and its part that came through other microlenses than that of the pixel's cell.
+
+    Returns
+    -------
+    (height, width) float64, (height, width) float64
+        See `irradiance`.
+    """
     sensor = tracer.camera.sensor
-    result = np.zeros(sensor.height_px * sensor.width_px)
+    result, foreign = np.zeros((2, sensor.height_px * sensor.width_px))
     bits = sobol_bits(samples)
-    lenses = 4 if images else 1
-    chunk = max(1, _RAYS_PER_CHUNK // (samples * lenses))
-    buffers = _buffers(chunk * samples * lenses)
+    chunk = max(1, _RAYS_PER_CHUNK // (samples * _ways(tracer, images)))
+    buffers = _buffers(0)
     for first in range(0, result.size, chunk):
         pixel = np.arange(first, min(first + chunk, result.size))
         x_px, y_px = pixel % sensor.width_px, pixel // sensor.width_px
         positions = tracer.positions_mm(x_px, y_px)
+        lenses = strata(tracer, images, positions)
+        most = int(np.count_nonzero(lenses != SKIP)) * samples
+        if len(buffers[0]) < most:
+            buffers = _buffers(most)
         origin, direction, weight, owner = buffers
         count = kernels.image_rays(
             *tracer.arrays,
@@ -49,14 +66,25 @@ def irradiance(tracer: Tracer, images: MicroImages | None, samples: int, radianc
             sensor.pitch_mm,
             np.stack([x_px, y_px], axis=1),
             positions,
-            strata(tracer, images, positions),
+            lenses,
             *buffers,
         )
         value = weight[:count]
         if radiance is not None:
             value = value * radiance(origin[:count], direction[:count])
-        result[pixel] = np.bincount(owner[:count], value, minlength=len(pixel))
-    return result.reshape(sensor.height_px, sensor.width_px) / tracer.reference_weight_sr
+        row, way = np.divmod(owner[:count], lenses.shape[1])
+        result[pixel] = np.bincount(row, value, minlength=len(pixel))
+        foreign[pixel] = np.bincount(row[way > 0], value[way > 0], minlength=len(pixel))
+    shape = sensor.height_px, sensor.width_px
+    return result.reshape(shape) / tracer.reference_weight_sr, foreign.reshape(shape) / tracer.reference_weight_sr
+
+
+def _ways(tracer: Tracer, images: MicroImages | None) -> int:
+    """About how many microlenses light a pixel where most do; it decides only how many pixels go together."""
+    if images is None:
+        return 1
+    middle = images.centre_mm[[len(images.centre_mm) // 2]]
+    return max(4, int(np.count_nonzero(strata(tracer, images, middle) != SKIP)))
 
 
 def _buffers(rays: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.camera.camera import Camera, MicrolensArray
 from pipeline.camera.focus import middle_focus
-from pipeline.camera.lattice import Lattice, lattice
+from pipeline.camera.lattice import Lattice, cell, extent_mm, lattice
 from pipeline.frames import apply
 from pipeline.optics.displacement import displacements
 from pipeline.optics.first_order import first_order
@@ -75,7 +75,11 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for ray in bundle(camera, 0.0, left, _INSET_RAYS):
         sheet.line(ray[-3:], _FIELDS[0][1], 0.7)
-    half, vertices = array.pitch_mm * math.sqrt(3) / 4, lattice(array)
+    half, vertices = float(cell(array)[:, 1].max()), lattice(array)
+    if array.disc_diameter_mm is None and array.layout == "hexagonal":
+        half = array.pitch_mm * math.sqrt(3) / 4
+    elif array.disc_diameter_mm is not None:
+        half = array.disc_diameter_mm / 2
     x, y_all = _about_axis(camera, vertices)
     rows = y_all[np.abs(x) <= array.pitch_mm]
     for y in np.unique(rows[np.abs(rows - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
@@ -139,7 +143,7 @@ def _trace(
 
 
 def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
-    """On to the sensor, through the thin microlens in whose cell the ray meets the array."""
+    """On to the sensor, through the microlens in whose cell the ray meets the array, drawn as a thin one."""
     x, y = last
     array = camera.microlenses
     if array is None:
@@ -215,7 +219,7 @@ def _draw_film(sheet: "_Sheet", camera: Camera, name: str) -> None:
     sheet.label(end, centre + half, name, "start")
     if camera.microlenses:
         array = camera.microlenses
-        film, reach, middle = end - array.distance_mm, array.height_mm / 2, centre + array.offset_y_mm
+        film, reach, middle = end - array.distance_mm, extent_mm(array)[1] / 2, centre + array.offset_y_mm
         sheet.line([(film, middle - reach), (film, middle + reach)], "#8e44ad", 1.5, dashes="2 2")
         sheet.label(film, middle + reach, "MLA", "end")
 

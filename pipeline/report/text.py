@@ -101,6 +101,7 @@ def _sensor(document: dict[str, Any]) -> Iterator[str]:
     pitch_um = 1000 * document["pixel_pitch_mm"]
     (near, far), (near_plane, far_plane) = document["depth_of_field_mm"], document["near_far_mm"]
     yield _row("pixels", f"{width} x {height} of {pitch_um:g} µm")
+    yield from _acceptance(document["pixel_acceptance"])
     yield _row("size", "{:g} x {:g} mm".format(*document["sensor_mm"]))
     yield _row("distance behind the stop", _mm(document["sensor_distance_mm"]))
     yield _row(
@@ -112,12 +113,29 @@ def _sensor(document: dict[str, Any]) -> Iterator[str]:
     yield _row("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
 
 
+def _acceptance(acceptance: dict[str, Any]) -> Iterator[str]:
+    if acceptance["shape"] == "cosine":
+        yield _row("pixels take", f"cos^{acceptance['power']:g} of the angle")
+    elif acceptance["shape"] == "cone":
+        yield _row(
+            "pixels take", f"up to {acceptance['half_angle_deg']:g} deg", f"falling over {acceptance['roll_off_deg']:g}"
+        )
+
+
 def _microlenses(document: dict[str, Any]) -> Iterator[str]:
     array, lens = document["mla"], document["lens"]
     image_mm = array["micro_image_pitch_px"] * document["pixel_pitch_mm"]
     mismatch = array["f_number_mismatch"]
     yield _row("distance to the sensor", _mm(array["distance_mm"]), f"{array['layout']} layout")
-    yield _row("MLA pitch", f"{_mm(array['pitch_mm'], 4)}")
+    yield _row("microlenses", f"{array['count']} in {len(array['types'])} types", f"{array['model']} model")
+    along, across = array["pitch_mm"], array["cross_pitch_mm"]
+    yield _row("MLA pitch", f"{_mm(along, 4)}", "" if along == across else f"{across:.5f} mm across")
+    if array["aperture"] == "disc":
+        yield _row("apertures", f"discs ø {_mm(array['disc_diameter_mm'], 4)}", "opaque gaps")
+    if array["index"] is not None:
+        yield _row("glass", f"index {array['index']:.5f}, {_mm(array['thickness_mm'])} thick")
+    if any(array["tilt_deg"]):
+        yield _row("tilt", "{:g}, {:g} deg".format(*array["tilt_deg"]), "about x, about y")
     yield _row(
         "micro-image pitch",
         f"{_mm(image_mm, 4)} = {array['micro_image_pitch_px']:.3f} px",
@@ -142,7 +160,7 @@ def _types(array: dict[str, Any]) -> Iterator[str]:
     rows = [
         (
             str(number),
-            f"{kind['focal_length_mm']:g}",
+            f"{kind['focal_length_mm']:.6g}",
             f"{kind['virtual_depth']:.2f}",
             f"{kind['focus_distance_mm']:.1f}",
             f"{kind['magnification']:.4f}",

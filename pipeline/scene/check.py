@@ -10,13 +10,14 @@ from pathlib import Path
 from pxr import Usd
 
 from pipeline.scene.asset_roots import check_assets
-from pipeline.scene.check_camera import check_camera, check_microlenses
+from pipeline.scene.check_camera import check_camera, check_sensor
 from pipeline.scene.check_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check_focus import check_planes
 from pipeline.scene.check_glass import check_glass
 from pipeline.scene.check_groups import check_groups, check_place
 from pipeline.scene.check_layers import check_layers
 from pipeline.scene.check_lens import check_lens, check_nominal
+from pipeline.scene.check_microlenses import check_microlenses
 from pipeline.scene.check_poses import check_poses
 from pipeline.scene.check_prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check_properties import check_properties
@@ -29,6 +30,7 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_groups),
     ("PlenLensGroup", check_place),
     ("PlenMicrolensArray", check_microlenses),
+    ("PlenSensor", check_sensor),
     ("PlenTarget", check_target),
 )
 

@@ -9,12 +9,11 @@ from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.check_focus import check_focus, check_request
 from pipeline.scene.check_glass import check_wavelength
+from pipeline.scene.check_microlenses import check_microlens_glass
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem
-from pipeline.scene.reading import read_prescription
+from pipeline.scene.reading import ACCEPTANCE_VALUES, read_prescription
 from pipeline.scene.values import read, target, target_paths
-
-_MICROLENS_TYPES = (1, 3)
 
 
 def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
@@ -32,6 +31,9 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if lens:
         yield from check_wavelength(camera, lens)
+    array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    if array:
+        yield from check_microlens_glass(camera, array)
     prescription = _prescription(camera, lens)
     if prescription:
         yield from _check_behind_lens(camera, prescription)
@@ -39,13 +41,17 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         yield from check_focus(camera)
 
 
-def check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a PlenMicrolensArray as a whole."""
-    focal_lengths = read(array, "plen:focalLengths")
-    if focal_lengths is not None and len(focal_lengths) not in _MICROLENS_TYPES:
-        attribute = array.GetAttribute("plen:focalLengths")
-        message = f"{len(focal_lengths)} microlens types; the type rule knows 1 or 3"
-        yield problem(attribute, "microlens-types", message)
+def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:
+    """An acceptance of the pixels without its numbers, or numbers without their acceptance."""
+    shape = read(sensor, "plen:acceptance")
+    for other, values in ACCEPTANCE_VALUES.items():
+        for name in values.values():
+            attribute = sensor.GetAttribute(name)
+            if shape == other and read(sensor, name) is None:
+                message = f'the acceptance "{shape}" needs "{name}"'
+                yield problem(sensor, "missing-value", message, hint="it has no fallback: write it")
+            elif shape in ACCEPTANCE_VALUES and shape != other and attribute.HasAuthoredValue():
+                yield problem(attribute, "unused-value", f'"{name}" means nothing without plen:acceptance = "{other}"')
 
 
 def _prescription(camera: Usd.Prim, lens: Usd.Prim | None) -> Prescription | None:

@@ -39,7 +39,9 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
         message = f'"{_MATCH}" = "microlenses" means nothing without "plen:camera:microlenses"'
         yield problem(match, "unused-value", message)
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    focal_lengths, number = read(array, "plen:focalLengths") if array else None, read(camera, _TYPE)
+    is_refractive = array and read(array, "plen:model") == "refractive"
+    by_type = "plen:frontRadii" if is_refractive else "plen:focalLengths"
+    focal_lengths, number = read(array, by_type) if array else None, read(camera, _TYPE)
     if focal_lengths and number is not None and number >= len(focal_lengths):
         message = f'"{_TYPE}" = {number}, but the array has {len(focal_lengths)} types, counted from 0'
         yield problem(kind, "focus-type", message)
@@ -124,7 +126,7 @@ def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
     if array is None or len(array.focal_lengths_mm) < 2:
         return
     prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    attribute = prim.GetAttribute("plen:focalLengths")
+    attribute = prim.GetAttribute("plen:frontRadii" if array.model == "refractive" else "plen:focalLengths")
     if mixed := _mixed(array):
         yield problem(attribute, "mixed-microlenses", mixed, severity="warning")
     for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
@@ -137,8 +139,9 @@ def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
 
 
 def _mixed(array: MicrolensArray) -> str | None:
-    longer = [focal for focal in array.focal_lengths_mm if focal > array.distance_mm]
-    others = [focal for focal in array.focal_lengths_mm if focal <= array.distance_mm]
+    placed = list(zip(array.focal_lengths_mm, array.principal_mm, strict=True))
+    longer = [focal for focal, (behind_mm, _) in placed if focal > behind_mm]
+    others = [focal for focal, (behind_mm, _) in placed if focal <= behind_mm]
     if not longer or not others:
         return None
     galilean, keplerian = (", ".join(f"{focal:g}" for focal in group) for group in (longer, others))

@@ -11,6 +11,7 @@ from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
 from pipeline.scene.media import index_source, with_indices
+from pipeline.scene.microlenses import read_microlenses
 from pipeline.scene.poses import inverse, product, world_from
 from pipeline.scene.reading_targets import read_target_entry
 from pipeline.scene.values import UnreadableValue, need, read, target, targets
@@ -32,6 +33,16 @@ APERTURE_VALUES = {
     "polygonal": {"blades": "plen:blades"},
 }
 """Which attributes give an aperture of a shape its size, by the fields of `Surface`."""
+
+ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
+    "all": {},
+    "cosine": {"acceptance_power": "plen:acceptancePower"},
+    "cone": {
+        "acceptance_half_angle_deg": "plen:acceptanceHalfAngle",
+        "acceptance_roll_off_deg": "plen:acceptanceRollOff",
+    },
+}
+"""Which attributes give a pixel's acceptance of a shape its numbers, by the fields of `Sensor`."""
 
 
 def read_dataset(root: Usd.Prim) -> Dataset:
@@ -120,7 +131,7 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
             target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
         ),
         "sensor": read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
-        "microlenses": read_microlenses(array, need(prim, "plen:camera:microlensDistance")) if array else None,
+        "microlenses": _read_microlenses(prim, array) if array else None,
         "circle_of_confusion_px": need(prim, "plen:camera:circleOfConfusion"),
         "near_mm": read(prim, "plen:camera:near"),
         "far_mm": read(prim, "plen:camera:far"),
@@ -203,6 +214,7 @@ def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
 
 def read_sensor(prim: Usd.Prim) -> Sensor:
     """A PlenSensor."""
+    acceptance = need(prim, "plen:acceptance")
     width_px, height_px = need(prim, "plen:resolution")
     offset_x_mm, offset_y_mm = need(prim, "plen:offset")
     return Sensor(
@@ -211,22 +223,15 @@ def read_sensor(prim: Usd.Prim) -> Sensor:
         pitch_mm=need(prim, "plen:pixelPitch"),
         offset_x_mm=offset_x_mm,
         offset_y_mm=offset_y_mm,
+        acceptance=acceptance,
+        **{field: need(prim, name) for field, name in ACCEPTANCE_VALUES[acceptance].items()},
     )
 
 
-def read_microlenses(prim: Usd.Prim, distance_mm: float) -> MicrolensArray:
-    """A PlenMicrolensArray at a distance from the sensor."""
-    offset_x_mm, offset_y_mm = need(prim, "plen:offset")
-    return MicrolensArray(
-        layout=need(prim, "plen:layout"),
-        pitch_mm=need(prim, "plen:pitch"),
-        focal_lengths_mm=need(prim, "plen:focalLengths"),
-        width_mm=need(prim, "plen:width"),
-        height_mm=need(prim, "plen:height"),
-        distance_mm=distance_mm,
-        rotation_deg=need(prim, "plen:rotation"),
-        offset_x_mm=offset_x_mm,
-        offset_y_mm=offset_y_mm,
+def _read_microlenses(camera: Usd.Prim, array: Usd.Prim) -> MicrolensArray:
+    """The microlenses of a camera."""
+    return read_microlenses(
+        array, need(camera, "plen:camera:microlensDistance"), need(camera, "plen:camera:wavelength")
     )
 
 

@@ -1,9 +1,12 @@
 """Compile every kernel by running a tiny camera through it; afterwards workers find the code in the kernel cache."""
 
+import dataclasses
+
 import numpy as np
 
 from pipeline.camera import probes
-from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.camera import Camera, MicrolensArray, Sensor
+from pipeline.camera.micro_images import micro_images
 from pipeline.camera.quadrature import edges
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.prescription import Prescription, Surface
@@ -20,7 +23,10 @@ def compile_kernels() -> None:
     """Run every kernel once, with the argument types of real work."""
     stop = Surface(semi_diameter_mm=1.0, is_stop=True)
     sensor = Sensor(width_px=2, height_px=2, pitch_mm=0.01)
-    tracer = Tracer(Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0))
+    camera = Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0)
+    array = MicrolensArray(pitch_mm=0.1, focal_lengths_mm=(1.0,), columns=1, rows=1, distance_mm=1.0, tilt_x_deg=1.0)
+    micro_images(Tracer(dataclasses.replace(camera, microlenses=array)))
+    tracer = Tracer(camera)
     pixels = np.zeros((1, 2), np.int64)
     tracer.moments(np.zeros((1, 2)), np.array([-1]), parallel_planes(1.0, 2.0), 4, pixels)
     found = edges(tracer.arrays, np.zeros((1, 2)), np.array([-1]))

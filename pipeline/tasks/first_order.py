@@ -18,12 +18,14 @@ CONVENTIONS = {
     "distances": "vision z from the aperture stop, mm",
 }
 
+_FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
+
 
 def document(labels: dict[str, Any], camera: Camera) -> dict[str, Any]:
     """What camera.json says of a focused camera; `labels` is what it says besides."""
     figures = report(camera)
     lens = {"name": labels["lens_name"], "index_source": labels["index_source"], **figures.pop("lens")}
-    head = {name: figures.pop(name) for name in ("resolution", "pixel_pitch_mm", "sensor_mm", "sensor_distance_mm")}
+    head = {name: figures.pop(name) for name in _FIRST}
     light = {"weight": labels["weight"], "footprint": labels["footprint"], "wavelengths_nm": [labels["wavelength_nm"]]}
     head["focus_request"] = labels.get("focus_request")
     return {**head, "conventions": CONVENTIONS, **light, "lens": lens, **figures}

@@ -1,5 +1,6 @@
 """Task `image`: the image of one camera in one frame, linear and as a preview."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +25,14 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     write_image(out, "image", irradiance(tracer, images, params["samples"], light.radiance), params, tracer)
 
 
-def write_image(out: Path, name: str, pixels: np.ndarray, params: dict[str, Any], tracer: Any) -> None:
+def write_image(
+    out: Path, name: str, pixels: np.ndarray, params: dict[str, Any], tracer: Any, more: Sequence[Part] = ()
+) -> None:
     """Write `name`.exr, relative irradiance with its reference in the header, and `name`.png, an 8-bit preview."""
     attributes = {
         "content": "relative irradiance: integral of L cos(theta) d omega over W_ref",
         "W_ref_sr": tracer.reference_weight_sr,
         **{key: params[key] for key in ("weight", "wavelength_nm", "samples", "seed")},
     }
-    write_exr(out / f"{name}.exr", [Part(name=name, channels={"Y": pixels}, attributes=attributes)])
+    write_exr(out / f"{name}.exr", [Part(name=name, channels={"Y": pixels}, attributes=attributes), *more])
     write_png(out / f"{name}.png", srgb_preview(pixels, 1.0))

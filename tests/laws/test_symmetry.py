@@ -161,7 +161,7 @@ def assert_independent_of_bounds(camera: Camera, positions: np.ndarray, lens: np
 
 def sampling_region(tracer: Tracer, position: np.ndarray, lens: int) -> np.ndarray:
     """Vertices of the region that the tracer samples for a position, (n, 2)."""
-    optics, _, outlines, lenses, aperture = tracer.arrays
+    optics, _, outlines, lenses, aperture, _ = tracer.arrays
     region = new_region()
     count, _, _, _ = bound(optics, outlines, lenses, aperture, lens, *position, 0.0, region)
     return region[0][:count]

@@ -1,0 +1,165 @@
+"""Rays through a microlens that is more than an untilted thin one, in its own frame. Kernels only; mm.
+
+The local frame of a microlens has its origin at the vertex of the rear face and z along its axis, to the scene;
+`detail` holds the turn from the vision frame. `mosaic` is the tuple of detail, faces, bends and rims that
+`camera.mosaic` makes.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.acceptance import disc_weight, is_limited, region_weight
+from pipeline.jit import inline, kernel
+from pipeline.optics.kernels import PACKET, SCRATCH, trace_packet
+
+X, Y, FOCAL, KIND, Z, AIM, BY_START, BY_AIM, OUTLINE_X, OUTLINE_Y, BASE_X, BASE_Y, MARGIN, INFLATION = range(14)
+"""Columns of `lenses`. Plain microlenses have the first three."""
+PLAIN_COLUMNS, COLUMNS = 3, 14
+
+DISC, MODEL, TURN = 3, 4, 5
+"""Places in `detail` behind those of `camera.acceptance`: radius of the disc or 0, the model, the turn (9)."""
+PLAIN, THIN, TWO_PLANE, REFRACTIVE = 0.0, 1.0, 2.0, 3.0
+"""Models; a plain microlens is thin and parallel to the sensor."""
+
+CURVATURE_OF_NORMALS, INDEX, IN_FRONT, BENDS = range(4)
+"""Columns of `bends`, one row per type: curvature of the normals of the two-plane model [1/mm], index, and whether the
+aperture is that of the front face, behind a plane; the last is their number."""
+
+
+@inline
+def through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, packet):
+    """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
+    detail, faces, bends, _ = mosaic
+    x, y, z, dx, dy, dz, alive, scratch, weight = packet
+    kind, h = int(lenses[lens, KIND]), lenses[lens, AIM]
+    vx, vy, vz = lenses[lens, X], lenses[lens, Y], lenses[lens, Z]
+    below = optics[0] - vz
+    for i in range(size):
+        sx, sy = (x[i] - start_x[i]) / h, (y[i] - start_y[i]) / h
+        squared = 1.0 + sx * sx + sy * sy
+        weight[i] = 1.0 / (h * h * squared * squared)
+        w = 1.0 / math.sqrt(squared)
+        dx[i], dy[i], dz[i] = turned(detail, sx * w, sy * w, w)
+        x[i], y[i], z[i] = turned(detail, start_x[i] - vx, start_y[i] - vy, below)
+        alive[i] = 1.0
+    trace_packet(faces[kind], x, y, z, dx, dy, dz, alive, scratch, size)
+    if detail[MODEL] == THIN:
+        for i in range(size):
+            a, b = dx[i] / dz[i] - x[i] / lenses[lens, FOCAL], dy[i] / dz[i] - y[i] / lenses[lens, FOCAL]
+            w = 1.0 / math.sqrt(1.0 + a * a + b * b)
+            dx[i], dy[i], dz[i] = a * w, b * w, w
+    elif detail[MODEL] == TWO_PLANE:
+        _bend_at_plane(bends[kind, CURVATURE_OF_NORMALS], bends[kind, INDEX], x, y, dx, dy, dz, alive, size)
+    for i in range(size):
+        dx[i], dy[i], dz[i] = turned_back(detail, dx[i], dy[i], dz[i])
+        a, b, c = turned_back(detail, x[i], y[i], z[i])
+        x[i], y[i], z[i] = a + vx, b + vy, c + vz
+
+
+@inline
+def _bend_at_plane(curvature, mu, x, y, dx, dy, dz, alive, size):
+    """Snell's law at a plane with the normals of a sphere, for rays that leave a medium of index mu."""
+    for i in range(size):
+        nx, ny = -curvature * x[i], -curvature * y[i]
+        flat = 1.0 - nx * nx - ny * ny
+        nz = math.sqrt(max(flat, 0.0))
+        cosine = dx[i] * nx + dy[i] * ny + dz[i] * nz
+        squared = 1.0 - mu * mu * (1.0 - cosine * cosine)
+        alive[i] = alive[i] if (squared >= 0.0) & (flat >= 0.0) else 0.0
+        step = math.sqrt(max(squared, 0.0)) - mu * cosine
+        dx[i] = mu * dx[i] + step * nx
+        dy[i] = mu * dy[i] + step * ny
+        dz[i] = mu * dz[i] + step * nz
+
+
+@inline
+def turned(detail, x, y, z):
+    """A vector of the vision frame in the array's frame."""
+    r = detail[TURN : TURN + 9]
+    return r[0] * x + r[1] * y + r[2] * z, r[3] * x + r[4] * y + r[5] * z, r[6] * x + r[7] * y + r[8] * z
+
+
+@inline
+def turned_back(detail, x, y, z):
+    """A vector of the array's frame in the vision frame."""
+    r = detail[TURN : TURN + 9]
+    return r[0] * x + r[3] * y + r[6] * z, r[1] * x + r[4] * y + r[7] * z, r[2] * x + r[5] * y + r[8] * z
+
+
+@inline
+def aim_for(sensor_z, lenses, mosaic, lens, sx, sy, px, py, pz):
+    """The aim point of the ray from a sensor position that meets a point (px, py, pz) of the aperture, local frame.
+
+    Where a plane face comes first, the slope u in front of it follows from Snell's law by Newton's method:
+    gap u + slab u / sqrt(n^2 + (n^2 - 1) u^2) is the distance across.
+    """
+    detail, _, bends, _ = mosaic
+    kind, h = int(lenses[lens, KIND]), lenses[lens, AIM]
+    x, y, z = turned(detail, sx - lenses[lens, X], sy - lenses[lens, Y], sensor_z - lenses[lens, Z])
+    across_x, across_y = px - x, py - y
+    if bends[kind, IN_FRONT] > 0.0:
+        gap, slab, n2 = -z, pz, bends[kind, INDEX] ** 2
+        across = math.sqrt(across_x * across_x + across_y * across_y)
+        u = across / (gap + slab / bends[kind, INDEX])
+        for _ in range(6):
+            root = math.sqrt(n2 + (n2 - 1.0) * u * u)
+            u -= (gap * u + slab * u / root - across) / (gap + slab * n2 / (root * root * root))
+        scale = u / across if across > 0.0 else 0.0
+        dx, dy, dz = turned_back(detail, across_x * scale, across_y * scale, 1.0)
+    else:
+        dx, dy, dz = turned_back(detail, across_x, across_y, pz - z)
+    return sx + h * dx / dz, sy + h * dy / dz
+
+
+@inline
+def free_weight(optics, lenses, aperture, mosaic, lens, sx, sy, polygon):
+    """Weight of all rays from a sensor position through the aperture of a microlens, the main lens ignored [sr]."""
+    detail, rims = mosaic[0], mosaic[3]
+    x, y = sx - lenses[lens, X], sy - lenses[lens, Y]
+    if detail[MODEL] == PLAIN:
+        distance = optics[1] - optics[0]
+        if not detail[DISC] > 0.0:
+            return region_weight(aperture, aperture.shape[0], x, y, distance, detail)
+        if not is_limited(detail):
+            return disc_weight(detail[DISC], x, y, distance)
+        return region_weight(rims[0], rims.shape[1], x, y, distance, detail)
+    rim = rims[int(lenses[lens, KIND])]
+    for i in range(rim.shape[0]):
+        polygon[i, 0], polygon[i, 1] = aim_for(optics[0], lenses, mosaic, lens, sx, sy, rim[i, 0], rim[i, 1], rim[i, 2])
+    return region_weight(polygon, rim.shape[0], sx, sy, lenses[lens, AIM], detail)
+
+
+@kernel
+def rays_before(optics, lenses, mosaic, lens, starts, aims, position, direction, passes):
+    """Rays from sensor positions (n, 2) through aim points (n, 2) behind, and then before, the microlens of each, (n,).
+
+    Written: (n, 3) points on the front face, (n, 3) unit directions, (n,) flags.
+    """
+    packet = (
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty((SCRATCH, PACKET)),
+        np.empty(PACKET),
+    )
+    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    for n in range(starts.shape[0]):
+        start_x[0], start_y[0] = starts[n]
+        packet[0][0], packet[1][0] = aims[n]
+        through_microlens(optics, lenses, mosaic, lens[n], start_x, start_y, 1, packet)
+        position[n] = packet[0][0], packet[1][0], packet[2][0]
+        direction[n] = packet[3][0], packet[4][0], packet[5][0]
+        passes[n] = packet[6][0]
+
+
+@kernel
+def aims_for(optics, lenses, mosaic, lens, starts, points, aims):
+    """Aim points (n, 2), written, of rays from sensor positions (n, 2) to points (n, 3) of apertures, local frame."""
+    for n in range(starts.shape[0]):
+        px, py, pz = points[n]
+        aims[n] = aim_for(optics[0], lenses, mosaic, lens[n], starts[n, 0], starts[n, 1], px, py, pz)

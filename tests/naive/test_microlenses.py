@@ -1,0 +1,155 @@
+"""Claim: microlenses of every layout, aperture, model and mounting send rays where a slow twin sends them, and no bound
+loses a ray.
+"""
+
+import copy
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from laws import rigs
+from naive import slow_microlens, textbook
+from tolerances import SIGMAS
+
+from pipeline.camera.camera import Camera, MicrolensArray, Sensor
+from pipeline.camera.micro_images import micro_images
+from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
+from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.render.imaging import irradiance
+
+POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
+RAYS, GROUPS = 8_000, 16
+GLASS = {"model": "refractive", "index": 1.52}
+KINDS = {
+    "square": {"layout": "square", "focal_lengths_mm": (2.1,)},
+    "columns, three types": {"layout": "hexagonal-columns", "focal_lengths_mm": (1.9, 2.1, 2.3), "rotation_deg": 7.0},
+    "stretched": {"cross_pitch_mm": 0.25, "focal_lengths_mm": (1.9, 2.1, 2.3)},
+    "discs": {"aperture": "disc", "disc_diameter_mm": 0.16, "focal_lengths_mm": (2.1,)},
+    "tilted": {"focal_lengths_mm": (2.1,), "tilt_x_deg": 4.0, "tilt_y_deg": -3.0},
+    "two-plane": {"model": "two-plane", "index": 5.0, "thickness_mm": 0.1, "focal_lengths_mm": (1.9, 2.1, 2.3)},
+    "convex to the lens": {**GLASS, "thickness_mm": 0.6, "front_radii_mm": (1.1,), "rear_radii_mm": (math.inf,)},
+    "convex to the sensor": {**GLASS, "thickness_mm": 0.6, "front_radii_mm": (math.inf,), "rear_radii_mm": (-1.1,)},
+    "biconvex conics, square, tilted discs": {
+        **GLASS,
+        "layout": "square",
+        "thickness_mm": 0.1,
+        "front_radii_mm": (2.0,),
+        "rear_radii_mm": (-2.4,),
+        "front_conics": (-0.8,),
+        "rear_conics": (0.5,),
+        "aperture": "disc",
+        "disc_diameter_mm": 0.2,
+        "tilt_x_deg": -2.0,
+    },
+    "biconvex cells": {**GLASS, "thickness_mm": 0.1, "front_radii_mm": (2.0,), "rear_radii_mm": (-2.4,)},
+}
+PIXELS = {
+    "all": {},
+    "cosine": {"acceptance": "cosine", "acceptance_power": 40.0},
+    "cone": {"acceptance": "cone", "acceptance_half_angle_deg": 1.5, "acceptance_roll_off_deg": 1.0},
+}
+
+
+def camera_with(kind: str, stop_semi_mm: float = 5.0, pixels: str = "all") -> Camera:
+    """The paper's main lens with other microlenses."""
+    array = MicrolensArray(pitch_mm=0.2173, width_mm=12.0, height_mm=12.0, distance_mm=1.7, **KINDS[kind])
+    return Camera(
+        prescription=rigs.tronnier(stop_semi_mm),
+        sensor=Sensor(width_px=9, height_px=7, pitch_mm=0.04, **PIXELS[pixels]),
+        sensor_distance_mm=125.0,
+        microlenses=array,
+        near_mm=400.0,
+        far_mm=470.0,
+    )
+
+
+def vertex_of(tracer: Tracer, row: int) -> np.ndarray:
+    """In the vision frame."""
+    return np.array([*tracer.vertices_mm[row], tracer.film_z_mm + tracer.lattice.z_mm[row]])
+
+
+def slow(tracer: Tracer, start: np.ndarray, row: int, seed: int) -> np.ndarray:
+    """Mean (4), covariance (10), weight and free weight, one row per group of rays."""
+    camera, rng, rows = tracer.camera, np.random.default_rng(seed), []
+    for _ in range(GROUPS):
+        vertex, kind = vertex_of(tracer, row), int(tracer.lattice.type[row])
+        found = slow_microlens.rays_before(camera, start, vertex, kind, RAYS, rng)
+        position, direction, weight, entered = found
+        position, direction, passes = textbook.trace(camera.prescription, position, direction)
+        kept = passes & (weight > 0)
+        hits = [textbook.at_plane(position[kept], direction[kept], pose) for pose in POSES]
+        crossing, share = np.concatenate(hits, axis=1), weight[kept] / weight[kept].sum()
+        mean = share @ crossing
+        covariance = (crossing - mean).T @ ((crossing - mean) * share[:, None])
+        rows.append([*mean, *covariance[np.triu_indices(4)], weight[kept].sum(), entered.sum()])
+    return np.array(rows)
+
+
+def packed(tracer: Tracer, start: np.ndarray, row: int) -> np.ndarray:
+    """The same from the tracer, one row per pixel that the random numbers are made for."""
+    planes, pixels = np.stack([target_plane(pose) for pose in POSES]), np.tile(np.arange(GROUPS)[:, None], 2)
+    rows = tracer.moments(np.tile(start, (GROUPS, 1)), np.full(GROUPS, row), planes, 2048, pixels)
+    return rows[:, [*range(COVARIANCE + 10), WEIGHT, FREE_WEIGHT]]
+
+
+def assert_same(camera: Camera, seed: int) -> None:
+    """Means of all columns agree within their errors, for positions in the middle and at the edge of cells."""
+    tracer = Tracer(camera)
+    images = micro_images(tracer)
+    for k, l, offset in ((0, 0, (0.01, -0.004)), (17, -9, (0.07, 0.04)), (-5, 24, (-0.03, 0.1))):
+        row = int(np.flatnonzero((tracer.lattice.k == k) & (tracer.lattice.l == l))[0])
+        start = images.centre_mm[row] + offset
+        one, other = packed(tracer, start, row), slow(tracer, start, row, seed)
+        error = np.sqrt((one.var(axis=0, ddof=1) + other.var(axis=0, ddof=1)) / GROUPS)
+        assert error[WEIGHT] < 0.02 * one[0, WEIGHT]
+        assert np.abs((one.mean(axis=0) - other.mean(axis=0)) / error).max() < SIGMAS
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bundles_are_those_of_the_slow_twin(kind: str) -> None:
+    """J on two tilted planes, second moments, weight and free weight, each with its standard error."""
+    assert_same(camera_with(kind), 3)
+
+
+@pytest.mark.parametrize("pixels", ["cosine", "cone"])
+@pytest.mark.parametrize("kind", ["columns, three types", "discs", "convex to the lens"])
+def test_bundles_of_choosy_pixels_are_those_of_the_slow_twin(kind: str, pixels: str) -> None:
+    """The acceptance weighs leaving and free bundle alike."""
+    assert_same(camera_with(kind, pixels=pixels), 4)
+
+
+@pytest.mark.parametrize("stop_semi_mm", [5.0, 17.1])
+@pytest.mark.parametrize("kind", KINDS)
+def test_pixels_see_all_light_of_all_microlenses(kind: str, stop_semi_mm: float) -> None:
+    """White pixels summed over strata against slow rays through every microlens far around: at f/2, where dozens of
+    micro-images overlap, no contributor is missing."""
+    camera, rng = camera_with(kind, stop_semi_mm), np.random.default_rng(5)
+    camera = dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor, offset_x_mm=3.0, offset_y_mm=-2.0))
+    tracer = Tracer(camera)
+    images = micro_images(tracer)
+    found = np.array([irradiance(t, images, 64, None)[3, 4] * t.reference_weight_sr for t in _seeds(tracer)])
+    centre = np.array([3.0, -2.0])
+    near = np.flatnonzero(np.hypot(*(tracer.vertices_mm - centre).T) < (0.55 if stop_semi_mm < 6 else 1.1))
+    brute = []
+    for _ in range(8):
+        start = centre + rng.uniform(-0.02, 0.02, (4000, 2))
+        total = 0.0
+        for row in near:
+            kind_of = int(tracer.lattice.type[row])
+            rays = slow_microlens.rays_before(camera, start, vertex_of(tracer, row), kind_of, 4000, rng)
+            _, _, passes = textbook.trace(camera.prescription, rays[0], rays[1])
+            total += rays[2][passes].sum()
+        brute.append(total)
+    error = np.hypot(np.std(found, ddof=1) / 4, np.std(brute, ddof=1) / math.sqrt(8))
+    assert abs(np.mean(found) - np.mean(brute)) < SIGMAS * error
+    assert error < 0.02 * np.mean(brute)
+
+
+def _seeds(tracer: Tracer) -> list[Tracer]:
+    """Copies with other random numbers, and what is traced once already."""
+    _ = tracer.arrays
+    found = [copy.copy(tracer) for _ in range(16)]
+    for seed, one in enumerate(found):
+        object.__setattr__(one, "seed", seed)
+    return found
