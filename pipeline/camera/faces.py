@@ -21,6 +21,8 @@ from pipeline.optics.table import (
 PLANE_LIKE = 1e-9
 """A semi-diameter that fits every sphere, for figures near the axis [mm]."""
 
+_MOST_EDGES = 6
+
 
 @dataclass(frozen=True, slots=True)
 class Faces:
@@ -111,4 +113,4 @@ def append_edges(row: np.ndarray, cell: np.ndarray | None) -> np.ndarray:
         edges = np.column_stack([normal, np.sum(normal * cell, axis=1)]).ravel()
         base[EDGES] = len(cell)
     base[FIRST_EDGE] = COEFFICIENTS
-    return np.concatenate([base, edges, np.zeros(3 * 8 - len(edges))])
+    return np.concatenate([base, edges, np.zeros(3 * _MOST_EDGES - len(edges))])

@@ -93,8 +93,7 @@ def _centres(tracer: Tracer) -> np.ndarray:
         elements.aims_for(optics, lenses, mosaic, lens, centre, point, aims)
         elements.rays_before(optics, lenses, mosaic, lens, centre, aims, position, direction, passes[:, 0])
         slope = direction[:, :2] / direction[:, 2:]
-        on_film = position[:, :2] + slope * (tracer.film_z_mm - position[:, 2:])
-        miss = slope - chief_slopes(tracer.table, tracer.stop_row, tracer.on_film(on_film))
+        miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
         centre += lenses[:, [elements.AIM]] * miss
         if np.abs(miss).max() < _TOLERANCE:
             return centre

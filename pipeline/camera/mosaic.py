@@ -180,11 +180,10 @@ class _Placed:
 
     def _on_film(self, vertices: np.ndarray) -> np.ndarray:
         """Where the chief rays through vertices of tilted arrays cross the plane of the untilted one."""
-        points, ahead = vertices, self.lattice.z_mm[:, None]
-        for _ in range(6 if ahead.any() else 0):
-            on_film = np.column_stack([points, np.full(len(points), self.film_mm)])
-            points = vertices - ahead * chief_slopes(self.table, self.stop_row, on_film)
-        return points
+        if not self.array.is_tilted:
+            return vertices
+        points = np.column_stack([vertices, self.film_mm + self.lattice.z_mm])
+        return vertices - self.lattice.z_mm[:, None] * chief_slopes(self.table, self.stop_row, points)
 
     def _maps(self, rows: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Paraxial crossings with the rear vertex and the film plane per unit of the sensor's and of the aim point."""
