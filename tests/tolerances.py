@@ -100,3 +100,9 @@ degrees moves the array by 6 µm at its edges, and two pitches that differ by 1e
 CALIBRATED_FOCUS_MM = 1.4e-3
 """An in-focus distance printed to three decimals [mm]: half a unit, and half a unit of the sixth decimal of the array's
 distance, which grows by 5.6 to the virtual object and by 300 to the real one."""
+
+MOVED_MM = 2e-12
+"""The same ray in a frame and in a turned one [mm]: as a ray traced there and back, and 100 mm turned at each end."""
+
+BORESIGHT_MM = 1e-9
+"""A chief ray that leaves along the axis [mm]: Newton's steps end at 1e-9 mm at the stop."""

@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.chief import chief_heights
+from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.chief import chief_slopes
 from pipeline.camera.moments import WEIGHT
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import unbounded
 
 _SAMPLES = 1 << 14
+_NEWTON_STEPS, _DIFFERENCE_MM = 6, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,16 +27,19 @@ class FieldCurves:
     Attributes
     ----------
     height_mm : (n,) float64
-        Distance of the sensor position from the optical axis.
+        Distance of the sensor position from the image of the axis.
     angle_deg : (n,) float64
         Angle of the real chief ray with the axis, in the scene.
     relative_illumination : (n,) float64
-        Weight of the bundle over the weight of the bundle on the axis.
+        Weight of the bundle over the weight of the bundle at height 0.
     distortion : (n,) float64
         Real over paraxial image height of the point where the chief ray meets the object plane, minus 1. The paraxial
         height is the principal distance times the point's slope from the entrance pupil. 0 on the axis.
     object_mm : float
         Vision z of that plane; inf: the chief ray's direction decides.
+    boresight_px : (float, float) or None
+        Where the chief ray from the axis of that plane meets the sensor, x and y in the image from where it does in the
+        centred lens; None for a centred lens.
     """
 
     height_mm: np.ndarray
@@ -42,6 +47,7 @@ class FieldCurves:
     relative_illumination: np.ndarray
     distortion: np.ndarray
     object_mm: float
+    boresight_px: tuple[float, float] | None = None
 
     def to_plain(self) -> dict[str, Any]:
         """The rows as lists."""
@@ -50,41 +56,71 @@ class FieldCurves:
 
 
 def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurves:
-    """Trace `rows` field positions with an object plane at vision z."""
-    alone = dataclasses.replace(camera, microlenses=None)
-    tracer, sensor = Tracer(alone), camera.sensor
-    corner = math.hypot(
-        sensor.width_px * sensor.pitch_mm / 2 + abs(sensor.offset_x_mm),
-        sensor.height_px * sensor.pitch_mm / 2 + abs(sensor.offset_y_mm),
-    )
-    heights = np.linspace(0.0, corner, rows)
-    slope, crossing = _chief_slopes(tracer, heights, object_mm)
+    """Trace `rows` field positions with an object plane at vision z.
+
+    From the image of the axis towards the farthest corner of the sensor; in a centred lens along x, because all
+    directions are alike.
+    """
+    tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
+    centred = camera.prescription.is_centred
+    corner = _farthest_corner(sensor)
+    end = np.array([math.hypot(*corner), 0.0]) if centred else corner
+    start = np.zeros(2) if centred else _image_of_the_axis(tracer, object_mm)
+    positions = start + np.linspace(0.0, 1.0, rows)[:, None] * (end - start)
+    heights = np.hypot(*(positions - start).T)
+    if not centred:
+        tracer = Tracer(dataclasses.replace(tracer.camera, sensor=_covering(sensor, np.abs(positions).max(axis=0))))
+    slope, crossing = (np.hypot(*vectors.T) for vectors in _chief_rays(tracer, positions, object_mm))
     lens = first_order(camera.prescription)
     principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
     ahead = object_mm - lens.entrance_pupil.z_mm
     tangent = slope if math.isinf(object_mm) else crossing / ahead
-    ideal = principal_mm * np.abs(tangent)
-    ratio = np.divide(heights, ideal, out=np.ones_like(heights), where=heights > 0)
-    positions = np.stack([heights, np.zeros(rows)], axis=1)
+    ratio = np.divide(heights, principal_mm * tangent, out=np.ones_like(heights), where=heights > 0)
     weight = tracer.moments(
         positions, np.full(rows, NO_MICROLENS), parallel_planes(1.0, 2.0), _SAMPLES, np.zeros((rows, 2), np.int64)
     )[:, WEIGHT]
-    return FieldCurves(heights, np.degrees(np.arctan(np.abs(slope))), weight / weight[0], ratio - 1, object_mm)
+    x, y = -start / sensor.pitch_mm + 0.0
+    boresight = None if centred else (float(x), float(y))
+    return FieldCurves(heights, np.degrees(np.arctan(slope)), weight / weight[0], ratio - 1, object_mm, boresight)
 
 
-def _chief_slopes(tracer: Tracer, heights: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Slope of each chief ray in the scene, and its height at vision z `object_mm`; edges do not block it."""
-    table = tracer.table.copy()
-    table[:, 3] = np.inf
-    aim = chief_heights(table, tracer.stop_row, tracer.film_z_mm, heights)
-    zero = np.zeros_like(heights)
-    position = np.stack([heights, zero, np.full_like(heights, tracer.film_z_mm)], axis=1)
-    direction = np.stack([aim - heights, zero, np.full_like(heights, table[0, 0] - tracer.film_z_mm)], axis=1)
+def _covering(sensor: Sensor, extents_mm: np.ndarray) -> Sensor:
+    """A sensor about the axis that reaches as far: bounds of a displaced lens hold as far as its sensor."""
+    width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in extents_mm)
+    return Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
+
+
+def _farthest_corner(sensor: Sensor) -> np.ndarray:
+    """The corner of the sensor that lies farthest from the axis, vision frame (2,)."""
+    middle = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
+    half = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
+    return middle + np.where(middle < 0, -half, half)
+
+
+def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
+    """Where on the sensor the chief ray from the axis of the object plane ends, vision frame (2,), by Newton steps."""
+    position = np.zeros(2)
+    for _ in range(_NEWTON_STEPS):
+        probes = position + _DIFFERENCE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        miss = _chief_rays(tracer, probes, object_mm)[1]
+        position = position - np.linalg.solve((miss[1:] - miss[0]).T / _DIFFERENCE_MM, miss[0])
+    return position
+
+
+def _chief_rays(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes of chief rays in the scene, and where they cross vision z `object_mm`, (n, 2); edges block none of them.
+
+    At infinity the slopes stand for the crossings, too.
+    """
+    table = unbounded(tracer.table)
+    position = np.column_stack([positions, np.full(len(positions), tracer.film_z_mm)])
+    slopes = chief_slopes(table, tracer.stop_row, position)
+    direction = np.column_stack([slopes, np.ones(len(slopes))])
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(heights.size)
+    alive = np.ones(len(positions))
     trace_rays(table, position, direction, alive)
-    slope = direction[:, 0] / direction[:, 2]
+    slope = direction[:, :2] / direction[:, 2:]
     slope[alive == 0] = np.nan
     if math.isinf(object_mm):
         return slope, slope
-    return slope, position[:, 0] + slope * (object_mm - position[:, 2])
+    return slope, position[:, :2] + slope * (object_mm - position[:, 2:])

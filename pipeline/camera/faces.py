@@ -7,10 +7,21 @@ import numpy as np
 
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.optics.table import EDGES, FIRST_EDGE, SEMI_DIAMETER_SQUARED, towards_scene
+from pipeline.optics.table import (
+    COEFFICIENTS,
+    CONIC,
+    CURVATURE,
+    EDGES,
+    FIRST_EDGE,
+    INDEX_RATIO,
+    SEMI_DIAMETER_SQUARED,
+    towards_scene,
+)
 
 PLANE_LIKE = 1e-9
 """A semi-diameter that fits every sphere, for figures near the axis [mm]."""
+
+_MOST_EDGES = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,18 +99,18 @@ def face_table(faces: Faces, cell: np.ndarray, radius_mm: float | None, flat: bo
         elif curved[1 - i]:
             table[i, SEMI_DIAMETER_SQUARED] = (1 + 1e-12) * corner**2
     if flat:
-        table[1, 1], table[1, 2], table[1, 4] = 0.0, 1.0, 0.0
+        table[1, [CURVATURE, INDEX_RATIO, CONIC]] = 0.0, 1.0, 0.0
     return table
 
 
 def append_edges(row: np.ndarray, cell: np.ndarray | None) -> np.ndarray:
     """A row of a table with a polygon for its aperture, or room for one."""
-    base = row[:10].copy()
+    base = row[:COEFFICIENTS].copy()
     edges = np.zeros(0)
     if cell is not None:
         along = np.roll(cell, -1, axis=0) - cell
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         edges = np.column_stack([normal, np.sum(normal * cell, axis=1)]).ravel()
         base[EDGES] = len(cell)
-    base[FIRST_EDGE] = 10
-    return np.concatenate([base, edges, np.zeros(3 * 8 - len(edges))])
+    base[FIRST_EDGE] = COEFFICIENTS
+    return np.concatenate([base, edges, np.zeros(3 * _MOST_EDGES - len(edges))])

@@ -31,7 +31,7 @@ def bundle_moments(
         See `camera.regions`.
     table : (s, columns) float64
         Surfaces, from `optics.table.towards_scene`.
-    outlines : (h, d, 2) float64
+    outlines : (rows, columns, d, 2) float64
         From `camera.pupil`.
     lenses : (m, columns) float64
         Vertex x, y and focal length of every microlens, and more of those that are not plain: `camera.elements`.

@@ -7,7 +7,8 @@ from scipy.spatial import cKDTree
 
 from pipeline.camera import elements
 from pipeline.camera.camera import CameraError
-from pipeline.camera.mosaic import chief_slopes, is_plain
+from pipeline.camera.chief import chief_slopes
+from pipeline.camera.mosaic import is_plain
 from pipeline.camera.regions import NO_MICROLENS, SKIP, outlines_at
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import exit_pupil
@@ -67,8 +68,8 @@ def micro_images(tracer: Tracer) -> MicroImages:
         raise CameraError("a conventional camera has no micro-images")
     vertex = tracer.vertices_mm
     if is_plain(array):
-        slope = chief_slopes(tracer.table, tracer.stop_row, tracer.film_z_mm, vertex)
-        centre = vertex - slope * array.distance_mm
+        points = np.column_stack([vertex, np.full(len(vertex), tracer.film_z_mm)])
+        centre = vertex - chief_slopes(tracer.table, tracer.stop_row, points) * array.distance_mm
     else:
         centre = _centres(tracer)
     pupil = exit_pupil(tracer.camera.prescription)
@@ -92,8 +93,7 @@ def _centres(tracer: Tracer) -> np.ndarray:
         elements.aims_for(optics, lenses, mosaic, lens, centre, point, aims)
         elements.rays_before(optics, lenses, mosaic, lens, centre, aims, position, direction, passes[:, 0])
         slope = direction[:, :2] / direction[:, 2:]
-        on_film = position[:, :2] + slope * (tracer.film_z_mm - position[:, 2:])
-        miss = slope - chief_slopes(tracer.table, tracer.stop_row, tracer.film_z_mm, on_film)
+        miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
         centre += lenses[:, [elements.AIM]] * miss
         if np.abs(miss).max() < _TOLERANCE:
             return centre
@@ -109,7 +109,7 @@ def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
         base = lenses[:, [elements.BASE_X, elements.BASE_Y]]
         around = lenses[:, [elements.OUTLINE_X, elements.OUTLINE_Y]]
         margin = lenses[:, elements.MARGIN]
-    polygons = np.empty((len(lenses), outlines.shape[1], 2))
+    polygons = np.empty((len(lenses), outlines.shape[2], 2))
     outlines_at(tracer.bounds.step_mm, outlines, np.ascontiguousarray(around), polygons)
     by_start, by_aim = tracer.microlenses.reach.T
     edge = (polygons - base[:, None]) / by_start[:, None, None] - (centre - lenses[:, :2])[:, None]

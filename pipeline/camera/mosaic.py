@@ -14,14 +14,14 @@ from pipeline.camera import elements
 from pipeline.camera.acceptance import HALF_ANGLE, POWER, ROLL_OFF
 from pipeline.camera.array import CameraError, MicrolensArray
 from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.chief import chief_heights
+from pipeline.camera.chief import chief_slopes
 from pipeline.camera.faces import append_edges, face_table
 from pipeline.camera.lattice import Lattice, cell, tilt
 from pipeline.camera.polygon import regular
 from pipeline.camera.pupil import Outlines
 from pipeline.camera.regions import outlines_at
 from pipeline.errors import PipelineError
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED
+from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED
 
 _DISC_SIDES = 24
 _RIM = 48
@@ -69,7 +69,9 @@ def element_tables(array: MicrolensArray) -> np.ndarray:
     """
     outline, radius = cell(array), None if array.disc_diameter_mm is None else array.disc_diameter_mm / 2
     if array.model == "thin":
-        row = append_edges(np.array([0.0, 0.0, 1.0, *[0.0] * 7]), outline if radius is None else None)
+        plane = np.zeros(COEFFICIENTS)
+        plane[INDEX_RATIO] = 1.0
+        row = append_edges(plane, outline if radius is None else None)
         row[SEMI_DIAMETER_SQUARED] = np.inf if radius is None else radius**2
         return np.tile(row, (len(array.focal_lengths_mm), 1, 1))
     try:
@@ -102,16 +104,6 @@ def microlenses(
     placed = _Placed(camera, array, lattice, table, stop_row, bounds)
     lenses = placed.lenses(lenses, aperture, mosaic)
     return Microlenses(lenses, aperture, mosaic, lenses[:, [elements.BY_START, elements.BY_AIM]])
-
-
-def chief_slopes(table: np.ndarray, stop_row: int, film_mm: float, points: np.ndarray) -> np.ndarray:
-    """Slopes (n, 2), towards the scene, of the chief rays through points (n, 2) of the plane z = film_mm."""
-    height = np.hypot(*points.T)
-    # The crossing is an odd, smooth function of the height: trace each height once.
-    unique, inverse = np.unique(height, return_inverse=True)
-    crossing = chief_heights(table, stop_row, film_mm, unique)[inverse]
-    outward = np.divide(points, height[:, None], out=np.zeros_like(points), where=height[:, None] > 0)
-    return (crossing - height)[:, None] * outward / (table[0, 0] - film_mm)
 
 
 def _detail(sensor: Sensor, array: MicrolensArray | None) -> np.ndarray:
@@ -186,10 +178,10 @@ class _Placed:
 
     def _on_film(self, vertices: np.ndarray) -> np.ndarray:
         """Where the chief rays through vertices of tilted arrays cross the plane of the untilted one."""
-        points, ahead = vertices, self.lattice.z_mm[:, None]
-        for _ in range(6 if ahead.any() else 0):
-            points = vertices - ahead * chief_slopes(self.table, self.stop_row, self.film_mm, points)
-        return points
+        if not self.array.is_tilted:
+            return vertices
+        points = np.column_stack([vertices, self.film_mm + self.lattice.z_mm])
+        return vertices - self.lattice.z_mm[:, None] * chief_slopes(self.table, self.stop_row, points)
 
     def _maps(self, rows: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Paraxial crossings with the rear vertex and the film plane per unit of the sensor's and of the aim point."""
@@ -228,7 +220,7 @@ class _Placed:
 
     def _sensor_reach(self, rows: np.ndarray, aperture: np.ndarray) -> float:
         """How far from below its vertex light of a microlens may meet the sensor, to first order."""
-        polygons = np.empty((len(rows), self.bounds.vertices_mm.shape[1], 2))
+        polygons = np.empty((len(rows), self.bounds.vertices_mm.shape[2], 2))
         outline_points = np.ascontiguousarray(rows[:, [elements.OUTLINE_X, elements.OUTLINE_Y]])
         outlines_at(self.bounds.step_mm, self.bounds.vertices_mm, outline_points, polygons)
         across = polygons - rows[:, None, [elements.BASE_X, elements.BASE_Y]]

@@ -1,6 +1,6 @@
 """Where on the sampling plane the rays of a sensor position can pass: polygons that bound the sampling tightly.
 
-Kernels only; vision frame, mm. `optics` holds z of sensor, sampling plane and rear vertex plane, the height step of the
+Kernels only; vision frame, mm. `optics` holds z of sensor, sampling plane and rear vertex plane, the step of the
 outlines and their drift (see `camera.pupil`). `lens` is the row of a microlens, or NO_MICROLENS.
 """
 
@@ -63,17 +63,40 @@ def bound(optics, outlines, lenses, aperture, lens, x, y, slack, region):
 
 @inline
 def outline_at(step, outlines, x, y, polygon):
-    """The outline on the rear vertex plane for a point (x, y), interpolated in height and turned to its azimuth."""
+    """The outline on the rear vertex plane for a point (x, y): from radial outlines or from a grid of them."""
+    if outlines.shape[0] > 1:
+        return _outline_in_grid(step, outlines, x, y, polygon)
     height = math.sqrt(x * x + y * y)
-    position = min(height / step, outlines.shape[0] - 1.0)
-    i = min(int(position), outlines.shape[0] - 2)
+    position = min(height / step, outlines.shape[1] - 1.0)
+    i = min(int(position), outlines.shape[1] - 2)
     f = position - i
     c, s = (x / height, y / height) if height > 0.0 else (1.0, 0.0)
-    for j in range(outlines.shape[1]):
-        px = (1.0 - f) * outlines[i, j, 0] + f * outlines[i + 1, j, 0]
-        py = (1.0 - f) * outlines[i, j, 1] + f * outlines[i + 1, j, 1]
+    for j in range(outlines.shape[2]):
+        px = (1.0 - f) * outlines[0, i, j, 0] + f * outlines[0, i + 1, j, 0]
+        py = (1.0 - f) * outlines[0, i, j, 1] + f * outlines[0, i + 1, j, 1]
         polygon[j, 0], polygon[j, 1] = c * px - s * py, s * px + c * py
-    return outlines.shape[1]
+    return outlines.shape[2]
+
+
+@inline
+def _outline_in_grid(step, outlines, x, y, polygon):
+    """Bilinear between the four nodes around the point; the grid's middle belongs to (0, 0)."""
+    i, f = _cell(x / step, outlines.shape[1])
+    j, g = _cell(y / step, outlines.shape[0])
+    a, b, c, d = (1.0 - f) * (1.0 - g), f * (1.0 - g), (1.0 - f) * g, f * g
+    for n in range(outlines.shape[2]):
+        for k in range(2):
+            low = a * outlines[j, i, n, k] + b * outlines[j, i + 1, n, k]
+            polygon[n, k] = low + c * outlines[j + 1, i, n, k] + d * outlines[j + 1, i + 1, n, k]
+    return outlines.shape[2]
+
+
+@inline
+def _cell(position, count):
+    """Left node of the interval that holds a position counted from the middle, and the share of the right one."""
+    from_first = min(max(position + 0.5 * (count - 1), 0.0), count - 1.0)
+    i = min(int(from_first), count - 2)
+    return i, from_first - i
 
 
 @inline

@@ -8,13 +8,14 @@ import numpy as np
 
 from pipeline.camera import kernels
 from pipeline.camera.camera import REPLICAS, Camera
-from pipeline.camera.lattice import Lattice, lattice
+from pipeline.camera.lattice import Lattice, cell, lattice
 from pipeline.camera.moments import COLUMNS, WEIGHT
 from pipeline.camera.mosaic import Microlenses, microlenses
 from pipeline.camera.pupil import MARGIN, Outlines, outlines
+from pipeline.camera.pupil_grid import grid_outlines, upright
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.sobol import sobol_bits
-from pipeline.optics.table import towards_scene
+from pipeline.optics.table import is_centred, towards_scene
 
 REFERENCE_SAMPLES = 1 << 16
 """Rays of the reference bundle, whose weight W_ref normalises images."""
@@ -80,7 +81,7 @@ class Tracer:
         if self.lattice:
             # Chief rays through vertices of a tilted array cross the untilted one at slopes below 1.
             reach = np.hypot(*self.vertices_mm.T).max() + np.abs(self.lattice.z_mm).max()
-        return outlines(self.table, self.stop_row, self.film_z_mm, float(reach), self.margin)
+        return self._outlines(float(reach))
 
     @cached_property
     def microlenses(self) -> Microlenses:
@@ -96,6 +97,23 @@ class Tracer:
             [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
         )
         return optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic
+
+    def _outlines(self, reach_mm: float) -> Outlines:
+        """Outlines for all points of the film within a circle; of a lens that is not centred, in a grid."""
+        if is_centred(self.table):
+            return outlines(self.table, self.stop_row, self.film_z_mm, reach_mm, self.margin)
+        array, sensor = self.camera.microlenses, self.camera.sensor
+        if array:
+            tilted = 0.0 if self.lattice is None else float(np.abs(self.lattice.z_mm).max())
+            extents = np.abs(self.vertices_mm).max(axis=0) + tilted
+            slack = np.hypot(*cell(array).T).max()
+        else:
+            size = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
+            extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
+            slack = sensor.pitch_mm * np.sqrt(0.5)
+        return grid_outlines(
+            self.table, self.stop_row, upright(self.film_z_mm), (extents[0], extents[1]), float(slack), self.margin
+        )
 
     def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""

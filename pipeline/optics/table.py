@@ -6,18 +6,23 @@ vision frame (origin at the stop, z forward), `towards_sensor` the lens frame mo
 
 import numpy as np
 
+from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.optics.displacement import displacements
 from pipeline.optics.prescription import Prescription, Surface
 
-VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE = range(10)
+VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE, POSE = (
+    range(11)
+)
 """Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
 number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
-straight edges of the aperture and the column of the first one. Zeros behind the first four make a circle of a sphere.
-An edge takes three columns: x and y of its outward normal, distance from the axis [mm]."""
+straight edges of the aperture and the column of the first one, first of the twelve columns that move the surface off
+its place, 0 for a surface in it. Zeros behind the first four make a circle of a centred sphere. An edge takes three
+columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows of its matrix."""
 IDEAL = -1.0
 """In place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
 LOW_TERMS = 5
 """Least number of coefficients in the row of an asphere; zeros fill up."""
-COEFFICIENTS = 10
+COEFFICIENTS = 11
 """First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
 
 
@@ -29,12 +34,14 @@ def towards_scene(prescription: Prescription) -> np.ndarray:
     (n, columns) float64
         Rows from the rear surface to the front one.
     """
-    rows = []
+    rows, moved = [], displacements(prescription)
     for i in reversed(range(len(prescription.surfaces))):
         surface = prescription.surfaces[i]
         in_front = prescription.surfaces[i - 1].index if i else 1.0
         # Vision z points against the lens frame's z: positions, curvatures and coefficients change sign.
-        rows.append(_row(surface, -prescription.vertices_from_stop_mm[i], surface.index / in_front, -1.0))
+        row = _row(surface, -prescription.vertices_from_stop_mm[i], surface.index / in_front, -1.0)
+        motion = moved[i]
+        rows.append(row if motion is None else _moved(row, VISION_FROM_CAMERA @ motion @ VISION_FROM_CAMERA))
     return _padded(rows)
 
 
@@ -46,12 +53,29 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
     (n, columns) float64
         Rows from the front surface to the rear one.
     """
-    rows = []
-    before = 1.0
-    for surface, vertex_mm in zip(prescription.surfaces, prescription.vertices_from_stop_mm, strict=True):
-        rows.append(_row(surface, vertex_mm, before / surface.index, 1.0))
+    rows, moved, before = [], displacements(prescription), 1.0
+    for surface, vertex_mm, motion in zip(
+        prescription.surfaces, prescription.vertices_from_stop_mm, moved, strict=True
+    ):
+        row = _row(surface, vertex_mm, before / surface.index, 1.0)
+        rows.append(row if motion is None else _moved(row, motion))
         before = surface.index
     return _padded(rows)
+
+
+def motion_of(row: np.ndarray) -> np.ndarray:
+    """Where the surface of a row stands, in the frame of its table: the (4, 4) motion from its place in the centred
+    lens.
+    """
+    result, first = np.eye(4), int(row[POSE])
+    if first:
+        result[:3] = row[first : first + 12].reshape(3, 4)
+    return result
+
+
+def is_centred(table: np.ndarray) -> bool:
+    """Whether all surfaces stand in their places: the lens is symmetric about its axis, apertures left aside."""
+    return not table[:, POSE].any()
 
 
 def enclosing(table: np.ndarray) -> np.ndarray:
@@ -88,9 +112,15 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         surface.inner_semi_diameter_mm**2,
         len(edges) / 3,
         COEFFICIENTS + len(coefficients),
+        0.0,
         *(sign * a + 0.0 for a in coefficients),
         *edges,
     ]
+
+
+def _moved(row: list[float], motion: np.ndarray) -> list[float]:
+    """The row with a motion of the table's frame behind it."""
+    return [*row[:POSE], float(len(row)), *row[POSE + 1 :], *(motion[:3] + 0.0).ravel().tolist()]
 
 
 def _polynomial(surface: Surface) -> tuple[list[float], bool]:

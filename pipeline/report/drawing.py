@@ -14,9 +14,11 @@ import numpy as np
 from pipeline.camera.camera import Camera, MicrolensArray
 from pipeline.camera.focus import middle_focus
 from pipeline.camera.lattice import Lattice, cell, extent_mm, lattice
+from pipeline.frames import apply
+from pipeline.optics.displacement import displacements
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import towards_sensor
 
 _FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
@@ -45,9 +47,9 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     for field, colour in _FIELDS:
         for ray in bundle(camera, field, left):
             sheet.line(ray, colour, 0.7)
-    for surface, vertex in zip(camera.prescription.surfaces, camera.prescription.vertices_from_stop_mm, strict=True):
+    for surface, profile in zip(camera.prescription.surfaces, _profiles(camera.prescription), strict=True):
         if not surface.is_stop:
-            sheet.line(_profile(surface, vertex), "#24506e", 1.2)
+            sheet.line(profile, "#24506e", 1.2)
     _draw_stop(sheet, camera.prescription, half)
     _draw_film(sheet, camera, film)
     _draw_scale(sheet, left, camera.sensor_distance_mm, half)
@@ -178,21 +180,27 @@ def _height(camera: Camera, field: float) -> float:
     return centre + field * math.copysign(_half_sensor(camera), centre)
 
 
-def _profile(surface: Surface, vertex: float) -> Points:
-    heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61)
-    return [(vertex + surface.sag_mm(abs(float(y))), float(y)) for y in heights]
+def _profiles(prescription: Prescription) -> list[Points]:
+    """Sections of all surfaces where they really stand, drawn as they look from the side."""
+    found = []
+    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
+    for surface, vertex, motion in placed:
+        heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61).tolist()
+        points = np.array([[0.0, y, vertex + surface.sag_mm(abs(y))] for y in heights])
+        points = points if motion is None else apply(motion, points)
+        found.append([(float(z), float(y)) for _, y, z in points])
+    return found
 
 
 def _glass(prescription: Prescription) -> list[Points]:
     """Outlines of the lens elements: what lies between two surfaces and is not air."""
-    placed = list(zip(prescription.surfaces, prescription.vertices_from_stop_mm, strict=True))
+    placed = list(zip(prescription.surfaces, _profiles(prescription), strict=True))
     outlines = []
-    for (front, front_mm), (rear, rear_mm) in pairwise(placed):
+    for (front, ahead), (_, behind) in pairwise(placed):
         if front.index != 1:
-            ahead, behind = _profile(front, front_mm), _profile(rear, rear_mm)
-            rim = max(front.semi_diameter_mm, rear.semi_diameter_mm)
-            top = [(ahead[-1][0], rim), (behind[-1][0], rim)]
-            bottom = [(behind[0][0], -rim), (ahead[0][0], -rim)]
+            upper, lower = max(ahead[-1][1], behind[-1][1]), min(ahead[0][1], behind[0][1])
+            top = [(ahead[-1][0], upper), (behind[-1][0], upper)]
+            bottom = [(behind[0][0], lower), (ahead[0][0], lower)]
             outlines.append([*ahead, *top, *reversed(behind), *bottom])
     return outlines
 

@@ -26,6 +26,10 @@ def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
     if document["focus_request"]:
         lines.append(_request(document["focus_request"]))
     lines += ["", "main lens", *_lens(document["lens"])]
+    if curves.boresight_px is not None:
+        lines += ["", "surfaces off their places: all figures but those of real rays are of the centred lens"]
+        x, y = curves.boresight_px
+        lines.append(_row("image of the axis moves by", f"({x:+.3f}, {y:+.3f}) px", "boresight, by the real chief ray"))
     lines += ["", "sensor", *_sensor(document)]
     if "mla" in document:
         lines += ["", "microlenses", *_microlenses(document)]

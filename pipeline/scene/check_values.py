@@ -15,10 +15,6 @@ _NO_TILT = ((0.0, 0.0),)
 # What the schemas allow and the pipeline builds today, with the prim type in front where it depends on that. Attributes
 # that are not named here are supported as a whole.
 SUPPORTED: dict[str, tuple[Any, ...]] = {
-    "PlenLensGroup plen:decentre": _NO_TILT,
-    "PlenLensGroup plen:tilt": _NO_TILT,
-    "PlenSurface plen:decentre": _NO_TILT,
-    "PlenSurface plen:tilt": _NO_TILT,
     "PlenSensor plen:tilt": _NO_TILT,
     "plen:camera:weight": ("irradiance",),
     "plen:truth:method": ("two-plane", "moments", "image"),

@@ -4,6 +4,7 @@ The Tronnier double Gauss 100 mm f/2 is US patent 2,673,491, as printed in Smith
 indices n_d and apertures as in the scene collection of pbrt-v4.
 """
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.focus import focused
 from pipeline.files.jsonfile import write_json
-from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records import to_plain
 from pipeline.tasks import micro_images, rays, rays_tile
 from pipeline.tasks.cameras import FOCUSED
@@ -49,6 +50,18 @@ def tronnier(stop_semi_mm: float = 17.1) -> Prescription:
             for radius, thickness, index, semi in TRONNIER
         )
     )
+
+
+def displaced(camera: Camera) -> Camera:
+    """The double Gauss of a camera, assembled far worse than any workshop does it: groups, a surface and the stop."""
+    surfaces = list(camera.prescription.surfaces)
+    surfaces[2] = dataclasses.replace(surfaces[2], tilt_deg=(0.7, 0.4))
+    surfaces[5] = dataclasses.replace(surfaces[5], decentre_mm=(0.6, 0.3))
+    groups = (
+        Group(name="front", first=0, count=2, decentre_mm=(0.8, -0.5), tilt_deg=(1.0, -2.0)),
+        Group(name="rear", first=8, count=3, tilt_deg=(-1.5, 1.0), pivot_mm=2.0),
+    )
+    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces), groups=groups))
 
 
 def hole(semi_mm: float) -> Prescription:

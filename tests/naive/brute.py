@@ -37,7 +37,8 @@ def rays_through(
     lens = camera.prescription
     rear_mm = -lens.vertices_from_stop_mm[-1]
     if vertex_mm is None or focal_mm is None or camera.microlenses is None:
-        half = lens.surfaces[-1].semi_diameter_mm
+        # A rear surface off its place is seen through more than its own circle on the plane of its nominal vertex.
+        half = lens.surfaces[-1].semi_diameter_mm * (1.0 if lens.is_centred else 1.2)
         radius, angle = half * np.sqrt(rng.uniform(0, 1, count)), rng.uniform(0, 2 * np.pi, count)
         points, area = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1), np.pi * half**2
         plane_mm, bend = rear_mm, np.zeros((count, 2))

@@ -41,8 +41,15 @@ def random_rays(lens: Prescription, behind_mm: float, field_mm: float, count: in
 
 @pytest.mark.parametrize(
     ("lens", "behind_mm", "field_mm"),
-    [(rigs.tronnier(), 101.5, 40.0), (rigs.tronnier(5.0), 101.5, 15.0), (SINGLET, 70.0, 30.0), (BALL, 3.0, 8.0)],
-    ids=["double Gauss", "stopped down", "singlet", "ball"],
+    [
+        (rigs.tronnier(), 101.5, 40.0),
+        (rigs.tronnier(5.0), 101.5, 15.0),
+        (rigs.displaced(rigs.conventional(17.1)).prescription, 101.5, 40.0),
+        (rigs.displaced(rigs.conventional(5.0)).prescription, 101.5, 15.0),
+        (SINGLET, 70.0, 30.0),
+        (BALL, 3.0, 8.0),
+    ],
+    ids=["double Gauss", "stopped down", "displaced", "displaced, stopped down", "singlet", "ball"],
 )
 def test_packets_and_textbook_agree_on_every_ray(lens: Prescription, behind_mm: float, field_mm: float) -> None:
     """Also on which rays are blocked; some pass and some do not."""

@@ -8,6 +8,7 @@ chapters 2 and 4.
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pipeline.optics.prescription import Prescription
 
@@ -23,11 +24,32 @@ def trace(
         for i in reversed(range(len(surfaces))):
             surface, vertex = surfaces[i], np.array([0.0, 0.0, -prescription.vertices_from_stop_mm[i]])
             ahead = surfaces[i - 1].index if i else 1.0
+            turn, shift = displacement(prescription, i)
+            # Rows times a matrix: the inverse of a turn, because rays come to the surface.
+            position, direction = (position - shift) @ turn, direction @ turn
             position, normal, hit = _meet(surface.radius_mm, vertex, position, direction)
             passes &= hit & (np.hypot(position[:, 0], position[:, 1]) <= surface.semi_diameter_mm)
             direction, refracted = _refract(direction, normal, surface.index / ahead)
             passes &= refracted
+            position, direction = position @ turn.T + shift, direction @ turn.T
     return position, direction, passes
+
+
+def displacement(prescription: Prescription, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Turn and shift that take surface i from its place in the centred lens to where it stands, vision frame.
+
+    Euler angles, as SciPy defines intrinsic ones, in the camera frame: y and z point the other way there.
+    """
+    camera = np.diag([1.0, -1.0, -1.0])
+    turn, shift = np.eye(3), np.zeros(3)
+    vertices = prescription.vertices_from_stop_mm
+    mounts = [(prescription.surfaces[i], vertices[i])]
+    mounts += [(group, vertices[group.first] + group.pivot_mm) for group in prescription.groups if i in group.members]
+    for mount, pivot_mm in mounts:
+        about = Rotation.from_euler("XY", mount.tilt_deg, degrees=True).as_matrix()
+        pivot = np.array([0.0, 0.0, pivot_mm])
+        turn, shift = about @ turn, about @ (shift - pivot) + pivot + [*mount.decentre_mm, 0.0]
+    return camera @ turn @ camera, camera @ shift
 
 
 def _meet(

@@ -2,15 +2,19 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pipeline
+from pipeline.files.tables import read_table
+from pipeline.tasks.show import show
 
 DATA = Path(__file__).parents[1] / "data"
 RAYS = {"rays_tile", "rays"}
@@ -172,6 +176,48 @@ def test_a_lens_edit_reruns_everything_of_its_camera(conventional):
         '                uniform double plen:semiDiameter = 4\n            }\n        }\n\n        over "Sensor"',
     )
     assert set(conventional.run()) == {"focus", "first_order", "image", "white", "truth"} | RAYS
+
+
+DECENTRED = """over "Lens"
+        {
+            def PlenLensGroup "Front"
+            {
+                uniform double2 plen:decentre = (0.1, -0.05)
+                uniform token[] plen:surfaces = ["S1", "S2"]
+                uniform double2 plen:tilt = (0, 0.2)
+            }
+        }
+
+        over "Sensor\""""
+
+
+@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
+def test_a_group_off_its_place_moves_the_truth_by_the_boresight_and_no_figure_of_the_centred_lens(name, request):
+    """Everything of the camera runs anew; undoing it reruns nothing. Rows move by what the page of `show` states."""
+    workshop = request.getfixturevalue(name)
+    before, figures = _rows(workshop), (workshop.out / "cameras/Rig.Camera/camera.json").read_bytes()
+    workshop.edit('over "Sensor"', DECENTRED)
+    ran = workshop.run()
+    assert ran["focus"] == ran["rays"] == ran["white"] == 1 and ran["truth"] == ran["image"] == 2
+    assert (workshop.out / "cameras/Rig.Camera/camera.json").read_bytes() == figures
+    after, page = _rows(workshop), "\n".join(show(workshop.stage).page())
+    boresight = [float(x) for x in re.search(r"image of the axis moves by +\((\S+), (\S+)\) px", page).groups()]
+    shared = sorted(before.keys() & after.keys())
+    assert len(shared) >= 6
+    if name == "conventional":
+        moves = np.array([after[key] for key in shared]) - [before[key] for key in shared]
+        np.testing.assert_allclose(moves, np.tile(boresight, (len(shared), 1)), rtol=0, atol=0.02)
+    assert np.hypot(*boresight) > 0.2
+    workshop.edit(DECENTRED, 'over "Sensor"')
+    assert workshop.run() == Counter()
+
+
+def _rows(workshop: Workshop) -> dict[tuple[float, ...], tuple[float, float]]:
+    """Positions of the first frame by point and microlens."""
+    table = read_table(workshop.out / "frames/0001/Rig.Camera/correspondences.csv")
+    names = ("point_id", "microlens_k", "microlens_l", "x_px", "y_px")
+    columns = [np.nan_to_num(table.numbers(column)).tolist() for column in names]
+    return {(point, k, l): (x, y) for point, k, l, x, y in zip(*columns, strict=True)}
 
 
 def test_a_lens_name_reruns_the_report_and_stops_there(conventional):
