@@ -7,8 +7,8 @@ once per packet. A blocked ray only loses its `alive` flag and is carried along.
 vectors with a positive z component.
 
 The intersection with a sphere is the cancellation-free root of the quadratic next to the vertex:
-t = F / (G + sqrt(G^2 - c F)) with F = c (x^2 + y^2), G = N - c (x L + y M), after moving the ray to the vertex plane; of
-conics and aspheres see `optics.aspheres`. An ideal thin lens bends rays at its plane.
+t = F / (G + sqrt(G^2 - c F)) with F = c (x^2 + y^2), G = N - c (x L + y M), after moving the ray to the vertex plane;
+of conics and aspheres see `optics.aspheres`. An ideal thin lens bends rays at its plane.
 
 A surface off its place is met in the frame in which it stands in its place: rays move there and back.
 """
