@@ -1,0 +1,280 @@
+"""Which kinds of tasks depend on which attribute of the schemas, in words of the user's manual."""
+
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+from pxr import Gf
+
+RAYS = {"rays_tile", "rays"}
+IMAGES = {"image", "white"}
+TRUTH = {"truth", "certificate"}
+CAMERA = {"focus", "first_order", "micro_images"} | RAYS | IMAGES | TRUTH
+POSITIONS = {"positions"} | TRUTH
+TARGET = {"image"} | TRUTH
+"""`truth` gets a target as a whole, so what is only painted (white, black, bits of tags) makes it run again, too: work
+that gives the same correspondences, not a wrong result."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A change of one attribute of one prim, and the kinds of tasks that depend on it.
+
+    Attributes
+    ----------
+    given : dict
+        (prim, attribute) -> value that holds before and after: what the attribute needs to mean something.
+    along : dict
+        The same, changed together with it, because the checks ask for it.
+    refused : bool
+        It is declared and not built yet: `check` must say so.
+    """
+
+    at: str
+    value: Any
+    kinds: set[str] = field(default_factory=set)
+    _: KW_ONLY
+    given: dict[tuple[str, str], Any] = field(default_factory=dict)
+    along: dict[tuple[str, str], Any] = field(default_factory=dict)
+    refused: bool = False
+
+
+A, B, LENS, STOP, GLASS, GROUP = "A/Camera", "B/Camera", "A/Lens", "A/Lens/Stop", "A/Lens/S1", "A/Lens/Rear"
+SENSOR, ARRAY = "A/Sensor", "B/Microlenses"
+CHARUCO, TAGS, CIRCLES, TRIANGLES = "More/Charuco", "More/Tags", "More/Circles", "More/Triangles"
+STARS, SIEMENS, EDGE, LINES, MESH = "More/Stars", "More/Siemens", "More/Edge", "More/Lines", "More/Marked"
+
+POLYGON = {(STOP, "plen:apertureShape"): "polygonal", (STOP, "plen:blades"): 6}
+FOCUSED = {(B, "plen:camera:focusDistance"): 420.0, (B, "plen:camera:sensorDistance"): None}
+CATALOGUE = {(LENS, "plen:indexSource"): "catalogue"}
+SWAPPED = ["S3", "S2", "S1", "S4", "S5", "Stop", "S7", "S8", "S9", "S10", "S11"]
+NEAREST = {(A, "plen:truth:search"): "nearest"}
+TWO_PLANE = {(A, "plen:truth:method"): "two-plane"}
+DIRECT = {(A, "plen:truth:method"): "direct"}
+# The method image takes no mesh.
+BOARDS: dict[tuple[str, str], Any] = {("", "plen:targets"): ["One", "Two"]}
+IMAGE = BOARDS | {(A, "plen:truth:method"): "image"}
+
+
+def _array(**values: Any) -> dict[tuple[str, str], Any]:
+    return {(ARRAY, f"plen:{name}"): value for name, value in values.items()}
+
+
+def _shaped(shape: str, **values: Any) -> dict[tuple[str, str], Any]:
+    return {("One", "plen:shape"): shape} | {("One", f"plen:shape:{name}"): value for name, value in values.items()}
+
+
+COUNTED = _array(width=None, height=None, columns=100, rows=115)
+TABLED = _array(typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))
+PLATES = _array(model="two-plane", index=1.5, thickness=0.1)
+FACES = _array(model="refractive", index=1.5, thickness=0.1, frontRadii=[1.0, 1.1, 1.2], rearRadii=[-9.0] * 3)
+DISCS = _array(aperture="disc", discDiameter=0.2)
+COSINE = {(SENSOR, "plen:acceptance"): "cosine", (SENSOR, "plen:acceptancePower"): 2.0}
+CONE = {(SENSOR, "plen:acceptance"): "cone", (SENSOR, "plen:acceptanceHalfAngle"): 20.0}
+DECENTRED = {(GROUP, "plen:decentre"): (0.1, 0.0)}
+TILTED = {(GROUP, "plen:tilt"): (0.1, 0.0)}
+WARPED = _shaped("warped", deflection=(0.1, 0.2))
+MEASURED = _shaped("heightMap", resolution=Gf.Vec2i(2, 3), heights=[0.0, 0.1, 0.0, 0.2, 0.0, 0.1])
+ROLLED = _shaped("cylinder", radius=20.0)
+CUBE = _shaped("cube", edge=10.0)
+STAIRS = _shaped("stairs", steps=2, depth=1.0)
+
+DATASET = {
+    "plen:cameras": [Case("", ["A/Camera"])],
+    "plen:targets": [Case("", ["One"], TARGET)],
+    # The certificate of a camera is one for all frames.
+    "plen:frames": [Case("", [2], {"certificate"})],
+    "plen:seed": [
+        Case("", 9, RAYS | IMAGES | TRUTH),
+        Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
+    ],
+    "plen:background": [Case("", 0.5, {"image"})],
+}
+
+MAIN_LENS = {
+    "plen:name": [Case(LENS, "mine", {"first_order"})],
+    "plen:surfaceOrder": [Case(LENS, SWAPPED, CAMERA)],
+    "plen:nominalFocalLength": [Case(LENS, 101.0)],
+    "plen:indexSource": [Case(LENS, "catalogue", CAMERA)],
+    # Printed indices stay what they are: only what says the wavelength has to be written again.
+    "plen:wavelength": [
+        Case(LENS, 587.6, {"first_order", "rays"} | IMAGES | TRUTH, along={(A, "plen:camera:wavelength"): 587.6}),
+    ],
+    "plen:radius": [Case(GLASS, 60.0, CAMERA)],
+    "plen:conic": [Case(GLASS, -0.1, CAMERA)],
+    "plen:evenCoefficients": [Case(GLASS, [1e-9], CAMERA)],
+    "plen:oddCoefficients": [Case(GLASS, [1e-9], CAMERA)],
+    "plen:focalLength": [Case(STOP, 5000.0, CAMERA)],
+    "plen:semiDiameter": [Case(STOP, 4.0, CAMERA)],
+    "plen:apertureShape": [Case(STOP, "polygonal", CAMERA, along={(STOP, "plen:blades"): 6})],
+    "plen:innerSemiDiameter": [Case(STOP, 1.0, CAMERA, along={(STOP, "plen:apertureShape"): "annular"})],
+    "plen:halfWidths": [Case(STOP, (3.0, 3.0), CAMERA, along={(STOP, "plen:apertureShape"): "rectangular"})],
+    "plen:blades": [Case(STOP, 7, CAMERA, given=POLYGON)],
+    "plen:apertureRotation": [Case(STOP, 10.0, CAMERA, given=POLYGON)],
+    "plen:isStop": [Case(STOP, False, CAMERA, along={("A/Lens/S5", "plen:isStop"): True})],
+    "plen:abbe": [Case(GLASS, 47.11), Case(GLASS, 47.11, given=CATALOGUE)],
+    "plen:decentre": [Case(GLASS, (0.1, 0.0), CAMERA), Case(GROUP, (0.1, 0.0), CAMERA)],
+    "plen:surfaces": [Case(GROUP, ["S9", "S10", "S11"], CAMERA, given=DECENTRED)],
+    "plen:pivot": [Case(GROUP, 1.0, CAMERA, given=TILTED)],
+}
+
+PARTS = {
+    # Attributes that several parts of a camera have.
+    "plen:thickness": [
+        Case(GLASS, 8.9, CAMERA),
+        Case(ARRAY, 0.11, CAMERA, given=PLATES),
+        Case(ARRAY, 0.11, CAMERA, given=FACES),
+    ],
+    "plen:index": [
+        Case(GLASS, 1.6701, CAMERA),
+        Case(GLASS, 1.6701, given=CATALOGUE),
+        Case(ARRAY, 1.51, CAMERA, given=PLATES),
+        Case(ARRAY, 1.51, CAMERA, given=FACES),
+    ],
+    "plen:glass": [
+        Case(GLASS, "SCHOTT N-BK7"),
+        Case(GLASS, "constant(1.6701)", CAMERA, given=CATALOGUE, along={(GLASS, "plen:abbe"): None}),
+        Case(ARRAY, "schott:N-BK7", CAMERA, given=FACES, along=_array(index=None)),
+    ],
+    "plen:offset": [Case(ARRAY, (0.01, 0.0), CAMERA), Case(SENSOR, (0.01, 0.0), CAMERA)],
+    "plen:tilt": [
+        Case(GLASS, (0.1, 0.0), CAMERA),
+        Case(GROUP, (0.1, 0.0), CAMERA),
+        Case(ARRAY, (0.1, 0.0), CAMERA),
+        Case(SENSOR, (1.0, 0.0), refused=True),
+    ],
+}
+
+MICROLENSES = {
+    "plen:layout": [Case(ARRAY, "square", CAMERA, given=TABLED), Case(ARRAY, "hexagonal-columns", CAMERA)],
+    "plen:pitch": [Case(ARRAY, 0.2, CAMERA)],
+    "plen:crossPitch": [Case(ARRAY, 0.22, CAMERA)],
+    "plen:typeTable": [Case(ARRAY, [0, 2, 1], CAMERA, given=TABLED)],
+    "plen:typePeriod": [Case(ARRAY, Gf.Vec2i(1, 3), CAMERA, given=TABLED)],
+    "plen:rotation": [Case(ARRAY, 1.0, CAMERA)],
+    # Refractive microlenses: the focal lengths are only compared with those of the faces.
+    "plen:focalLengths": [
+        Case(ARRAY, [1.9, 2.0, 2.4], CAMERA),
+        Case(ARRAY, [1.9, 2.0, 2.4], given=FACES),
+    ],
+    "plen:model": [Case(ARRAY, "two-plane", CAMERA, along=PLATES), Case(ARRAY, "refractive", CAMERA, along=FACES)],
+    "plen:frontRadii": [Case(ARRAY, [1.0, 1.1, 1.3], CAMERA, given=FACES)],
+    "plen:rearRadii": [Case(ARRAY, [-9.0, -9.0, -10.0], CAMERA, given=FACES)],
+    "plen:frontConics": [Case(ARRAY, [-0.1] * 3, CAMERA, given=FACES)],
+    "plen:rearConics": [Case(ARRAY, [-0.1] * 3, CAMERA, given=FACES)],
+    "plen:aperture": [Case(ARRAY, "disc", CAMERA, along=DISCS)],
+    "plen:discDiameter": [Case(ARRAY, 0.19, CAMERA, given=DISCS)],
+}
+
+PIXELS = {
+    "plen:resolution": [Case(SENSOR, Gf.Vec2i(30, 24), CAMERA)],
+    "plen:pixelPitch": [Case(SENSOR, 0.09, CAMERA)],
+    "plen:acceptance": [Case(SENSOR, "cosine", CAMERA, along=COSINE)],
+    "plen:acceptancePower": [Case(SENSOR, 3.0, CAMERA, given=COSINE)],
+    "plen:acceptanceHalfAngle": [Case(SENSOR, 21.0, CAMERA, given=CONE)],
+    "plen:acceptanceRollOff": [Case(SENSOR, 1.0, CAMERA, given=CONE)],
+}
+
+TARGETS = {
+    # Position images know points and planes, not what is painted.
+    "plen:white": [Case("One", 0.9, TARGET), Case("One", 0.9, TARGET, given=IMAGE), Case(MESH, 0.9, TARGET)],
+    "plen:black": [Case("One", 0.1, TARGET)],
+    "plen:columns": [
+        *(Case(at, 5, TARGET) for at in ("One", CHARUCO, TAGS, CIRCLES, TRIANGLES, STARS, LINES)),
+        Case("One", 5, TARGET | POSITIONS, given=IMAGE),
+        Case(ARRAY, 99, CAMERA, given=COUNTED),
+    ],
+    "plen:rows": [
+        *(Case(at, 4, TARGET) for at in ("One", CHARUCO, TAGS, TRIANGLES, STARS, LINES)),
+        Case(CIRCLES, 5, TARGET),
+        Case(ARRAY, 99, CAMERA, given=COUNTED),
+    ],
+    "plen:width": [Case(EDGE, 41.0, TARGET), Case(ARRAY, 20.0, CAMERA)],
+    "plen:height": [Case(EDGE, 31.0, TARGET), Case(ARRAY, 20.0, CAMERA)],
+    "plen:squareSize": [Case("One", 1.3, TARGET), Case(CHARUCO, 6.1, TARGET)],
+    "plen:markerSize": [Case(CHARUCO, 4.4, TARGET)],
+    "plen:dictionary": [Case(CHARUCO, "5x5_50", TARGET), Case(TAGS, "apriltag_25h9", TARGET)],
+    "plen:firstTag": [Case(CHARUCO, 1, TARGET), Case(TAGS, 1, TARGET)],
+    "plen:markerCorners": [Case(CHARUCO, True, TARGET)],
+    "plen:tagSize": [Case(TAGS, 8.1, TARGET)],
+    "plen:tagSpacing": [Case(TAGS, 0.2, TARGET)],
+    "plen:borderBits": [Case(TAGS, 1, TARGET)],
+    "plen:spacing": [Case(CIRCLES, 6.1, TARGET), Case(STARS, 8.1, TARGET), Case(LINES, 6.1, TARGET)],
+    "plen:diameter": [Case(CIRCLES, 2.9, TARGET), Case(STARS, 6.9, TARGET), Case(SIEMENS, 39.0, TARGET)],
+    "plen:asymmetric": [Case(CIRCLES, True, TARGET)],
+    "plen:edgeLength": [Case(TRIANGLES, 5.9, TARGET)],
+    "plen:spokes": [Case(STARS, 9, TARGET), Case(SIEMENS, 7, TARGET)],
+    "plen:hubDiameter": [Case(SIEMENS, 1.0, TARGET)],
+    "plen:angle": [Case(EDGE, 6.0, TARGET)],
+    "plen:lineWidth": [Case(LINES, 0.9, TARGET)],
+    "plen:mesh": [Case(MESH, [f"{MESH}/Other"], TARGET)],
+    "plen:points": [Case(MESH, [(1.0, 2.0, 0.0)], TARGET)],
+    "plen:normals": [Case(MESH, [(0.1, 0.0, 1.0)], TARGET)],
+    "plen:shape": [Case("One", "cylinder", TARGET, along=ROLLED)],
+    "plen:shape:deflection": [Case("One", (0.1, 0.3), TARGET, given=WARPED)],
+    "plen:shape:resolution": [Case("One", Gf.Vec2i(3, 2), TARGET, given=MEASURED)],
+    "plen:shape:heights": [Case("One", [0.0, 0.1, 0.0, 0.2, 0.0, 0.0], TARGET, given=MEASURED)],
+    "plen:shape:radius": [Case("One", 21.0, TARGET, given=ROLLED)],
+    "plen:shape:edge": [Case("One", 11.0, TARGET, given=CUBE)],
+    "plen:shape:steps": [Case("One", 3, TARGET, given=STAIRS)],
+    "plen:shape:depth": [Case("One", 1.1, TARGET, given=STAIRS)],
+}
+
+CAMERAS = {
+    "plen:camera:lens": [Case(A, ["B/Lens"], CAMERA)],
+    "plen:camera:sensor": [Case(A, ["B/Sensor"], CAMERA)],
+    "plen:camera:microlenses": [
+        Case(B, [], CAMERA - {"micro_images"}, along={(B, "plen:camera:microlensDistance"): None}),
+    ],
+    "plen:camera:sensorDistance": [Case(A, 131.9, CAMERA)],
+    "plen:camera:focusDistance": [Case(B, 421.0, CAMERA, given=FOCUSED)],
+    "plen:camera:focusType": [Case(B, 2, CAMERA, given=FOCUSED)],
+    "plen:camera:focusGroups": [Case(A, ["Rear"], CAMERA, along={(A, "plen:camera:focusDistance"): 434.0})],
+    "plen:camera:stopMatch": [Case(B, "microlenses", CAMERA)],
+    "plen:camera:microlensDistance": [Case(B, 1.71, CAMERA)],
+    "plen:camera:wavelength": [Case(A, 600.0, CAMERA, given=CATALOGUE)],
+    "plen:camera:weight": [Case(A, "area", refused=True)],
+    "plen:camera:circleOfConfusion": [Case(A, 2.0, CAMERA)],
+    "plen:camera:near": [Case(A, 400.0, CAMERA)],
+    "plen:camera:far": [Case(A, 500.0, CAMERA)],
+    "plen:image:samples": [Case(A, 128, IMAGES)],
+    "plen:image:fNumbers": [Case(A, [8.0], refused=True)],
+}
+
+METHOD = {
+    "plen:truth:method": [
+        Case(A, "two-plane", TRUTH),
+        Case(A, "direct", TRUTH),
+        Case(A, "image", POSITIONS, given=BOARDS),
+        Case(A, "moments", TRUTH | RAYS, given=DIRECT),
+    ],
+    "plen:truth:extent": [Case(A, "full"), Case(A, "full", POSITIONS, given=IMAGE)],
+    "plen:truth:search": [Case(A, "nearest", TRUTH), Case(A, "nearest", TRUTH, given=TWO_PLANE)],
+    "plen:truth:filter": [Case(A, "none", TRUTH)],
+    "plen:truth:lambdaD": [Case(A, 0.2, TRUTH)],
+    "plen:truth:lambdaAlpha": [Case(A, 20.0, TRUTH)],
+    "plen:truth:nearestThreshold": [Case(A, 0.1, TRUTH, given=NEAREST)],
+    "plen:truth:supersampling": [
+        Case(A, 2, TRUTH | RAYS),
+        Case(A, 2, POSITIONS | RAYS, given=IMAGE),
+        Case(A, 2, given=DIRECT),
+    ],
+    "plen:truth:samples": [
+        Case(A, 128, TRUTH | RAYS),
+        Case(A, 128, POSITIONS | RAYS, given=IMAGE),
+        Case(A, 128, given=DIRECT),
+    ],
+    "plen:truth:footprint": [Case(A, "pixel", refused=True)],
+    "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH)],
+    "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
+}
+
+CASES: dict[str, list[Case]] = {
+    **DATASET,
+    **MAIN_LENS,
+    **PARTS,
+    **MICROLENSES,
+    **PIXELS,
+    **TARGETS,
+    **CAMERAS,
+    **METHOD,
+}
