@@ -78,14 +78,28 @@ def _write_sensor(prim: Sdf.PrimSpec, sensor: Sensor) -> None:
 
 
 def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
+    for name, count in (("columns", array.columns), ("rows", array.rows)):
+        if count is not None:
+            _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Int, count)
     _author(prim, "plen:focalLengths", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(array.focal_lengths_mm))
     _author(prim, "plen:layout", Sdf.ValueTypeNames.Token, array.layout)
     _write_offset(prim, array.offset_x_mm, array.offset_y_mm)
-    lengths = {"height": array.height_mm, "pitch": array.pitch_mm, "width": array.width_mm}
+    lengths = {
+        "crossPitch": array.cross_pitch_mm,
+        "height": array.height_mm,
+        "pitch": array.pitch_mm,
+        "width": array.width_mm,
+    }
     for name, value in lengths.items():
-        _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Double, value)
+        if value is not None:
+            _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Double, value)
     if array.rotation_deg:
         _author(prim, "plen:rotation", Sdf.ValueTypeNames.Double, array.rotation_deg)
+    if array.is_tilted:
+        _author(prim, "plen:tilt", Sdf.ValueTypeNames.Double2, Gf.Vec2d(array.tilt_x_deg, array.tilt_y_deg))
+    if array.type_period is not None:
+        _author(prim, "plen:typePeriod", Sdf.ValueTypeNames.Int2, Gf.Vec2i(*array.type_period))
+        _author(prim, "plen:typeTable", Sdf.ValueTypeNames.IntArray, Vt.IntArray(array.type_table))
 
 
 def _write_offset(prim: Sdf.PrimSpec, x_mm: float, y_mm: float) -> None:

@@ -3,10 +3,12 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from files import lens_writers as write
 from laws import rigs
+from scipy.spatial import cKDTree
 
 from pipeline.camera.lattice import lattice
 from pipeline.camera.report import report
@@ -139,25 +141,52 @@ def test_a_camera_of_libpleno_is_a_thin_lens_camera(tmp_path):
         assert kind["focus_distance_mm"] == pytest.approx(1 / (1 / 50 - 1 / image), rel=1e-12)
 
 
-def test_the_microlenses_of_libpleno_stand_in_the_image_where_its_own_model_has_them(tmp_path):
-    """Node (k, l) at pitch (k + 1/2 for even l, l sin 60), the image turned by 180 degrees, types by micro-image."""
-    file = libpleno()
+def theirs(geometry: int, k: int, l: int, x_mm: float, y_mm: float) -> tuple[float, float]:
+    """Node of libpleno's GridMesh: even rows, or columns, shifted by half a pitch."""
+    sin_60 = 3**0.5 / 2
+    x = (k + 0.5 * (geometry == 1 and l % 2 == 0)) * (sin_60 if geometry == 2 else 1)
+    y = (l + 0.5 * (geometry == 2 and k % 2 == 0)) * (sin_60 if geometry == 1 else 1)
+    return x * x_mm, y * y_mm
+
+
+@pytest.mark.parametrize(
+    ("geometry", "count"),
+    [
+        (0, (11, 10)),
+        (0, (10, 9)),
+        (1, (11, 10)),
+        (1, (12, 12)),
+        (1, (12, 10)),
+        (2, (10, 9)),
+        (2, (12, 12)),
+        (2, (10, 12)),
+    ],
+)
+def test_the_microlenses_of_libpleno_stand_where_its_own_model_has_them(geometry, count, tmp_path):
+    """Nodes turned and moved by its pose, seen turned by 180 degrees; types by micro-image. 2-D and in depth."""
+    (columns, rows), file = count, libpleno(*count)
+    mesh = file["mla"]["mesh"]
+    mesh["geometry"], mesh["pitch"] = str(geometry), [["0.2", "0.201"]]
+    turn = cv2.Rodrigues(np.array([0.004, -0.003, 0.002]))[0]
+    mesh["pose"]["rotation"] = [[repr(float(value)) for value in column] for column in turn.T]
     camera = imported(tmp_path, "intrinsics.js", json.dumps(file))
-    found, array = lattice(camera.microlenses), file["mla"]["mesh"]
-    origin = [float(value) for value in array["pose"]["translation"][0]]
-    types = {}
-    for l_node in range(10):
-        for k_node in range(11):
-            x = -(origin[0] + 0.2 * (k_node + 0.5 * (l_node % 2 == 0)))
-            y = -(origin[1] + 0.2 * l_node * 3**0.5 / 2)
-            types[round(x, 6), round(y, 6)] = ((9 - l_node) % 2 + 10 - k_node) % 3
-    same = 0
-    for x, y, kind in zip(found.x_mm, found.y_mm, found.type, strict=True):
-        theirs = types.get((round(float(x), 6), round(float(y), 6)))
-        if theirs is not None:
-            same += 1
-            assert camera.microlenses.focal_lengths_mm[kind] == (1.1, 1.2, 1.3)[theirs]
-    assert same >= 110 - 11 and len(np.unique(found.type)) == 3
+    array, found = camera.microlenses, lattice(camera.microlenses)
+    origin = np.array([float(value) for value in mesh["pose"]["translation"][0]])
+    nodes, focal = [], []
+    for l in range(rows):
+        for k in range(columns):
+            nodes.append(turn @ [*theirs(geometry, k, l, 0.2, 0.201), 0] + origin)
+            k_seen, l_seen = columns - 1 - k, rows - 1 - l
+            line, place = (l_seen, k_seen) if geometry == 1 else (k_seen, l_seen)
+            focal.append((1.1, 1.2, 1.3)[(line % 2 + place) % 3])
+    ours = np.stack([-found.x_mm, -found.y_mm, array.distance_mm + found.z_mm - 57], axis=1)
+    apart, node = cKDTree(nodes).query(ours)
+    same = apart < 1e-12
+    lost = any("every other" in one.what for one in read_camera_file(tmp_path / "intrinsics.js").lost)
+    assert len(ours) == columns * rows
+    missing = np.count_nonzero(~same)
+    assert missing <= (max(count) + 1) // 2 and (missing > 0) == lost
+    assert np.array_equal(np.array(array.focal_lengths_mm)[found.type][same], np.array(focal)[node[same]])
 
 
 @pytest.mark.parametrize(
@@ -168,7 +197,7 @@ def test_the_microlenses_of_libpleno_stand_in_the_image_where_its_own_model_has_
         (libpleno(main_lens={"f": "nan", "aperture": "4"}), "a.js: lacks something or has no number there: nan is not"),
         (libpleno(main_lens={"f": "x"}), "a.js: lacks something or has no number there"),
         (libpleno(mla={"focal_lengths": [], "mesh": libpleno()["mla"]["mesh"]}), "a.js: its array has 0 types"),
-        (libpleno(mla={"mesh": {"geometry": "2"}}), "a.js: its microlenses do not form hexagonal rows"),
+        (libpleno(mla={"mesh": {"geometry": "3"}}), "a.js: its microlenses have the geometry 3, and not 0, 1 or 2"),
     ],
 )
 def test_cameras_of_libpleno_that_cannot_be_represented_are_refused(file, said, tmp_path):
@@ -182,11 +211,20 @@ def test_other_files_are_refused(tmp_path):
     assert refused(tmp_path, "none.csv", "radius;thickness\n").startswith("none.csv: ")
 
 
-def test_tilt_pitches_and_distortion_are_named(tmp_path):
+def test_tilt_and_pitches_are_kept_and_distortion_is_named(tmp_path):
     file = libpleno(distortions={"radial": [["1e-4"]]}, scaling={})
     file["mla"]["mesh"]["pitch"] = [["0.2", "0.2001"]]
     file["mla"]["mesh"]["pose"]["rotation"] = [["1", "0", "1e-3"], ["0", "1", "0"], ["-1e-3", "0", "1"]]
     (tmp_path / "a.js").write_text(json.dumps(file))
-    said = " ".join(one.what for one in read_camera_file(tmp_path / "a.js").lost)
-    assert "tilt of the array by 0 and -0.057296 degrees" in said and "0.2001 mm across" in said
+    camera = read_camera_file(tmp_path / "a.js")
+    array, said = camera.microlenses, " ".join(one.what for one in camera.lost)
+    assert (array.pitches_mm, array.columns, array.rows) == ((0.2, 0.2001), 11, 10)
+    # Lenses at their +x, our -x, are nearer to the scene: a positive tilt about y.
+    assert (array.tilt_x_deg, array.tilt_y_deg) == pytest.approx((0, np.degrees(1e-3)), rel=1e-6)
     assert "distortion coefficients" in said and "depth scaling" in said
+
+
+def test_square_microlenses_of_the_add_on_are_kept(tmp_path):
+    text = BLENDER.replace("prop_mla_type;HEX", "prop_mla_type;RECT")
+    array = imported(blender_folder(tmp_path), "mine.csv", text).microlenses
+    assert (array.layout, array.focal_lengths_mm, array.width_mm, array.height_mm) == ("square", (1.9,), 10.0, 8.0)

@@ -2,7 +2,7 @@
 
 JSON with numbers as strings; a matrix is a list of its columns. The camera looks along +z with its thin main lens in
 the origin, array and sensor at negative z; their poses are those of a corner. The image shows x and y turned by 180
-degrees: u = W - 1 - (X - sensor) / scale.
+degrees, u = W - 1 - (X - sensor) / scale: so does our sensor frame, whose z is theirs.
 """
 
 import json
@@ -16,7 +16,10 @@ from pipeline.camera.printed import PrintedCamera
 from pipeline.files.lenses.text import UnreadableLens, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
-_HEX_ROWS = 1
+_LAYOUTS = {0: "square", 1: "hexagonal", 2: "hexagonal-columns"}
+_SIN_60 = math.sqrt(3) / 2
+_UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+_NO_TILT_DEG = 1e-9
 
 
 def read_libpleno(path: str | Path) -> PrintedCamera:
@@ -72,53 +75,97 @@ def _array(
     path: str | Path, file: dict[str, Any], centre: list[float], sensor_mm: float
 ) -> tuple[MicrolensArray, list[Lost]]:
     mesh, focal = file["mla"]["mesh"], [_finite(f) for f in file["mla"].get("focal_lengths", ())]
-    if int(mesh["geometry"]) != _HEX_ROWS:
-        raise UnreadableLens(path, "its microlenses do not form hexagonal rows, which cannot be represented yet")
-    if len(focal) not in (1, 3):
+    layout = _LAYOUTS.get(int(mesh["geometry"]))
+    if layout is None:
+        raise UnreadableLens(path, f"its microlenses have the geometry {mesh['geometry']}, and not 0, 1 or 2")
+    if not focal or (layout != "square" and len(focal) not in (1, 3)):
         raise UnreadableLens(path, f"its array has {len(focal)} types of microlenses, and not 1 or 3")
     x_mm, y_mm = (_finite(value) for value in mesh["pitch"][0])
+    along, cross = (y_mm, x_mm) if layout == "hexagonal-columns" else (x_mm, y_mm)
     columns, rows = int(mesh["width"]), int(mesh["height"])
-    across, up = _axes(mesh["pose"])
-    origin = _vector(mesh["pose"])
     middle = (columns - 1) // 2, (rows - 1) // 2
-    place = _node(*middle)
-    node = [origin[i] + across[i] * x_mm * place[0] + up[i] * y_mm * place[1] * math.sqrt(3) / 2 for i in (0, 1)]
-    pitch_mm = (x_mm + y_mm) / 2
-    tilt = math.degrees(math.atan2(up[2], up[1])), -math.degrees(math.atan2(across[2], across[0]))
+    place = _node(layout, *middle)
+    turn = _rotation(mesh["pose"])
+    origin = _vector(mesh["pose"])
+    node = [o + row[0] * x_mm * place[0] + row[1] * y_mm * place[1] for o, row in zip(origin, turn, strict=True)]
+    tilt_x_deg, tilt_y_deg, rotation_deg = _angles_deg(turn)
     array = MicrolensArray(
-        pitch_mm=pitch_mm,
-        focal_lengths_mm=tuple(focal[kind] for kind in _types(columns, rows, middle, len(focal))),
-        width_mm=columns * pitch_mm,
-        height_mm=rows * pitch_mm * math.sqrt(3) / 2,
-        distance_mm=sensor_mm + origin[2],
-        rotation_deg=math.degrees(math.atan2(across[1], across[0])),
+        layout=layout,
+        pitch_mm=along,
+        cross_pitch_mm=None if along == cross else cross,
+        columns=columns,
+        rows=rows,
+        distance_mm=sensor_mm + node[2],
+        rotation_deg=rotation_deg,
         offset_x_mm=centre[0] - node[0],
         offset_y_mm=centre[1] - node[1],
+        tilt_x_deg=tilt_x_deg,
+        tilt_y_deg=tilt_y_deg,
+        **_types(layout, columns, rows, focal),
     )
-    return array, _lost_of_array(x_mm, y_mm, tilt)
+    # The first of our rows, or columns, ends like theirs; whether the next one does depends on which is shifted.
+    shifted, count = (middle[1], columns) if layout == "hexagonal" else (middle[0], rows)
+    if layout == "square" or (shifted + count) % 2 == 0:
+        return array, []
+    line = "row" if layout == "hexagonal" else "column"
+    return array, [Lost(what=f"the outermost lens of every other {line} stands at the other end of it")]
 
 
-def _node(k: int, l: int) -> tuple[float, float]:
-    """Node of a mesh of hexagonal rows: along a row in pitches, and which row."""
-    return k + (0.5 if l % 2 == 0 else 0.0), l
+def _node(layout: str, k: int, l: int) -> tuple[float, float]:
+    """Node (k, l) of a mesh in its two pitches: even rows, or columns, are shifted by half a pitch."""
+    if layout == "square":
+        return k, l
+    if layout == "hexagonal":
+        return k + 0.5 * (l % 2 == 0), l * _SIN_60
+    return k * _SIN_60, l + 0.5 * (k % 2 == 0)
 
 
-def _types(columns: int, rows: int, middle: tuple[int, int], count: int) -> list[int]:
-    """For each of our types, (k - l) mod 3 from the middle node, the one of libpleno.
+def _angles_deg(turn: list[list[float]]) -> tuple[float, float, float]:
+    """Tilt about x and y and rotation of the array in the sensor frame, from libpleno's rotation matrix.
 
-    libpleno counts the types of hexagonal rows by micro-image, whose indices run against those of the microlenses.
+    The sensor frame is libpleno's turned by 180 degrees about z, which changes the signs of both tilts:
+    T(tilt) R(rotation) = Ry Rx Rz has the third column (sin b cos a, -sin a, cos b cos a).
     """
+    a = math.asin(max(-1.0, min(1.0, turn[1][2])))
+    b = -math.atan2(turn[0][2], turn[2][2])
+    c = math.atan2(turn[1][0], turn[1][1])
+    tilt_x, tilt_y = (math.degrees(angle) if abs(math.degrees(angle)) > _NO_TILT_DEG else 0.0 for angle in (a, b))
+    return tilt_x, tilt_y, math.degrees(c)
+
+
+def _types(layout: str, columns: int, rows: int, focal: list[float]) -> dict[str, Any]:
+    """Focal lengths and, on a square lattice, the table of types.
+
+    libpleno counts the types by micro-image, whose indices run against those of the microlenses, as ours do:
+    ((l mod (n - 1)) + k) mod n in hexagonal rows, k and l exchanged elsewhere.
+    """
+    count, middle = len(focal), (columns - 1 - (columns - 1) // 2, rows - 1 - (rows - 1) // 2)
     if count == 1:
-        return [0]
+        return {"focal_lengths_mm": tuple(focal)}
+
+    def theirs(k: int, l: int) -> int:
+        across, along = (l, k) if layout == "hexagonal" else (k, l)
+        return (across % (count - 1) + along) % count
+
+    if layout == "square":
+        table = [theirs(middle[0] + k, middle[1] + l) for l in range(count) for k in range(count - 1)]
+        return {
+            "focal_lengths_mm": tuple(focal),
+            "type_table": tuple(table),
+            "type_period": (count - 1, count),
+        }
     found: dict[int, int] = {}
-    x0, l0 = _node(*middle)
-    for k, l in product(range(middle[0] - 3, middle[0] + 4), range(middle[1] - 3, middle[1] + 4)):
-        theirs = ((rows - 1 - l) % (count - 1) + columns - 1 - k) % count
-        row = l0 - l
-        ours = round(x0 - _node(k, l)[0] - row / 2 - row) % 3
-        if found.setdefault(int(ours), theirs) != theirs:
+    x0, y0 = _node(layout, columns - 1 - middle[0], rows - 1 - middle[1])
+    for k, l in product(range(-3, 4), repeat=2):
+        x, y = _node(layout, columns - 1 - middle[0] - k, rows - 1 - middle[1] - l)
+        x, y = x0 - x, y0 - y
+        line, place = (round(y / _SIN_60), x) if layout == "hexagonal" else (round(x / _SIN_60), y)
+        step = round(place - line / 2)
+        ours = (step - line if layout == "hexagonal" else line - step) % 3
+        kind = theirs(middle[0] + k, middle[1] + l)
+        if found.setdefault(ours, kind) != kind:
             raise CameraError("its types do not repeat as (k - l) mod 3")
-    return [found[kind] for kind in range(3)]
+    return {"focal_lengths_mm": tuple(focal[found[kind]] for kind in range(3))}
 
 
 def _finite(text: Any) -> float:
@@ -132,19 +179,10 @@ def _vector(pose: dict[str, Any]) -> list[float]:
     return [_finite(value) for value in pose["translation"][0]]
 
 
-def _axes(pose: dict[str, Any]) -> tuple[list[float], list[float]]:
-    x, y, _ = ([_finite(value) for value in column] for column in pose["rotation"])
-    return x, y
-
-
-def _lost_of_array(x_mm: float, y_mm: float, tilt_deg: tuple[float, float]) -> list[Lost]:
-    lost = ["the outermost lenses of every other row may stand at the other end of it"]
-    if x_mm != y_mm:
-        lost.append(f"pitches of {x_mm:.9g} mm along rows and {y_mm:.9g} mm across; their mean is taken")
-    if any(abs(angle) > 1e-9 for angle in tilt_deg):
-        shown = f"{tilt_deg[0]:.5g} and {tilt_deg[1]:.5g} degrees about x and y"
-        lost.append(f"a tilt of the array by {shown}; it stands upright at the distance of its origin")
-    return [Lost(what=what) for what in lost]
+def _rotation(pose: dict[str, Any]) -> list[list[float]]:
+    """Rows of a rotation matrix, which the file lists by columns; none is the unit matrix."""
+    columns = [[_finite(value) for value in column] for column in pose.get("rotation", _UPRIGHT)]
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _lost(file: dict[str, Any]) -> list[Lost]:
