@@ -6,13 +6,17 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test lint faults bench picture wheel clean
+.PHONY: demo test proofs lint faults bench picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
 
 test: $(STAMP) lint
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4
+
+# What `make test` leaves out because it takes long: slow twins of every kind of array and field position.
+proofs: $(STAMP)
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 -m heavy
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

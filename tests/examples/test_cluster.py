@@ -45,7 +45,7 @@ def run(folder, command):
 
 def test_arrays_give_the_same_manifest(here, tmp_path):
     assert run(tmp_path, [str(ROOT / "examples/cluster/array.sh"), str(STAGE)]) == here
-    assert len(json.loads(here)["tasks"]) == 9
+    assert len(json.loads(here)["tasks"]) == 10
 
 
 def test_a_laptop_cluster_gives_the_same_manifest(here, tmp_path):
