@@ -130,6 +130,19 @@ class Surface:
         return (flat or self.conic == 0) and not any(self.even_coefficients + self.odd_coefficients)
 
     @property
+    def aperture(self) -> str:
+        """The clear aperture in words."""
+        if self.half_widths_mm:
+            width, height = (2 * half for half in self.half_widths_mm)
+            return f"rectangular, {width} x {height} mm"
+        across = f"diameter {2 * self.semi_diameter_mm} mm"
+        if self.blades:
+            return f"polygonal, {self.blades} blades, {across} from corner to corner of its circle"
+        if self.inner_semi_diameter_mm:
+            return f"annular, {across}, obstruction {2 * self.inner_semi_diameter_mm} mm"
+        return f"circular, {across}"
+
+    @property
     def edges(self) -> tuple[tuple[float, float, float], ...]:
         """Straight edges of the aperture: (x, y) of the outward normal in the lens frame, distance from the axis [mm].
 

@@ -170,7 +170,7 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
         "wavelength_nm": entry.wavelength_nm,
         "index_source": entry.index_source,
         "footprint": entry.footprint,
-        "stop_diameter_mm": 2 * solved(entry.camera).prescription.stop.semi_diameter_mm,
+        "stop": solved(entry.camera).prescription.stop.aperture,
         "seed": entry.sampling.seed,
     }
     if entry.truth["method"] != "direct":

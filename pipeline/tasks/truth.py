@@ -220,7 +220,7 @@ def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | Non
         f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
         f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
         f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
-        f" stop: circular, diameter {labels['stop_diameter_mm']} mm; footprint: {labels['footprint']}",
+        f" stop: {labels['stop']}; footprint: {labels['footprint']}",
         f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
         f"empty: {'; '.join(empty)}; single empty cells of blur and rho: no bundle of the micro-image at the pixel",
     ]

@@ -275,7 +275,8 @@ def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndar
     widths = []
     for image, block in ((grid.near, covariance[:, :2, :2]), (grid.far, covariance[:, 2:, 2:])):
         jacobian = _central_jacobian(image, column, row) * grid.supersampling
-        regular = np.abs(np.linalg.det(jacobian)) > 0
+        known = np.isfinite(jacobian).all(axis=(1, 2))
+        regular = known & (np.abs(np.linalg.det(np.where(known[:, None, None], jacobian, 0.0))) > 0)
         jacobian = np.where(regular[:, None, None], jacobian, np.nan)
         widths.append(np.diagonal(blur.in_image(block, jacobian), axis1=1, axis2=2))
     worst = np.fmax(*widths)
