@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.camera.acceptance import disc_weight, is_limited, region_weight
 from pipeline.jit import inline, kernel
-from pipeline.optics.kernels import PACKET, SCRATCH, trace_packet
+from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 
 X, Y, FOCAL, KIND, Z, AIM, BY_START, BY_AIM, OUTLINE_X, OUTLINE_Y, BASE_X, BASE_Y, MARGIN, INFLATION = range(14)
 """Columns of `lenses`. Plain microlenses have the first three."""
@@ -136,18 +136,7 @@ def rays_before(optics, lenses, mosaic, lens, starts, aims, position, direction,
 
     Written: (n, 3) points on the front face, (n, 3) unit directions, (n,) flags.
     """
-    packet = (
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty((SCRATCH, PACKET)),
-        np.empty(PACKET),
-    )
-    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
     for n in range(starts.shape[0]):
         start_x[0], start_y[0] = starts[n]
         packet[0][0], packet[1][0] = aims[n]

@@ -9,11 +9,11 @@ import numpy as np
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import free_weight
 from pipeline.camera.moments import FREE_WEIGHT, WEIGHT, accumulate, cross_packet, finish, set_pivot
-from pipeline.camera.packets import draw, new_packet, start_packet
+from pipeline.camera.packets import draw, start_packet
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.camera.sobol import hash32
 from pipeline.jit import kernel
-from pipeline.optics.kernels import PACKET
+from pipeline.optics.kernels import PACKET, new_packet
 
 _IMAGE_STREAM = 1 << 16
 _PIXEL_CIRCUMRADIUS = 0.7072

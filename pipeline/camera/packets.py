@@ -2,30 +2,12 @@
 
 import math
 
-import numpy as np
-
 from pipeline.camera.acceptance import accepted_share, is_limited
 from pipeline.camera.elements import AIM, DISC, MODEL, PLAIN, through_microlens
 from pipeline.camera.polygon import point_in_fan
 from pipeline.camera.sobol import scrambled
 from pipeline.jit import inline
-from pipeline.optics.kernels import PACKET, SCRATCH, trace_packet
-
-
-@inline
-def new_packet():
-    """Buffers of a packet: x, y, z, direction x, y, z, alive, scratch arrays and the weight."""
-    return (
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty(PACKET),
-        np.empty((SCRATCH, PACKET)),
-        np.empty(PACKET),
-    )
+from pipeline.optics.kernels import trace_packet
 
 
 @inline
@@ -50,7 +32,8 @@ def start_packet(
     region, fan_of : tuple
         From `regions.new_region` and `regions.bound`.
     packet : tuple
-        From `new_packet`; x and y hold two random numbers per ray on entry, the rays behind the front vertex on exit.
+        From `optics.kernels.new_packet`; x and y hold two random numbers per ray on entry, the rays behind the front
+        vertex on exit.
     """
     x, y = packet[0], packet[1]
     polygon, _, _, cumulative = region

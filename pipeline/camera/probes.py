@@ -10,11 +10,11 @@ import numpy as np
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import DISC, free_weight
 from pipeline.camera.moments import accumulate, cross_packet, finish, set_pivot
-from pipeline.camera.packets import new_packet, send_packet
+from pipeline.camera.packets import send_packet
 from pipeline.camera.polygon import fan, point_in_fan
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.jit import inline, kernel
-from pipeline.optics.kernels import PACKET, trace_packet
+from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 from pipeline.optics.table import EDGES, FIRST_EDGE
 
 PASSES = -1

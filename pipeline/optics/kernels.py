@@ -40,6 +40,22 @@ SCRATCH = 7
 
 
 @inline
+def new_packet():
+    """Buffers of a packet: x, y, z, direction x, y, z, alive, scratch arrays and a weight for who traces."""
+    return (
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty(PACKET),
+        np.empty((SCRATCH, PACKET)),
+        np.empty(PACKET),
+    )
+
+
+@inline
 def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
     """Trace the first `count` rays of a packet through all surfaces, in place.
 

@@ -9,9 +9,10 @@ from pipeline.files.pdf import write_pdf
 from pipeline.report.artwork import pages_of, pdf_content, svg
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.load import load
-from pipeline.scene.problems import Problem, StageError, did_you_mean, shown_path
+from pipeline.scene.problems import Problem, StageError, shown_path
 from pipeline.target.mesh import MeshTarget
 from pipeline.target.target import Target
+from pipeline.tasks.chosen import chosen
 
 
 @dataclass(frozen=True)
@@ -76,9 +77,4 @@ def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[s
         hint = "name a dataset or a file of stages/targets"
         file = shown_path(Path(path).resolve())
         raise StageError([Problem(code="no-target", message="the stage holds no target", file=file, line=1, hint=hint)])
-    if target is None and len(names) > 1:
-        raise UsageError(f"{path} has {len(names)} targets: {', '.join(names)}", hint="name one of them")
-    if target is not None and target not in names:
-        hint = did_you_mean(target, names) or f"its targets: {', '.join(names)}"
-        raise UsageError(f'{path} has no target "{target}"', hint=hint)
-    return Artwork(loaded.targets[0 if target is None else names.index(target)], loaded.problems)
+    return Artwork(loaded.targets[chosen(path, "target", names, target)], loaded.problems)

@@ -17,7 +17,8 @@ from pipeline.optics.first_order import first_order
 from pipeline.report import drawing, text
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
-from pipeline.scene.problems import Problem, StageError, did_you_mean, shown_path
+from pipeline.scene.problems import Problem, StageError, shown_path
+from pipeline.tasks.chosen import chosen
 from pipeline.tasks.first_order import CONVENTIONS, document
 from pipeline.tasks.graph import labels_of
 
@@ -146,9 +147,4 @@ def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str 
         hint = "name a dataset, a rig or a lens; a camera is a Camera with PlenCameraAPI"
         file = shown_path(Path(path).resolve())
         raise StageError([Problem(code="no-camera", message="the stage holds no camera", file=file, line=1, hint=hint)])
-    if camera is None and len(names) > 1:
-        raise UsageError(f"{path} has {len(names)} cameras: {', '.join(names)}", hint="name one of them")
-    if camera is not None and camera not in names:
-        hint = did_you_mean(camera, names) or f"its cameras: {', '.join(names)}"
-        raise UsageError(f'{path} has no camera "{camera}"', hint=hint)
-    return Shown(loaded.cameras[0 if camera is None else names.index(camera)], loaded.problems)
+    return Shown(loaded.cameras[chosen(path, "camera", names, camera)], loaded.problems)
