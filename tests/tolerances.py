@@ -127,5 +127,8 @@ bundle leave its third ones out."""
 DIRECT_PX = 1e-4
 """What method `direct` claims [px]; quadrature alone is some hundred times better where nothing is missed."""
 
+QUADRATURE_MM = 1e-6
+"""A mean on the target [mm]: a hundredth of what `direct` claims, where 0.15 mm and more are a pixel."""
+
 CLOSED_FORM = 1e-6
 """Quadrature against a closed form or a second trace [relative]: edges are bisected to 3e-8 of the way to a bound."""

@@ -31,18 +31,10 @@ aperture is that of the front face, behind a plane; the last is their number."""
 def through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
     detail, faces, bends, _ = mosaic
-    x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    kind, h = int(lenses[lens, KIND]), lenses[lens, AIM]
+    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    kind = int(lenses[lens, KIND])
     vx, vy, vz = lenses[lens, X], lenses[lens, Y], lenses[lens, Z]
-    below = optics[0] - vz
-    for i in range(size):
-        sx, sy = (x[i] - start_x[i]) / h, (y[i] - start_y[i]) / h
-        squared = 1.0 + sx * sx + sy * sy
-        weight[i] = 1.0 / (h * h * squared * squared)
-        w = 1.0 / math.sqrt(squared)
-        dx[i], dy[i], dz[i] = turned(detail, sx * w, sy * w, w)
-        x[i], y[i], z[i] = turned(detail, start_x[i] - vx, start_y[i] - vy, below)
-        alive[i] = 1.0
+    towards_microlens(optics, lenses, detail, lens, start_x, start_y, size, packet)
     trace_packet(faces[kind], x, y, z, dx, dy, dz, alive, scratch, size)
     if detail[MODEL] == THIN:
         for i in range(size):
@@ -55,6 +47,22 @@ def through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, pack
         dx[i], dy[i], dz[i] = turned_back(detail, dx[i], dy[i], dz[i])
         a, b, c = turned_back(detail, x[i], y[i], z[i])
         x[i], y[i], z[i] = a + vx, b + vy, c + vz
+
+
+@inline
+def towards_microlens(optics, lenses, detail, lens, start_x, start_y, size, packet):
+    """Rays from sensor positions towards aim points, in x and y, with their weights: frame of the microlens."""
+    x, y, z, dx, dy, dz, alive, _, weight = packet
+    h, vx, vy = lenses[lens, AIM], lenses[lens, X], lenses[lens, Y]
+    below = optics[0] - lenses[lens, Z]
+    for i in range(size):
+        sx, sy = (x[i] - start_x[i]) / h, (y[i] - start_y[i]) / h
+        squared = 1.0 + sx * sx + sy * sy
+        weight[i] = 1.0 / (h * h * squared * squared)
+        w = 1.0 / math.sqrt(squared)
+        dx[i], dy[i], dz[i] = turned(detail, sx * w, sy * w, w)
+        x[i], y[i], z[i] = turned(detail, start_x[i] - vx, start_y[i] - vy, below)
+        alive[i] = 1.0
 
 
 @inline

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from pipeline.camera.camera import REPLICAS
-from pipeline.camera.elements import DISC, free_weight
+from pipeline.camera.elements import DISC, KIND, MODEL, PLAIN, free_weight, towards_microlens
 from pipeline.camera.moments import accumulate, cross_packet, finish, set_pivot
 from pipeline.camera.packets import send_packet
 from pipeline.camera.polygon import fan, point_in_fan
@@ -87,10 +87,10 @@ def probe(optics, table, lenses, aperture, mosaic, positions, lens, owner, point
         On the sampling plane.
     label : (m,) int64
         Written: PASSES, or the row of the blocking surface, with a number for each straight edge of its aperture; the
-        number of rows stands for the microlens and the pixel's acceptance.
+        number of rows stands for the pixel's acceptance and plain microlenses, numbers above it for faces of others.
     """
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    x, y, alive = packet[0], packet[1], packet[6]
     first = 0
     while first < owner.shape[0]:
         n, size = owner[first], _stretch(owner, first)
@@ -99,19 +99,32 @@ def probe(optics, table, lenses, aperture, mosaic, positions, lens, owner, point
             x[i], y[i] = points[first + i]
             label[first + i] = PASSES
         send_packet(table[:0], optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
+        here = label[first : first + size]
         for i in range(size):
             if not alive[i] > 0.0:
-                label[first + i] = table.shape[0]
-                if lens[n] >= 0 and not mosaic[0][DISC] > 0.0:
-                    side = _side_of(aperture, points[first + i] - lenses[lens[n], :2])
-                    label[first + i] += _STRAIGHT * (1 + side)
-        for k in range(table.shape[0]):
-            trace_packet(table[k : k + 1], x, y, z, dx, dy, dz, alive, scratch, size)
+                here[i] = table.shape[0]
+                if lens[n] >= 0 and mosaic[0][MODEL] == PLAIN and not mosaic[0][DISC] > 0.0:
+                    here[i] += _STRAIGHT * (1 + _side_of(aperture, points[first + i] - lenses[lens[n], :2]))
+        _label_surfaces(table, 0, PASSES, packet, size, here)
+        if lens[n] >= 0 and mosaic[0][MODEL] != PLAIN:
             for i in range(size):
-                # Written so that a ray that has become NaN counts as blocked.
-                if not alive[i] > 0.0 and label[first + i] == PASSES:
-                    label[first + i] = k + _STRAIGHT * _straight_edge(table[k], x[i], y[i])
+                x[i], y[i] = points[first + i]
+            towards_microlens(optics, lenses, mosaic[0], lens[n], start_x, start_y, size, packet)
+            faces = mosaic[1][int(lenses[lens[n], KIND])]
+            _label_surfaces(faces, table.shape[0] + 1, table.shape[0], packet, size, here)
         first += size
+
+
+@inline
+def _label_surfaces(table, base, unknown, packet, size, label):
+    """Trace a packet surface by surface and name what blocks the rays whose label is still `unknown`."""
+    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    for k in range(table.shape[0]):
+        trace_packet(table[k : k + 1], x, y, z, dx, dy, dz, alive, scratch, size)
+        for i in range(size):
+            # Written so that a ray that has become NaN counts as blocked.
+            if not alive[i] > 0.0 and label[i] == unknown:
+                label[i] = base + k + _STRAIGHT * _straight_edge(table[k], x[i], y[i])
 
 
 @kernel

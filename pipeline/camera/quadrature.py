@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.camera import probes
+from pipeline.camera.acceptance import HALF_ANGLE
+from pipeline.camera.elements import AIM, PLAIN_COLUMNS
 from pipeline.camera.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.polygon import MAX_VERTICES
 from pipeline.camera.probes import PASSES
@@ -86,21 +88,39 @@ class Edges:
         radius, _, limit, rays = _find(self, owner, angle, _EDGE_STEPS)
         if len(owner):
             node, weight = _gauss(nodes[0])
-            r = radius[:, None] * node
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            start, length = self._pieces(owner, along, radius)
+            r = (start[..., None] + length[..., None] * node).reshape(len(owner), -1)
             points = self.centres[owner, None] + r[..., None] * along[:, None]
-            measure = r * (radius * share)[:, None] * weight
-            whole = np.zeros(n, bool)
+            measure = r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)
+            whole, some = np.zeros(n, bool), measure > 0  # parts may be empty
             optics, table, _, lenses, _, mosaic = self.arrays
-            arguments = self.positions, self.lens, np.repeat(owner, nodes[0]), points.reshape(-1, 2), measure.ravel()
+            arguments = self.positions, self.lens, np.repeat(owner, some.sum(axis=1)), points[some], measure[some]
             planes = np.ascontiguousarray(planes)
             probes.integrate(optics, table, lenses, mosaic, planes, *arguments, result, whole)
-            rays += measure.size + len(owner)
+            rays += len(arguments[-1]) + len(owner)
             status[owner] = np.where(whole & self._nothing_beyond(owner, along, radius, limit), 1, 2)[owner]
         result[:, VARIANCE:] = 0.0
         result[:, FREE_WEIGHT] = self.free_sr
         result[status == EMPTY, WEIGHT] = 0.0
         return result, status, rays
+
+    def _pieces(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Starts and lengths of the parts of each way to the edge, (m, parts), within which the weight is smooth.
+
+        The acceptance of a cone has a kink where its roll-off begins: a circle about the foot of the sensor position.
+        """
+        optics, _, _, lenses, _, mosaic = self.arrays
+        if not mosaic[0][HALF_ANGLE] > 0.0:
+            return np.zeros((len(owner), 1)), radius[:, None]
+        height = optics[1] - optics[0] if lenses.shape[1] == PLAIN_COLUMNS else lenses[self.lens[owner], AIM]
+        away = self.centres[owner] - self.positions[owner]
+        towards = -np.sum(away * along, axis=1)
+        squared = (height * np.tan(mosaic[0][HALF_ANGLE])) ** 2 - np.sum(away**2, axis=1) + towards**2
+        half = np.sqrt(np.maximum(squared, 0.0))
+        marks = np.clip(np.stack([towards - half, towards + half], axis=1), 0.0, radius[:, None])
+        marks = np.column_stack([np.zeros(len(owner)), marks, radius])
+        return marks[:, :-1], np.diff(marks, axis=1)
 
     def _nothing_beyond(
         self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray
