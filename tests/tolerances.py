@@ -48,6 +48,9 @@ STORED_PX = 2e-4
 SIGMAS = 5.0
 """Largest of a few hundred deviations over a standard error known from at least 16 repetitions [1]."""
 
+ONCE_IN_A_MILLION = 1e-6
+"""Probability that an honest standard error fails by chance [1]: tests ask it some hundred times."""
+
 STRATIFIED = 1e-4
 """Of an integral over 16,384 stratified points, smooth but sixfold brighter at one edge [relative]: 3e-5 is seen."""
 
