@@ -10,14 +10,16 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.render.embree import MeshScene
+from pipeline.target.mesh import MeshTarget
 from pipeline.target.occluder import Occluder
 from pipeline.target.patches import PLANE
 from pipeline.target.target import AnyTarget
 
 _TOUCHING_MM = 1e-6
 """What stands before a plane by less than this lies on it: roundings at 1 m, and surfaces that touch."""
-_MESH_MM = 0.01
-"""How far the mesh of a bent target may leave its own points: its sag at grazing incidence, marked points beside it."""
+_MESH_MM, _GRAZING = 0.01, 10.0
+"""How far a bent target's mesh may be from its own points, besides its sag and the distance of marked points from it,
+these along rays that graze."""
 _SOME, _PRODUCTS_AT_ONCE = 97, 1 << 23
 
 
@@ -41,7 +43,13 @@ class Surroundings:
             for pieces, (_, pose) in zip(patches, targets, strict=True)
         ]
         surfaces += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
-        self._is_bent = [len(pieces) == 1 and pieces[0].kind != PLANE for pieces in patches]
+        # Bent targets, which are of one piece.
+        self._bent = {
+            number: (target, pieces[0])
+            for number, (pieces, (target, _)) in enumerate(zip(patches, targets, strict=True))
+            if len(pieces) == 1 and pieces[0].kind != PLANE
+        }
+        self._reach_mm: dict[int, float] = {}
         self._first = np.cumsum([0, *(len(surface) // 3 for surface in surfaces)])
         self._points = np.concatenate([np.zeros((0, 3)), *surfaces])
 
@@ -94,12 +102,23 @@ class Surroundings:
             normal = self._normals[triangle]
             path = _dot(self._points[3 * triangle] - origin_mm, normal) / _dot(direction, normal)
             hidden = (triangle >= 0) & (path < to_plane - _TOUCHING_MM)
-        if self._is_bent[target]:
+        if target in self._bent:
             own = hidden & (triangle >= self._first[target]) & (triangle < self._first[target + 1])
-            start, way, place = origin_mm[own], direction[own], point_mm[own]
-            apart, blur = (np.linalg.norm(start + along[own, None] * way - place, axis=1) for along in (path, to_plane))
-            hidden[own] = apart > 2 * blur + _MESH_MM
+            if own.any():
+                start, way, place = origin_mm[own], direction[own], point_mm[own]
+                apart, blur = (
+                    np.linalg.norm(start + along[own, None] * way - place, axis=1) for along in (path, to_plane)
+                )
+                hidden[own] = apart > 2 * blur + self._reach(target)
         return hidden
+
+    def _reach(self, number: int) -> float:
+        """How far from a point of a bent target its own mesh may be met by a ray towards that point [mm]."""
+        if number not in self._reach_mm:
+            target, patch = self._bent[number]
+            beside = target.distances_mm().max() if isinstance(target, MeshTarget) else 0.0
+            self._reach_mm[number] = float(_MESH_MM + _GRAZING * (patch.mesh_sag_mm() + beside))
+        return self._reach_mm[number]
 
 
 def in_vision(occluder: Occluder, vision_from_occluder: np.ndarray) -> np.ndarray:

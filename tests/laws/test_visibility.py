@@ -325,6 +325,18 @@ def test_a_tip_that_is_marked_on_a_mesh_is_seen_from_the_front_and_not_through_a
         assert seen_of(pinhole(), target, rigs.facing(400.0))[0].tolist() == [expected]
 
 
+def test_a_marked_point_beside_its_mesh_is_not_hidden_by_it() -> None:
+    """`check` warns; the truth believes the point, a quarter of a millimetre behind its face, seen at 60 degrees."""
+    face = MeshTarget(
+        vertices_mm=((-9.0, -9.0, 0.0), (9.0, -9.0, 0.0), (0.0, 9.0, 0.0)),
+        triangles=((0, 1, 2),),
+        albedo=((1.0, 1.0, 1.0),),
+        points_mm=((0.0, 0.0, -0.25),),
+        normals=((0.0, 0.0, 1.0),),
+    )
+    assert seen_of(pinhole(), face, rigs.facing(400.0, 60.0))[0].tolist() == [1.0]
+
+
 def test_a_fully_hidden_row_goes_and_is_counted() -> None:
     """Of a ring of rows found by `direct`, those behind a wall; what is not known is not hidden."""
     rig, pose = rig_of(rigs.conventional(4.5)), rigs.facing(434.0)
