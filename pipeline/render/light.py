@@ -1,4 +1,4 @@
-"""Radiance of the scene along rays: targets before a uniform background.
+"""Radiance of the scene along rays: targets and occluders before a uniform background.
 
 Embree says which triangle a ray meets first; the hit is recomputed in double on the true surface behind it, and the
 pattern is evaluated there by its formula. No texture, no filter.
@@ -10,7 +10,9 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.render.embree import MeshScene
+from pipeline.render.surroundings import in_vision
 from pipeline.target import kernels
+from pipeline.target.occluder import Occluder
 from pipeline.target.patches import CYLINDER, MESH, PLANE, Patch
 from pipeline.target.target import AnyTarget
 
@@ -23,14 +25,23 @@ class TargetLight:
     targets : sequence of (Target or MeshTarget, (4, 4) float64)
         Each with its pose vision_from_target.
     background : float
-        Radiance where no target is.
+        Radiance where nothing is.
+    occluders : sequence of (Occluder, (4, 4) float64)
+        Each with its pose vision_from_occluder; they radiate equally from both sides.
     """
 
-    def __init__(self, targets: Sequence[tuple[AnyTarget, np.ndarray]], background: float) -> None:
+    def __init__(
+        self,
+        targets: Sequence[tuple[AnyTarget, np.ndarray]],
+        background: float,
+        occluders: Sequence[tuple[Occluder, np.ndarray]] = (),
+    ) -> None:
         self._background = background
         patches = [(patch, pose @ patch.target_from_patch) for target, pose in targets for patch in target.patches()]
         self._lights = [_PatchLight(patch, pose) for patch, pose in patches]
-        self._scene = MeshScene([light.mesh_in_vision() for light in self._lights])
+        others = [in_vision(occluder, pose) for occluder, pose in occluders]
+        self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
+        self._others = [occluder.radiance for occluder, _ in occluders]
 
     def radiance(self, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
@@ -38,6 +49,9 @@ class TargetLight:
         light = np.full(len(hit), self._background)
         for patch, first, end in zip(self._lights, self._scene.first, self._scene.first[1:], strict=False):
             patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin_mm, direction, light)
+        ends = self._scene.first[len(self._lights) :]
+        for radiance, first, end in zip(self._others, ends, ends[1:], strict=False):
+            light[(hit >= first) & (hit < end)] = radiance
         return light
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
+from pipeline.scene.check_occluders import check_occluders
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, shown_path
 from pipeline.scene.reading import camera_name, frame_numbers
@@ -25,12 +26,14 @@ def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
         if not prim.HasAPI("PlenCameraAPI"):
             hint = 'write prepend apiSchemas = ["PlenCameraAPI"] on it'
             yield problem(prim, "camera-without-api", "a camera of the dataset lacks PlenCameraAPI", hint=hint)
-    for prim in [*cameras, *targets(root, "plen:targets", "PlenTarget")]:
+    parts = [*cameras, *targets(root, "plen:targets", "PlenTarget"), *targets(root, "plen:occluders", "Mesh")]
+    for prim in parts:
         if not prim.GetPath().HasPrefix(root.GetPath()):
             message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
             yield problem(prim, "outside-dataset", message)
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)
+    yield from check_occluders(root)
 
 
 def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:

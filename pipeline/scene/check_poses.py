@@ -1,4 +1,4 @@
-"""Poses of cameras and targets: a sample at every frame, rigid, and the board before the camera."""
+"""Poses of cameras, targets and occluders: a sample at every frame, rigid, and the board before the camera."""
 
 import math
 from collections.abc import Iterator
@@ -7,6 +7,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.frames import apply
+from pipeline.scene.check_occluders import check_outside_lens
 from pipeline.scene.places import problem
 from pipeline.scene.poses import ancestry, is_orient, product, quaternion, world_from, xform_ops
 from pipeline.scene.problems import Problem
@@ -36,7 +37,8 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     frames = frame_numbers(root)
     cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
     boards = targets(root, "plen:targets", "PlenTarget")
-    moved = list(dict.fromkeys(link for prim in [*cameras, *boards] for link in ancestry(prim)))
+    occluders = targets(root, "plen:occluders", "Mesh")
+    moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders] for link in ancestry(prim)))
     found = [bad for link in moved for bad in _check_link(link, frames)]
     found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames) if not _has_error(found)]
     yield from found
@@ -44,6 +46,8 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
         for camera in cameras:
             for board in boards:
                 yield from _check_before_camera(camera, board, root, frames)
+            for occluder in occluders:
+                yield from check_outside_lens(camera, occluder, root, frames)
 
 
 def _has_error(problems: list[Problem]) -> bool:
@@ -51,7 +55,7 @@ def _has_error(problems: list[Problem]) -> bool:
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
-    """One prim whose transform moves a camera or target."""
+    """One prim whose transform moves a camera, a target or an occluder."""
     for op in xform_ops(prim):
         attribute = op.GetAttr()
         if attribute.HasSpline():

@@ -56,7 +56,8 @@ def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
 def _hint(is_ours: bool, type_name: str) -> str | None:
     if not is_ours:
         return 'write "custom" in front of it if it is meant to be extra data'
-    return 'apply PlenCameraAPI: prepend apiSchemas = ["PlenCameraAPI"]' if type_name == "Camera" else None
+    api = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI"}.get(type_name)
+    return f'apply {api}: prepend apiSchemas = ["{api}"]' if api else None
 
 
 def _check_required(prim: Usd.Prim) -> Iterator[Problem]:

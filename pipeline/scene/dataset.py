@@ -1,14 +1,15 @@
 """A dataset as frozen records: what the rest of the pipeline knows of a stage."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pipeline.camera.camera import Camera, Sampling
 from pipeline.camera.request import FocusRequest
 from pipeline.optics.prescription import Prescription
+from pipeline.target.occluder import Occluder
 from pipeline.target.target import AnyTarget
 
 Matrix = tuple[tuple[float, ...], ...]
-"""A 4 x 4 rigid transform, rows of a matrix that acts on column vectors, lengths in mm."""
+"""A 4 x 4 transform, rigid unless said otherwise, rows of a matrix that acts on column vectors, lengths in mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +69,14 @@ class TargetEntry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OccluderEntry:
+    """An occluder of the dataset."""
+
+    prim_path: str
+    occluder: Occluder
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """Poses at one integer time code.
 
@@ -77,11 +86,14 @@ class Frame:
         Per camera name, vision frame.
     world_from_target : dict
         Per target name, target frame.
+    world_from_occluder : dict
+        Per path of an occluder's prim that is visible, the mesh's own frame; any affine transform.
     """
 
     number: int
     camera_from_world: dict[str, Matrix]
     world_from_target: dict[str, Matrix]
+    world_from_occluder: dict[str, Matrix] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +107,7 @@ class Dataset:
     seed : int
         Of all random numbers.
     background : float
-        Radiance of everything that is not a target, relative.
+        Radiance where neither a target nor an occluder is, relative.
     """
 
     stage_name: str
@@ -104,3 +116,4 @@ class Dataset:
     cameras: tuple[CameraEntry, ...]
     targets: tuple[TargetEntry, ...]
     frames: tuple[Frame, ...]
+    occluders: tuple[OccluderEntry, ...] = ()

@@ -13,6 +13,7 @@ from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matri
 from pipeline.scene.media import index_source, with_indices
 from pipeline.scene.microlenses import read_microlenses
 from pipeline.scene.poses import inverse, product, world_from
+from pipeline.scene.reading_occluders import is_visible, read_occluder_entry
 from pipeline.scene.reading_targets import read_target_entry
 from pipeline.scene.values import UnreadableValue, need, read, target, targets
 from pipeline.units import mm_per_unit
@@ -49,6 +50,7 @@ def read_dataset(root: Usd.Prim) -> Dataset:
     """The records of a PlenDataset whose stage passed the checks."""
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
+    occluders = targets(root, "plen:occluders", "Mesh")
     seed = need(root, "plen:seed")
     return Dataset(
         stage_name=root.GetName(),
@@ -56,7 +58,8 @@ def read_dataset(root: Usd.Prim) -> Dataset:
         background=need(root, "plen:background"),
         cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
         targets=tuple(read_target_entry(prim) for prim in boards),
-        frames=tuple(_read_frame(number, root, cameras, boards) for number in frame_numbers(root)),
+        frames=tuple(_read_frame(number, root, cameras, boards, occluders) for number in frame_numbers(root)),
+        occluders=tuple(read_occluder_entry(prim) for prim in occluders),
     )
 
 
@@ -245,7 +248,9 @@ def stage_mm_per_unit(prim: Usd.Prim) -> float:
     return mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
 
 
-def _read_frame(number: int, root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim]) -> Frame:
+def _read_frame(
+    number: int, root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], occluders: list[Usd.Prim]
+) -> Frame:
     scale_mm = stage_mm_per_unit(root)
     return Frame(
         number=number,
@@ -253,6 +258,11 @@ def _read_frame(number: int, root: Usd.Prim, cameras: list[Usd.Prim], boards: li
             camera_name(prim, root): _matrix(camera_from_world(prim, float(number), scale_mm)) for prim in cameras
         },
         world_from_target={prim.GetName(): _matrix(world_from(prim, float(number), scale_mm)) for prim in boards},
+        world_from_occluder={
+            str(prim.GetPath()): _matrix(world_from(prim, float(number), scale_mm))
+            for prim in occluders
+            if is_visible(prim, float(number))
+        },
     )
 
 

@@ -7,6 +7,7 @@ from pxr import Usd, UsdGeom
 
 from pipeline.frames import apply
 from pipeline.scene.dataset import TargetEntry
+from pipeline.scene.meshes import Fans, fans
 from pipeline.scene.poses import product, world_from
 from pipeline.scene.values import UnreadableValue, need, plain, target
 from pipeline.target.aprilgrid import AprilGrid
@@ -115,20 +116,13 @@ def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
     if mesh_prim is None:
         raise UnreadableValue(f'<{prim.GetPath()}> has no usable "plen:mesh"')
     mesh = UsdGeom.Mesh(mesh_prim)
-    counts = plain(mesh.GetFaceVertexCountsAttr().Get() or ())
-    indices = plain(mesh.GetFaceVertexIndicesAttr().Get() or ())
-    points = np.array(plain(mesh.GetPointsAttr().Get() or ()), float).reshape(-1, 3)
-    # Places in the list of face corners; a face of n corners becomes a fan of n - 2 triangles.
-    starts = np.cumsum([0, *counts])
-    fans = [(s, s + i, s + i + 1) for s, n in zip(starts, counts, strict=False) for i in range(1, n - 1)]
-    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
-        fans = [(a, c, b) for a, b, c in fans]
-    faces = [face for face, n in enumerate(counts) for _ in range(n - 2)]
-    colours = _colours(mesh, faces, fans, indices)
+    shape = fans(mesh)
+    points = np.array(shape.points, float).reshape(-1, 3)
+    colours = _colours(mesh, shape)
     white = need(prim, "plen:white")
     return MeshTarget(
         vertices_mm=_triples(apply(_target_from_mesh(prim, mesh_prim), points)),
-        triangles=tuple(tuple(int(indices[place]) for place in fan) for fan in fans),  # type: ignore[misc]
+        triangles=shape.triangles,
         albedo=tuple(tuple(white * shade for shade in row) for row in colours),  # type: ignore[misc]
         points_mm=need(prim, "plen:points"),
         normals=need(prim, "plen:normals"),
@@ -149,21 +143,22 @@ def _first_time(prim: Usd.Prim) -> float:
     return min(times, default=0.0)
 
 
-def _colours(
-    mesh: UsdGeom.Mesh, faces: list[int], fans: list[tuple[int, int, int]], indices: tuple[int, ...]
-) -> list[tuple[float, ...]]:
+def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
     """First component of the display colour at the corners of each triangle; 1 without."""
     colour = UsdGeom.PrimvarsAPI(mesh.GetPrim()).GetPrimvar("displayColor")
     values = plain(colour.ComputeFlattened() or ()) if colour and colour.HasValue() else ()
     if not values:
-        return [(1.0, 1.0, 1.0)] * len(fans)
+        return [(1.0, 1.0, 1.0)] * len(shape.corners)
     shades = [value[0] for value in values]
     place = {
         UsdGeom.Tokens.constant: lambda face, corner: 0,
         UsdGeom.Tokens.uniform: lambda face, corner: face,
         UsdGeom.Tokens.faceVarying: lambda face, corner: corner,
-    }.get(colour.GetInterpolation(), lambda face, corner: indices[corner])
-    return [tuple(shades[place(face, corner)] for corner in fan) for face, fan in zip(faces, fans, strict=True)]
+    }.get(colour.GetInterpolation(), lambda face, corner: shape.indices[corner])
+    return [
+        tuple(shades[place(face, corner)] for corner in fan)
+        for face, fan in zip(shape.faces, shape.corners, strict=True)
+    ]
 
 
 def _triples(points: np.ndarray) -> tuple[tuple[float, float, float], ...]:

@@ -15,7 +15,7 @@ from pipeline.frames import apply
 from pipeline.records import to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.target.target import plain_from_target
-from pipeline.tasks.poses import poses_json, targets_json, vision_from_target
+from pipeline.tasks.poses import poses_json, targets_json, vision_from_occluder, vision_from_target
 from pipeline.tasks.rays_tile import tile_rows
 from pipeline.truth.on_points import plane_name
 
@@ -105,10 +105,11 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
         {"target": plain_from_target(target.target), "vision_from_target": _matrix(poses[target.name])}
         for target in dataset.targets
     ]
+    occluders = frame_occluders(dataset, entry, frame)
     image = graph.add(
         f"image/{name}",
         f"{_KIND}image",
-        {**_image_params(entry), "targets": artwork, "background": dataset.background},
+        {**_image_params(entry), "targets": artwork, "background": dataset.background, "occluders": occluders},
         reads,
     )
     named = truth_targets(dataset, entry, frame)
@@ -123,7 +124,8 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
         params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
         truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
         files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
-    truth = graph.add(f"truth/{name}", f"{_KIND}truth", _truth_params(entry, frame, named), truth_reads)
+    params = {**_truth_params(entry, frame, named), "occluders": occluders}
+    truth = graph.add(f"truth/{name}", f"{_KIND}truth", params, truth_reads)
     files[f"{folder}/poses.json"] = poses_json(frame, entry.name, poses)
     files[f"{folder}/image.exr"] = (image, "image.exr")
     files[f"{folder}/image.png"] = (image, "image.png")
@@ -152,6 +154,18 @@ def truth_targets(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[di
             "vision_from_target": _matrix(vision_from_target(frame, entry.name, target.name)),
         }
         for target in dataset.targets
+    ]
+
+
+def frame_occluders(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[dict[str, Any]]:
+    """The occluders that are there in a frame: {occluder, vision_from_occluder}."""
+    return [
+        {
+            "occluder": to_plain(occluder.occluder),
+            "vision_from_occluder": _matrix(vision_from_occluder(frame, entry.name, occluder.prim_path)),
+        }
+        for occluder in dataset.occluders
+        if occluder.prim_path in frame.world_from_occluder
     ]
 
 

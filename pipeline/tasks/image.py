@@ -11,17 +11,15 @@ from pipeline.files.png import write_png
 from pipeline.render.imaging import irradiance
 from pipeline.render.light import TargetLight
 from pipeline.render.spectra import srgb_preview
-from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.surroundings import placed_occluders, placed_targets
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: targets (list of {target, vision_from_target}), background, samples, seed, weight, wavelength_nm."""
+    """Params: targets (list of {target, vision_from_target}), occluders, background, samples, seed, ..."""
     tracer, images = tracer_of(inputs, params["seed"])
-    targets = [
-        (target_from_plain(entry["target"]), np.array(entry["vision_from_target"])) for entry in params["targets"]
-    ]
-    light = TargetLight(targets, params["background"])
+    targets, occluders = placed_targets(params["targets"]), placed_occluders(params["occluders"])
+    light = TargetLight(targets, params["background"], occluders)
     write_image(out, "image", irradiance(tracer, images, params["samples"], light.radiance), params, tracer)
 
 

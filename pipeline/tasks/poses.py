@@ -19,6 +19,11 @@ def vision_from_target(frame: Frame, camera: str, target: str) -> np.ndarray:
     return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
 
 
+def vision_from_occluder(frame: Frame, camera: str, prim_path: str) -> np.ndarray:
+    """Transform of an occluder's mesh to a camera's vision frame, (4, 4) [mm]."""
+    return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_occluder[prim_path])
+
+
 def poses_json(frame: Frame, camera: str, poses: dict[str, np.ndarray]) -> bytes:
     """The content of poses.json."""
     return json_bytes(

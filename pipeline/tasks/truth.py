@@ -14,6 +14,7 @@ from pipeline.target.points import TargetPoints
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.rays import MOMENTS
+from pipeline.tasks.surroundings import surroundings_of
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
 from pipeline.truth.on_points import ImageOf, correspond_points, largest_sag_mm, plane_name
@@ -22,24 +23,31 @@ from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
+from pipeline.truth.visibility import METHOD, seen
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frame, camera, targets (list of {name, target, vision_from_target}), truth, labels."""
+    """Params: frame, camera, targets (list of {name, target, vision_from_target}), occluders, truth, labels."""
     settings = from_plain(TruthSettings, params["truth"])
     rig = Rig(*tracer_of(inputs, params["labels"]["seed"]))
     grid = None if settings.method == "direct" else read_grid(inputs)
     positions = read_exr(inputs["positions"]["positions.exr"]) if "positions" in inputs else {}
     columns: dict[str, list[Any]] = {}
     notes = []
-    for entry in sorted(params["targets"], key=lambda entry: entry["name"]):
+    entries = sorted(params["targets"], key=lambda entry: entry["name"])
+    surroundings = surroundings_of(entries, params["occluders"])
+    for number, entry in enumerate(entries):
         points, pose = target_from_plain(entry["target"]).points(), np.array(entry["vision_from_target"])
         traced = _traced(positions, entry["name"], len(points.frames))
         found = correspondences(rig, grid, settings, points, pose, traced)
+        visibility = np.zeros(0)
+        if found is not None:
+            planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+            found, visibility = seen(rig, surroundings, number, found, planes)
         notes.append(f"{entry['name']}: {_note(found, points, pose)}")
         if found is None:
             continue
-        for name, column in _columns(params, entry["name"], points, pose, rig, found).items():
+        for name, column in _columns(params, entry["name"], points, pose, rig, found, visibility).items():
             columns.setdefault(name, []).extend(column)
     if not columns:
         columns = {name: [] for name in COLUMNS}
@@ -175,6 +183,7 @@ def _columns(
     pose: np.ndarray,
     rig: Rig,
     truth: Correspondences,
+    visibility: np.ndarray,
 ) -> dict[str, Any]:
     """Columns of one target, in the order of COLUMNS."""
     found, lattice = truth.found, rig.tracer.lattice
@@ -196,7 +205,7 @@ def _columns(
         *point.T,
         *apply(pose, point).T,
         truth.hit_fraction,
-        [None] * rows,
+        visibility,
         blur[:, 0, 0],
         blur[:, 0, 1],
         blur[:, 1, 1],
@@ -208,9 +217,7 @@ def _columns(
 
 def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | None, rig: Rig) -> list[str]:
     labels = params["labels"]
-    empty = ["visibility (occlusion is not computed yet; points that face away have no rows)"]
-    if rig.images is None:
-        empty.append("microlens_k, microlens_l, microlens_type (a conventional camera)")
+    empty = "microlens_k, microlens_l, microlens_type (a conventional camera); " if rig.images is None else ""
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
     return [
         f"exact image positions of target points: camera {params['camera']}, frame {params['frame']}",
@@ -222,7 +229,8 @@ def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | Non
         f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
         f" stop: {labels['stop']}; footprint: {labels['footprint']}",
         f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
-        f"empty: {'; '.join(empty)}; single empty cells of blur and rho: no bundle of the micro-image at the pixel",
+        f"visibility: {METHOD}; hidden points and points that face away have no rows",
+        f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
     ]
 
 

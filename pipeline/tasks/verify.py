@@ -18,11 +18,12 @@ from pipeline.errors import UsageError
 from pipeline.files.tables import Table, read_table
 from pipeline.frames import apply
 from pipeline.records import from_plain
-from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.load import load, require_dataset
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.certificate import certificate
-from pipeline.tasks.graph import truth_targets
+from pipeline.tasks.graph import frame_occluders, truth_targets
+from pipeline.tasks.visibility_check import Scene, wrong_visibilities
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig
 
@@ -38,7 +39,7 @@ class Verdict:
     Attributes
     ----------
     problems : list of str
-        Files that are lost or altered, and tables whose points are not where the stage has them.
+        Files that are lost or altered, and tables whose points are not where the stage has them, or not as visible.
     cameras : dict
         Camera name -> certificate of the new sample.
     """
@@ -57,7 +58,7 @@ class Verdict:
 
 
 def verify(out: str | Path, seed: int = 1) -> Verdict:
-    """Check files against the manifest, points against the stage, and a sample of rows against fresh solutions.
+    """Check files against the manifest, points against the stage, a sample of rows against fresh solutions and rays.
 
     Parameters
     ----------
@@ -82,8 +83,12 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
             (frame.number, read_table(out / f"frames/{frame.number:04d}/{entry.name}/correspondences.csv"))
             for frame in dataset.frames
         ]
+        tracer = Tracer(focused(entry.camera), dataset.seed + seed)
+        rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None)
         problems += _misplaced(dataset, entry, tables)
-        cameras[entry.name] = _judged(dataset, entry, tables, seed)
+        scenes = [_scene(dataset, entry, number, table) for number, table in tables]
+        problems += [f"camera {entry.name}, {wrong}" for wrong in wrong_visibilities(rig, scenes, seed)]
+        cameras[entry.name] = _judged(dataset, entry, rig, tables, seed)
     return Verdict(problems, cameras)
 
 
@@ -95,13 +100,21 @@ def _is_whole(file: Path, digest: str) -> bool:
 
 
 def _targets(dataset: Dataset, entry: CameraEntry, number: int) -> list[dict[str, Any]]:
-    frame = next(frame for frame in dataset.frames if frame.number == number)
-    return truth_targets(dataset, entry, frame)
+    return truth_targets(dataset, entry, _frame(dataset, number))
 
 
-def _judged(dataset: Dataset, entry: CameraEntry, tables: list[tuple[int, Table]], seed: int) -> dict[str, Any]:
-    tracer = Tracer(focused(entry.camera), dataset.seed + seed)
-    rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None)
+def _frame(dataset: Dataset, number: int) -> Frame:
+    return next(frame for frame in dataset.frames if frame.number == number)
+
+
+def _scene(dataset: Dataset, entry: CameraEntry, number: int, table: Table) -> Scene:
+    occluders = frame_occluders(dataset, entry, _frame(dataset, number))
+    return number, _targets(dataset, entry, number), occluders, table
+
+
+def _judged(
+    dataset: Dataset, entry: CameraEntry, rig: Rig, tables: list[tuple[int, Table]], seed: int
+) -> dict[str, Any]:
     claim_px = from_plain(TruthSettings, entry.truth).claim_px
     return certificate(rig, [(_targets(dataset, entry, number), table) for number, table in tables], claim_px, seed)
 

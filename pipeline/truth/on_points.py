@@ -1,7 +1,7 @@
 """Position images of all points of a target: each on its own tangent plane, those that share one together.
 
 A point whose front faces away from the centre of the aperture stop has no row. What stands in front of a point, another
-target or a part of the same one, is not looked for: see the column `visibility`.
+target or a part of the same one, is not looked for here: see `truth.visibility`.
 """
 
 import functools

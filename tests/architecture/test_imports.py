@@ -22,7 +22,7 @@ def test_rooms_import_only_downwards_and_libraries_enter_by_one_door(monkeypatch
         ("pipeline.cli", ("numpy", "pxr", "numba", "colour", "networkx")),
         ("pipeline.tasks.rays", ("pxr", "typer", "rich", "colour", "networkx")),
         ("pipeline.tasks.rays_tile", ("pxr", "typer", "rich", "colour", "networkx")),
-        ("pipeline.tasks.truth", ("pxr", "typer", "rich", "colour", "embreex")),
+        ("pipeline.tasks.truth", ("pxr", "typer", "rich", "colour", "networkx")),
         ("pipeline.files.lenses.read", ("pxr", "numba", "typer", "rich")),
         ("pipeline.camera.camera", ("pxr", "numba", "networkx", "OpenEXR")),
     ],

@@ -82,6 +82,17 @@ def test_the_dataset_of_the_readme_passes_check(tmp_path):
     assert len(load(stage).dataset.frames) == 2
 
 
+def test_the_occluder_of_the_manual_fits_into_the_dataset_of_the_readme(tmp_path):
+    manual = (ROOT / "docs/targets.md").read_text(encoding="utf-8")
+    card = re.search(r"```usda\n.*?(\n    def Mesh.*?)}\n```", manual, re.S)[1]
+    stage, dataset = tmp_path / "dataset.usda", block("usda").rstrip().removesuffix("}")
+    named = "    rel plen:occluders = </Mine/Card>\n"
+    stage.write_text(f"{dataset}{named}{card}}}\n", encoding="utf-8")
+
+    assert load(stage).problems == []
+    assert [frame.world_from_occluder["/Mine/Card"][0][3] for frame in load(stage).dataset.frames] == [0.0, 8.0]
+
+
 def test_the_notebook_snippet_runs(tmp_path):
     run = subprocess.run(
         [sys.executable, "-c", block("python")], capture_output=True, text=True, check=True, cwd=tmp_path

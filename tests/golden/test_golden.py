@@ -72,11 +72,12 @@ def test_the_correspondences(built, golden, frame):
     name, out = built
     file = HERE / f"{name}.{frame:04d}.csv"
     table = read_table(out / f"frames/{frame:04d}/Rig.Camera/correspondences.csv")
-    new = {column: table.numbers(column) for column in ("point_id", "microlens_k", "microlens_l", "x_px", "y_px")}
+    names = ("point_id", "microlens_k", "microlens_l", "x_px", "y_px", "visibility")
+    new = {column: table.numbers(column) for column in names}
     update, show = golden
     old = read_table(file) if file.exists() else None
     if update:
-        known = {} if old is None else {key: old.numbers(key) for key in new}
+        known = {} if old is None else {key: old.numbers(key) for key in new if key in old.columns}
         rows = {key: len(column) for key, column in known.items()}.get("x_px", 0)
         moved = np.nan
         if rows == len(new["x_px"]):
@@ -87,6 +88,7 @@ def test_the_correspondences(built, golden, frame):
     assert old is not None, "no golden file: run pytest --update-golden"
     for column in ("point_id", "microlens_k", "microlens_l"):
         assert np.array_equal(old.numbers(column), new[column], equal_nan=True)
+    assert np.array_equal(old.numbers("visibility"), new["visibility"])
     for axis in ("x_px", "y_px"):
         assert np.abs(old.numbers(axis) - new[axis]).max() < TRUTH_PX
 

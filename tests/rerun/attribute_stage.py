@@ -1,4 +1,4 @@
-"""A stage for `test_attributes`: a conventional and a plenoptic camera, and a target of every kind."""
+"""A stage for `test_attributes`: a conventional and a plenoptic camera, an occluder, and a target of every kind."""
 
 STAGE = """#usda 1.0
 (
@@ -13,6 +13,7 @@ STAGE = """#usda 1.0
 def PlenDataset "Scene"
 {
     rel plen:cameras = [</Scene/A/Camera>, </Scene/B/Camera>]
+    rel plen:occluders = </Scene/Screen>
     rel plen:targets = [
         </Scene/One>,
         </Scene/Two>,
@@ -72,6 +73,18 @@ def PlenDataset "Scene"
         uniform int plen:rows = 2
         uniform double plen:squareSize = 1
         double3 xformOp:translate = (9, 0, -500)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Mesh "Screen" (
+        prepend apiSchemas = ["PlenOccluderAPI"]
+    )
+    {
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(90, 0, 0), (99, 0, 0), (90, 9, 0)]
+        uniform token subdivisionScheme = "none"
+        double3 xformOp:translate = (0, 0, -400)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
 

@@ -81,6 +81,8 @@ STAIRS = _shaped("stairs", steps=2, depth=1.0)
 DATASET = {
     "plen:cameras": [Case("", ["A/Camera"])],
     "plen:targets": [Case("", ["One"], TARGET)],
+    # J and position images know nothing of what stands in between.
+    "plen:occluders": [Case("", [], TARGET), Case("", [], TARGET, given=IMAGE)],
     # The certificate of a camera is one for all frames.
     "plen:frames": [Case("", [2], {"certificate"})],
     "plen:seed": [
@@ -209,6 +211,9 @@ TARGETS = {
     "plen:mesh": [Case(MESH, [f"{MESH}/Other"], TARGET)],
     "plen:points": [Case(MESH, [(1.0, 2.0, 0.0)], TARGET)],
     "plen:normals": [Case(MESH, [(0.1, 0.0, 1.0)], TARGET)],
+    # As with colours of targets: `truth` gets an occluder as a whole.
+    "plen:radiance": [Case("Screen", 0.5, TARGET)],
+    "xformOp:translate": [Case("Screen", (0.0, 0.0, -401.0), TARGET)],
     "plen:shape": [Case("One", "cylinder", TARGET, along=ROLLED)],
     "plen:shape:deflection": [Case("One", (0.1, 0.3), TARGET, given=WARPED)],
     "plen:shape:resolution": [Case("One", Gf.Vec2i(3, 2), TARGET, given=MEASURED)],

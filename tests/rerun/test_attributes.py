@@ -88,7 +88,7 @@ def test_the_table_holds_every_attribute_of_the_schemas_and_no_other():
     """A new attribute needs a row, for each schema that declares it: which tasks depend on it?"""
     layer = Sdf.Layer.FindOrOpen(str(share("schemas") / "plenScene/resources/plenScene/schema.usda"))
     declared = {(prim.name, prop.name) for prim in layer.rootPrims for prop in prim.properties}
-    assert {name for _, name in declared} == set(CASES)
+    assert {name for _, name in declared} == {name for name in CASES if name.startswith("plen:")}
     stage = Usd.Stage.CreateInMemory()
     stage.GetRootLayer().ImportFromString(STAGE)
     prims = {case.at: stage.GetPrimAtPath(_path(case.at)) for cases in CASES.values() for case in cases}

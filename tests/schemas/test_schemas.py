@@ -25,7 +25,8 @@ TARGETS = (
     "PlenMeshTarget",
 )
 CONCRETE = ("PlenDataset", "PlenLens", "PlenLensGroup", "PlenSurface", "PlenMicrolensArray", "PlenSensor", *TARGETS)
-APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
+CAMERA_APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
+APIS = (*CAMERA_APIS, "PlenOccluderAPI")
 
 
 def definition(name):
@@ -133,10 +134,11 @@ def test_usd_knows_the_unit_of_a_length_or_angle_too(schema, name):
 
 
 @pytest.mark.parametrize("name", APIS)
-def test_the_apis_apply_to_cameras_and_to_nothing_else(name):
+def test_the_apis_apply_to_cameras_or_to_meshes_and_to_nothing_else(name):
     stage = Usd.Stage.CreateInMemory()
 
-    assert stage.DefinePrim("/Camera", "Camera").CanApplyAPI(name)
+    assert bool(stage.DefinePrim("/Camera", "Camera").CanApplyAPI(name)) == (name in CAMERA_APIS)
+    assert bool(stage.DefinePrim("/Mesh", "Mesh").CanApplyAPI(name)) != (name in CAMERA_APIS)
     assert not stage.DefinePrim("/Xform", "Xform").CanApplyAPI(name)
     assert not stage.DefinePrim("/Lens", "PlenLens").CanApplyAPI(name)
 

@@ -1,0 +1,134 @@
+"""What stands in the way of light: the surfaces of all targets and occluders of a frame, opaque from both sides.
+
+Embree says which triangle a ray meets first, and how far away that is is computed in double.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.render.embree import MeshScene
+from pipeline.target.mesh import MeshTarget
+from pipeline.target.occluder import Occluder
+from pipeline.target.patches import PLANE
+from pipeline.target.target import AnyTarget
+
+_TOUCHING_MM = 1e-6
+"""What stands before a plane by less than this lies on it: roundings at 1 m, and surfaces that touch."""
+_MESH_MM, _GRAZING = 0.01, 10.0
+"""How far a bent target's mesh may be from its own points, besides its sag and the distance of marked points from it,
+these along rays that graze."""
+_SOME, _PRODUCTS_AT_ONCE = 97, 1 << 23
+
+
+class Surroundings:
+    """Targets and occluders in the vision frame.
+
+    Parameters
+    ----------
+    targets : sequence of (Target or MeshTarget, (4, 4) float64)
+        Each with its pose vision_from_target.
+    occluders : sequence of (Occluder, (4, 4) float64)
+        Each with its pose vision_from_occluder, any affine transform.
+    """
+
+    def __init__(
+        self, targets: Sequence[tuple[AnyTarget, np.ndarray]], occluders: Sequence[tuple[Occluder, np.ndarray]] = ()
+    ) -> None:
+        patches = [target.patches() for target, _ in targets]
+        surfaces = [
+            np.concatenate([apply(pose @ patch.target_from_patch, _points(patch.mesh())) for patch in pieces])
+            for pieces, (_, pose) in zip(patches, targets, strict=True)
+        ]
+        surfaces += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
+        # Bent targets, which are of one piece.
+        self._bent = {
+            number: (target, pieces[0])
+            for number, (pieces, (target, _)) in enumerate(zip(patches, targets, strict=True))
+            if len(pieces) == 1 and pieces[0].kind != PLANE
+        }
+        self._reach_mm: dict[int, float] = {}
+        self._first = np.cumsum([0, *(len(surface) // 3 for surface in surfaces)])
+        self._points = np.concatenate([np.zeros((0, 3)), *surfaces])
+
+    @cached_property
+    def _scene(self) -> MeshScene:
+        return MeshScene([self._points.reshape(-1, 3, 3)])
+
+    @cached_property
+    def _normals(self) -> np.ndarray:
+        a, b, c = self._points.reshape(-1, 3, 3).transpose(1, 0, 2)
+        return np.cross(b - a, c - a)
+
+    def may_hide(self, point_mm: np.ndarray, front: np.ndarray) -> np.ndarray:
+        """Whether anything stands before planes at points (n, 3) with unit normals (n, 3): no other point is hidden."""
+        found = np.zeros(len(point_mm), bool)
+        height = np.sum(point_mm * front, axis=1) + _TOUCHING_MM
+        # Some of the points answer for most planes, all of them for the rest.
+        for points in (self._points[::_SOME], self._points):
+            left = np.flatnonzero(~found)
+            at_once = max(1, _PRODUCTS_AT_ONCE // max(1, len(points)))
+            for some in (left[start : start + at_once] for start in range(0, len(left), at_once)):
+                found[some] = (front[some] @ points.T).max(axis=1, initial=-np.inf) > height[some]
+        return found
+
+    def hides(
+        self, target: int, point_mm: np.ndarray, front: np.ndarray, origin_mm: np.ndarray, direction: np.ndarray
+    ) -> np.ndarray:
+        """Whether something stands between the camera and the surface at target points, for one ray of each.
+
+        A ray that meets anything before the tangent plane is stopped, unless it meets the surface of the point itself:
+        one that is bent may stand before its own tangent plane. That is so where the hit is no farther from the point
+        than twice the ray's crossing with the plane.
+
+        Parameters
+        ----------
+        target : int
+            Which target the points belong to.
+        point_mm, front : (n, 3) float64
+            Target points and the normals of their tangent planes.
+        origin_mm, direction : (n, 3) float64
+            Rays from the lens into the scene, unit directions.
+
+        Returns
+        -------
+        (n,) bool
+        """
+        triangle = self._scene.first_hit(origin_mm, direction)
+        with np.errstate(divide="ignore", invalid="ignore"):  # rays along a plane; they are stopped by nothing
+            to_plane = _dot(point_mm - origin_mm, front) / _dot(direction, front)
+            normal = self._normals[triangle]
+            path = _dot(self._points[3 * triangle] - origin_mm, normal) / _dot(direction, normal)
+            hidden = (triangle >= 0) & (path < to_plane - _TOUCHING_MM)
+        if target in self._bent:
+            own = hidden & (triangle >= self._first[target]) & (triangle < self._first[target + 1])
+            if own.any():
+                start, way, place = origin_mm[own], direction[own], point_mm[own]
+                apart, blur = (
+                    np.linalg.norm(start + along[own, None] * way - place, axis=1) for along in (path, to_plane)
+                )
+                hidden[own] = apart > 2 * blur + self._reach(target)
+        return hidden
+
+    def _reach(self, number: int) -> float:
+        """How far from a point of a bent target its own mesh may be met by a ray towards that point [mm]."""
+        if number not in self._reach_mm:
+            target, patch = self._bent[number]
+            beside = target.distances_mm().max() if isinstance(target, MeshTarget) else 0.0
+            self._reach_mm[number] = float(_MESH_MM + _GRAZING * (patch.mesh_sag_mm() + beside))
+        return self._reach_mm[number]
+
+
+def in_vision(occluder: Occluder, vision_from_occluder: np.ndarray) -> np.ndarray:
+    """Triangles of an occluder, vision frame (m, 3, 3) [mm]."""
+    return apply(vision_from_occluder, _points(occluder.corners_mm())).reshape(-1, 3, 3)
+
+
+def _points(triangles: np.ndarray) -> np.ndarray:
+    return triangles.reshape(-1, 3)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("ni,ni->n", a, b)

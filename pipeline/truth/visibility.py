@@ -1,0 +1,117 @@
+"""Visibility: which share of a bundle's weight comes to the surface at its target point, past all that is in between.
+
+J knows nothing of it: it is made of all rays that leave. Rows whose share is 0 do not exist.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from pipeline.camera import kernels
+from pipeline.camera.camera import REPLICAS
+from pipeline.camera.sobol import sobol_bits
+from pipeline.render.surroundings import Surroundings
+from pipeline.truth.correspond import Correspondences
+from pipeline.truth.solve import Rig
+
+LOOK_RAYS, RAYS = 1 << 10, 1 << 14
+"""Random rays of a row that something may hide, and of one that is partly hidden; over all replicas."""
+METHOD = (
+    f"share of the leaving weight that comes to the surface at the point unhindered, by {LOOK_RAYS} random rays,"
+    f" {RAYS} where it is partly hidden; 1 without a ray where nothing stands before the tangent plane"
+)
+"""For headers."""
+_STREAM = 0x0CC1
+"""Random numbers here are none of those of images."""
+_RAYS_PER_CHUNK = 1 << 19
+
+
+def seen(
+    rig: Rig, surroundings: Surroundings, target: int, rows: Correspondences, planes: np.ndarray
+) -> tuple[Correspondences, np.ndarray]:
+    """The rows of a target that are not hidden, with what became of the others in their counts, and their visibility.
+
+    Parameters
+    ----------
+    target : int
+        Its number among those of the surroundings.
+    planes : (p, 4, 3) float64
+        Tangent planes at the target points, as in `solve.solve`.
+
+    Returns
+    -------
+    Correspondences, (n,) float64
+    """
+    found = rows.found
+    x_px = np.stack([found.x_px, found.y_px], axis=1)
+    share, _ = visibility(rig, surroundings, target, rig.lens(found.cell), x_px, planes[found.point])
+    kept = share != 0  # not known (NaN) is not hidden
+    counts = {name: count for name, count in rows.counts.items() if name != "rows"}
+    counts |= {
+        "dropped_hidden": int(np.sum(~kept)),
+        "partly_hidden": int(np.sum((share > 0) & (share < 1))),
+        "rows": int(np.sum(kept)),
+    }
+    return dataclasses.replace(rows.only(kept), counts=counts), share[kept]
+
+
+def visibility(
+    rig: Rig, surroundings: Surroundings, target: int, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Visible share of the bundles at image positions (n, 2), and its standard error, (n,) each.
+
+    No ray is traced where nothing stands before the tangent plane: the share is 1.
+
+    Parameters
+    ----------
+    target : int
+        Number of the target that the points belong to.
+    lens : (n,) int64
+        Row of each position's microlens.
+    planes : (n, 4, 3) float64
+        The tangent plane of each row's point.
+    """
+    share, error = np.ones(len(x_px)), np.zeros(len(x_px))
+    rows = np.flatnonzero(surroundings.may_hide(planes[:, 0], planes[:, 3]))
+    for rays in (LOOK_RAYS, RAYS):
+        each = max(1, _RAYS_PER_CHUNK // rays)
+        for some in (rows[first : first + each] for first in range(0, len(rows), each)):
+            share[some], error[some] = shares(rig, surroundings, target, lens[some], x_px[some], planes[some], rays)
+        rows = rows[(share[rows] > 0) & (share[rows] < 1)]
+    return share, error
+
+
+def shares(
+    rig: Rig,
+    surroundings: Surroundings,
+    target: int,
+    lens: np.ndarray,
+    x_px: np.ndarray,
+    planes: np.ndarray,
+    rays: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """`visibility` by so many rays each; NaN where none of them leaves. Fewer rays are the first ones of more."""
+    n, tracer = len(lens), rig.tracer
+    origin, direction = np.empty((n * rays, 3)), np.empty((n * rays, 3))
+    weight, owner = np.empty(n * rays), np.empty(n * rays, np.int64)
+    count = kernels.image_rays(
+        *tracer.arrays,
+        sobol_bits(rays // REPLICAS),
+        tracer.seed ^ _STREAM,
+        0.0,  # all from the position itself
+        np.rint(x_px).astype(np.int64),
+        tracer.positions_mm(*x_px.T),
+        np.repeat(lens[:, None], REPLICAS, axis=1),  # the places of the microlenses are the replicas
+        origin,
+        direction,
+        weight,
+        owner,
+    )
+    row, weight, owner = owner[:count] // REPLICAS, weight[:count], owner[:count]
+    hidden = surroundings.hides(target, planes[row, 0], planes[row, 3], origin[:count], direction[:count])
+    leaving = np.bincount(owner, weight, n * REPLICAS).reshape(n, REPLICAS)
+    arriving = np.bincount(owner, weight * ~hidden, n * REPLICAS).reshape(n, REPLICAS)
+    with np.errstate(invalid="ignore"):
+        share = arriving.sum(axis=1) / leaving.sum(axis=1)
+        error = np.std(arriving / leaving, axis=1, ddof=1) / np.sqrt(REPLICAS)
+    return share, error

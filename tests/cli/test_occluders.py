@@ -1,0 +1,119 @@
+"""Claim: what a user puts before a board takes rows from the table and light from the image, frame by frame."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pipeline
+from pipeline.files.exr import read_exr
+from pipeline.files.tables import Table, read_table
+from pipeline.tasks.verify import verify
+
+TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
+SCREEN = """
+    rel plen:occluders = </TinyConventional/Screen>
+
+    def Mesh "Screen" (
+        prepend apiSchemas = ["PlenOccluderAPI"]
+    )
+    {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(0, -50, 0), (80, -50, 0), (80, 50, 0), (0, 50, 0)]
+        uniform double plen:radiance = 2
+        double3 xformOp:translate.timeSamples = {
+            1: (0.01, 0, -425),
+            2: (40, 0, -425),
+        }
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory) -> tuple[Path, Path]:
+    """Output folders of the tiny dataset without and with a bright screen that covers its right half in frame 1."""
+    folder = tmp_path_factory.mktemp("occluders")
+    # By search path: the copy does not lie beside the library.
+    text = TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PIPELINE_CACHE", str(folder / "store"))
+        for name, content in (("free", text), ("covered", text.rstrip().removesuffix("}") + SCREEN + "}\n")):
+            (folder / name).mkdir()
+            (folder / name / "dataset.usda").write_text(content, encoding="utf-8")
+            result = pipeline.build(folder / name / "dataset.usda", folder / name / "out", jobs=1)
+            assert result.exit_code == 0
+            kinds = {task.kind for task in result.tasks if task.state == "executed"}
+    assert kinds == {"image", "truth", "certificate"}, "an occluder leaves the camera's rays alone"
+    return folder / "free/out", folder / "covered/out"
+
+
+def table_of(out: Path, frame: int) -> Table:
+    return read_table(out / f"frames/{frame:04d}/Rig.Camera/correspondences.csv")
+
+
+def test_rows_behind_the_screen_are_gone_and_counted(built) -> None:
+    """3 x 2 points, turned by 5 degrees in their plane: the edge cuts the bundles of the middle column.
+
+    What is left has not moved by a bit."""
+    free, covered = (table_of(out, 1) for out in built)
+    x_mm, visible = free.numbers("camera_x_mm"), {}
+    for row, point in enumerate(covered.numbers("point_id").astype(int)):
+        visible[point] = covered.numbers("visibility")[row]
+    left, right = np.flatnonzero(x_mm < -0.5), np.flatnonzero(x_mm > 0.5)
+    assert len(left) == len(right) == 2
+    assert all(visible[point] == 1.0 for point in left) and not set(right) & set(visible)
+    assert all(0 < visible[point] < 1 for point in set(visible) - set(left))
+    note = next(line for line in covered.comments if line.startswith("Board:"))
+    hidden = 6 - len(visible)
+    assert f"dropped_hidden {hidden}" in note and f"partly_hidden {4 - hidden}" in note
+    assert f"rows {len(visible)}" in note
+    assert free.numbers("visibility").tolist() == [1.0] * 6
+    kept = covered.numbers("point_id").astype(int)
+    others = set(free.columns) - {"visibility"}
+    assert all(covered.columns[name] == [free.columns[name][row] for row in kept] for name in others)
+    assert table_of(built[1], 2).columns == table_of(built[0], 2).columns, "in frame 2 it stands aside"
+
+
+@pytest.mark.parametrize("method", ["two-plane", "image", "direct"])
+def test_the_rule_is_the_same_for_every_method(built, method: str, tmp_path, monkeypatch) -> None:
+    """Which points are hidden, and by how much; positions of the other methods differ by hundredths of a pixel."""
+    stage = (built[1].parent / "dataset.usda").read_text(encoding="utf-8")
+    stage = stage.replace("uniform int plen:seed", "uniform int[] plen:frames = [1]\n    uniform int plen:seed", 1)
+    wanted = f'uniform token plen:truth:method = "{method}"\n            uniform int plen:truth:samples'
+    (tmp_path / "dataset.usda").write_text(stage.replace("uniform int plen:truth:samples", wanted, 1), encoding="utf-8")
+    monkeypatch.setenv("PIPELINE_CACHE", str(built[1].parents[1] / "store"))
+    assert pipeline.build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1).exit_code == 0
+    here, there = table_of(tmp_path / "out", 1), table_of(built[1], 1)
+    assert set(here.columns["method"]) == {method}
+    assert here.columns["point_id"] == there.columns["point_id"]
+    np.testing.assert_allclose(here.numbers("visibility"), there.numbers("visibility"), rtol=0, atol=0.02)
+
+
+def test_the_image_shows_the_screen_where_it_stands(built) -> None:
+    free, covered = (
+        [read_exr(out / f"frames/{n:04d}/Rig.Camera/image.exr")["image"].channels["Y"] for n in (1, 2)] for out in built
+    )
+    assert np.array_equal(free[1], covered[1])
+    middle = free[0].shape[1] // 2
+    np.testing.assert_allclose(covered[0][:, : middle - 6], free[0][:, : middle - 6], rtol=1e-6)
+    np.testing.assert_allclose(covered[0][4:-4, middle + 8], 2.0, rtol=0.03)
+
+
+def test_verify_finds_the_visibility_again_and_disbelieves_another(built, tmp_path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(built[1], out)
+    assert verify(out).problems == []
+    path = out / "frames/0001/Rig.Camera/correspondences.csv"
+    lines = path.read_text(encoding="utf-8").splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("frame,"))
+    column = lines[start].split(",").index("visibility")
+    cells = lines[-1].split(",")
+    cells[column] = repr(float(cells[column]) / 2)
+    path.write_text("\n".join([*lines[:-1], ",".join(cells), ""]), encoding="utf-8")
+    altered, wrong = verify(out).problems
+    rows = len(table_of(out, 1).columns["x_px"])
+    assert "correspondences.csv" in altered
+    assert f"frame 1: 1 of {rows} rows of Board state another visibility" in wrong
