@@ -8,7 +8,7 @@
     quarantine/                  what failed verification, for a person to look at
     gc.lock                      shared by builders, exclusive for the collector
     logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
-    history/  index/             last keys and events per output folder; hints that may be deleted
+    history/  events/  index/    last keys and events per output folder, what sources say; hints that may be deleted
 
 Two promises: a readable record implies complete blobs, and a reader gets the right bytes or a miss, never wrong bytes
 and never an exception because an entry is damaged.
@@ -78,7 +78,7 @@ class Store:
         """Where an entry lives. Only digests get in, so no path leads outside."""
         if not DIGEST.fullmatch(name):
             raise ValueError(f"not a digest: {name!r}")
-        return self.root / _TABLES[table] / name[:2] / (name + _SUFFIXES.get(table, ""))
+        return Path(f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}")
 
     # Blobs
 
@@ -152,8 +152,7 @@ class Store:
                 self.warn(f"NON-DETERMINISM: {key[:12]} gave other bytes than before; the first ones stay")
             return kept
         body = json.dumps({**record, "key": key, "format": _FORMAT}, sort_keys=True).encode()
-        trailer = _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
-        self._write(self.path("record", key), body + trailer)
+        self._write(self.path("record", key), _sealed(body))
         parsed: dict[str, Any] = json.loads(body)
         return parsed
 
@@ -193,14 +192,12 @@ class Store:
     def write_note(self, folder: str, name: str, note: Any) -> None:
         """Keep plain data in `history` or `index`. A store that cannot be written goes without."""
         with contextlib.suppress(OSError):
-            self._write(self.root / folder / f"{name}.json", json.dumps(note, sort_keys=True).encode())
+            self._write(self.root / folder / f"{name}.json", _sealed(json.dumps(note, sort_keys=True).encode()))
 
     def read_note(self, folder: str, name: str) -> Any:
-        """What `write_note` kept, or None."""
-        try:
-            return json.loads(read_regular(self.root / folder / f"{name}.json") or b"null")
-        except ValueError:
-            return None
+        """What `write_note` kept; None if it is not there or damaged."""
+        body = _unsealed(read_regular(self.root / folder / f"{name}.json"))
+        return None if body is None else json.loads(body)
 
     def note_time_ns(self, folder: str, name: str) -> int:
         """When a note was written, by the file system's clock; 0 if there is none."""
@@ -265,10 +262,21 @@ class Store:
             path.rename(self.root / "quarantine" / f"{time.time_ns()}-{path.name}")
 
 
+def _sealed(body: bytes) -> bytes:
+    """A text and the line with its own digest."""
+    return body + _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
+
+
+def _unsealed(raw: bytes | None) -> bytes | None:
+    """The text that `_sealed` closed; None if a byte is missing or another."""
+    body, _, tail = (raw or b"").rpartition(_TRAILER)
+    return body if tail == hashlib.sha256(body).hexdigest().encode() + b"\n" else None
+
+
 def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
     """Bytes as a record; None unless checksum, format and key are right."""
-    body, _, tail = (raw or b"").rpartition(_TRAILER)
-    if tail != hashlib.sha256(body).hexdigest().encode() + b"\n":
+    body = _unsealed(raw)
+    if body is None:
         return None
     try:
         record: dict[str, Any] = json.loads(body)

@@ -7,11 +7,12 @@ from typing import Any
 
 import pipeline
 from pipeline.engine import session
-from pipeline.engine.cluster import engine_of
+from pipeline.engine.engines import Engine
 from pipeline.engine.events import silent
 from pipeline.engine.graph import TASKS
 from pipeline.engine.project import Project
 from pipeline.engine.result import Result
+from pipeline.engine.store import Store
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
@@ -141,10 +142,16 @@ def build(
         retries=retries,
         timeout_s=timeout_s,
         check_percent=check_percent,
-        engine=engine_of(engine, timeout_s) if engine else None,
+        engine=_cluster(engine, timeout_s) if engine else None,
         on_event=on_event or silent,
         prepare=_compile_kernels,
     )
+
+
+def _cluster(where: str, timeout_s: float | None) -> Callable[[Store, tuple[str, ...]], Engine]:
+    from pipeline.engine.cluster import engine_of
+
+    return engine_of(where, timeout_s)
 
 
 def _compile_kernels() -> None:
