@@ -40,8 +40,9 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames) if not _has_error(found)]
     yield from found
     if not _has_error(found):
+        hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
         for camera in cameras:
-            yield from _check_before_camera(camera, boards, root, frames)
+            yield from _check_before_camera(camera, boards, hulls, root, frames)
 
 
 def _has_error(problems: list[Problem]) -> bool:
@@ -114,7 +115,7 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
 
 
 def _check_before_camera(
-    camera: Usd.Prim, boards: list[Usd.Prim], root: Usd.Prim, frames: tuple[int, ...]
+    camera: Usd.Prim, boards: list[Usd.Prim], hulls: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
     """All of the targets, their margins included, must lie before the first vertex of the lens."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
@@ -122,8 +123,7 @@ def _check_before_camera(
     first_mm = -prescription.vertices_from_stop_mm[0]
     scale_mm = stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
-    for board in boards:
-        corners = np.concatenate([patch.hull_mm() for patch in read_target(board).patches()])
+    for board, corners in zip(boards, hulls, strict=True):
         vision_from_board = product(vision_from_world, world_from(board, frames, scale_mm))
         nearest_mm = (corners @ vision_from_board[:, 2, :3].T + vision_from_board[:, 2, 3]).min(axis=0)
         for index in np.flatnonzero(nearest_mm <= first_mm):
