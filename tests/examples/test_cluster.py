@@ -2,11 +2,16 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
+
+import pipeline
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,11 +47,15 @@ def run(folder, command):
     programs = {
         "pipeline": f'exec {sys.executable} -m pipeline.cli "$@"',
         "dask": f'exec {sys.executable} -m dask "$@"',
-        # The array of a batch system: every element is one process.
+        # A batch system: every element of an array is one process, and so is a job, which ends when it is cancelled.
         "sbatch": (
             "for last; do case $last in --array=*) array=${last#--array=0-};; esac; done\n"
+            'if [ -z "${array:-}" ]; then\n'
+            '    setsid bash "$last" >"$last.log" 2>&1 & echo "Submitted batch job $!"; exit\n'
+            "fi\n"
             'for n in $(seq 0 "$array"); do SLURM_ARRAY_TASK_ID=$n bash -ec "$last" || exit 1; done'
         ),
+        "scancel": 'for job; do kill -- "-$job"; done',
     }
     for name, text in programs.items():
         (tools / name).write_text(f"#!/usr/bin/env bash\n{text}\n")
@@ -67,3 +76,35 @@ def test_arrays_give_the_same_manifest(here, stage, tmp_path):
 def test_a_laptop_cluster_gives_the_same_manifest(here, stage, tmp_path):
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
     assert run(tmp_path, [str(ROOT / "examples/cluster/laptop.sh"), str(stage)]) == here
+
+
+@pytest.mark.heavy
+def test_jobs_of_a_batch_system_give_the_same_manifest(here, stage, tmp_path):
+    """jobqueue.py as it is: dask-jobqueue writes the scripts of its jobs, a stand-in for sbatch runs them here."""
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
+    assert run(tmp_path, [sys.executable, str(ROOT / "examples/cluster/jobqueue.py"), str(stage), "2"]) == here
+
+
+def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monkeypatch):
+    """The real pipeline on processes of a LocalCluster, one of which dies in a task."""
+    distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        pids, killed = client.run(os.getpid), []
+
+        def kill() -> None:
+            while not killed:
+                busy = [worker for worker, keys in client.processing().items() if any("truth" in key for key in keys)]
+                for worker in busy[:1]:
+                    killed.append(pids[worker])
+                    os.kill(pids[worker], signal.SIGKILL)
+                time.sleep(0.02)
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        result = pipeline.build(stage, tmp_path / "out", engine=f"dask:{cluster.scheduler_address}")
+        killer.join()
+        client.wait_for_workers(2)
+    assert result.exit_code == 0 and result.executed == 6
+    assert (tmp_path / "out/manifest.json").read_bytes() == here
