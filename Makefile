@@ -6,17 +6,23 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs lint faults bench picture wheel clean
+.PHONY: demo test proofs lint warm faults bench picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
 
-test: $(STAMP) lint
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4
+test: $(STAMP)
+	$(MAKE) -j2 lint warm
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
 
 # What `make test` leaves out because it takes long: slow twins of every kind of array and field position.
-proofs: $(STAMP)
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 -m heavy
+proofs: $(STAMP) warm
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy
+
+# Byte code and kernels for the many processes of the tests, each of which would compile them alone.
+warm: $(STAMP)
+	$(BIN)/python -m compileall -q pipeline
+	$(BIN)/python -c "from pipeline.tasks.build import compile_once; compile_once()"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

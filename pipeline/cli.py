@@ -3,6 +3,7 @@
 Verbs import what they need when they run, so that `--help` is instant.
 """
 
+import gc
 import json
 import os
 import sys
@@ -210,6 +211,7 @@ def main() -> None:
 
     for name, value in ONE_THREAD.items():  # before anybody imports NumPy
         os.environ.setdefault(name, value)
+    gc.set_threshold(100_000)  # a big plan makes many records that all stay: looking for garbage took a tenth of it
     code = _exit_code()
     try:
         sys.stdout.flush()

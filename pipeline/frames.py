@@ -3,6 +3,8 @@
 A transform is a (4, 4) float64 array that acts on column vectors, lengths in mm.
 """
 
+import math
+
 import numpy as np
 
 VISION_FROM_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -29,7 +31,20 @@ def apply(a_from_b: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
 
 
 def rotation_vector(a_from_b: np.ndarray) -> np.ndarray:
-    """Axis times angle of the rotation, what OpenCV calls rvec, (3,) [rad]."""
-    from scipy.spatial.transform import Rotation
+    """Axis times angle of the rotation, what OpenCV calls rvec, (3,) [rad].
 
-    return Rotation.from_matrix(a_from_b[:3, :3]).as_rotvec()
+    By way of the quaternion, from the largest of its four squares: Shepperd, J. Guidance and Control 1 (1978) 223.
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = a_from_b[:3, :3].tolist()
+    trace = xx + yy + zz
+    x, y, z, w = {
+        xx: (1 - trace + 2 * xx, yx + xy, zx + xz, zy - yz),
+        yy: (yx + xy, 1 - trace + 2 * yy, zy + yz, xz - zx),
+        zz: (zx + xz, zy + yz, 1 - trace + 2 * zz, yx - xy),
+        trace: (zy - yz, xz - zx, yx - xy, 1 + trace),
+    }[max(xx, yy, zz, trace)]
+    norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w)
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    angle = 2 * math.atan2(math.sqrt(x * x + y * y + z * z), w)
+    scale = angle / math.sin(angle / 2) if angle > 1e-3 else 2 + angle * angle / 12 + 7 * angle**4 / 2880
+    return np.array([x * scale, y * scale, z * scale])

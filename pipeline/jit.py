@@ -1,14 +1,19 @@
-"""Numba, configured once. The only module that imports it.
+"""Numba, configured once. The only module that imports it, and that only when a kernel is first called: reading and
+planning a dataset imports many modules with kernels and calls none.
 
 Kernels are nogil float64 without fastmath (which would let the compiler assume that NaN does not occur) and without
 parallel sums (which would depend on the number of threads).
 """
 
 import ast
+import functools
 import hashlib
 import os
+import threading
 from pathlib import Path
 from typing import Any
+
+_LOCK = threading.RLock()
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -42,29 +47,50 @@ def _source_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-os.environ["NUMBA_CACHE_DIR"] = str(cache_folder())
+class Kernel:
+    """A function that Numba compiles when it is first called, from Python or from a kernel that is compiled itself."""
 
-import numba.extending  # noqa: E402  (the cache folder must be set before numba is imported)
+    def __init__(self, function: Any, *, cache: bool) -> None:
+        functools.update_wrapper(self, function)
+        self._function, self._cache, self._compiled = function, cache, None
+
+    @property
+    def compiled(self) -> Any:
+        """Numba's dispatcher of the function."""
+        if self._compiled is None:
+            with _LOCK:  # workers with several threads: one dispatcher, one compilation
+                options = {"cache": self._cache, "nogil": True, "error_model": "numpy"}
+                self._compiled = self._compiled or _numba().njit(**options)(self._function)
+        return self._compiled
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.compiled(*arguments)
 
 
 def kernel(function: Any) -> Any:
     """Compile a driver: a function that loops over many rays or pixels, called from Python."""
-    return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return Kernel(function, cache=True)
 
 
 def inline(function: Any) -> Any:
     """Compile a scalar function that kernels call; LLVM inlines it into their loops."""
-    return numba.njit(nogil=True, error_model="numpy")(function)
+    return Kernel(function, cache=False)
 
 
-def _fma(typing_context: Any, a: Any, b: Any, c: Any) -> Any:
+def fma(a: float, b: float, c: float) -> float:
+    """For kernels: a b + c, rounded once. The same bits everywhere; slow on machines without the instruction."""
+    raise NotImplementedError("fma is for kernels")
+
+
+@functools.cache
+def _numba() -> Any:
+    os.environ["NUMBA_CACHE_DIR"] = str(cache_folder())  # must be set before Numba is imported
+    import numba.extending
+
     double = numba.float64
-
-    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.fma(*arguments)
-
-    return double(double, double, double), code
-
-
-fma: Any = numba.extending.intrinsic(_fma)
-"""For kernels: a b + c, rounded once. The same bits everywhere; slow on machines without the instruction."""
+    numba.extending.typeof_impl.register(Kernel, lambda value, context: numba.types.Dispatcher(value.compiled))
+    numba.extending.type_callable(fma)(lambda context: lambda a, b, c: double)
+    numba.extending.lower_builtin(fma, double, double, double)(
+        lambda context, builder, signature, arguments: builder.fma(*arguments)
+    )
+    return numba

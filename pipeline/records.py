@@ -12,18 +12,18 @@ T = TypeVar("T")
 
 def to_plain(record: Any) -> Any:
     """A record as dicts, lists, numbers, strings and None. -0.0 becomes 0.0; NaN is refused."""
-    if dataclasses.is_dataclass(record) and not isinstance(record, type):
-        return {f.name: to_plain(getattr(record, f.name)) for f in dataclasses.fields(record)}
-    if isinstance(record, tuple | list):
-        return [to_plain(item) for item in record]
-    if isinstance(record, dict):
-        return {str(name): to_plain(item) for name, item in record.items()}
+    if record is None or isinstance(record, bool | int | str):
+        return record
     if isinstance(record, float):
         if math.isnan(record):
             raise ValueError("a record cannot hold NaN")
         return float(record) + 0.0
-    if record is None or isinstance(record, bool | int | str):
-        return record
+    if isinstance(record, tuple | list):
+        return [to_plain(item) for item in record]
+    if isinstance(record, dict):
+        return {str(name): to_plain(item) for name, item in record.items()}
+    if dataclasses.is_dataclass(record) and not isinstance(record, type):
+        return {f.name: to_plain(getattr(record, f.name)) for f in dataclasses.fields(record)}
     raise TypeError(f"a record cannot hold a {type(record).__name__}")
 
 

@@ -3,6 +3,9 @@
 Kernels are compiled once per machine and source: nothing here touches PIPELINE_JIT_CACHE.
 """
 
+import os
+from pathlib import Path
+
 import pytest
 from laws import rigs
 
@@ -10,6 +13,13 @@ from pipeline.camera.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.prescription import Prescription
 from pipeline.truth.grid import RayGrid
+
+
+@pytest.fixture(scope="session")
+def common_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store for all processes of this test run: what one test has built, others start from."""
+    own = tmp_path_factory.getbasetemp()
+    return (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "common-store"
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,9 @@
 """Micro-images: where the image behind each microlens lies on the sensor, and which pixels belong to it."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from pipeline.camera import elements
 from pipeline.camera.camera import CameraError
@@ -12,6 +12,9 @@ from pipeline.camera.mosaic import is_plain
 from pipeline.camera.regions import NO_MICROLENS, SKIP, outlines_at
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import exit_pupil
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 _STEPS = 12
 _TOLERANCE = 1e-12
@@ -37,7 +40,7 @@ class MicroImages:
     centre_mm: np.ndarray
     radius_mm: float
     reach_mm: np.ndarray
-    tree: cKDTree
+    tree: "cKDTree"
 
     def owner(self, positions_mm: np.ndarray) -> np.ndarray:
         """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
@@ -75,7 +78,14 @@ def micro_images(tracer: Tracer) -> MicroImages:
     pupil = exit_pupil(tracer.camera.prescription)
     behind, ahead = array.principal_mm[0]
     radius = pupil.diameter_mm / 2 * behind / (pupil.z_mm - tracer.sensor_z_mm - ahead)
-    return MicroImages(centre, float(radius), _reach(tracer, centre), cKDTree(centre))
+    return MicroImages(centre, float(radius), _reach(tracer, centre), tree_of(centre))
+
+
+def tree_of(points: np.ndarray) -> "cKDTree":
+    """SciPy's tree for the nearest of many points; SciPy is imported here because plans import this module."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
 
 
 def _centres(tracer: Tracer) -> np.ndarray:

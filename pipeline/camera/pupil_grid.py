@@ -8,7 +8,6 @@ besides the drift, while its point moves within a pixel or the aperture of a mic
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from pipeline.camera.chief import chief_crossings
 from pipeline.camera.pupil import DIRECTIONS, MARGIN, Outlines, corners, directions_of, edges, passing_points, supports
@@ -122,6 +121,8 @@ def _bend(reach: np.ndarray) -> np.ndarray:
     Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
     where a kink lies inside: vignetting begins there.
     """
+    from scipy.ndimage import maximum_filter
+
     total = np.zeros(reach.shape[:2])
     for axis in (0, 1):
         second = np.nan_to_num(np.abs(np.diff(reach, 2, axis=axis)).max(axis=2))

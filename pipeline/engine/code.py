@@ -4,20 +4,26 @@ The fingerprint covers the module of the kind and every module of its own packag
 inside functions too. Comments, layout and docstrings do not count; any other edit does. Modules of other distributions
 that are reached this way count by the versions of these distributions. Nothing is imported for it, so a plan starts
 neither NumPy nor Numba.
+
+Parsing all modules takes most of a second. What a source file says follows from its bytes alone, so a store remembers
+it under their digest, and nothing has to decide whether that still holds.
 """
 
 import ast
+import contextlib
 import functools
 import hashlib
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.libraries import is_foreign, machine, versions_of
+from pipeline.engine.store import Store
 
 
 class UnknownKind(ValueError):
@@ -29,9 +35,31 @@ class _Module:
     """What one source file says, read by its syntax tree."""
 
     digest: str
-    imports: tuple[str, ...]
-    foreign: tuple[str, ...]
+    imports: list[str]
+    foreign: list[str]
     version: Any
+
+
+_MANY = 4000
+_remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest of a module's name and source
+
+
+@contextlib.contextmanager
+def remembering(store: Store) -> Iterator[None]:
+    """Inside, only source files are parsed that no process with this store has parsed before."""
+    note = f"code-{_reader()}"
+    known = store.read_note("index", note) or {}
+    _remembered.update(known if len(known) < _MANY else {})
+    before = len(_remembered)
+    yield
+    if len(_remembered) > before:
+        store.write_note("index", note, _remembered)
+
+
+@functools.cache
+def _reader() -> str:
+    """What parses: another Python or an edit of this module may read the same source in another way."""
+    return key_of("reader/v1", [sys.version, hashlib.sha256(Path(__file__).read_bytes()).hexdigest()])
 
 
 def check_kind(kind: str, packages: tuple[str, ...]) -> None:
@@ -90,29 +118,31 @@ def _parents(name: str) -> Iterator[str]:
 
 
 def _module(name: str) -> _Module | None:
-    path = _source(name)
-    if path is None:
-        return None
-    facts = path.stat()
-    return _read(path, facts.st_mtime_ns, facts.st_size, name)
-
-
-def _source(name: str) -> Path | None:
     # find_spec("a.b") would import a, so only the top package is looked up.
     top, *rest = name.split(".")
     spec = importlib.util.find_spec(top)
     for folder in (spec.submodule_search_locations or ()) if spec else ():
-        path = Path(folder, *rest)
-        for file in (path / "__init__.py", path.with_suffix(".py")):
-            if file.is_file():
-                return file
+        path = "/".join([folder, *rest])
+        for file in (f"{path}/__init__.py", f"{path}.py"):
+            try:
+                facts = os.stat(file)  # noqa: PTH116 (thousands of them; a Path takes ten times as long)
+            except OSError:
+                continue
+            return _read(file, facts.st_mtime_ns, facts.st_size, name)
     return None
 
 
 @functools.lru_cache(maxsize=4096)
-def _read(path: Path, _mtime_ns: int, _size: int, name: str) -> _Module:
-    tree = ast.parse(path.read_bytes(), str(path))
-    parent = name if path.name == "__init__.py" else name.rpartition(".")[0]
+def _read(path: str, _mtime_ns: int, _size: int, name: str) -> _Module:
+    source, is_package = Path(path).read_bytes(), path.endswith("/__init__.py")
+    key = key_of("source/v1", [name, is_package, hashlib.sha256(source).hexdigest()])
+    if key not in _remembered:
+        _remembered[key] = asdict(_parsed(ast.parse(source, path), name, is_package))
+    return _Module(**_remembered[key])
+
+
+def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
+    parent = name if is_package else name.rpartition(".")[0]
     top = name.split(".")[0]
     found = set(_imports(tree, parent))
     foreign = {name.split(".")[0] for name in found} - {top}
@@ -121,8 +151,8 @@ def _read(path: Path, _mtime_ns: int, _size: int, name: str) -> _Module:
     text = ast.dump(tree, include_attributes=False)
     return _Module(
         digest=hashlib.sha256(text.encode()).hexdigest(),
-        imports=tuple(sorted(name for name in found if name.split(".")[0] == top)),
-        foreign=tuple(sorted(filter(is_foreign, foreign))),
+        imports=sorted(name for name in found if name.split(".")[0] == top),
+        foreign=sorted(filter(is_foreign, foreign)),
         version=version,
     )
 

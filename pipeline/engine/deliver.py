@@ -5,9 +5,10 @@ Then the manifest goes, files are renamed into place, files no longer made go, a
 """
 
 import hashlib
+import os
 import shutil
 import uuid
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -161,25 +162,23 @@ class _Folder:
         """Files that are there, and those of them that neither this nor an earlier build made."""
         if not self.out.is_dir():
             return set(), []
-        found = (path for path in self.out.rglob("*") if path.is_symlink() or not path.is_dir())
-        present = {path.relative_to(self.out).as_posix() for path in found} - {manifest.NAME}
-        present = {path for path in present if not path.startswith(_ASIDE)}
+        present = {path for path in _files_below(self.out) if path != manifest.NAME and not path.startswith(_ASIDE)}
         return present, sorted(present - entries.keys() - self._ours)
 
     def _digest(self, path: str) -> str | None:
         """Digest of a file; read again unless it looks exactly as when it was last hashed."""
-        target = self.out / path
+        target = f"{self.out}/{path}"
         try:
-            facts = target.lstat()
+            facts = os.lstat(target)
         except OSError:
             return None
         seen = self._seen.get(path)
         if seen and seen[0] == signature(facts) and facts.st_ctime_ns < self._seen_before_ns:
             return str(seen[1])
-        return digest_of(target)
+        return digest_of(Path(target))
 
     def _remember(self, entries: Mapping[str, dict[str, Any]]) -> None:
-        seen = {path: [signature((self.out / path).lstat()), entry["sha256"]] for path, entry in entries.items()}
+        seen = {path: [signature(os.lstat(f"{self.out}/{path}")), entry["sha256"]] for path, entry in entries.items()}
         doubtful = any(looks[3] >= self._seen_before_ns for looks, _ in seen.values())
         if doubtful or seen != self._seen:
             self._write_note(seen, entries)
@@ -201,14 +200,23 @@ def _entry(source: Source, records: Mapping[str, Record]) -> dict[str, Any]:
     return {"sha256": entry["sha256"], "size": entry["size"]}
 
 
+def _files_below(out: Path) -> Iterator[str]:
+    """Posix paths of everything below a folder that is not a folder itself; links to folders are not followed."""
+    for folder, folders, names in os.walk(out):
+        below = os.path.relpath(folder, out).replace(os.sep, "/") + "/"
+        for name in [*names, *(name for name in folders if Path(folder, name).is_symlink())]:
+            yield f"{below}{name}".removeprefix("./")
+
+
 def _check_paths(paths: Iterable[str]) -> None:
     names = set(paths)
     for path in names:
         if not manifest.is_plain_path(path) or path == manifest.NAME or path.startswith(_ASIDE):
             raise ValueError(f"a build cannot deliver a file named {path!r}")
-        for parent in Path(path).parents:
-            if parent.as_posix() in names:
-                raise ValueError(f"a build cannot deliver both {parent.as_posix()!r} and {path!r}")
+        parent = path
+        while parent := parent.rpartition("/")[0]:
+            if parent in names:
+                raise ValueError(f"a build cannot deliver both {parent!r} and {path!r}")
 
 
 def _bytes(entries: Iterable[Mapping[str, Any]]) -> int:

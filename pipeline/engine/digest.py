@@ -4,10 +4,11 @@ Every value is a tag, the length of its payload and the payload, so no two diffe
 A type without a rule raises: a key must never fall back to pickle, repr() or str().
 """
 
+import functools
 import hashlib
-import math
 import re
 import struct
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -16,7 +17,12 @@ DIGEST = re.compile(r"[0-9a-f]{64}")
 
 def key_of(domain: str, value: Any) -> str:
     """Hex key of a plain value. The domain keeps keys of different purposes apart."""
-    return hashlib.sha256(_item(b"D", domain.encode()) + canonical(value)).hexdigest()
+    return key_of_bytes(domain, canonical(value))
+
+
+def key_of_bytes(domain: str, value: bytes) -> str:
+    """`key_of` of a value whose canonical bytes are known."""
+    return hashlib.sha256(_item(b"D", domain.encode()) + value).hexdigest()
 
 
 def canonical(value: Any) -> bytes:
@@ -31,27 +37,12 @@ def canonical(value: Any) -> bytes:
     TypeError
         For any other type, NumPy scalars among them, and for dicts with keys that are not strings.
     """
-    # Exact types: True is an int to isinstance(), and a NumPy float64 is a float.
-    kind = type(value)
-    if value is None:
-        return _item(b"n")
-    if kind is bool:
-        return _item(b"b", b"1" if value else b"0")
-    if kind is int:
-        return _item(b"i", str(value).encode())
-    if kind is float:
-        if math.isnan(value):
-            raise ValueError("a key cannot be made from NaN")
-        return _item(b"d", struct.pack(">d", value))
-    if kind is str:
-        return _item(b"s", value.encode())
-    if kind in (list, tuple):
-        return _item(b"l", b"".join(map(canonical, value)))
-    if kind is dict:
-        if not all(type(name) is str for name in value):
-            raise TypeError("a key can only be made from dicts whose keys are strings")
-        return _item(b"m", b"".join(canonical(name) + canonical(value[name]) for name in sorted(value)))
-    raise TypeError(f"a key cannot be made from {kind.__name__}")
+    return _BYTES[type(value)](value)
+
+
+def canonical_dict(items: Mapping[str, bytes]) -> bytes:
+    """Bytes of a dict from the canonical bytes of its values."""
+    return _item(b"m", b"".join([_name(name) + items[name] for name in sorted(items)]))
 
 
 def plain(value: Any) -> Any:
@@ -59,15 +50,80 @@ def plain(value: Any) -> Any:
 
     Tasks get their parameters in this form on every engine, whether they crossed a process border or not.
     """
-    if isinstance(value, dict):
-        if not all(type(name) is str for name in value):
-            raise TypeError("parameters can only be dicts whose keys are strings")
-        return {name: plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    canonical(value)
-    return value
+    return _PLAIN[type(value)](value)
 
 
 def _item(tag: bytes, payload: bytes = b"") -> bytes:
-    return tag + str(len(payload)).encode() + b":" + payload
+    return b"%b%d:%b" % (tag, len(payload), payload)
+
+
+@functools.lru_cache(maxsize=4096)
+def _name(name: str) -> bytes:
+    return _item(b"s", name.encode())
+
+
+class _ByType(dict[type, Callable[[Any], Any]]):
+    """What to do with a value, by its exact type: True is an int to isinstance(), and a NumPy float64 is a float."""
+
+    def __missing__(self, kind: type) -> Any:
+        raise TypeError(f"a key cannot be made from {kind.__name__}")
+
+
+def _float(value: float) -> bytes:
+    if value != value:
+        raise ValueError("a key cannot be made from NaN")
+    return b"d8:" + struct.pack(">d", value)
+
+
+def _list(values: Sequence[Any]) -> bytes:
+    return _item(b"l", b"".join([_BYTES[type(value)](value) for value in values]))
+
+
+def _dict(values: dict[str, Any]) -> bytes:
+    _check_names(values)
+    return canonical_dict({name: _BYTES[type(value)](value) for name, value in values.items()})
+
+
+_BYTES = _ByType(
+    {
+        type(None): lambda value: b"n0:",
+        bool: lambda value: b"b1:1" if value else b"b1:0",
+        int: lambda value: _item(b"i", b"%d" % value),
+        float: _float,
+        str: lambda value: _item(b"s", value.encode()),
+        list: _list,
+        tuple: _list,
+        dict: _dict,
+    }
+)
+
+
+def _plain_float(value: float) -> float:
+    _float(value)
+    return value
+
+
+def _plain_list(values: Sequence[Any]) -> list[Any]:
+    return [_PLAIN[type(value)](value) for value in values]
+
+
+def _plain_dict(values: dict[str, Any]) -> dict[str, Any]:
+    _check_names(values)
+    return {name: _PLAIN[type(value)](value) for name, value in values.items()}
+
+
+_PLAIN = _ByType(
+    {
+        **dict.fromkeys((type(None), bool, int, str), lambda value: value),
+        float: _plain_float,
+        list: _plain_list,
+        tuple: _plain_list,
+        dict: _plain_dict,
+    }
+)
+
+
+def _check_names(values: dict[Any, Any]) -> None:
+    for name in values:
+        if type(name) is not str:
+            raise TypeError("a key can only be made from dicts whose keys are strings")

@@ -90,11 +90,15 @@ def digest_of(path: Path) -> str | None:
     handle = open_regular(path)
     if handle is None:
         return None
+    digest = hashlib.sha256()
     try:
-        with os.fdopen(handle, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+        while piece := os.read(handle, _CHUNK):
+            digest.update(piece)
     except OSError:
         return None
+    finally:
+        os.close(handle)
+    return digest.hexdigest()
 
 
 def copy(source: Path, target: Path) -> None:

@@ -54,6 +54,7 @@ class TaskGraph:
     def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
         self.packages = packages
         self._graph: nx.DiGraph = nx.DiGraph()
+        self._order: list[str] = []  # of an older graph as long as it is shorter
 
     def add(self, name: str, kind: str, params: dict[str, Any], reads: dict[str, str] | None = None) -> str:
         """Add a task and give its name back.
@@ -88,7 +89,9 @@ class TaskGraph:
 
     def __iter__(self) -> Iterator[str]:
         """Names in an order in which every task comes after all that it reads; the same on every machine."""
-        return iter(nx.lexicographical_topological_sort(self._graph))
+        if len(self._order) < len(self._graph):
+            self._order = list(nx.lexicographical_topological_sort(self._graph))
+        return iter(self._order)
 
     def sources(self, name: str) -> list[str]:
         """Tasks that `name` reads."""

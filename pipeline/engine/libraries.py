@@ -32,7 +32,7 @@ def versions_of(modules: Iterable[str]) -> dict[str, str]:
     while todo:
         name = todo.pop()
         if name not in found:
-            found[name] = importlib.metadata.version(name)
+            found[name] = installed_version(name)
             todo += _required(name)
     return dict(sorted(found.items()))
 
@@ -40,6 +40,12 @@ def versions_of(modules: Iterable[str]) -> dict[str, str]:
 def is_foreign(module: str) -> bool:
     """Whether a top-level module comes from a distribution and not with Python."""
     return bool(module) and module not in sys.stdlib_module_names
+
+
+@functools.cache
+def installed_version(name: str) -> str:
+    """Version of a distribution when this process first asked for it: later it may be another than was imported."""
+    return importlib.metadata.version(name)
 
 
 @functools.cache

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.code import check_kind, code_of
+from pipeline.engine.code import check_kind, code_of, remembering
 from pipeline.engine.files import is_machines_fault, machine_errors
 from pipeline.engine.memory import PeakMeter
 from pipeline.engine.store import DamagedBlob, Store
@@ -86,7 +86,7 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
     components = spec["components"]
     kind = components["kind"]
     check_kind(kind, packages)
-    _refuse_other_code(kind, components)
+    _refuse_other_code(kind, components, store)
     inputs = {
         role: {name: store.blob(digest) for name, digest in blobs.items()}
         for role, blobs in components["inputs"].items()
@@ -107,13 +107,15 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
     return kept, [name for name in names if outputs.get(name) != kept["outputs"].get(name)]
 
 
-def _refuse_other_code(kind: str, components: dict[str, Any]) -> None:
+def _refuse_other_code(kind: str, components: dict[str, Any], store: Store) -> None:
     """What runs must be what the key says: code, libraries and machine.
 
     The source may have been edited since the driver read it, or since this process imported it; and a worker on
     another machine may have another version of anything.
     """
-    here = {**code_of(kind), "imported": _imported.get(kind, components["code"])}
+    with remembering(store):
+        here = code_of(kind)
+    here["imported"] = _imported.get(kind, components["code"])
     for part, value in here.items():
         wanted = components["code" if part == "imported" else part]
         if value != wanted:

@@ -89,7 +89,7 @@ def plan(
     last_keys : mapping
         Task name -> key of its last build for the same output folder.
     """
-    specs, forced = Specs(), set(force)
+    specs, forced = Specs(store), set(force)
     records: dict[str, Record] = {}
     planned = []
     for name in graph:

@@ -155,12 +155,13 @@ class _Driver:
         self.keep_going, self.force, self.on_event, self.prepare = keep_going, force, on_event, prepare
         self.retries, self.budget = retries, budget
         self.outcome = Outcome()
-        self._specs = Specs()
+        self._specs = Specs(store)
         self._running: dict[str, Spec] = {}
         self._healed: set[str] = set()
         self._failures: Counter[str] = Counter()
         self._deaths: Counter[str] = Counter()
         self._alone: set[str] = set()  # tasks that met too little memory: nothing runs beside them
+        self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
         self._priority = graph.priorities()
         self._ready: list[tuple[int, str]] = []
         self._broken = False  # the machine is at fault: more tasks would fail the same way
@@ -199,7 +200,7 @@ class _Driver:
 
     def _is_ready(self, name: str) -> bool:
         open_yet = name not in self.outcome.results and name not in self._running
-        return open_yet and all(source in self.outcome.records for source in self.graph.sources(name))
+        return open_yet and not self._missing[name]
 
     def _take(self, name: str) -> None:
         if not self._is_ready(name):  # queued twice, or an input was lost meanwhile: `_heal` queues it again
@@ -279,6 +280,7 @@ class _Driver:
         if record is not None:
             self.outcome.records[result.name] = record
             for reader in self.graph.readers(result.name):
+                self._missing[reader] -= 1
                 self._queue_if_ready(reader)
 
     def _heal(self, name: str) -> None:
@@ -288,5 +290,7 @@ class _Driver:
             result = self.outcome.results[source]
             if result.key is not None and self.store.record(result.key) is None:
                 del self.outcome.records[source], self.outcome.results[source]
+                for reader in self.graph.readers(source):
+                    self._missing[reader] += 1
                 self._queue_if_ready(source)
         self._queue_if_ready(name)

@@ -20,7 +20,7 @@ from pipeline.engine.project import Project, selection, tasks_of
 from pipeline.engine.result import Result
 from pipeline.engine.run import Outcome, run
 from pipeline.engine.status import TaskStatus, status
-from pipeline.engine.store import Store
+from pipeline.engine.store import Store, writable
 from pipeline.errors import PipelineError
 
 
@@ -59,7 +59,7 @@ def build(
     manifest.refuse_other_stage(project.out, project.head.get("stage"))
     emit, keep_events = _recorded(on_event)
     warn = _warner(emit)
-    store = store or Store(warn=warn)
+    store = writable(store or Store(warn=warn))
     store.sweep()
     graph, forced = selection(project, force, until)
     emit(_begin(project, graph, _jobs(jobs)))
@@ -113,7 +113,7 @@ def plan_of(
     project: Project, *, store: Store | None = None, force: Iterable[str] = (), until: Iterable[str] = ()
 ) -> list[PlannedTask]:
     """What `build` would do with the same arguments."""
-    store = store or Store()
+    store = writable(store or Store())
     graph, forced = selection(project, force, until)
     return plan(graph, store, _history(project, store)["keys"], force=forced)
 
@@ -125,7 +125,7 @@ def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatu
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
     """What is known of the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
-    store = store or Store()
+    store = writable(store or Store())
     keys = _history(project, store)["keys"]
     last = store.read_note("events", _history_name(project)) or {}
     found = []

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.engine.code import code_of
-from pipeline.engine.digest import key_of
+from pipeline.engine.code import code_of, remembering
+from pipeline.engine.digest import canonical, canonical_dict, key_of_bytes
 from pipeline.engine.graph import Task
+from pipeline.engine.store import Store
 
 Record = dict[str, Any]
 
@@ -19,6 +20,8 @@ class Spec:
 
     Attributes
     ----------
+    key : str
+        `key_of(KEY_DOMAIN, components)`.
     components : dict
         Everything the key is made of; kept in the record, so that a rerun can be explained.
     """
@@ -33,18 +36,23 @@ class Spec:
 
 
 class Specs:
-    """Makes specs, reading the code of every kind once."""
+    """Makes specs, reading and encoding the code of every kind once."""
 
-    def __init__(self) -> None:
-        self._code: dict[str, dict[str, Any]] = {}
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._code: dict[str, tuple[dict[str, Any], dict[str, bytes]]] = {}
 
     def of(self, task: Task, records: Mapping[str, Record]) -> Spec:
         """Spec of a task whose sources all have records."""
         if task.kind not in self._code:
-            self._code[task.kind] = code_of(task.kind)
+            with remembering(self._store):
+                code = {"kind": task.kind, **code_of(task.kind)}
+            self._code[task.kind] = code, {name: canonical(value) for name, value in code.items()}
+        code, encoded = self._code[task.kind]
         inputs = {
             role: {output: entry["sha256"] for output, entry in records[source]["outputs"].items()}
             for role, source in task.reads.items()
         }
-        components = {"kind": task.kind, **self._code[task.kind], "params": task.params, "inputs": inputs}
-        return Spec(name=task.name, key=key_of(KEY_DOMAIN, components), components=components)
+        whole = canonical_dict({**encoded, "params": canonical(task.params), "inputs": canonical(inputs)})
+        components = {**code, "params": task.params, "inputs": inputs}
+        return Spec(name=task.name, key=key_of_bytes(KEY_DOMAIN, whole), components=components)

@@ -1,6 +1,7 @@
 """The store: bytes under their digest, and records of which bytes the task with a key made.
 
     VERSION                      for people and tools
+    below                        path of another store, whose results count as ours: see `writable`
     cas/sha256/ab/<digest>       a blob, mode 0444
     ac/v1/ab/<key>.json          a record, followed by a line with its own digest
     lock/ab/<key>                locked while somebody computes the key
@@ -8,7 +9,7 @@
     quarantine/                  what failed verification, for a person to look at
     gc.lock                      shared by builders, exclusive for the collector
     logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
-    history/  index/             last keys and events per output folder; hints that may be deleted
+    history/  events/  index/    last keys and events per output folder, what sources say; hints that may be deleted
 
 Two promises: a readable record implies complete blobs, and a reader gets the right bytes or a miss, never wrong bytes
 and never an exception because an entry is damaged.
@@ -30,6 +31,7 @@ from pipeline.engine.files import Signature, copy, digest_of, locked, machine_er
 from pipeline.engine.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
 
+_BELOW = "below"
 _TRAILER = b"\n#sha256="
 _FORMAT = 1
 _TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
@@ -44,10 +46,26 @@ class DamagedBlob(Exception):
 
 def default_root() -> Path:
     """$PIPELINE_CACHE, or `store/` in the user's cache folder."""
-    if chosen := os.environ.get("PIPELINE_CACHE"):
-        return Path(chosen)
+    chosen = os.environ.get("PIPELINE_CACHE")
+    return Path(chosen) if chosen else _user_cache() / "store"
+
+
+def writable(store: "Store") -> "Store":
+    """The store, or, where it may only be read, a private one that reads it too and keeps what is new."""
+    if os.access(store.root, os.W_OK):
+        return store
+    name = hashlib.sha256(os.fsencode(store.root)).hexdigest()[:16]
+    private = _user_cache() / "above" / name
+    with machine_errors("make a store for", private):
+        private.mkdir(parents=True, exist_ok=True)
+        (private / _BELOW).write_bytes(os.fsencode(store.root))
+    store.warn(f"the store {store.root} may only be read; what is new goes to {private}")
+    return Store(private, warn=store.warn)
+
+
+def _user_cache() -> Path:
     base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline" / "store"
+    return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline"
 
 
 class Store:
@@ -73,12 +91,14 @@ class Store:
             with machine_errors("make the store", self.root):
                 self.root.mkdir(parents=True, exist_ok=True)
                 self._write(self.root / "VERSION", b"1\n")
+        below = read_regular(self.root / _BELOW)
+        self._below = Store(os.fsdecode(below), warn=warn) if below and Path(os.fsdecode(below)).is_dir() else None
 
     def path(self, table: str, name: str) -> Path:
         """Where an entry lives. Only digests get in, so no path leads outside."""
         if not DIGEST.fullmatch(name):
             raise ValueError(f"not a digest: {name!r}")
-        return self.root / _TABLES[table] / name[:2] / (name + _SUFFIXES.get(table, ""))
+        return Path(f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}")
 
     # Blobs
 
@@ -118,6 +138,8 @@ class Store:
         try:
             size = path.lstat().st_size
         except OSError:
+            if self._below is not None:
+                return self._below.blob(digest)
             raise DamagedBlob(digest) from None
         if not self.is_whole({"sha256": digest, "size": size}):
             raise DamagedBlob(digest)
@@ -125,6 +147,9 @@ class Store:
 
     def is_whole(self, entry: Entry) -> bool:
         """Whether the store holds exactly these bytes; anything else under their name goes to quarantine."""
+        return self._holds(entry) or (self._below is not None and self._below.is_whole(entry))
+
+    def _holds(self, entry: Entry) -> bool:
         digest = entry["sha256"]
         path = self.path("blob", digest)
         try:
@@ -152,8 +177,7 @@ class Store:
                 self.warn(f"NON-DETERMINISM: {key[:12]} gave other bytes than before; the first ones stay")
             return kept
         body = json.dumps({**record, "key": key, "format": _FORMAT}, sort_keys=True).encode()
-        trailer = _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
-        self._write(self.path("record", key), body + trailer)
+        self._write(self.path("record", key), _sealed(body))
         parsed: dict[str, Any] = json.loads(body)
         return parsed
 
@@ -177,6 +201,7 @@ class Store:
         record = _parse_record(read_regular(path), key)
         if record is None:
             self._quarantine(path)  # nothing to do for an ordinary miss
+            return self._below.peek(key) if self._below is not None else None
         return record
 
     # Files that are hints or help, never the truth
@@ -193,14 +218,12 @@ class Store:
     def write_note(self, folder: str, name: str, note: Any) -> None:
         """Keep plain data in `history` or `index`. A store that cannot be written goes without."""
         with contextlib.suppress(OSError):
-            self._write(self.root / folder / f"{name}.json", json.dumps(note, sort_keys=True).encode())
+            self._write(self.root / folder / f"{name}.json", _sealed(json.dumps(note, sort_keys=True).encode()))
 
     def read_note(self, folder: str, name: str) -> Any:
-        """What `write_note` kept, or None."""
-        try:
-            return json.loads(read_regular(self.root / folder / f"{name}.json") or b"null")
-        except ValueError:
-            return None
+        """What `write_note` kept; None if it is not there or damaged."""
+        body = _unsealed(read_regular(self.root / folder / f"{name}.json"))
+        return None if body is None else json.loads(body)
 
     def note_time_ns(self, folder: str, name: str) -> int:
         """When a note was written, by the file system's clock; 0 if there is none."""
@@ -265,10 +288,21 @@ class Store:
             path.rename(self.root / "quarantine" / f"{time.time_ns()}-{path.name}")
 
 
+def _sealed(body: bytes) -> bytes:
+    """A text and the line with its own digest."""
+    return body + _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
+
+
+def _unsealed(raw: bytes | None) -> bytes | None:
+    """The text that `_sealed` closed; None if a byte is missing or another."""
+    body, _, tail = (raw or b"").rpartition(_TRAILER)
+    return body if tail == hashlib.sha256(body).hexdigest().encode() + b"\n" else None
+
+
 def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
     """Bytes as a record; None unless checksum, format and key are right."""
-    body, _, tail = (raw or b"").rpartition(_TRAILER)
-    if tail != hashlib.sha256(body).hexdigest().encode() + b"\n":
+    body = _unsealed(raw)
+    if body is None:
         return None
     try:
         record: dict[str, Any] = json.loads(body)

@@ -9,6 +9,8 @@ import numpy as np
 
 from pipeline.files.damaged import DamagedFile
 
+_WORDS = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
+
 
 def write_json(path: str | Path, obj: Any) -> None:
     """Write plain values, UTF-8, with a final line feed.
@@ -26,22 +28,33 @@ def write_json(path: str | Path, obj: Any) -> None:
 
 def json_bytes(obj: Any) -> bytes:
     """What `write_json` writes."""
-    return (_text(_plain(obj, "$"), "\n") + "\n").encode()
+    return (_text(obj, "\n", ("$",)) + "\n").encode()
 
 
-def _text(value: Any, newline: str) -> str:
+def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
     """JSON text with a line per item, but lists of plain values, such as the row of a matrix, on one line."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, float):
+        return _float(value, where)
+    if value is None or isinstance(value, bool | int | str):
+        return _WORDS.encode(value)
     deeper = newline + "  "
-    if isinstance(value, dict) and value:
-        items = [f"{_word(name)}: {_text(item, deeper)}" for name, item in value.items()]
-        return "{" + deeper + f",{deeper}".join(items) + newline + "}"
-    if isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
-        return "[" + deeper + f",{deeper}".join(_text(item, deeper) for item in value) + newline + "]"
-    return _word(value)
+    if isinstance(value, dict) and all(isinstance(name, str) for name in value):
+        items = [f"{_WORDS.encode(name)}: {_text(item, deeper, (*where, '.', name))}" for name, item in value.items()]
+        return f"{{{deeper}{f',{deeper}'.join(items)}{newline}}}" if items else "{}"
+    if isinstance(value, list | tuple):
+        items = [_text(item, deeper, (*where, f"[{i}]")) for i, item in enumerate(value)]
+        plain = not any(isinstance(item, dict | list | tuple | np.ndarray) for item in value)
+        return f"[{', '.join(items)}]" if plain else f"[{deeper}{f',{deeper}'.join(items)}{newline}]"
+    name = type(value).__name__
+    raise TypeError(f"{''.join(where)}: JSON cannot hold a {name} (or a dict with keys that are not text)")
 
 
-def _word(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+def _float(value: float, where: tuple[str, ...]) -> str:
+    if math.isnan(value):
+        raise ValueError(f"{''.join(where)}: NaN has no place in a JSON file")
+    return f'"{float(value)!r}"' if math.isinf(value) else float.__repr__(value)
 
 
 def read_json(path: str | Path) -> Any:
@@ -62,23 +75,3 @@ def read_json(path: str | Path) -> Any:
 
 def _refuse_constant(name: str) -> None:
     raise ValueError(f"{name} is no JSON value")
-
-
-def _plain(value: Any, where: str) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        return _plain_float(value, where)
-    if isinstance(value, list | tuple):
-        return [_plain(item, f"{where}[{i}]") for i, item in enumerate(value)]
-    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
-        return {key: _plain(item, f"{where}.{key}") for key, item in value.items()}
-    raise TypeError(f"{where}: JSON cannot hold a {type(value).__name__} (or a dict with keys that are not text)")
-
-
-def _plain_float(value: float, where: str) -> float | str:
-    if math.isnan(value):
-        raise ValueError(f"{where}: NaN has no place in a JSON file")
-    return repr(float(value)) if math.isinf(value) else float(value)

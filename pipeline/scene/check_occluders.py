@@ -46,26 +46,34 @@ def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_outside_lens(
-    camera: Usd.Prim, occluder: Usd.Prim, root: Usd.Prim, frames: tuple[int, ...]
+    camera: Usd.Prim, occluders: list[Usd.Prim], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
     """No part of an occluder may stand inside the lens of a camera; beside and behind it is room."""
+    if not occluders:
+        return
     lens = target(camera, "plen:camera:lens", "PlenLens")
     prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
     ends = -prescription.vertices_from_stop_mm[-1], -prescription.vertices_from_stop_mm[0]
     radius_mm = max(surface.semi_diameter_mm for surface in prescription.surfaces)
-    corners, scale_mm = read_occluder(occluder).corners_mm(), stage_mm_per_unit(root)
-    for number in (number for number in frames if is_visible(occluder, float(number))):
-        world_from_mesh = world_from(occluder, float(number), scale_mm)
-        pose = product(camera_from_world(camera, float(number), scale_mm), world_from_mesh)
-        if meets_lens(apply(pose, corners.reshape(-1, 3)).reshape(-1, 3, 3), ends, radius_mm):
-            message = (
-                f'"{occluder.GetName()}" reaches into the lens of "{camera_name(camera, root)}" at time code {number},'
-                f" z = {ends[0]:.6g} to {ends[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
-            )
-            moving = next((op.GetAttr() for op in xform_ops(occluder) if op.GetAttr().GetTimeSamples()), None)
-            hint = "the camera looks along its -Z; its origin is the aperture stop"
-            time = float(number) if moving else None
-            yield problem(moving or occluder, "inside-lens", message, hint=hint, time=time)
+    scale_mm = stage_mm_per_unit(root)
+    vision_from_world = camera_from_world(camera, frames, scale_mm)
+    for occluder in occluders:
+        corners = read_occluder(occluder).corners_mm().reshape(-1, 3)
+        poses = product(vision_from_world, world_from(occluder, frames, scale_mm))
+        for number, pose in zip(frames, poses, strict=True):
+            triangles = apply(pose, corners).reshape(-1, 3, 3)
+            if is_visible(occluder, float(number)) and meets_lens(triangles, ends, radius_mm):
+                yield _inside(occluder, camera_name(camera, root), number, ends, radius_mm)
+
+
+def _inside(occluder: Usd.Prim, camera: str, number: int, ends_mm: tuple[float, float], radius_mm: float) -> Problem:
+    message = (
+        f'"{occluder.GetName()}" reaches into the lens of "{camera}" at time code {number},'
+        f" z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
+    )
+    moving = next((op.GetAttr() for op in xform_ops(occluder) if op.GetAttr().GetTimeSamples()), None)
+    hint = "the camera looks along its -Z; its origin is the aperture stop"
+    return problem(moving or occluder, "inside-lens", message, hint=hint, time=float(number) if moving else None)
 
 
 def meets_lens(triangles_mm: np.ndarray, ends_mm: tuple[float, float], radius_mm: float) -> bool:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pipeline.frames import apply
 from pipeline.scene.check_occluders import check_outside_lens
 from pipeline.scene.places import problem
 from pipeline.scene.poses import ancestry, is_orient, product, quaternion, world_from, xform_ops
@@ -19,7 +18,7 @@ from pipeline.scene.reading import (
     stage_mm_per_unit,
 )
 from pipeline.scene.reading_targets import read_target
-from pipeline.scene.values import numbers, plain, read, target, targets
+from pipeline.scene.values import read, target, targets
 
 # How far a quaternion may be off unit length without a word: what its type resolves.
 _ROUNDING = {
@@ -43,11 +42,10 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames) if not _has_error(found)]
     yield from found
     if not _has_error(found):
+        hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
         for camera in cameras:
-            for board in boards:
-                yield from _check_before_camera(camera, board, root, frames)
-            for occluder in occluders:
-                yield from check_outside_lens(camera, occluder, root, frames)
+            yield from _check_before_camera(camera, boards, hulls, root, frames)
+            yield from check_outside_lens(camera, occluders, root, frames)
 
 
 def _has_error(problems: list[Problem]) -> bool:
@@ -61,13 +59,14 @@ def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
         if attribute.HasSpline():
             yield problem(attribute, "not-yet-supported", "poses as splines are not supported yet")
             continue
-        times = attribute.GetTimeSamples()
-        missing = [number for number in frames if times and number not in times]
-        if missing:
+        times = set(attribute.GetTimeSamples())
+        present = [number for number in frames if not times or number in times]
+        if len(present) < len(frames):
+            missing = sorted(set(frames).difference(present))
             message = f'"{attribute.GetName()}" has no sample at time code {_listed(missing)}'
             hint = "USD would interpolate without a word; write one sample per frame"
             yield problem(attribute, "no-pose-sample", message, hint=hint)
-        for number in [number for number in frames if number not in missing]:
+        for number in present:
             yield from _check_op(op, number, number if times else None)
             if not times:
                 break
@@ -98,17 +97,15 @@ def _listed(frames: list[int]) -> str:
 
 
 def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
-    for number in frames:
-        if not _is_finite(prim, number):
-            return
-        rotation = world_from(prim, float(number), 1.0)[:3, :3]
-        off = float(np.abs((rotation.T[:, :, None] * rotation[None, :, :]).sum(axis=1) - np.eye(3)).max())
-        mirrored = float(np.linalg.det(rotation)) < 0
-        if off > _RIGID or mirrored:
-            what = "mirrors" if mirrored and off <= _RIGID else "scales or shears"
-            message = f"the transform from <{prim.GetPath()}> to the world {what} at time code {number}"
-            yield problem(_scaling_link(prim), "non-rigid", message, hint="use only translations and rotations")
-            return
+    rotation = world_from(prim, frames, 1.0)[:, :3, :3]
+    off = np.abs((rotation[:, :, :, None] * rotation[:, :, None, :]).sum(axis=1) - np.eye(3)).max(axis=(1, 2))
+    mirrored = np.linalg.det(rotation) < 0
+    bad = np.flatnonzero((off > _RIGID) | mirrored)  # NaN is reported as a value that is not finite
+    if len(bad):
+        first = bad[0]
+        what = "mirrors" if mirrored[first] and off[first] <= _RIGID else "scales or shears"
+        message = f"the transform from <{prim.GetPath()}> to the world {what} at time code {frames[first]}"
+        yield problem(_scaling_link(prim), "non-rigid", message, hint="use only translations and rotations")
 
 
 def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
@@ -120,32 +117,30 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
     return prim
 
 
-def _is_finite(prim: Usd.Prim, number: int) -> bool:
-    values = [plain(op.GetAttr().Get(float(number))) for link in ancestry(prim) for op in xform_ops(link)]
-    return all(math.isfinite(item) for value in values for item in numbers(value))
-
-
 def _check_before_camera(
-    camera: Usd.Prim, board: Usd.Prim, root: Usd.Prim, frames: tuple[int, ...]
+    camera: Usd.Prim, boards: list[Usd.Prim], hulls: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
-    """All of the target, its margin included, must lie before the first vertex of the lens."""
+    """All of the targets, their margins included, must lie before the first vertex of the lens."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
     first_mm = -prescription.vertices_from_stop_mm[0]
-    corners = np.concatenate([patch.hull_mm() for patch in read_target(board).patches()])
     scale_mm = stage_mm_per_unit(root)
-    for number in frames:
-        world_from_board = world_from(board, float(number), scale_mm)
-        camera_from_board = product(camera_from_world(camera, float(number), scale_mm), world_from_board)
-        nearest_mm = float(apply(camera_from_board, corners)[:, 2].min())
-        if nearest_mm > first_mm:
-            continue
-        where = "behind" if nearest_mm <= 0 else "into the lens of"
-        message = (
-            f'"{board.GetName()}" reaches {where} "{camera_name(camera, root)}" at time code {number}: its nearest'
-            f" corner lies at z = {nearest_mm:.6g} mm, the first vertex at {first_mm:.6g} mm"
-        )
-        moving = next((op.GetAttr() for op in xform_ops(board) if op.GetAttr().GetTimeSamples()), None)
-        hint = "the camera looks along its -Z"
-        code = "behind-camera" if nearest_mm <= 0 else "inside-lens"
-        yield problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)
+    vision_from_world = camera_from_world(camera, frames, scale_mm)
+    for board, corners in zip(boards, hulls, strict=True):
+        vision_from_board = product(vision_from_world, world_from(board, frames, scale_mm))
+        nearest_mm = (corners @ vision_from_board[:, 2, :3].T + vision_from_board[:, 2, 3]).min(axis=0)
+        for index in np.flatnonzero(nearest_mm <= first_mm):
+            name = camera_name(camera, root)
+            yield _too_near(board, name, frames[index], float(nearest_mm[index]), first_mm)
+
+
+def _too_near(board: Usd.Prim, camera: str, number: int, nearest_mm: float, first_mm: float) -> Problem:
+    where = "behind" if nearest_mm <= 0 else "into the lens of"
+    message = (
+        f'"{board.GetName()}" reaches {where} "{camera}" at time code {number}: its nearest'
+        f" corner lies at z = {nearest_mm:.6g} mm, the first vertex at {first_mm:.6g} mm"
+    )
+    moving = next((op.GetAttr() for op in xform_ops(board) if op.GetAttr().GetTimeSamples()), None)
+    hint = "the camera looks along its -Z"
+    code = "behind-camera" if nearest_mm <= 0 else "inside-lens"
+    return problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)

@@ -5,7 +5,7 @@ in a fixed order instead of by BLAS, whose sums depend on the processor.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from pxr import Usd, UsdGeom
@@ -29,32 +29,37 @@ def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
     return list(UsdGeom.Xformable(prim).GetOrderedXformOps())
 
 
-def world_from(prim: Usd.Prim, time: float, mm_per_unit: float) -> np.ndarray:
-    """Transform from the frame of a prim to the world.
+def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
+    """Transforms from the frame of a prim to the world.
 
     Returns
     -------
-    (4, 4) float64
-        Acts on column vectors [mm]. Rigid only if the stage is.
+    (n, 4, 4) float64
+        One per time. Each acts on column vectors [mm]. Rigid only if the stage is.
     """
     world_from_prim = np.eye(4)
     for link in ancestry(prim):
         parent_from_link = np.eye(4)
         for op in xform_ops(link):
-            parent_from_link = product(parent_from_link, _op_matrix(op, time, mm_per_unit))
+            parent_from_link = product(parent_from_link, _op_matrices(op, times, mm_per_unit))
         world_from_prim = product(parent_from_link, world_from_prim)
-    return world_from_prim
+    return np.broadcast_to(world_from_prim, (len(times), 4, 4))
 
 
 def product(a_from_b: np.ndarray, b_from_c: np.ndarray) -> np.ndarray:
-    """a_from_b @ b_from_c, summed in a fixed order."""
-    return (a_from_b[:, :, None] * b_from_c[None, :, :]).sum(axis=1)
+    """a_from_b @ b_from_c, summed in a fixed order; (..., 4, 4) both."""
+    products: np.ndarray = (a_from_b[..., :, :, None] * b_from_c[..., None, :, :]).sum(axis=-2)
+    return products
 
 
 def inverse(a_from_b: np.ndarray) -> np.ndarray:
-    """b_from_a of a rigid transform, summed in a fixed order."""
-    rotation = a_from_b[:3, :3].T
-    return rigid(rotation, -(rotation * a_from_b[None, :3, 3]).sum(axis=1))
+    """b_from_a of rigid transforms, summed in a fixed order; (..., 4, 4)."""
+    rotation = np.swapaxes(a_from_b[..., :3, :3], -1, -2)
+    b_from_a = np.zeros_like(a_from_b)
+    b_from_a[..., :3, :3] = rotation
+    b_from_a[..., :3, 3] = -(rotation * a_from_b[..., None, :3, 3]).sum(axis=-1)
+    b_from_a[..., 3, 3] = 1.0
+    return b_from_a
 
 
 def quaternion(op: UsdGeom.XformOp, time: float) -> tuple[float, float, float, float] | None:
@@ -67,6 +72,13 @@ def quaternion(op: UsdGeom.XformOp, time: float) -> tuple[float, float, float, f
 def is_orient(op: UsdGeom.XformOp) -> bool:
     """Whether an operation is a rotation by a quaternion."""
     return op.GetOpType() == UsdGeom.XformOp.TypeOrient
+
+
+def _op_matrices(op: UsdGeom.XformOp, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
+    """An operation at some times, (n, 4, 4); (4, 4) where it never moves."""
+    if not op.MightBeTimeVarying():
+        return _op_matrix(op, float(times[0]), mm_per_unit)
+    return np.array([_op_matrix(op, float(time), mm_per_unit) for time in times])
 
 
 def _op_matrix(op: UsdGeom.XformOp, time: float, mm_per_unit: float) -> np.ndarray:

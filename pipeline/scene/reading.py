@@ -1,5 +1,6 @@
 """Prims to records. Only stages that pass the checks are read as a whole; parts raise on values that are wrong."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def read_dataset(root: Usd.Prim) -> Dataset:
         background=need(root, "plen:background"),
         cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
         targets=tuple(read_target_entry(prim) for prim in boards),
-        frames=tuple(_read_frame(number, root, cameras, boards, occluders) for number in frame_numbers(root)),
+        frames=_read_frames(root, cameras, boards, occluders),
         occluders=tuple(read_occluder_entry(prim) for prim in occluders),
     )
 
@@ -238,9 +239,9 @@ def _read_microlenses(camera: Usd.Prim, array: Usd.Prim) -> MicrolensArray:
     )
 
 
-def camera_from_world(prim: Usd.Prim, time: float, scale_mm: float) -> np.ndarray:
-    """Vision frame of a camera from the world, (4, 4) [mm]."""
-    return product(VISION_FROM_CAMERA, inverse(world_from(prim, time, scale_mm)))
+def camera_from_world(prim: Usd.Prim, times: Sequence[float], scale_mm: float) -> np.ndarray:
+    """Vision frame of a camera from the world at some times, (n, 4, 4) [mm]."""
+    return product(VISION_FROM_CAMERA, inverse(world_from(prim, times, scale_mm)))
 
 
 def stage_mm_per_unit(prim: Usd.Prim) -> float:
@@ -248,24 +249,28 @@ def stage_mm_per_unit(prim: Usd.Prim) -> float:
     return mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
 
 
-def _read_frame(
-    number: int, root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], occluders: list[Usd.Prim]
-) -> Frame:
-    scale_mm = stage_mm_per_unit(root)
-    return Frame(
-        number=number,
-        camera_from_world={
-            camera_name(prim, root): _matrix(camera_from_world(prim, float(number), scale_mm)) for prim in cameras
-        },
-        world_from_target={prim.GetName(): _matrix(world_from(prim, float(number), scale_mm)) for prim in boards},
-        world_from_occluder={
-            str(prim.GetPath()): _matrix(world_from(prim, float(number), scale_mm))
-            for prim in occluders
-            if is_visible(prim, float(number))
-        },
+def _read_frames(
+    root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], occluders: list[Usd.Prim]
+) -> tuple[Frame, ...]:
+    numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
+    vision = {camera_name(prim, root): _matrices(camera_from_world(prim, numbers, scale_mm)) for prim in cameras}
+    world = {prim.GetName(): _matrices(world_from(prim, numbers, scale_mm)) for prim in boards}
+    hiding = {prim: _matrices(world_from(prim, numbers, scale_mm)) for prim in occluders}
+    return tuple(
+        Frame(
+            number=number,
+            camera_from_world={name: matrices[index] for name, matrices in vision.items()},
+            world_from_target={name: matrices[index] for name, matrices in world.items()},
+            world_from_occluder={
+                str(prim.GetPath()): matrices[index]
+                for prim, matrices in hiding.items()
+                if is_visible(prim, float(number))
+            },
+        )
+        for index, number in enumerate(numbers)
     )
 
 
-def _matrix(array: Any) -> Matrix:
+def _matrices(stack: np.ndarray) -> list[Matrix]:
     # + 0.0: no -0.0, which products leave behind, in a key.
-    return tuple(tuple(float(value) + 0.0 for value in row) for row in array)
+    return [tuple(map(tuple, matrix)) for matrix in (stack + 0.0).tolist()]

@@ -132,8 +132,8 @@ def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
 def _target_from_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> np.ndarray:
     """Any affine transform: a mesh may be scaled below a target that is rigid. The matrix also makes millimetres."""
     scale_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
-    first = _first_time(prim)
-    matrix = product(np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh, first, scale_mm))
+    first = [_first_time(prim)]
+    matrix = product(np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh, first, scale_mm))[0]
     matrix[:3, :3] *= scale_mm
     return matrix
 

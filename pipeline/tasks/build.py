@@ -1,5 +1,6 @@
 """Build a dataset: the way from a stage to its output folder."""
 
+import contextlib
 import importlib.metadata
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -7,17 +8,20 @@ from typing import Any
 
 import pipeline
 from pipeline.engine import session
-from pipeline.engine.cluster import engine_of
+from pipeline.engine.engines import Engine
 from pipeline.engine.events import silent
+from pipeline.engine.files import locked
 from pipeline.engine.graph import TASKS
+from pipeline.engine.libraries import installed_version, machine
 from pipeline.engine.project import Project
 from pipeline.engine.result import Result
+from pipeline.engine.store import Store
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
 from pipeline.tasks.sandbox import project_of_untrusted
 
-__all__ = ["TASKS", "build", "default_out", "project"]
+__all__ = ["TASKS", "build", "compile_once", "default_out", "project"]
 
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
@@ -141,14 +145,33 @@ def build(
         retries=retries,
         timeout_s=timeout_s,
         check_percent=check_percent,
-        engine=engine_of(engine, timeout_s) if engine else None,
+        engine=_cluster(engine, timeout_s) if engine else None,
         on_event=on_event or silent,
-        prepare=_compile_kernels,
+        prepare=compile_once,
     )
 
 
-def _compile_kernels() -> None:
-    """Compile all kernels once, before several workers would each do it."""
-    from pipeline.tasks.compile import compile_kernels
+def _cluster(where: str, timeout_s: float | None) -> Callable[[Store, tuple[str, ...]], Engine]:
+    from pipeline.engine.cluster import engine_of
 
-    compile_kernels()
+    return engine_of(where, timeout_s)
+
+
+def compile_once() -> None:
+    """Compile all kernels, before several workers would each do it; a mark beside them says that they are there.
+
+    The mark is a hint: who misses a kernel compiles it. Builders that start together wait for the first one.
+    """
+    from pipeline.jit import cache_folder
+
+    folder = cache_folder()
+    mark = folder / f"all-{machine()}-numba-{installed_version('numba')}"
+    if mark.exists():
+        return
+    with locked(folder / "lock"):
+        if not mark.exists():
+            from pipeline.tasks.compile import compile_kernels
+
+            compile_kernels()
+            with contextlib.suppress(OSError):  # a cache that cannot be written: every process compiles
+                mark.touch()

@@ -24,16 +24,14 @@ _KIND = "pipeline.tasks."
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
     """All tasks of a dataset, what of their outputs lies where in the output folder, and each camera's certificate."""
-    graph, files = TaskGraph(), dict[str, Source]()
+    graph, files, certificates = TaskGraph(), dict[str, Source](), dict[str, tuple[str, str]]()
+    things = plain_targets(dataset)
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
     for camera in dataset.cameras:
         _add_camera(graph, files, camera)
-        for frame in dataset.frames:
-            _add_frame(graph, files, dataset, camera, frame)
-    certificates = {
-        camera.name: (_add_certificate(graph, dataset, camera), "certificate.json") for camera in dataset.cameras
-    }
+        targets = {frame.number: _add_frame(graph, files, dataset, camera, frame, things) for frame in dataset.frames}
+        certificates[camera.name] = (_add_certificate(graph, camera, targets), "certificate.json")
     return graph, files, certificates
 
 
@@ -97,22 +95,27 @@ def _image_params(entry: CameraEntry) -> dict[str, Any]:
     }
 
 
-def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry, frame: Frame) -> None:
+def _add_frame(
+    graph: TaskGraph,
+    files: dict[str, Source],
+    dataset: Dataset,
+    entry: CameraEntry,
+    frame: Frame,
+    things: dict[str, Any],
+) -> list[dict[str, Any]]:
+    """The tasks of a camera in a frame; gives the targets as `truth` reads them."""
     name, folder = f"{entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{entry.name}"
     reads = {"camera": f"focus/{entry.name}"}
     poses = {target.name: vision_from_target(frame, entry.name, target.name) for target in dataset.targets}
-    artwork = [
-        {"target": plain_from_target(target.target), "vision_from_target": _matrix(poses[target.name])}
-        for target in dataset.targets
-    ]
     occluders = frame_occluders(dataset, entry, frame)
+    named = _placed(things, poses)
+    artwork = [{key: target[key] for key in ("target", "vision_from_target")} for target in named]
     image = graph.add(
         f"image/{name}",
         f"{_KIND}image",
         {**_image_params(entry), "targets": artwork, "background": dataset.background, "occluders": occluders},
         reads,
     )
-    named = truth_targets(dataset, entry, frame)
     truth_reads = dict(reads)
     if entry.truth["method"] != "direct":
         truth_reads["rays"] = f"rays/{entry.name}"
@@ -130,6 +133,7 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     files[f"{folder}/image.exr"] = (image, "image.exr")
     files[f"{folder}/image.png"] = (image, "image.png")
     files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
+    return named
 
 
 def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:
@@ -145,15 +149,20 @@ def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[
     ]
 
 
+def plain_targets(dataset: Dataset) -> dict[str, Any]:
+    """The targets of a dataset as tasks read them, by name."""
+    return {target.name: plain_from_target(target.target) for target in dataset.targets}
+
+
 def truth_targets(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[dict[str, Any]]:
     """The targets of a frame as `truth` and `certificate` read them: {name, target, vision_from_target}."""
+    poses = {target.name: vision_from_target(frame, entry.name, target.name) for target in dataset.targets}
+    return _placed(plain_targets(dataset), poses)
+
+
+def _placed(things: dict[str, Any], poses: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     return [
-        {
-            "name": target.name,
-            "target": plain_from_target(target.target),
-            "vision_from_target": _matrix(vision_from_target(frame, entry.name, target.name)),
-        }
-        for target in dataset.targets
+        {"name": name, "target": target, "vision_from_target": _matrix(poses[name])} for name, target in things.items()
     ]
 
 
@@ -169,9 +178,9 @@ def frame_occluders(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[
     ]
 
 
-def _add_certificate(graph: TaskGraph, dataset: Dataset, entry: CameraEntry) -> str:
-    frames = [{"number": frame.number, "targets": truth_targets(dataset, entry, frame)} for frame in dataset.frames]
-    reads = {f"frame{frame.number}": f"truth/{entry.name}/{frame.number:04d}" for frame in dataset.frames}
+def _add_certificate(graph: TaskGraph, entry: CameraEntry, targets: dict[int, list[dict[str, Any]]]) -> str:
+    frames = [{"number": number, "targets": named} for number, named in targets.items()]
+    reads = {f"frame{number}": f"truth/{entry.name}/{number:04d}" for number in targets}
     params = {"frames": frames, "truth": to_plain(entry.truth), "seed": entry.sampling.seed}
     return graph.add(
         f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}
@@ -199,4 +208,4 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
 
 
 def _matrix(transform: np.ndarray) -> list[list[float]]:
-    return to_plain(transform.tolist())
+    return (transform + 0.0).tolist()  # type: ignore[no-any-return]  # + 0.0: no -0.0 in a key

@@ -40,9 +40,9 @@ def poses_json(frame: Frame, camera: str, poses: dict[str, np.ndarray]) -> bytes
 
 def _pose(camera_from_target: np.ndarray) -> dict[str, Any]:
     return {
-        "camera_from_target": to_plain(camera_from_target.tolist()),
-        "rvec": to_plain(rotation_vector(camera_from_target).tolist()),
-        "tvec": to_plain(camera_from_target[:3, 3].tolist()),
+        "camera_from_target": camera_from_target + 0.0,  # no -0.0
+        "rvec": rotation_vector(camera_from_target) + 0.0,
+        "tvec": camera_from_target[:3, 3] + 0.0,
     }
 
 

@@ -6,9 +6,8 @@ Points are in the vision frame. The forward trace runs in the lens frame moved t
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from pipeline.camera.micro_images import MicroImages
+from pipeline.camera.micro_images import MicroImages, tree_of
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
@@ -106,7 +105,7 @@ def _through_microlenses(
     array = tracer.camera.microlenses
     assert array is not None
     spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
-    reached = cKDTree(tracer.vertices_mm).query_ball_point(crossing, array.pitch_mm + spacing)
+    reached = tree_of(tracer.vertices_mm).query_ball_point(crossing, array.pitch_mm + spacing)
     seen = np.unique(np.concatenate([np.asarray(rows, np.int64) for rows in reached]))
     # Slopes are nearly linear in the crossing; where the rays meet in a point, their mean has to do.
     q, s = crossing - crossing.mean(axis=0), slope - slope.mean(axis=0)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from pipeline.camera.micro_images import tree_of
 from pipeline.truth import blur, quadratic, search
 from pipeline.truth.grid import RayGrid, fine_from_image, image_from_fine, matrix_4
 from pipeline.truth.position_image import crossing_share
@@ -221,7 +221,7 @@ def _existing(found: Found, counts: dict, grid: RayGrid, settings: TruthSettings
     counts = {**counts, "dropped_outside_image": int(np.sum(~inside))}
     found = found.only(inside)
     if grid.centres_px is not None:
-        owner = cKDTree(grid.centres_px).query(np.stack([found.x_px, found.y_px], axis=1))[1]
+        owner = tree_of(grid.centres_px).query(np.stack([found.x_px, found.y_px], axis=1))[1]
         counts["dropped_outside_cell"] = int(np.sum(owner != found.cell))
         found = found.only(owner == found.cell)
     dark = ~(_sampled(grid.hit_fraction, found, grid) >= settings.min_hit_fraction)

@@ -1,5 +1,6 @@
 """Who may import whom, and what a process that only needs little does not load."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -45,3 +46,25 @@ def test_no_module_is_long_and_no_function_very_long():
             if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno > 110:
                 too_long.append(f"{path}:{node.name}")
     assert too_long == []
+
+
+def test_a_plan_loads_no_compiler_and_no_library_of_the_tasks(tmp_path):
+    """Neither for finished tasks nor for those that would run. (Tags alone need OpenCV: their dictionaries.)"""
+    stage, heavy = (
+        ROOT / "tests/data/tiny_plenoptic/dataset.usda",
+        ("numba", "scipy", "embreex", "OpenEXR", "PIL", "cv2"),
+    )
+    environment = {**os.environ, "PIPELINE_CACHE": str(tmp_path / "store")}
+    code = (
+        "import sys; from pipeline.cli import app;"
+        f"app(sys.argv[1:], standalone_mode=False); print([name for name in {heavy!r} if name in sys.modules])"
+    )
+
+    def run(*arguments):
+        command = [sys.executable, "-c", code, *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path, env=environment)
+
+    run("build", stage, "--until", "focus", "-q")
+    planned = run("plan", stage).stdout
+    assert "1 cached" in planned
+    assert planned.endswith("[]\n")

@@ -15,12 +15,11 @@ TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
+def built(tmp_path_factory, common_store):
     folder = tmp_path_factory.mktemp("verify")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(folder / "store"))
+        patch.setenv("PIPELINE_CACHE", str(common_store))
         assert pipeline.build(TINY, folder / "out", jobs=1).exit_code == 0
-    shutil.rmtree(folder / "store")
     return folder / "out"
 
 

@@ -11,11 +11,13 @@ import pytest
 from engine import toy
 
 import pipeline
+from pipeline.engine import code
 from pipeline.engine.code import UnknownKind, code_of, fingerprint
 from pipeline.engine.digest import canonical, key_of, plain
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.libraries import is_foreign
 from pipeline.engine.spec import Specs
+from pipeline.engine.store import Store
 from pipeline.errors import EnvironmentFault
 
 TASKS = Path(pipeline.__file__).parent / "tasks"
@@ -121,19 +123,19 @@ def test_a_library_that_is_not_installed_is_an_error_of_the_machine(kit):
         code_of("toykit.tasks.lens")
 
 
-def test_another_python_library_or_machine_is_another_key(kit, monkeypatch):
+def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_path):
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
     (kit / "tasks" / "lens.py").write_text("import networkx\n")
-    keys = {Specs().of(graph["lens"], {}).key}
+    keys = {Specs(Store(tmp_path)).of(graph["lens"], {}).key}
     with monkeypatch.context() as patch:
         patch.setattr("sys.version_info", types.SimpleNamespace(major=3, minor=99))
-        keys.add(Specs().of(graph["lens"], {}).key)
+        keys.add(Specs(Store(tmp_path)).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
-        patch.setattr("importlib.metadata.version", lambda name: "0.0.1")
-        keys.add(Specs().of(graph["lens"], {}).key)
+        patch.setattr("pipeline.engine.libraries.installed_version", lambda name: "0.0.1")
+        keys.add(Specs(Store(tmp_path)).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
         patch.setattr("pipeline.engine.code.machine", lambda: "z80")
-        keys.add(Specs().of(graph["lens"], {}).key)
+        keys.add(Specs(Store(tmp_path)).of(graph["lens"], {}).key)
     assert len(keys) == 4
 
 
@@ -182,3 +184,29 @@ def test_a_misspelt_task_gets_a_hint(tmp_path):
     with pytest.raises(Exception, match="did you mean 'rays/cam'"):
         toy.project(tmp_path).graph.select("rays/can")
     assert len(toy.project(tmp_path).graph.select("image")) == 2
+
+
+def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path, monkeypatch):
+    store, parsed = Store(tmp_path), []
+    parse = code._parsed
+    monkeypatch.setattr(
+        code, "_parsed", lambda tree, name, is_package: parsed.append(name) or parse(tree, name, is_package)
+    )
+
+    def in_a_new_process():
+        code._read.cache_clear()
+        code._remembered.clear()
+        parsed.clear()
+        with code.remembering(store):
+            return code_of("toykit.tasks.lens"), list(parsed)
+
+    fresh, all_modules = in_a_new_process()
+    assert "toykit.tasks.lens" in all_modules
+    assert in_a_new_process() == (fresh, [])
+    (kit / "physics.py").write_text("def doubled(x):\n    return x + x\n")
+    edited, modules = in_a_new_process()
+    assert edited["code"] != fresh["code"] and modules == ["toykit.physics"]
+    note = next((tmp_path / "index").glob("code-*.json"))
+    note.chmod(0o644)
+    note.write_bytes(note.read_bytes().replace(b"toykit.physics", b"toykit.physicz"))
+    assert in_a_new_process() == (edited, all_modules)

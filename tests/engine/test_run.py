@@ -144,7 +144,7 @@ def test_code_that_was_edited_after_the_plan_is_refused(tmp_path, store, kit):
     from pipeline.engine.spec import Specs
 
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
-    spec = Specs().of(graph["lens"], {}).to_plain()
+    spec = Specs(store).of(graph["lens"], {}).to_plain()
     (kit / "tasks" / "lens.py").write_text("def run(params, inputs, out):\n    pass\n")
     reply = perform(spec, store, graph.packages)
     assert reply["state"] == "failed" and reply["machine"] and "code is" in reply["error"]

@@ -2,21 +2,42 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
 
+import pipeline
+
 ROOT = Path(__file__).parents[2]
-STAGE = ROOT / "tests/data/tiny_conventional/dataset.usda"
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory):
+def stage(tmp_path_factory):
+    """Six tasks on three levels: one frame, without position images."""
+    text = (ROOT / "tests/data/tiny_conventional/dataset.usda").read_text(encoding="utf-8")
+    first = "uniform int plen:truth:samples = 64\n"
+    for old, new in (
+        ("@../../../stages/", "@"),
+        ("endTimeCode = 2", "endTimeCode = 1"),
+        (first, f'{first}            uniform token plen:truth:method = "direct"\n'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path_factory.mktemp("stage") / "few.usda"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory, stage):
     """The manifest that processes of this machine make."""
     folder = tmp_path_factory.mktemp("here")
-    return run(folder, [sys.executable, "-m", "pipeline.cli", "build", str(STAGE), "-j2"])
+    return run(folder, [sys.executable, "-m", "pipeline.cli", "build", str(stage), "-j2"])
 
 
 def run(folder, command):
@@ -26,11 +47,15 @@ def run(folder, command):
     programs = {
         "pipeline": f'exec {sys.executable} -m pipeline.cli "$@"',
         "dask": f'exec {sys.executable} -m dask "$@"',
-        # The array of a batch system: every element is one process.
+        # A batch system: every element of an array is one process, and so is a job, which ends when it is cancelled.
         "sbatch": (
             "for last; do case $last in --array=*) array=${last#--array=0-};; esac; done\n"
+            'if [ -z "${array:-}" ]; then\n'
+            '    setsid bash "$last" >"$last.log" 2>&1 & echo "Submitted batch job $!"; exit\n'
+            "fi\n"
             'for n in $(seq 0 "$array"); do SLURM_ARRAY_TASK_ID=$n bash -ec "$last" || exit 1; done'
         ),
+        "scancel": 'for job; do kill -- "-$job"; done',
     }
     for name, text in programs.items():
         (tools / name).write_text(f"#!/usr/bin/env bash\n{text}\n")
@@ -40,14 +65,46 @@ def run(folder, command):
     environment["PATH"] = f"{tools}:{os.environ['PATH']}"
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    return (folder / "build/tiny_conventional/manifest.json").read_bytes()
+    return (folder / "build/few/manifest.json").read_bytes()
 
 
-def test_arrays_give_the_same_manifest(here, tmp_path):
-    assert run(tmp_path, [str(ROOT / "examples/cluster/array.sh"), str(STAGE)]) == here
-    assert len(json.loads(here)["tasks"]) == 10
+def test_arrays_give_the_same_manifest(here, stage, tmp_path):
+    assert run(tmp_path, [str(ROOT / "examples/cluster/array.sh"), str(stage)]) == here
+    assert len(json.loads(here)["tasks"]) == 6
 
 
-def test_a_laptop_cluster_gives_the_same_manifest(here, tmp_path):
+def test_a_laptop_cluster_gives_the_same_manifest(here, stage, tmp_path):
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    assert run(tmp_path, [str(ROOT / "examples/cluster/laptop.sh"), str(STAGE)]) == here
+    assert run(tmp_path, [str(ROOT / "examples/cluster/laptop.sh"), str(stage)]) == here
+
+
+@pytest.mark.heavy
+def test_jobs_of_a_batch_system_give_the_same_manifest(here, stage, tmp_path):
+    """jobqueue.py as it is: dask-jobqueue writes the scripts of its jobs, a stand-in for sbatch runs them here."""
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
+    assert run(tmp_path, [sys.executable, str(ROOT / "examples/cluster/jobqueue.py"), str(stage), "2"]) == here
+
+
+def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monkeypatch):
+    """The real pipeline on processes of a LocalCluster, one of which dies in a task."""
+    distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        pids, killed = client.run(os.getpid), []
+
+        def kill() -> None:
+            while not killed:
+                busy = [worker for worker, keys in client.processing().items() if any("truth" in key for key in keys)]
+                for worker in busy[:1]:
+                    killed.append(pids[worker])
+                    os.kill(pids[worker], signal.SIGKILL)
+                time.sleep(0.02)
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        result = pipeline.build(stage, tmp_path / "out", engine=f"dask:{cluster.scheduler_address}")
+        killer.join()
+        client.wait_for_workers(2)
+    assert result.exit_code == 0 and result.executed == 6
+    assert (tmp_path / "out/manifest.json").read_bytes() == here

@@ -116,13 +116,14 @@ class Workbench:
             store = Store(place / "store")
             row.bad += bool(check(store).damaged)
             if (place / "out" / "manifest.json").exists():
-                row.wrong += self._differs(place)
-        row.wrong += self.build_in_fork(place) != 0 or self._differs(place)
+                row.wrong += self.differs(place)
+        row.wrong += self.build_in_fork(place) != 0 or self.differs(place)
         found = check(Store(place / "store"))
         row.bad += bool(found.damaged or found.incomplete or list((place / "out").glob(".pipeline-*")))
         shutil.rmtree(place)
 
-    def _differs(self, place: Path) -> bool:
+    def differs(self, place: Path) -> bool:
+        """Whether the output folder of a place holds anything else than the right files."""
         return toy.contents(place / "out") != self.right
 
     def steps_of_a_build(self) -> int:

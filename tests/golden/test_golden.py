@@ -45,11 +45,11 @@ def golden(request, capsys):
 
 
 @pytest.fixture(scope="module", params=TINY)
-def built(request, tmp_path_factory):
+def built(request, tmp_path_factory, common_store):
     """Name and output folder of a tiny dataset."""
     out = tmp_path_factory.mktemp("golden")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PIPELINE_CACHE", str(out / "store"))
+        patch.setenv("PIPELINE_CACHE", str(common_store))
         result = pipeline.build(DATA / request.param / "dataset.usda", out / "out", jobs=1)
     assert result.exit_code == 0
     return request.param, out / "out"

@@ -66,7 +66,7 @@ class _Bench:
         outcome = run(focused, self.store)
         assert {result.state for result in outcome.results.values()} <= {"executed", "cached"}, outcome.results
         records = dict(outcome.records)
-        specs, keys = Specs(), {}
+        specs, keys = Specs(self.store), {}
         for name in graph:
             keys[name] = specs.of(graph[name], records).key
             if name not in records:

@@ -48,24 +48,19 @@ class Workshop:
         return sorted(task.name for task in result.tasks if task.state == "executed")
 
 
-@pytest.fixture(scope="module")
-def warm_store(tmp_path_factory):
-    """One store for the module, filled by one build of each tiny dataset: every test edits from there."""
-    return tmp_path_factory.mktemp("store")
+@pytest.fixture
+def conventional(tmp_path, common_store, monkeypatch):
+    return _workshop(tmp_path, common_store, monkeypatch, "tiny_conventional")
 
 
 @pytest.fixture
-def conventional(tmp_path, warm_store, monkeypatch):
-    return _workshop(tmp_path, warm_store, monkeypatch, "tiny_conventional")
+def plenoptic(tmp_path, common_store, monkeypatch):
+    return _workshop(tmp_path, common_store, monkeypatch, "tiny_plenoptic")
 
 
-@pytest.fixture
-def plenoptic(tmp_path, warm_store, monkeypatch):
-    return _workshop(tmp_path, warm_store, monkeypatch, "tiny_plenoptic")
-
-
-def _workshop(tmp_path, warm_store, monkeypatch, tiny):
-    monkeypatch.setenv("PIPELINE_CACHE", str(warm_store))
+def _workshop(tmp_path, common_store, monkeypatch, tiny):
+    """A tiny dataset that is finished: every test edits from there."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     workshop = Workshop(tmp_path, tiny)
     workshop.run()
     return workshop
@@ -287,19 +282,17 @@ def test_a_frame_that_is_dropped_leaves_no_file(conventional):
     assert not (conventional.out / "frames/0002").exists()
 
 
-@pytest.mark.parametrize("tiny", ["tiny_conventional", "tiny_plenoptic"])
-def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tiny, tmp_path):
-    outs = []
-    settings = (("1", "C", "UTC", "0"), ("2", "C.UTF-8", "Asia/Kathmandu", "12345"))
-    for jobs, locale, zone, seed in settings:
-        folder = tmp_path / f"jobs{jobs}"
-        folder.mkdir()
-        workshop = Workshop(folder, tiny)
-        environment = {**os.environ, "LC_ALL": locale, "TZ": zone, "PYTHONHASHSEED": seed}
-        environment["PIPELINE_CACHE"] = str(folder / "store")
-        command = [sys.executable, "-m", "pipeline.cli", "build", "dataset.usda", "-o", "out", "-j", jobs, "-q"]
-        subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
-        outs.append({name: data for name, (_, data) in _facts(workshop.out).items()})
+@pytest.mark.parametrize("tiny", ["conventional", "plenoptic"])
+def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tiny, tmp_path, request):
+    """Built here in one process, and from nothing by two workers of another one with other settings."""
+    here, folder = request.getfixturevalue(tiny), tmp_path / "elsewhere"
+    folder.mkdir()
+    there = Workshop(folder, f"tiny_{tiny}")
+    environment = {**os.environ, "LC_ALL": "C", "TZ": "Asia/Kathmandu", "PYTHONHASHSEED": "12345"}
+    environment["PIPELINE_CACHE"] = str(folder / "store")
+    command = [sys.executable, "-m", "pipeline.cli", "build", "dataset.usda", "-o", "out", "-j", "2", "-q"]
+    subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
+    outs = [{name: data for name, (_, data) in _facts(workshop.out).items()} for workshop in (here, there)]
     assert outs[0].keys() == outs[1].keys() and "frames/0002/Rig.Camera/correspondences.csv" in outs[0]
     assert [name for name in outs[0] if outs[0][name] != outs[1][name]] == []
     machine = str(tmp_path).encode()
@@ -315,6 +308,7 @@ def test_a_deleted_or_altered_file_comes_back_without_running_a_task(conventiona
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
 
 
+@pytest.mark.heavy
 def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch):
     before = {name: data for name, (_, data) in _facts(conventional.out).items()}
     shutil.rmtree(conventional.out)
