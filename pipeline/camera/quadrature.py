@@ -112,9 +112,7 @@ class Edges:
         radius, _, limit, rays = _find(self, owner, angle, _EDGE_STEPS)
         return radius, limit, rays
 
-    def nothing_beyond(
-        self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray
-    ) -> np.ndarray:
+    def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
         height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
         open_ = radius < limit * (1 - 1e-9)

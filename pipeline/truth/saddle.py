@@ -104,8 +104,10 @@ def _to_medians(around: BundleMap) -> np.ndarray:
         order = np.argsort(value)
         below = np.cumsum(weight[order]) - weight[order] / 2
         median.append(np.interp(weight.sum() / 2, below, value[order]))
-    mean = [np.average(around.at(around.x_px + step)[..., :2], axis=(0, 1), weights=nodes[..., 2] * share)
-            for step in (*np.eye(2), *-np.eye(2))]
+    mean = [
+        np.average(around.at(around.x_px + step)[..., :2], axis=(0, 1), weights=nodes[..., 2] * share)
+        for step in (*np.eye(2), *-np.eye(2))
+    ]
     jacobian = np.stack([mean[0] - mean[2], mean[1] - mean[3]], axis=1) / 2
     return -np.linalg.solve(jacobian, median)
 

@@ -93,9 +93,7 @@ def saddle_of(light: np.ndarray, reach_px: float) -> np.ndarray:
         terms = np.stack([u**i * v**j for i in range(4) for j in range(4 - i)], axis=1)
         powers = [(i, j) for i in range(4) for j in range(4 - i)]
         c = dict(zip(powers, np.linalg.lstsq(terms, value, rcond=None)[0], strict=True))
-        step = -np.linalg.solve(
-            [[2 * c[2, 0], c[1, 1]], [c[1, 1], 2 * c[0, 2]]], [c[1, 0], c[0, 1]]
-        )
+        step = -np.linalg.solve([[2 * c[2, 0], c[1, 1]], [c[1, 1], 2 * c[0, 2]]], [c[1, 0], c[0, 1]])
         step *= min(1.0, 0.5 * reach_px / np.hypot(*step))
         found = found + step
         if np.hypot(*step) < 1e-6:
