@@ -29,14 +29,11 @@ class Hits:
         Weight per area of the unit disc: the integral over a bundle is that of density times share d(share) d(angle).
     whole : (n,) bool
         Whether every ray passes, and none beyond the edge: the bundle is star-shaped about its inner point.
-    rays : int
-        Traced for it.
     """
 
     on_plane: np.ndarray
     density_sr: np.ndarray
     whole: np.ndarray
-    rays: int
 
 
 def bundle_hits(
@@ -63,12 +60,12 @@ def bundle_hits(
     home, found = inner_points(arrays, positions_mm[[about]], own[:1]), bounded(arrays, positions_mm, own)
     if np.isnan(home.centres).any() or (found.counts < 3).any():
         nothing = np.full((n, directions, len(shares)), np.nan)
-        return Hits(np.stack([nothing, nothing], axis=-1), nothing, np.zeros(n, bool), home.rays)
+        return Hits(np.stack([nothing, nothing], axis=-1), nothing, np.zeros(n, bool))
     # Without a microlens what passes moves along with the position, by the drift of the outlines.
     drift = arrays[0][4] if lens == NO_MICROLENS else 0.0
     found.centres[:] = home.centres + drift * (found.positions - home.positions)
     owner, angle = found.spokes(directions)
-    radius, limit, rays = found.radii(owner, angle)
+    radius, limit = found.radii(owner, angle)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = found.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
     optics, table, _, lenses, _, mosaic = arrays
@@ -76,17 +73,16 @@ def bundle_hits(
     planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)
     starts = found.positions, own, np.repeat(owner, len(shares)), points.reshape(-1, 2)
     probes.hits(optics, table, lenses, mosaic, planes, *starts, hit)
-    rays += home.rays + len(owner) + len(hit)
-    hit = hit.reshape(n, directions, len(shares), 4)
-    whole = (hit[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
-    density = hit[..., 2] * (radius**2).reshape(n, directions, 1)
-    return Hits(hit[..., :2], density, whole, rays)
+    nodes = hit.reshape(n, directions, len(shares), 4)
+    whole = (nodes[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
+    density = nodes[..., 2] * (radius**2).reshape(n, directions, 1)
+    return Hits(nodes[..., :2], density, whole)
 
 
 def single_hits(
     arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
 ) -> np.ndarray:
-    """Where one ray from each position towards an aim of the sampling plane meets a plane of its own, (n, 2); NaN: none.
+    """Where a ray from each position towards an aim of the sampling plane meets a plane of its own, (n, 2); NaN: none.
 
     Parameters
     ----------
@@ -96,7 +92,6 @@ def single_hits(
     """
     optics, table, _, lenses, _, mosaic = arrays
     hit = np.empty((len(positions_mm), 4))
-    starts = positions_mm, lens, np.arange(len(lens)), aims_mm
-    planes, *starts = map(np.ascontiguousarray, (planes, *starts))
-    probes.hits(optics, table, lenses, mosaic, planes, *starts, hit)
+    given = map(np.ascontiguousarray, (planes, positions_mm, lens, np.arange(len(lens)), aims_mm))
+    probes.hits(optics, table, lenses, mosaic, *given, hit)
     return np.where(hit[:, 3:] > 0, hit[:, :2], np.nan)

@@ -107,10 +107,10 @@ class Edges:
         live = np.flatnonzero(~np.isnan(self.centres[:, 0]))
         return np.repeat(live, count), np.tile(2 * np.pi * np.arange(count) / count, len(live))
 
-    def radii(self, owner: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-        """Distances from inner points to the edge and to the polygon in some directions, and the rays traced."""
-        radius, _, limit, rays = _find(self, owner, angle, _EDGE_STEPS)
-        return radius, limit, rays
+    def radii(self, owner: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances from inner points to the edge and to the polygon in some directions."""
+        radius, _, limit, _ = _find(self, owner, angle, _EDGE_STEPS)
+        return radius, limit
 
     def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""

@@ -1,4 +1,4 @@
-"""A bundle as a function of the image position: hits and weights of its nodes, interpolated between traced positions."""
+"""A bundle as a function of the image position: hits and weights of its nodes, interpolated between positions."""
 
 from dataclasses import dataclass
 
@@ -23,15 +23,12 @@ class BundleMap:
     fields : (k k, a, r, 3) float64
         Per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and weight per
         area of the unit disc [sr].
-    rays : int
-        Traced for it.
     """
 
     x_px: np.ndarray
     half_px: np.ndarray
     offsets: np.ndarray
     fields: np.ndarray
-    rays: int
 
     def basis(self, x_px: np.ndarray) -> np.ndarray:
         """Lagrange's polynomials of the grid at positions (..., 2): the weights of `fields`, (..., k k)."""
@@ -79,4 +76,4 @@ def bundle_map(
     if not found.whole.all():
         return None
     fields = np.concatenate([found.on_plane, found.density_sr[..., None]], axis=-1)
-    return BundleMap(x_px, half_px, offsets, fields, found.rays)
+    return BundleMap(x_px, half_px, offsets, fields)

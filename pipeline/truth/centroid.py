@@ -34,21 +34,19 @@ class Centroid:
     x_px : (2,) float64
     error_px : float
         Difference of two integrals.
-    rays : int
     """
 
     x_px: np.ndarray
     error_px: float
-    rays: int
 
 
 def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float) -> Centroid:
     """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
-    lens, rays, found = int(rig.lens(np.array([cell]))[0]), 0, np.full((2, 2), np.nan)
+    lens, found = int(rig.lens(np.array([cell]))[0]), np.full((2, 2), np.nan)
+    lost = Centroid(np.full(2, np.nan), np.nan)
     look = bundle_map(rig.tracer, lens, x_px, np.full(2, _LOOK_PX), plane, 3, np.array([0.5, 1.0]), 16)
     if look is None:
-        return Centroid(found[1], np.nan, rays)
-    rays += look.rays
+        return lost
     seen = _linear(look, radius_mm * _circle(16))
     for number, (order, rings, directions, *disc) in enumerate((_ROUGH, _FINE)):
         shares, weight = _gauss(rings)
@@ -57,19 +55,18 @@ def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm
             half = (high - low) / 2
             around = bundle_map(rig.tracer, lens, (low + high) / 2, _SLACK * half, plane, order, shares, directions)
             if around is None:
-                return Centroid(np.full(2, np.nan), np.nan, rays)
-            rays += around.rays
+                return lost
             seen = _seen(around, radius_mm * _circle(64))[0]
             # The box was guessed; polynomials hold little beyond it.
             if (np.abs(seen - around.x_px) <= _LARGER * half).all():
                 break
         else:
-            return Centroid(np.full(2, np.nan), np.nan, rays)
+            return lost
         rim = seen.reshape(-1, 2)
         if not (rig.in_image(rim) & rig.in_cell(rim, np.full(len(rim), cell))).all():
-            return Centroid(np.full(2, np.nan), np.nan, rays)
+            return lost
         found[number] = _centroid(around, shares * weight, radius_mm, disc)
-    return Centroid(found[1], float(np.hypot(*(found[1] - found[0]))), rays)
+    return Centroid(found[1], float(np.hypot(*(found[1] - found[0]))))
 
 
 def _centroid(around: BundleMap, measure: np.ndarray, radius_mm: float, disc: list[int]) -> np.ndarray:

@@ -16,9 +16,10 @@ from pipeline.truth.saddle import corner_plane, saddle
 from pipeline.truth.solve import Rig
 
 SETS = {
-    "chief": "chief: where the ray through the centre of the stop or, behind a microlens, through its vertex sees the point",
-    "saddle": "saddle: where the gradient of the noise-free image vanishes, integrated over a pixel, of an infinite corner"
-    " with the point's edges in its tangent plane",
+    "chief": "chief: where the ray through the centre of the stop sees the point; behind a microlens, that through its"
+    " vertex",
+    "saddle": "saddle: where the noise-free image of an infinite corner, with the point's edges in its tangent plane,"
+    " integrated over a pixel, is stationary",
     "centroid": "centroid: of the noise-free image of the disc about the point in its tangent plane",
 }
 """The sets in the order of their columns, and what each is."""

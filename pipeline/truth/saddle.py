@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.tracer import Tracer
-from pipeline.truth import saddle_kernels as kernels
-from pipeline.truth.bundle_map import BundleMap, bundle_map
+from pipeline.truth.bundle_map import bundle_map
+from pipeline.truth.corner_image import CornerImage
+from pipeline.truth.saddle_start import start_of
 
 _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
 """Rings and directions of the bundle's triangles; their error falls with the square of these numbers."""
@@ -20,13 +21,8 @@ _GOOD_PX = 5e-4
 _ORDER, _CENTRED_PX = 3, 0.25
 _HALF_PX = 0.5 + _CENTRED_PX
 """Positions are traced out to the sides of a pixel that lies so far off the middle."""
-_LONGEST_PX = 1.0
 _ROUNDS, _STEPS = 8, 20
-_DONE_PX = 1e-7
-_DIFFERENCE_PX = 0.05
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-_SIDES = np.array([[[1, -1], [1, 1]], [[-1, -1], [-1, 1]], [[-1, 1], [1, 1]], [[-1, -1], [1, -1]]]) / 2
-"""Ends of the right, left, lower and upper side of a pixel."""
+_LONGEST_PX, _DONE_PX = 1.0, 1e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +34,10 @@ class Saddle:
     x_px : (2,) float64
     error_px : float
         Of the triangles that stand for the bundle.
-    rays : int
     """
 
     x_px: np.ndarray
     error_px: float
-    rays: int
 
 
 def corner_plane(plane: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -65,54 +59,35 @@ def saddle(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio
     ratio : float
         (white + black) / (white - black).
     """
-    rays, moved, apart, hessian = 0, np.inf, np.nan, np.full((2, 2), np.nan)
-    for rings, directions in _LEVELS:
-        shares, first = np.arange(rings + 1) / rings, rings == _LEVELS[0][0]
-        for turn in range(_ROUNDS):
+    lost, start = Saddle(np.full(2, np.nan), np.nan), start_of(tracer, lens, x_px, plane, ratio)
+    if start is None:
+        return lost
+    x_px, moved, apart, hessian = start.x_px, np.inf, np.full(2, np.nan), np.full((2, 2), np.nan)
+    for level, (rings, directions) in enumerate(_LEVELS):
+        for _ in range(_ROUNDS):
+            shares = np.arange(rings + 1) / rings
             around = bundle_map(tracer, lens, x_px, np.full(2, _HALF_PX), plane, _ORDER, shares, directions)
             if around is None:
-                return Saddle(np.full(2, np.nan), np.nan, rays)
-            rays += around.rays
-            if first and turn == 0:
-                x_px = x_px + _to_medians(around)
-                continue
-            image = _Image(around.fields, around, ratio)
-            if first:
-                hessian = image.hessian(x_px)
+                return lost
+            image = CornerImage(around, ratio)
+            hessian = hessian if level else image.hessian(x_px)
             found, hessian = _newton(image, x_px, hessian)
             moved, x_px = np.hypot(*(found - x_px)), found
             if not moved > _CENTRED_PX:
                 break
         if not moved <= _CENTRED_PX:
             break
-        coarse = _Image(np.ascontiguousarray(around.fields[:, ::2, ::2]), around, ratio)
-        apart = (x_px - _newton(coarse, x_px, hessian)[0]) / 3
+        assert around is not None
+        apart = (x_px - _newton(CornerImage(around, ratio, 2), x_px, hessian)[0]) / 3
         if np.hypot(*apart) < _GOOD_PX:
             break
-    if not moved <= _CENTRED_PX or not np.linalg.det(hessian) < 0:
-        return Saddle(np.full(2, np.nan), np.nan, rays)
-    return Saddle(x_px + apart, float(np.hypot(*apart)), rays)
+    near = np.hypot(*(x_px - start.x_px)) <= max(1.0, start.spread_px)
+    if not (moved <= _CENTRED_PX and near and np.linalg.det(hessian) < 0):
+        return lost
+    return Saddle(x_px + apart, float(np.hypot(*apart)))
 
 
-def _to_medians(around: BundleMap) -> np.ndarray:
-    """The step after which either edge halves the bundle: near the saddle even where coma has moved the mean far off."""
-    nodes = around.at(around.x_px)
-    share = np.linspace(0, 1, nodes.shape[1])
-    weight = (nodes[..., 2] * share).ravel()
-    median = []
-    for value in (nodes[..., 0].ravel(), nodes[..., 1].ravel()):
-        order = np.argsort(value)
-        below = np.cumsum(weight[order]) - weight[order] / 2
-        median.append(np.interp(weight.sum() / 2, below, value[order]))
-    mean = [
-        np.average(around.at(around.x_px + step)[..., :2], axis=(0, 1), weights=nodes[..., 2] * share)
-        for step in (*np.eye(2), *-np.eye(2))
-    ]
-    jacobian = np.stack([mean[0] - mean[2], mean[1] - mean[3]], axis=1) / 2
-    return -np.linalg.solve(jacobian, median)
-
-
-def _newton(image: "_Image", x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _newton(image: CornerImage, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where the gradient vanishes, within a pixel, and the updated Hessian; NaN: nowhere."""
     x, gradient = x_px, image.gradient(x_px)
     for _ in range(_STEPS):
@@ -130,49 +105,3 @@ def _newton(image: "_Image", x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.
         hessian = hessian + (np.outer(surprise, step) + np.outer(step, surprise)) / n
         hessian -= (surprise @ step) * np.outer(step, step) / n**2
     return x, hessian
-
-
-class _Image:
-    """The image of a corner, integrated over pixels."""
-
-    def __init__(self, fields: np.ndarray, around: BundleMap, ratio: float) -> None:
-        self.around, self.fields, self.ratio = around, fields, ratio
-        self.nodes = np.empty(fields.shape[1:])
-
-    def gradient(self, x_px: np.ndarray) -> np.ndarray:
-        """Derivative of the light of a pixel by its position, (2,) [sr per px]."""
-        right, left, lower, upper = (self._along(x_px + side) for side in _SIDES)
-        return np.array([right - left, lower - upper])
-
-    def hessian(self, x_px: np.ndarray) -> np.ndarray:
-        """Its derivative, (2, 2), by differences."""
-        steps = _DIFFERENCE_PX * np.eye(2)
-        rows = np.array([self.gradient(x_px + step) - self.gradient(x_px - step) for step in steps])
-        return (rows + rows.T) / (4 * _DIFFERENCE_PX)
-
-    def _at(self, x_px: np.ndarray) -> np.ndarray:
-        kernels.blend(self.fields, self.around.basis(x_px), self.nodes)
-        return self.nodes
-
-    def _along(self, ends: np.ndarray) -> float:
-        """Integral of the point image along a line of length 1 px.
-
-        A sharp bundle's light changes within a short piece of the line: nodes of Gauss and Legendre between the places
-        where the first and the last ray crosses an edge.
-        """
-        first, last = (self._extremes(end) for end in ends)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cut = first / (first - last)
-        cuts = np.sort(np.concatenate([[0.0, 1.0], cut[(cut > 0) & (cut < 1)]]))
-        total = 0.0
-        for low, high in zip(cuts[:-1], cuts[1:], strict=True):
-            for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-                t = (low + high) / 2 + (high - low) / 2 * node
-                light = kernels.corner_light(self._at(ends[0] + t * (ends[1] - ends[0])), self.ratio)
-                total += (high - low) / 2 * weight * light
-        return total
-
-    def _extremes(self, x_px: np.ndarray) -> np.ndarray:
-        """Least and greatest value of both coordinates over the bundle, (4,)."""
-        flat = self._at(x_px)[..., :2].reshape(-1, 2)
-        return np.concatenate([flat.min(axis=0), flat.max(axis=0)])

@@ -91,11 +91,14 @@ def test_chief_positions_are_where_forward_chief_rays_land(is_displaced: bool) -
         trace_rays(rows, position, way, np.ones(1))
         return position[0], way[0]
 
+    def beside(aim: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Where the ray meets the stop, from its centre."""
+        reached, _ = ray(table[: stop + 1], start, aim)
+        return apply(inverse(motion_of(table[stop])), reached[None])[0, :2]
+
     for point, x in zip(case.found.point, positions, strict=True):
         start = case.planes[point, 0] * FLIP
-        centre = inverse(motion_of(table[stop]))
-        aim = root(lambda a, s=start: apply(centre, ray(table[: stop + 1], s, a)[0][None])[0, :2], start[:2] * 0).x
-        position, way = ray(table, start, aim)
+        position, way = ray(table, start, root(beside, np.zeros(2), args=(start,)).x)
         landed = (position + (camera.sensor_distance_mm - position[2]) / way[2] * way) * FLIP
         assert case.rig.tracer.pixels_at(landed[None, :2])[0] == pytest.approx(x, abs=HOMED_PX)
     assert np.hypot(*(positions - case.j_px).T).min() > 1  # 2.3 px of coma at this stop: Tronnier, 8 mm off the axis
@@ -222,7 +225,7 @@ def test_the_centroid_is_that_of_a_rendered_disc(stop: float, radius: float) -> 
 
     light = dense_corner.rendered(camera, near, half, case.pose, colour, 1 << 18)
     places = (np.arange(len(light)) - (len(light) - 1) / 2) / dense_corner.SQUARES
-    dense = near + [light.sum(axis=0) @ places / light.sum(), light.sum(axis=1) @ places / light.sum()]
+    dense = near + np.array([light.sum(axis=0) @ places, light.sum(axis=1) @ places]) / light.sum()
     assert found.x_px == pytest.approx(dense, abs=DENSE_CENTROID_PX)
     assert stop == 17.1 or np.hypot(*(found.x_px - x)) > 10 * DENSE_CENTROID_PX
 
