@@ -142,3 +142,25 @@ VISIBLE_SHARE = 1.5e-3
 LIT_SHARE = 4e-3
 """A quotient of two pixels and a share, of 16,384 rays each [1]: pixels hold points of four dimensions, and across
 one the share bends by up to 1e-3."""
+
+HOMED_PX = 1e-6
+"""A position found by Newton's method, by two routes through the lens [px]: 1e-9 mm at the stop, ten roundings."""
+
+SADDLE_PX = 1e-3
+"""A saddle that two ways must share [px]: its triangles err by some 1e-4, as the header of a table says."""
+
+DENSE_SADDLE_PX = 0.01
+"""A saddle in 2^18 rays over 16 px [px]: gradients scatter by 1e-3 of white, and a cubic over 1.2 px leaves 3e-3."""
+
+DENSE_SADDLE_F2_PX = 0.1
+"""The same at f/2 with 2^22 rays over 64 px [px]: the corner is 10 px wide, and its image a tenth as steep."""
+
+CENTROID_PX = 1e-3
+"""A closed form to second order in the disc's radius over its distance [px]: 1e-2 cubed, of discs of 100 px."""
+
+DENSE_CENTROID_PX = 0.01
+"""A centroid of 2^18 Sobol points over 5,000 px, a tenth to a third of them lit [px]: 0.004 is seen."""
+
+DETECTOR_RMS_PX, DETECTOR_MEAN_PX = 0.05, 0.02
+"""What a corner detector may differ from the saddle in an image with less than a pixel of blur [px]: what good ones
+claim on images without noise."""

@@ -92,15 +92,10 @@ def _centres(tracer: Tracer) -> np.ndarray:
     """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
     optics, _, _, lenses, _, mosaic = tracer.arrays
     lens, count = np.arange(len(lenses)), len(lenses)
-    array = tracer.camera.microlenses
-    assert array is not None and tracer.lattice is not None
-    point = np.zeros((count, 3))
-    heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
-    point[:, 2] = np.array(heights)[tracer.lattice.type] if heights else 0.0
     centre = lenses[:, :2].copy()
-    aims, position, direction, passes = (np.empty((count, n)) for n in (2, 3, 3, 1))
+    position, direction, passes = (np.empty((count, n)) for n in (3, 3, 1))
     for _ in range(_STEPS):
-        elements.aims_for(optics, lenses, mosaic, lens, centre, point, aims)
+        aims = vertex_aims(tracer, lens, centre)
         elements.rays_before(optics, lenses, mosaic, lens, centre, aims, position, direction, passes[:, 0])
         slope = direction[:, :2] / direction[:, 2:]
         miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
@@ -108,6 +103,20 @@ def _centres(tracer: Tracer) -> np.ndarray:
         if np.abs(miss).max() < _TOLERANCE:
             return centre
     raise CameraError("no chief ray was found through some microlens", hint="is a microlens too strong for its slope?")
+
+
+def vertex_aims(tracer: Tracer, lens: np.ndarray, positions_mm: np.ndarray) -> np.ndarray:
+    """Where rays from sensor positions (n, 2) aim that pass the vertex of the aperture's face of microlenses (n,)."""
+    optics, _, _, lenses, _, mosaic = tracer.arrays
+    array = tracer.camera.microlenses
+    assert array is not None and tracer.lattice is not None
+    if is_plain(array):
+        return lenses[lens, :2]
+    point, aims = np.zeros((len(lens), 3)), np.empty((len(lens), 2))
+    heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
+    point[:, 2] = np.array(heights)[tracer.lattice.type[lens]] if heights else 0.0
+    elements.aims_for(optics, lenses, mosaic, lens, positions_mm, point, aims)
+    return aims
 
 
 def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:

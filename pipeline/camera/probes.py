@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import DISC, KIND, MODEL, PLAIN, free_weight, towards_microlens
-from pipeline.camera.moments import accumulate, cross_packet, finish, set_pivot
+from pipeline.camera.moments import accumulate, cross, cross_packet, finish, set_pivot
 from pipeline.camera.packets import send_packet
 from pipeline.camera.polygon import fan, point_in_fan
 from pipeline.camera.regions import SKIP, bound, new_region
@@ -167,6 +167,34 @@ def integrate(optics, table, lenses, mosaic, planes, positions, lens, owner, poi
         first += size
         if started and (first == owner.shape[0] or owner[first] != n):
             finish(sums, total, pivot, 1.0, moments[n])
+
+
+@kernel
+def hits(optics, table, lenses, mosaic, planes, positions, lens, owner, points, hit):
+    """Where the ray through each point meets the plane of its position.
+
+    Parameters
+    ----------
+    planes : (n, 4, 3) float64
+    owner, points : (m,) int64, (m, 2) float64
+        As in `probe`.
+    hit : (m, 4) float64
+        Written: coordinates on the plane, weight per area of the sampling plane, and 1 for a ray that passes, else 0.
+    """
+    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
+    x, y, z, dx, dy, dz, alive, _, weight = packet
+    first = 0
+    while first < owner.shape[0]:
+        n, size = owner[first], _stretch(owner, first)
+        start_x[:size], start_y[:size] = positions[n, 0], positions[n, 1]
+        for i in range(size):
+            x[i], y[i] = points[first + i]
+        send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
+        for i in range(size):
+            hit[first + i, 0], hit[first + i, 1] = cross(planes[n], x[i], y[i], z[i], dx[i], dy[i], dz[i])
+            hit[first + i, 2] = weight[i]
+            hit[first + i, 3] = 1.0 if alive[i] > 0.0 else 0.0
+        first += size
 
 
 @inline

@@ -8,7 +8,7 @@ point; one that is not is reported, not integrated.
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -99,7 +99,7 @@ class Edges:
             planes = np.ascontiguousarray(planes)
             probes.integrate(optics, table, lenses, mosaic, planes, *arguments, result, whole)
             rays += len(arguments[-1]) + len(owner)
-            status[owner] = np.where(whole & self._nothing_beyond(owner, along, radius, limit), 1, 2)[owner]
+            status[owner] = np.where(whole & self.nothing_beyond(owner, along, radius, limit), 1, 2)[owner]
         result[:, VARIANCE:] = 0.0
         result[:, FREE_WEIGHT] = self.free_sr
         result[status == EMPTY, WEIGHT] = 0.0
@@ -122,9 +122,17 @@ class Edges:
         marks = np.column_stack([np.zeros(len(owner)), marks, radius])
         return marks[:, :-1], np.diff(marks, axis=1)
 
-    def _nothing_beyond(
-        self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray
-    ) -> np.ndarray:
+    def spokes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Evenly spaced directions about every inner point: positions, ascending, and angles."""
+        live = np.flatnonzero(~np.isnan(self.centres[:, 0]))
+        return np.repeat(live, count), np.tile(2 * np.pi * np.arange(count) / count, len(live))
+
+    def radii(self, owner: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances from inner points to the edge and to the polygon in some directions."""
+        radius, _, limit, _ = _find(self, owner, angle, _EDGE_STEPS)
+        return radius, limit
+
+    def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
         height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
         open_ = radius < limit * (1 - 1e-9)
@@ -137,24 +145,32 @@ class Edges:
 
 def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
+    found = inner_points(arrays, positions_mm, lens)
+    owner, angle = found.spokes(_FIRST_DIRECTIONS)
+    # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
+    _, label, _, fine = _find(found, owner, angle, _CORNER_EDGE_STEPS)
+    corner_owner, corner, again = _corners(found, owner, angle, label)
+    return replace(found, corner_owner=corner_owner, corner_rad=corner, rays=found.rays + fine + again)
+
+
+def inner_points(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+    """The same without corners."""
+    found = bounded(arrays, positions_mm, lens)
+    rays = _settle_centres(found)
+    owner, angle = found.spokes(_FIRST_DIRECTIONS)
+    radius, _, _, more = _find(found, owner, angle, _FIRST_STEPS)
+    return replace(found, rays=rays + more + _move_to_middle(found, owner, angle, radius))
+
+
+def bounded(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+    """Only the polygons that enclose what passes; inner points are NaN."""
     positions, lens = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(lens, np.int64)
     n = len(positions)
     polygons, counts, free = np.zeros((n, MAX_VERTICES, 2)), np.zeros(n, np.int64), np.zeros(n)
     optics, _, outlines, lenses, aperture, mosaic = arrays
     probes.bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons, counts, free)
     none = np.zeros(0, np.int64), np.zeros(0)
-    found = Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0)
-    rays = _settle_centres(found)
-    owner = np.repeat(np.flatnonzero(~np.isnan(found.centres[:, 0])), _FIRST_DIRECTIONS)
-    angle = np.tile(2 * np.pi * np.arange(_FIRST_DIRECTIONS) / _FIRST_DIRECTIONS, len(owner) // _FIRST_DIRECTIONS)
-    radius, _, _, more = _find(found, owner, angle, _FIRST_STEPS)
-    rays += more + _move_to_middle(found, owner, angle, radius)
-    # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
-    _, label, _, fine = _find(found, owner, angle, _CORNER_EDGE_STEPS)
-    corner_owner, corner, again = _corners(found, owner, angle, label)
-    return Edges(
-        arrays, positions, lens, polygons, counts, free, found.centres, corner_owner, corner, rays + fine + again
-    )
+    return Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0)
 
 
 def _settle_centres(found: Edges) -> int:

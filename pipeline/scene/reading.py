@@ -27,6 +27,7 @@ _TRUTH = {
     "lambda_alpha_deg": "plen:truth:lambdaAlpha",
     "nearest_threshold_mm": "plen:truth:nearestThreshold",
     "min_hit_fraction": "plen:truth:minHitFraction",
+    "columns": "plen:truth:columns",
 }
 
 APERTURE_VALUES = {

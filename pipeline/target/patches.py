@@ -119,6 +119,19 @@ class Patch:
         kernels.heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), found)
         return np.column_stack([xy_mm, found[:, 0]]), *_bent(found)
 
+    def along(self, direction_rad: np.ndarray, axes: np.ndarray) -> np.ndarray:
+        """Unit vectors along the surface of directions (n, k) of the chart at points with `axes` of `place`, (n, k, 3).
+
+        Patch frame. A cylinder is rolled without stretching; heights keep the chart's x and y.
+        """
+        flat = np.stack([np.cos(direction_rad), np.sin(direction_rad)], axis=-1)
+        if self.kind != HEIGHTS:
+            return flat @ axes[:, :, :2].transpose(0, 2, 1)
+        normal = axes[:, :, 2]
+        rise = -np.einsum("nki,ni->nk", flat, normal[:, :2]) / normal[:, 2:]
+        raised = np.concatenate([flat, rise[..., None]], axis=-1)
+        return raised / np.linalg.norm(raised, axis=-1, keepdims=True)
+
     def hull_mm(self) -> np.ndarray:
         """Points of the target frame around the patch, (n, 3) [mm]."""
         return apply(self.target_from_patch, self.mesh().reshape(-1, 3))

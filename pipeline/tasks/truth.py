@@ -15,6 +15,7 @@ from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.rays import MOMENTS
 from pipeline.tasks.surroundings import surroundings_of
+from pipeline.truth.column_sets import SETS, column_names, column_set
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
 from pipeline.truth.on_points import ImageOf, correspond_points, largest_sag_mm, plane_name
@@ -37,20 +38,26 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     entries = sorted(params["targets"], key=lambda entry: entry["name"])
     surroundings = surroundings_of(entries, params["occluders"])
     for number, entry in enumerate(entries):
-        points, pose = target_from_plain(entry["target"]).points(), np.array(entry["vision_from_target"])
+        target, pose = target_from_plain(entry["target"]), np.array(entry["vision_from_target"])
+        points = target.points()
         traced = _traced(positions, entry["name"], len(points.frames))
         found = correspondences(rig, grid, settings, points, pose, traced)
-        visibility = np.zeros(0)
-        if found is not None:
-            planes = tangent_planes(pose, points.position_mm, points.plane_axes)
-            found, visibility = seen(rig, surroundings, number, found, planes)
-        notes.append(f"{entry['name']}: {_note(found, points, pose)}")
         if found is None:
+            notes.append(f"{entry['name']}: {_note(None, points, pose)}")
             continue
-        for name, column in _columns(params, entry["name"], points, pose, rig, found, visibility).items():
+        planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+        found, visibility = seen(rig, surroundings, number, found, planes)
+        note = _note(found, points, pose)
+        of_target = _columns(params, entry["name"], points, pose, rig, found, visibility)
+        for name in settings.column_sets:
+            extra = column_set(name, rig, target, pose, planes, found.found)
+            of_target |= dict(zip(column_names(name), extra.x_px.T, strict=True))
+            note += f"; {extra.note}"
+        for name, column in of_target.items():
             columns.setdefault(name, []).extend(column)
+        notes.append(f"{entry['name']}: {note}")
     if not columns:
-        columns = {name: [] for name in COLUMNS}
+        columns = {name: [] for name in (*COLUMNS, *(c for s in settings.column_sets for c in column_names(s)))}
     write_table(out / "correspondences.csv", [*_header(params, settings, grid, rig), *notes], columns)
 
 
@@ -231,6 +238,7 @@ def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | Non
         f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
+        *(SETS[name] for name in settings.column_sets),
     ]
 
 

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+COLUMN_SETS = ("chief", "saddle", "centroid")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthSettings:
@@ -26,6 +28,8 @@ class TruthSettings:
         Correspondences below this hit fraction are dropped.
     accuracy_px : float or None
         Error that rows may have; None: what the method is expected to keep, see `claim_px`.
+    columns : tuple of str
+        Sets of columns beside those that every table has, see `column_sets`.
     """
 
     method: str = "moments"
@@ -36,6 +40,12 @@ class TruthSettings:
     nearest_threshold_mm: float = 0.05
     min_hit_fraction: float = 0.05
     accuracy_px: float | None = None
+    columns: tuple[str, ...] = ()
+
+    @property
+    def column_sets(self) -> tuple[str, ...]:
+        """The same sets once each, in the order of the table."""
+        return tuple(name for name in COLUMN_SETS if name in self.columns)
 
     @property
     def claim_px(self) -> float | None:

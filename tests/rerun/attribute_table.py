@@ -271,6 +271,7 @@ METHOD = {
     "plen:truth:footprint": [Case(A, "pixel", refused=True)],
     "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
+    "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
 }
 
 CASES: dict[str, list[Case]] = {
