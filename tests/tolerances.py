@@ -164,3 +164,7 @@ DENSE_CENTROID_PX = 0.01
 DETECTOR_RMS_PX, DETECTOR_MEAN_PX = 0.05, 0.02
 """What a corner detector may differ from the saddle in an image with less than a pixel of blur [px]: what good ones
 claim on images without noise."""
+
+HALVED_SQUARE = 0.1
+"""Of the fall of a shift when a square's edge goes from 0.5 to 0.25 px [relative]: the fourth order in the edge, in the
+penumbra, where the lit part of an aperture changes within a pixel; half of it one step further."""

@@ -76,7 +76,7 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
         f"tile{number}": graph.add(
             f"rays_tile/{entry.name}/{number:04d}",
             f"{_KIND}rays_tile",
-            {"first_row": first, "end_row": end, **sampling},
+            {"first_row": first, "end_row": end, **sampling, "square_px": entry.square_px},
             reads,
         )
         for number, (first, end) in enumerate(rows)
@@ -123,7 +123,8 @@ def _add_frame(
             truth_reads["micro_images"] = f"micro_images/{entry.name}"
     if entry.truth["method"] == "image":
         planes = [plane for target in dataset.targets for plane in _tangent_planes(target, poses[target.name])]
-        light = {"weight": entry.weight, "wavelength_nm": entry.wavelength_nm}
+        light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
+        light["square_px"] = entry.square_px
         params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
         truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
         files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
@@ -181,7 +182,8 @@ def frame_occluders(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[
 def _add_certificate(graph: TaskGraph, entry: CameraEntry, targets: dict[int, list[dict[str, Any]]]) -> str:
     frames = [{"number": number, "targets": named} for number, named in targets.items()]
     reads = {f"frame{number}": f"truth/{entry.name}/{number:04d}" for number in targets}
-    params = {"frames": frames, "truth": to_plain(entry.truth), "seed": entry.sampling.seed}
+    judged = {"truth": to_plain(entry.truth), "square_px": entry.square_px}
+    params = {"frames": frames, **judged, "seed": entry.sampling.seed}
     return graph.add(
         f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}
     )
@@ -203,6 +205,7 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
         "camera": entry.name,
         "targets": targets,
         "truth": to_plain(entry.truth),
+        "square_px": entry.square_px,
         "labels": labels,
     }
 

@@ -84,7 +84,7 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
             for frame in dataset.frames
         ]
         tracer = Tracer(focused(entry.camera), dataset.seed + seed)
-        rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None)
+        rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, entry.square_px)
         problems += _misplaced(dataset, entry, tables)
         scenes = [_scene(dataset, entry, number, table) for number, table in tables]
         problems += [f"camera {entry.name}, {wrong}" for wrong in wrong_visibilities(rig, scenes, seed)]

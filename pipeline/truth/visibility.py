@@ -98,7 +98,7 @@ def shares(
         *tracer.arrays,
         sobol_bits(rays // REPLICAS),
         tracer.seed ^ _STREAM,
-        0.0,  # all from the position itself
+        rig.square_px * tracer.camera.sensor.pitch_mm,
         np.rint(x_px).astype(np.int64),
         tracer.positions_mm(*x_px.T),
         np.repeat(lens[:, None], REPLICAS, axis=1),  # the places of the microlenses are the replicas

@@ -69,7 +69,7 @@ class Scene:
         return found
 
     def _traced(self, target_from_plane: np.ndarray) -> Part:
-        params = {"supersampling": K, "samples": self.samples, "seed": self.seed}
+        params = {"supersampling": K, "samples": self.samples, "seed": self.seed, "square_px": 0.0}
         image = position_image(self.rig.tracer, self.rig.images, self.pose @ target_from_plane, params)
         return Part(name="J", channels={"X": image[..., 0], "Y": image[..., 1]}, attributes={})
 
