@@ -51,6 +51,7 @@ picture: $(STAMP)
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/target_sheet.py docs/targets.png
+	$(BIN)/python docs/detectors.py
 
 wheel: $(STAMP)
 	$(BIN)/python -m build --wheel --outdir dist

@@ -152,8 +152,8 @@ SADDLE_PX = 1e-3
 DENSE_SADDLE_PX = 0.01
 """A saddle in 2^18 rays over 16 px [px]: gradients scatter by 1e-3 of white, and a cubic over 1.2 px leaves 3e-3."""
 
-DENSE_SADDLE_F2_PX = 0.1
-"""The same at f/2 with 2^22 rays over 64 px [px]: the corner is 10 px wide, and its image a tenth as steep."""
+DENSE_SADDLE_F2_PX = 0.05
+"""The same at f/2 with 2^21 rays, a cubic over 2 px [px]: noise, by which cubics over 0.6 to 2 px differ."""
 
 CENTROID_PX = 1e-3
 """A closed form to second order in the disc's radius over its distance [px]: 1e-2 cubed, of discs of 100 px."""

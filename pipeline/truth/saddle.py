@@ -1,4 +1,4 @@
-"""The saddle of a corner's noise-free image: what corner detectors look for.
+"""The saddle of a corner's noise-free image.
 
 An infinite X-corner with the edges of the target point lies in its tangent plane. Its image, integrated over the square
 of a pixel at a continuous position x, is a smooth function E(x); the saddle is where grad E = 0 and det Hess E < 0. By
