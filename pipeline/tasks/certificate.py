@@ -7,11 +7,9 @@ import numpy as np
 
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import Table, read_table
-from pipeline.records import from_plain
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.truth.certificate import Rows, certify, sample
-from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, tangent_planes
 
 _STREAM = 0x5EA1
@@ -19,15 +17,14 @@ _STREAM = 0x5EA1
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frames (list of {number, targets: of {name, target, vision_from_target}}), truth, square_px, seed."""
+    """Params: frames (list of {number, targets: of {name, target, vision_from_target}}), claim_px, square_px, seed."""
     tracer, images = tracer_of(inputs, params["seed"] ^ _STREAM)
     tables = [
         (frame["targets"], read_table(inputs[f"frame{frame['number']}"]["correspondences.csv"]))
         for frame in params["frames"]
     ]
-    settings = from_plain(TruthSettings, params["truth"])
     rig = Rig(tracer, images, params["square_px"])
-    write_json(out / "certificate.json", certificate(rig, tables, settings.claim_px, params["seed"]))
+    write_json(out / "certificate.json", certificate(rig, tables, params["claim_px"], params["seed"]))
 
 
 def certificate(

@@ -4,10 +4,12 @@ Params hold exactly what a task reads, in the camera's own frame, so that moving
 in the params of the tasks that write them.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
+from pipeline.camera.camera import Camera
 from pipeline.camera.request import FocusRequest, group_shift, solved
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
@@ -18,6 +20,7 @@ from pipeline.target.target import plain_from_target
 from pipeline.tasks.poses import poses_json, targets_json, vision_from_occluder, vision_from_target
 from pipeline.tasks.rays_tile import tile_rows
 from pipeline.truth.on_points import plane_name
+from pipeline.truth.settings import TruthSettings
 
 _KIND = "pipeline.tasks."
 
@@ -39,7 +42,7 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     name, folder = entry.name, f"cameras/{entry.name}"
     labels = labels_of(entry)
     asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
-    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: to_plain(entry.camera)})}
+    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: to_plain(_nameless(entry.camera))})}
     report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
     if entry.truth["method"] != "direct":
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, reads), "rays.exr")
@@ -50,6 +53,17 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     if entry.camera.microlenses:
         table = graph.add(f"micro_images/{name}", f"{_KIND}micro_images", {}, reads)
         files[f"{folder}/micro_images.csv"] = (table, "micro_images.csv")
+
+
+def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
+    """The same camera with the groups of its lens numbered: what they are called bends no ray."""
+    groups = camera.prescription.groups
+    numbered = tuple(dataclasses.replace(group, name=str(number)) for number, group in enumerate(groups))
+    nameless = dataclasses.replace(camera, prescription=dataclasses.replace(camera.prescription, groups=numbered))
+    if isinstance(nameless, Camera):
+        return nameless
+    numbers = {group.name: str(number) for number, group in enumerate(groups)}
+    return dataclasses.replace(nameless, focus_groups=tuple(sorted(numbers[name] for name in nameless.focus_groups)))
 
 
 def labels_of(entry: CameraEntry) -> dict[str, Any]:
@@ -182,7 +196,8 @@ def frame_occluders(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[
 def _add_certificate(graph: TaskGraph, entry: CameraEntry, targets: dict[int, list[dict[str, Any]]]) -> str:
     frames = [{"number": number, "targets": named} for number, named in targets.items()]
     reads = {f"frame{number}": f"truth/{entry.name}/{number:04d}" for number in targets}
-    judged = {"truth": to_plain(entry.truth), "square_px": entry.square_px}
+    settings = TruthSettings(**entry.truth)  # type: ignore[arg-type]  # scene and truth are strangers
+    judged = {"claim_px": settings.claim_px, "square_px": entry.square_px}
     params = {"frames": frames, **judged, "seed": entry.sampling.seed}
     return graph.add(
         f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}

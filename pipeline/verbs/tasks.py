@@ -17,10 +17,10 @@ def run_task(
 ) -> None:
     """Run single tasks from their files, in this process: to repeat a failure, or in an array of a batch system."""
     from pipeline.engine.single import run_task as run
-    from pipeline.engine.store import Store
+    from pipeline.engine.store import Store, writable
     from pipeline.tasks.build import TASKS
 
-    store = Store(warn=note)
+    store = writable(Store(warn=note))
     replies = [run(path, store, TASKS, force=force) for path in specs]
     for reply in replies:
         if reply["state"] == "failed":

@@ -110,3 +110,27 @@ def test_a_flipped_bit_in_every_file_of_the_store_is_repaired(tmp_path, cache):
         assert again.executed and not again.failed
         assert toy.contents(tmp_path / "out") == right
     assert len(files) > 8
+
+
+def test_a_store_that_may_only_be_read_gets_a_private_one_on_top(tmp_path, kit, monkeypatch):
+    """Its results count, what is new stays out of it, damage in it is a miss; said once per build."""
+    shared, said = tmp_path / "shared", []
+    first = build(toy.project(tmp_path / "first"), store=Store(shared), jobs=1)
+    before = toy.snapshot(shared)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "private"))
+    monkeypatch.setattr(os, "access", lambda path, mode: not str(path).startswith(str(shared)))
+
+    def again(**changes):
+        result = build(toy.project(tmp_path / "out", **changes), store=Store(shared, warn=said.append), jobs=2)
+        assert result.exit_code == 0
+        return toy.executed(result)
+
+    assert again() == set() and toy.contents(tmp_path / "out") == toy.contents(first.out)
+    assert again(samples=9) == {"rays/cam", "image/cam/0000", "image/cam/0001", "report"}
+    assert again(samples=9) == set()
+    assert toy.snapshot(shared) == before
+    assert len(said) == 3 and all("may only be read" in text for text in said)
+    record = next((shared / "ac").rglob("*.json"))
+    record.chmod(0o644)
+    record.write_bytes(b"damaged")
+    assert len(again()) == 1 and again() == set()

@@ -223,7 +223,7 @@ def _build_above(bench: Workbench, place: Path) -> int:
     warnings: list[str] = []
     codes = []
     for _ in range(2):
-        result = bench.build(place, on_event=lambda e: warnings.append(e["text"]) if e["event"] == "warning" else None)
+        result = build(bench.at(place), store=Store(place / "store", warn=warnings.append), jobs=1)
         codes.append((result.exit_code, result.executed > 0))
     return int(codes != [(0, True), (0, False)] or len(warnings) != 2)
 

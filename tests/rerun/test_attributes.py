@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from pxr import Sdf, Usd
 from rerun.attribute_stage import STAGE
-from rerun.attribute_table import CASES, TRUTH
+from rerun.attribute_table import CASES, TRUTH, A
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.graph import TaskGraph
@@ -131,6 +131,20 @@ def test_renaming_a_target_or_a_camera_reruns_only_what_writes_its_name(bench, o
     assert {name.split("/")[0] for name in changed} == TRUTH
     if old == "A":
         assert {name.split("/")[1] for name in changed} == {"Left.Camera"}
+
+
+@pytest.mark.parametrize("focused", [False, True])
+def test_the_name_of_a_lens_group_bends_no_ray(bench, focused):
+    """Of a request camera.json repeats the names; nothing else may run."""
+    edits = {(A, "plen:camera:focusGroups"): ["Rear"], (A, "plen:camera:focusDistance"): 434.0} if focused else {}
+    before = bench.keys(edits)
+    bench.load(edits)
+    stage = bench.folder / f"{bench.count}.usda"
+    text = stage.read_text(encoding="utf-8").replace('"Rear"', '"Back"')
+    renamed = stage.with_name(f"group_{focused}.usda")
+    renamed.write_text(text, encoding="utf-8")
+    changed = reruns(before, bench._keys(graph_of(load(renamed).dataset)[0]))
+    assert changed == ({"first_order/A.Camera"} if focused else set())
 
 
 def test_keys_are_the_same_in_another_process_with_another_hash_seed(bench, tmp_path):
