@@ -1,19 +1,21 @@
 """What share of a ray a pixel takes, by its angle with the axis, and weights of apertures with it. Kernels only.
 
 `detail` holds the numbers, see `camera.mosaic`. With theta the angle to the axis and A its acceptance, the weight of a
-region is the integral of A cos(theta) d omega. It is a sum over the region's edges of the integral of G d phi, where
-phi is the azimuth seen from the sensor position and G(theta) the integral of A cos sin from 0 to theta.
+region is the integral of A cos(theta) d omega, or of A over its area. It is a sum over the region's edges of the
+integral of G d phi, where phi is the azimuth seen from the sensor position and G(theta) the integral of A cos sin from
+0 to theta, or of A tan / cos^2 times the squared distance of the region's plane.
 """
 
 import math
 
 import numpy as np
 
-from pipeline.camera.polygon import projected_solid_angle
+from pipeline.camera.polygon import area, projected_solid_angle
 from pipeline.jit import inline
 
-POWER, HALF_ANGLE, ROLL_OFF = 0, 1, 2
-"""Places in `detail`: exponent of a cosine, or 0; half angle and roll-off of a cone [rad], the first 0 for none."""
+POWER, HALF_ANGLE, ROLL_OFF, BY_AREA = 0, 1, 2, 3
+"""Places in `detail`: exponent of a cosine, or 0; half angle and roll-off of a cone [rad], the first 0 for none; 1 if
+rays weigh area of the sampling plane, 0 if irradiance."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
@@ -37,8 +39,10 @@ def accepted_share(detail, cosine):
 
 @inline
 def region_weight(polygon, count, x, y, distance, detail):
-    """Integral of A cos(theta) d omega over a polygon in the plane z = distance, seen from (x, y, 0) [sr]."""
+    """Weight of a polygon in the plane z = distance, seen from (x, y, 0) [sr, by area mm^2]."""
     if not is_limited(detail):
+        if detail[BY_AREA] > 0.0:
+            return area(polygon, count)
         return projected_solid_angle(polygon, count, x, y, distance)
     total = 0.0
     for i in range(count):
@@ -46,7 +50,7 @@ def region_weight(polygon, count, x, y, distance, detail):
         ax, ay = (polygon[i, 0] - x) / distance, (polygon[i, 1] - y) / distance
         bx, by = (polygon[j, 0] - x) / distance, (polygon[j, 1] - y) / distance
         total += _edge_weight(ax, ay, bx, by, detail)
-    return total
+    return distance * distance * total if detail[BY_AREA] > 0.0 else total
 
 
 @inline
@@ -99,7 +103,9 @@ def _piece_weight(off, start, end, detail):
 
 @inline
 def _inner_weight(squared, detail):
-    """G for the squared tangent of theta."""
+    """G for the squared tangent of theta; by area that in a plane at distance 1."""
+    if detail[BY_AREA] > 0.0:
+        return _inner_area(squared, detail)
     power = detail[POWER] + 2.0
     if detail[POWER] > 0.0:
         return -math.expm1(-0.5 * power * math.log1p(squared)) / power
@@ -115,6 +121,26 @@ def _inner_weight(squared, detail):
     share = 1.0 - (last - first) / width
     wave = (math.sin(2.0 * last) - math.sin(2.0 * first)) / (8.0 * width)
     return inside + 0.25 * (math.cos(2.0 * first) - share * math.cos(2.0 * last)) - wave
+
+
+@inline
+def _inner_area(squared, detail):
+    power = detail[POWER]
+    if power == 2.0:
+        return 0.5 * math.log1p(squared)
+    if power > 0.0:
+        return math.expm1((1.0 - 0.5 * power) * math.log1p(squared)) / (2.0 - power)
+    first, width = detail[HALF_ANGLE], detail[ROLL_OFF]
+    theta = math.atan(math.sqrt(squared))
+    if theta <= first:
+        return 0.5 * squared
+    if width == 0.0:
+        return 0.5 * math.tan(first) ** 2
+    last = min(theta, first + width)
+    # Integral of (1 - (t - first) / width) tan(t) / cos(t)^2 by parts.
+    share = 1.0 - (last - first) / width
+    wave = (math.tan(last) - math.tan(first) - (last - first)) / (2.0 * width)
+    return 0.5 * share * math.tan(last) ** 2 + wave
 
 
 @inline

@@ -20,7 +20,7 @@ class Bundle:
     origin_mm, direction : (n, 3) float64
         A point of each ray on the front surface of the lens, and its unit direction into the scene.
     weight_sr : (n,) float64
-        Share of the integral of cos(theta) d omega at the sensor.
+        Share of the integral of cos(theta) d omega at the sensor; of a camera that weighs area that in mm^2.
     """
 
     origin_mm: np.ndarray

@@ -13,6 +13,8 @@ from pipeline.optics.prescription import Prescription
 if TYPE_CHECKING:
     from pipeline.camera.bundle import Bundle
 
+WEIGHTS = ("irradiance", "area")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
@@ -66,6 +68,9 @@ class Camera:
         Blur-disc diameter that still counts as sharp, for the depth of field.
     near_mm, far_mm : float or None
         Vision z of the planes of J_near and J_far; None: derived from the depth of field by `focused`.
+    weight : str
+        What a ray weighs, besides its acceptance: `irradiance`, cos(theta) d omega at the sensor, or `area` of the
+        sampling plane. Weights are in sr or in mm^2.
     """
 
     prescription: Prescription
@@ -75,8 +80,11 @@ class Camera:
     circle_of_confusion_px: float = 1.0
     near_mm: float | None = None
     far_mm: float | None = None
+    weight: str = "irradiance"
 
     def __post_init__(self) -> None:
+        if self.weight not in WEIGHTS:
+            raise CameraError(f'rays know no weight "{self.weight}"', hint=f"one of: {', '.join(WEIGHTS)}")
         last_mm = self.prescription.vertices_from_stop_mm[-1]
         film_mm = self.sensor_distance_mm - (self.microlenses.reach_mm if self.microlenses else 0.0)
         if film_mm <= last_mm:

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from pipeline.camera.acceptance import disc_weight, is_limited, region_weight
+from pipeline.camera.acceptance import BY_AREA, disc_weight, is_limited, region_weight
 from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 
@@ -17,7 +17,7 @@ X, Y, FOCAL, KIND, Z, AIM, BY_START, BY_AIM, OUTLINE_X, OUTLINE_Y, BASE_X, BASE_
 """Columns of `lenses`. Plain microlenses have the first three."""
 PLAIN_COLUMNS, COLUMNS = 3, 14
 
-DISC, MODEL, TURN = 3, 4, 5
+DISC, MODEL, TURN = 4, 5, 6
 """Places in `detail` behind those of `camera.acceptance`: radius of the disc or 0, the model, the turn (9)."""
 PLAIN, THIN, TWO_PLANE, REFRACTIVE = 0.0, 1.0, 2.0, 3.0
 """Models; a plain microlens is thin and parallel to the sensor."""
@@ -122,14 +122,14 @@ def aim_for(sensor_z, lenses, mosaic, lens, sx, sy, px, py, pz):
 
 @inline
 def free_weight(optics, lenses, aperture, mosaic, lens, sx, sy, polygon):
-    """Weight of all rays from a sensor position through the aperture of a microlens, the main lens ignored [sr]."""
+    """Weight of all rays from a sensor position through the aperture of a microlens, main lens ignored [sr or mm^2]."""
     detail, rims = mosaic[0], mosaic[3]
     x, y = sx - lenses[lens, X], sy - lenses[lens, Y]
     if detail[MODEL] == PLAIN:
         distance = optics[1] - optics[0]
         if not detail[DISC] > 0.0:
             return region_weight(aperture, aperture.shape[0], x, y, distance, detail)
-        if not is_limited(detail):
+        if not (is_limited(detail) or detail[BY_AREA] > 0.0):
             return disc_weight(detail[DISC], x, y, distance)
         return region_weight(rims[0], rims.shape[1], x, y, distance, detail)
     rim = rims[int(lenses[lens, KIND])]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera import elements
-from pipeline.camera.acceptance import HALF_ANGLE, POWER, ROLL_OFF
+from pipeline.camera.acceptance import BY_AREA, HALF_ANGLE, POWER, ROLL_OFF
 from pipeline.camera.array import CameraError, MicrolensArray
-from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.camera import Camera
 from pipeline.camera.chief import chief_slopes
 from pipeline.camera.faces import append_edges, face_table
 from pipeline.camera.lattice import Lattice, cell, tilt
@@ -33,7 +33,7 @@ _SAFETY = 1.2
 _MODELS = {"two-plane": elements.TWO_PLANE, "refractive": elements.REFRACTIVE}
 
 Mosaic = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Detail (14,), faces (types, surfaces, columns), bends (types, 3), rims (types, n, 3): see `camera.elements`."""
+"""Detail (15,), faces (types, surfaces, columns), bends (types, 3), rims (types, n, 3): see `camera.elements`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def microlenses(
     camera: Camera, table: np.ndarray, stop_row: int, lattice: Lattice | None, vertices: np.ndarray, bounds: Outlines
 ) -> Microlenses:
     """Arrays of a camera whose surfaces, lattice and outlines are known."""
-    array, detail = camera.microlenses, _detail(camera.sensor, camera.microlenses)
+    array, detail = camera.microlenses, _detail(camera)
     if array is None or lattice is None:
         nothing = (detail, np.zeros((1, 1, 1)), np.zeros((1, elements.BENDS)), np.zeros((1, 1, 3)))
         return Microlenses(np.zeros((0, elements.PLAIN_COLUMNS)), np.zeros((0, 2)), nothing, np.zeros((0, 2)))
@@ -108,8 +108,9 @@ def microlenses(
     return Microlenses(lenses, aperture, mosaic, lenses[:, [elements.BY_START, elements.BY_AIM]])
 
 
-def _detail(sensor: Sensor, array: MicrolensArray | None) -> np.ndarray:
-    detail = np.zeros(elements.TURN + 9)
+def _detail(camera: Camera) -> np.ndarray:
+    sensor, array, detail = camera.sensor, camera.microlenses, np.zeros(elements.TURN + 9)
+    detail[BY_AREA] = camera.weight == "area"
     if sensor.acceptance == "cosine":
         detail[POWER] = sensor.acceptance_power
     elif sensor.acceptance == "cone":

@@ -2,7 +2,7 @@
 
 import math
 
-from pipeline.camera.acceptance import accepted_share, is_limited
+from pipeline.camera.acceptance import BY_AREA, accepted_share, is_limited
 from pipeline.camera.elements import AIM, DISC, MODEL, PLAIN, through_microlens
 from pipeline.camera.polygon import point_in_fan
 from pipeline.camera.sobol import scrambled
@@ -50,6 +50,7 @@ def start_packet(
 def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet):
     """Send rays from sensor positions through given points of the sampling plane and trace them into the scene.
 
+    A ray weighs what it stands for per area of that plane: cos^4 / h^2 of irradiance, or 1, times its acceptance.
     `packet`: x and y hold the points on entry; the rays behind the front vertex and their weights on exit.
     """
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
@@ -70,10 +71,13 @@ def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, pac
         if lens >= 0 and detail[MODEL] != PLAIN:
             h = lenses[lens, AIM]
         for i in range(size):
-            # The weight without acceptance is cos^4 / h^2.
+            # The weight so far is cos^4 / h^2.
             share = accepted_share(detail, math.sqrt(h * math.sqrt(weight[i])))
-            weight[i] *= share
+            weight[i] = share if detail[BY_AREA] > 0.0 else weight[i] * share
             alive[i] = alive[i] if share > 0.0 else 0.0
+    elif detail[BY_AREA] > 0.0:
+        for i in range(size):
+            weight[i] = 1.0
     trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
 
 

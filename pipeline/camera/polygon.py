@@ -83,6 +83,16 @@ def clip(polygon, count, nx, ny, limit, scratch):
 
 
 @inline
+def area(polygon, count):
+    """Area of a polygon, counter-clockwise [mm^2]."""
+    total = 0.0
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        total += 0.5 * (polygon[i, 0] * polygon[j, 1] - polygon[j, 0] * polygon[i, 1])
+    return total
+
+
+@inline
 def projected_solid_angle(polygon, count, x, y, distance):
     """Integral of cos(theta) d omega over a polygon in the plane z = distance, seen from (x, y, 0) [sr].
 

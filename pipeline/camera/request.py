@@ -40,6 +40,7 @@ class FocusRequest:
     circle_of_confusion_px: float = 1.0
     near_mm: float | None = None
     far_mm: float | None = None
+    weight: str = "irradiance"
     sensor_distance_mm: float | None = None
     focus_distance_mm: float | None = None
     focus_type: int | None = None
@@ -74,6 +75,7 @@ def solved(camera: Camera | FocusRequest) -> Camera:
         circle_of_confusion_px=camera.circle_of_confusion_px,
         near_mm=camera.near_mm,
         far_mm=camera.far_mm,
+        weight=camera.weight,
     )
     return with_matched_stop(placed) if camera.match_stop else placed
 

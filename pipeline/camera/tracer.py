@@ -164,7 +164,7 @@ class Tracer:
 
     @cached_property
     def reference_weight_sr(self) -> float:
-        """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr]."""
+        """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or mm^2]."""
         lens, position = NO_MICROLENS, np.zeros((1, 2))
         if self.lattice is not None:
             lens = int(np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[0])

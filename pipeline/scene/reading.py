@@ -140,6 +140,7 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
         "circle_of_confusion_px": need(prim, "plen:camera:circleOfConfusion"),
         "near_mm": read(prim, "plen:camera:near"),
         "far_mm": read(prim, "plen:camera:far"),
+        "weight": need(prim, "plen:camera:weight"),
     }
     focus_mm, match_stop = read(prim, "plen:camera:focusDistance"), need(prim, "plen:camera:stopMatch") != "none"
     if focus_mm is None and not match_stop:

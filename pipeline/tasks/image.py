@@ -27,9 +27,11 @@ def write_image(
     out: Path, name: str, pixels: np.ndarray, params: dict[str, Any], tracer: Any, more: Sequence[Part] = ()
 ) -> None:
     """Write `name`.exr, relative irradiance with its reference in the header, and `name`.png, an 8-bit preview."""
+    by_area = tracer.camera.weight == "area"
+    measure = "dA in the sampling plane" if by_area else "cos(theta) d omega"
     attributes = {
-        "content": "relative irradiance: integral of L cos(theta) d omega over W_ref",
-        "W_ref_sr": tracer.reference_weight_sr,
+        "content": f"relative irradiance: integral of L {measure} over W_ref",
+        "W_ref_mm2" if by_area else "W_ref_sr": tracer.reference_weight_sr,
         **{key: params[key] for key in ("weight", "wavelength_nm", "samples", "seed")},
     }
     write_exr(out / f"{name}.exr", [Part(name=name, channels={"Y": pixels}, attributes=attributes), *more])

@@ -8,6 +8,7 @@ import pytest
 
 import pipeline
 from pipeline.errors import UsageError
+from pipeline.files.exr import read_exr
 from pipeline.report.certificate import failed, lines
 from pipeline.tasks.verify import verify
 
@@ -57,3 +58,33 @@ def test_a_row_moved_by_a_fiftieth_of_a_pixel_disagrees(built, tmp_path):
 def test_a_folder_without_a_manifest_is_refused(tmp_path):
     with pytest.raises(UsageError, match="no finished build"):
         verify(tmp_path)
+
+
+def test_weight_and_footprint_travel_into_every_file_and_the_judge_reads_them(tmp_path, monkeypatch):
+    """A build by area and with pixels: headers say so, its certificate passes, and `verify` agrees."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    stage = tmp_path / "dataset.usda"
+    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
+    stage.write_text(
+        text.replace(
+            '        over "Camera"\n        {\n',
+            '        over "Camera"\n        {\n            uniform token plen:camera:weight = "area"\n'
+            '            uniform token plen:truth:footprint = "pixel"\n',
+        ),
+        encoding="utf-8",
+    )
+    out = tmp_path / "out"
+    result = pipeline.build(stage, out, jobs=1)
+    assert result.exit_code == 0
+    assert result.certificate["Rig.Camera"]["passed"] is True
+    camera = json.loads((out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
+    assert (camera["weight"], camera["footprint"]) == ("area", "pixel")
+    table = (out / "frames/0001/Rig.Camera/correspondences.csv").read_text(encoding="utf-8")
+    assert "# weight: area; " in table and "footprint: pixel" in table
+    for name in ("cameras/Rig.Camera/rays.exr", "cameras/Rig.Camera/white.exr", "frames/0001/Rig.Camera/image.exr"):
+        for part in read_exr(out / name).values():
+            assert part.attributes["weight"] == "area"
+            assert part.attributes.get("footprint", "pixel") == "pixel"
+    white = read_exr(out / "cameras/Rig.Camera/white.exr")["white"].attributes
+    assert float(white["W_ref_mm2"]) > 1 and "dA in the sampling plane" in white["content"]
+    assert verify(out, seed=4).agrees

@@ -32,7 +32,7 @@ def rays_through(
     -------
     position, direction : (count, 3) float64
     weight : (count,) float64
-        0 for blocked rays; the sum is the integral of cos(theta) d omega [sr].
+        0 for blocked rays; the sum is the integral of cos(theta) d omega [sr], or the area of the plane [mm^2].
     """
     lens = camera.prescription
     rear_mm = -lens.vertices_from_stop_mm[-1]
@@ -54,4 +54,5 @@ def rays_through(
     position = np.column_stack([points, np.full(count, plane_mm)])
     direction = np.column_stack([slope - bend, np.ones(count)])
     position, direction, passes = textbook.trace(lens, position, direction)
-    return position, direction, np.where(passes, cosine * solid / count, 0.0)
+    share = area if camera.weight == "area" else cosine * solid
+    return position, direction, np.where(passes, share / count, 0.0)

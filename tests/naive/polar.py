@@ -60,5 +60,5 @@ def mean_hit(
     assert passes.all()
     squared = 1 + (((points - start_mm) / ahead) ** 2).sum(axis=1)
     measure = (radius * low[:, None] * share / 2).ravel() * 2 * np.pi / directions
-    weight = measure / (ahead * squared) ** 2
+    weight = measure if camera.weight == "area" else measure / (ahead * squared) ** 2
     return weight @ textbook.at_plane(position, direction, pose) / weight.sum(), float(weight.sum())

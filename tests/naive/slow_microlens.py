@@ -43,7 +43,9 @@ def rays_before(
     points = vertex_mm[:2] + rng.uniform(-half, half, (count, 2))
     slope = (points - start_mm) / ahead
     cosine = 1 / np.sqrt(1 + np.sum(slope**2, axis=1))
-    weight = (2 * half) ** 2 * cosine**4 / ahead**2 / count * acceptance(camera, np.arccos(cosine))
+    weight = (2 * half) ** 2 / count * acceptance(camera, np.arccos(cosine))
+    if camera.weight == "irradiance":
+        weight *= cosine**4 / ahead**2
     start = np.column_stack([np.broadcast_to(start_mm, (count, 2)), np.full(count, sensor_mm)])
     turn = vision_from_array(array)
     position = (start - vertex_mm) @ turn

@@ -120,6 +120,26 @@ def test_bundles_of_choosy_pixels_are_those_of_the_slow_twin(kind: str, pixels: 
 
 
 @pytest.mark.parametrize(
+    ("kind", "pixels"),
+    [
+        ("two-plane", "all"),
+        *(
+            pytest.param(kind, pixels, marks=pytest.mark.heavy)
+            for kind, pixels in (
+                ("tilted", "all"),
+                ("discs", "cone"),
+                ("convex to the lens", "cosine"),
+                ("biconvex cells", "all"),
+            )
+        ),
+    ],
+)
+def test_bundles_by_area_are_those_of_the_slow_twin(kind: str, pixels: str) -> None:
+    """Rays weigh area of the plane that their aims lie in, leaving and free ones, times the acceptance."""
+    assert_same(dataclasses.replace(camera_with(kind, pixels=pixels), weight="area"), 6)
+
+
+@pytest.mark.parametrize(
     ("kind", "stop_semi_mm"),
     [(kind, 5.0) for kind in KINDS]
     + [pytest.param(kind, 17.1, marks=[] if kind == "tilted" else pytest.mark.heavy) for kind in KINDS],

@@ -237,7 +237,7 @@ CAMERAS = {
     "plen:camera:stopMatch": [Case(B, "microlenses", CAMERA)],
     "plen:camera:microlensDistance": [Case(B, 1.71, CAMERA)],
     "plen:camera:wavelength": [Case(A, 600.0, CAMERA, given=CATALOGUE)],
-    "plen:camera:weight": [Case(A, "area", refused=True)],
+    "plen:camera:weight": [Case(A, "area", CAMERA), Case(B, "area", CAMERA)],
     "plen:camera:circleOfConfusion": [Case(A, 2.0, CAMERA)],
     "plen:camera:near": [Case(A, 400.0, CAMERA)],
     "plen:camera:far": [Case(A, 500.0, CAMERA)],

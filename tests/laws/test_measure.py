@@ -1,0 +1,191 @@
+"""Claim: images, J and hit fractions weigh rays alike, by irradiance or by area, and who mixes both weights is caught.
+
+At f/2, 45 degrees and 20 mm out of focus the weights are 1.16 px of 5 micrometres apart, as polar grids of textbook
+rays say alone.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from laws import rigs
+from laws.test_arrays import behind_a_hole, detail_of
+from laws.test_direct import STEPS, by_quadrature, rig_of, solved
+from laws.test_truth import PIXEL_MM, POINT_MM, fast
+from naive import polar
+from tolerances import CLOSED_FORM, DIRECT_PX, NOISY_PX, ORDER, STRATIFIED
+
+from pipeline.camera.acceptance import BY_AREA, region_weight
+from pipeline.camera.camera import WEIGHTS, Camera, CameraError, MicrolensArray, Sensor
+from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
+from pipeline.camera.polygon import regular
+from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.render.imaging import irradiance
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.truth.certificate import Rows, certify
+from pipeline.truth.solve import tangent_planes
+
+ODD = {"irradiance": "area", "area": "irradiance"}
+
+
+def weighed(camera: Camera, weight: str) -> Camera:
+    return dataclasses.replace(camera, weight=weight)
+
+
+def by_area(detail: np.ndarray) -> np.ndarray:
+    detail[BY_AREA] = 1.0
+    return detail
+
+
+def test_a_hole_weighs_its_area() -> None:
+    """On the axis: weight pi R^2 and <r^2> = R^2 / 2, whatever the distance; and so from everywhere."""
+    for semi, h in ((1.0, 50.0), (10.0, 20.0)):
+        camera = rigs.bare(rigs.hole(semi), Sensor(width_px=9, height_px=9, pitch_mm=0.01), h, (10.0, 20.0))
+        starts = np.array([[0.0, 0.0], [3.0, -2.0]])
+        rows = by_quadrature(weighed(camera, "area"), starts, parallel_planes(1e-9, h), (12, 64))
+        assert rows[:, WEIGHT] == pytest.approx(math.pi * semi**2, rel=CLOSED_FORM)
+        assert rows[:, COVARIANCE] + rows[:, COVARIANCE + 4] == pytest.approx(semi**2 / 2, rel=CLOSED_FORM)
+
+
+def test_a_hole_without_a_lens_lights_all_pixels_alike() -> None:
+    """By area there is no cos^4 law: at 40 degrees, where irradiance falls to a third, a pixel is as bright as any.
+
+    The edge of the hole cuts n^(1/2) of n strata, each off by a part of itself.
+    """
+    sensor, rays = Sensor(width_px=5, height_px=5, pitch_mm=2.4), 16_384
+    camera = rigs.bare(rigs.hole(0.5), sensor, 8.0, (100.0, 200.0))
+    dark, flat = (irradiance(Tracer(weighed(camera, weight)), None, rays, None) for weight in WEIGHTS)
+    assert dark[0, 0] < 0.5
+    np.testing.assert_allclose(flat, 1.0, rtol=0, atol=4 * rays**-0.75)
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0, 3.0, 17.0])
+def test_a_cosine_acceptance_by_area(power: float) -> None:
+    """2 pi h^2 times the integral of (1 + t^2)^(-n / 2) t dt, t the tangent: polygons converge to it by the fourth."""
+    node, weight = np.polynomial.legendre.leggauss(40)
+    t = 0.75 * (node + 1) / 2
+    expected = 2 * math.pi * 16 * 0.75 / 2 * (weight @ ((1 + t**2) ** (-power / 2) * t))
+    errors = [
+        region_weight(regular(n, 3.0, 5.0), n, 0.0, 0.0, 4.0, by_area(detail_of(power))) - expected
+        for n in (16, 32, 64)
+    ]
+    assert np.all(np.abs(np.log2(np.array(errors[:-1]) / errors[1:])[1:] - 2) < ORDER)
+
+
+def test_a_cone_takes_the_area_that_lies_in_it() -> None:
+    """A hard cone in a wide square: pi h^2 tan^2; with a roll-off the integral over theta besides."""
+    wide = 40 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    hard = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(detail_of(half_deg=20.0)))
+    assert hard == pytest.approx(math.pi * 4 * math.tan(math.radians(20)) ** 2, rel=1e-12)
+    soft = region_weight(wide, 4, 0.3, -0.3, 2.0, by_area(detail_of(half_deg=20.0, roll_deg=10.0)))
+    node, weight = np.polynomial.legendre.leggauss(40)
+    theta = np.radians(25 + 5 * node)
+    share = (np.radians(30) - theta) / math.radians(10)
+    beyond = math.radians(5) * weight @ (share * np.tan(theta) / np.cos(theta) ** 2) * 2 * math.pi * 4
+    assert soft == pytest.approx(hard + beyond, rel=1e-12)
+
+
+@pytest.mark.parametrize("pixels", [{}, {"acceptance": "cone", "acceptance_half_angle_deg": 40.0}])
+@pytest.mark.parametrize("disc_mm", [None, 0.8])
+def test_what_leaves_a_camera_that_blocks_nothing_is_its_free_area(disc_mm: float | None, pixels: dict) -> None:
+    """Hit fraction 1 by area, of cells and discs, whatever the pixels take; without acceptance it is their area."""
+    aperture = {"aperture": "disc", "disc_diameter_mm": disc_mm} if disc_mm else {}
+    array = MicrolensArray(
+        layout="square", pitch_mm=1.0, focal_lengths_mm=(3.0,), columns=3, rows=3, distance_mm=1.5, **aperture
+    )
+    tracer = Tracer(weighed(behind_a_hole(array, **pixels).camera, "area"))
+    row = int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0])
+    positions, index = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2)), np.tile(np.arange(20)[:, None], 2)
+    found = tracer.moments(positions, np.full(20, row), parallel_planes(20.0, 30.0), 1 << 14, index)
+    np.testing.assert_allclose(found[:, WEIGHT] / found[:, FREE_WEIGHT], 1.0, rtol=0, atol=15 * STRATIFIED)
+    if not pixels:
+        assert found[:, FREE_WEIGHT] == pytest.approx(math.pi * 0.16 if disc_mm else 1.0, rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def tilted() -> tuple[Checkerboard, np.ndarray]:
+    """A point 20 mm out of focus on a board at 45 degrees, seen at about (7, 4) mm of the sensor."""
+    return Checkerboard(columns=2, rows=1, square_mm=1.0), rigs.facing(454.36, 45.0, -21.0, -12.0)
+
+
+def test_at_f2_the_weights_are_most_of_a_pixel_apart(tilted: tuple[Checkerboard, np.ndarray]) -> None:
+    """J of both by quadrature is that of polar grids of textbook rays, which are 1.16 px apart."""
+    pose, means = tilted[1], {}
+    for weight in WEIGHTS:
+        camera = weighed(fast(17.1), weight)
+        hits = by_quadrature(camera, STEPS + POINT_MM, np.stack([target_plane(pose)] * 2), (8, 32))
+        px_per_mm = np.linalg.inv(np.stack([hits[1] - hits[2], hits[3] - hits[4]], axis=1)[:2] / 0.1) / PIXEL_MM
+        means[weight], total = polar.mean_hit(camera, POINT_MM, pose, directions=1024)
+        assert np.linalg.norm(px_per_mm @ (hits[0, :2] - means[weight])) < DIRECT_PX
+        assert hits[0, WEIGHT] == pytest.approx(total, rel=1e-5)
+    apart = np.linalg.norm(px_per_mm @ (means["area"] - means["irradiance"]))
+    assert apart == pytest.approx(1.16, rel=0, abs=0.5001e-2)
+
+
+def pixel_at(camera: Camera, x_px: np.ndarray) -> Camera:
+    """The camera with a single pixel, whose centre lies at an image position."""
+    x, y = Tracer(camera).positions_mm(*x_px)
+    return dataclasses.replace(
+        camera, sensor=Sensor(width_px=1, height_px=1, pitch_mm=PIXEL_MM, offset_x_mm=float(x), offset_y_mm=float(y))
+    )
+
+
+def seen_mm(camera: Camera, plane: np.ndarray) -> np.ndarray:
+    """Mean place that a pixel's light comes from, by rendering: ramps of light on the target over a white scene."""
+
+    def ramp(axis: int):
+        def radiance(origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+            along = ((plane[0] - origin) @ plane[3]) / (direction @ plane[3])
+            return (origin + along[:, None] * direction - plane[0]) @ plane[1 + axis]
+
+        return radiance
+
+    tracer = Tracer(camera)
+    x, y, white = (irradiance(tracer, None, 1 << 17, light)[0, 0] for light in (ramp(0), ramp(1), None))
+    return np.array([x, y]) / white
+
+
+@pytest.mark.parametrize("weight", WEIGHTS)
+def test_an_image_and_a_truth_of_different_weights_are_caught(weight: str, tilted) -> None:
+    """Rendered light of a pixel at a row's position comes from the row's point on average, if both weigh alike.
+
+    An image is linear in the light of the scene: ramps of light tell the mean place that a pixel sees.
+    """
+    board, pose = tilted
+    rig = rig_of(weighed(fast(17.1), weight))
+    rows, planes = solved(rig, board, pose).found, tangent_planes(pose, board.points_mm())
+    assert len(rows.point) == 2
+    x = np.array([rows.x_px[0], rows.y_px[0]])
+    off = {
+        other: np.linalg.norm(
+            np.linalg.inv(rows.jacobian[0]) @ seen_mm(pixel_at(weighed(fast(17.1), other), x), planes[0])
+        )
+        for other in WEIGHTS
+    }
+    assert off[weight] < NOISY_PX
+    assert off[ODD[weight]] > 10 * NOISY_PX
+
+
+@pytest.mark.parametrize("weight", WEIGHTS)
+def test_a_certificate_judges_by_the_weight_of_the_camera(weight: str, tilted) -> None:
+    """Both rules of integration agree for either weight; a judge who weighs otherwise objects."""
+    board, pose = tilted
+    camera, planes = weighed(fast(17.1), weight), tangent_planes(pose, board.points_mm())
+    rows = solved(rig_of(camera), board, pose).found
+    x = np.stack([rows.x_px, rows.y_px], axis=1)
+    judged = Rows(planes[rows.point], rows.cell, x, np.zeros(len(x), bool))
+    own, other = (certify(rig_of(weighed(camera, by)), judged, len(x), 1e-3) for by in (weight, ODD[weight]))
+    assert own["passed"] is True
+    assert other["passed"] is False and other["max_px"] > 0.8
+    small = weighed(rigs.plenoptic(1.0, 48, 40), weight)
+    rig, pose = rig_of(small, 3), rigs.facing(420.0, 20.0)
+    rows, planes = solved(rig, board, pose).found, tangent_planes(pose, board.points_mm())
+    x = np.stack([rows.x_px, rows.y_px], axis=1)
+    verdict = certify(rig, Rows(planes[rows.point], rows.cell, x, np.ones(len(x), bool)), len(x), 1e-3)
+    assert len(x) > 3 and verdict["passed"] is True
+
+
+def test_an_unknown_weight_is_refused() -> None:
+    with pytest.raises(CameraError, match='no weight "lambert"'):
+        weighed(rigs.conventional(), "lambert")
