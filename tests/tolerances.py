@@ -129,3 +129,6 @@ DIRECT_PX = 1e-4
 
 CLOSED_FORM = 1e-6
 """Quadrature against a closed form or a second trace [relative]: edges are bisected to 3e-8 of the way to a bound."""
+
+MICRO_IMAGE_PX = 1e-3
+"""Centroids and outlines of micro-images as documented [px]: edges are bisected to 2^-17 of 12 to 40 px."""

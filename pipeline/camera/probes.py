@@ -90,28 +90,39 @@ def probe(optics, table, lenses, aperture, mosaic, positions, lens, owner, point
         number of rows stands for the microlens and the pixel's acceptance.
     """
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    x, y, blocker = packet[0], packet[1], np.empty(PACKET, np.int64)
     first = 0
     while first < owner.shape[0]:
         n, size = owner[first], _stretch(owner, first)
         start_x[:size], start_y[:size] = positions[n, 0], positions[n, 1]
         for i in range(size):
             x[i], y[i] = points[first + i]
-            label[first + i] = PASSES
-        send_packet(table[:0], optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
+        what_blocks(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet, blocker)
         for i in range(size):
-            if not alive[i] > 0.0:
-                label[first + i] = table.shape[0]
-                if lens[n] >= 0 and not mosaic[0][DISC] > 0.0:
-                    side = _side_of(aperture, points[first + i] - lenses[lens[n], :2])
-                    label[first + i] += _STRAIGHT * (1 + side)
-        for k in range(table.shape[0]):
-            trace_packet(table[k : k + 1], x, y, z, dx, dy, dz, alive, scratch, size)
-            for i in range(size):
-                # Written so that a ray that has become NaN counts as blocked.
-                if not alive[i] > 0.0 and label[first + i] == PASSES:
-                    label[first + i] = k + _STRAIGHT * _straight_edge(table[k], x[i], y[i])
+            label[first + i] = blocker[i]
+            if blocker[i] == table.shape[0] and lens[n] >= 0 and not mosaic[0][DISC] > 0.0:
+                side = _side_of(aperture, points[first + i] - lenses[lens[n], :2])
+                label[first + i] += _STRAIGHT * (1 + side)
         first += size
+
+
+@inline
+def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet, blocker):
+    """Send rays from sensor positions through points that x and y of the packet hold, and say what blocks each.
+
+    Written: PASSES; the row of the blocking surface, with a number for each straight edge of its aperture; or the
+    number of rows for the microlens and the pixel's acceptance.
+    """
+    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    send_packet(table[:0], optics, lenses, mosaic, lens, start_x, start_y, size, packet)
+    for i in range(size):
+        blocker[i] = PASSES if alive[i] > 0.0 else table.shape[0]
+    for k in range(table.shape[0]):
+        trace_packet(table[k : k + 1], x, y, z, dx, dy, dz, alive, scratch, size)
+        for i in range(size):
+            # Written so that a ray that has become NaN counts as blocked.
+            if not alive[i] > 0.0 and blocker[i] == PASSES:
+                blocker[i] = k + _STRAIGHT * _straight_edge(table[k], x[i], y[i])
 
 
 @kernel
