@@ -18,7 +18,6 @@ SUPPORTED: dict[str, tuple[Any, ...]] = {
     "PlenSensor plen:tilt": _NO_TILT,
     "plen:camera:weight": ("irradiance",),
     "plen:truth:footprint": ("point",),
-    "plen:image:fNumbers": ((),),
 }
 
 

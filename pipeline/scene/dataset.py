@@ -42,6 +42,8 @@ class CameraEntry:
         Rays per pixel of the image.
     extent : str
         Of position images by method `image`: `tiles` around the points, or `full`.
+    f_numbers : tuple of float
+        Of further white images, in the order of the stage.
     """
 
     name: str
@@ -56,6 +58,7 @@ class CameraEntry:
     truth: dict[str, str | float | None]
     image_samples: int
     extent: str = "tiles"
+    f_numbers: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
