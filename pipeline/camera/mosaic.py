@@ -135,12 +135,17 @@ def _rims(array: MicrolensArray) -> np.ndarray:
         # A polygon of the disc's area: their weights differ by the curvature of cos^4 across a sixtieth of a radius.
         turn = 2 * np.pi / _RIM
         rim = regular(_RIM, array.disc_diameter_mm / 2 * np.sqrt(turn / np.sin(turn)) * np.cos(turn / 2), 0.0)
-    height = np.hypot(*rim.T)
+    return on_apertures(array, rim)
+
+
+def on_apertures(array: MicrolensArray, points_mm: np.ndarray) -> np.ndarray:
+    """Points (n, 2) across the axis of a microlens on the face of each type that has the aperture, (types, n, 3)."""
+    height = np.hypot(*points_mm.T)
     if array.model == "refractive":
         z = [faces.aperture_z_mm(height) for faces in array.faces]
     else:
-        z = [np.full(_RIM, array.reach_mm - array.distance_mm)] * len(array.focal_lengths_mm)
-    return np.stack([np.column_stack([rim, along]) for along in z])
+        z = [np.full(len(height), array.reach_mm - array.distance_mm)] * len(array.focal_lengths_mm)
+    return np.stack([np.column_stack([points_mm, along]) for along in z])
 
 
 class _Placed:

@@ -90,29 +90,44 @@ def probe(optics, table, lenses, aperture, mosaic, positions, lens, owner, point
         number of rows stands for the pixel's acceptance and plain microlenses, numbers above it for faces of others.
     """
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    x, y, alive = packet[0], packet[1], packet[6]
+    x, y, blocker = packet[0], packet[1], np.empty(PACKET, np.int64)
     first = 0
     while first < owner.shape[0]:
         n, size = owner[first], _stretch(owner, first)
         start_x[:size], start_y[:size] = positions[n, 0], positions[n, 1]
         for i in range(size):
             x[i], y[i] = points[first + i]
-            label[first + i] = PASSES
-        send_packet(table[:0], optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
-        here = label[first : first + size]
+        what_blocks(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet, blocker)
         for i in range(size):
-            if not alive[i] > 0.0:
-                here[i] = table.shape[0]
-                if lens[n] >= 0 and mosaic[0][MODEL] == PLAIN and not mosaic[0][DISC] > 0.0:
-                    here[i] += _STRAIGHT * (1 + _side_of(aperture, points[first + i] - lenses[lens[n], :2]))
-        _label_surfaces(table, 0, PASSES, packet, size, here)
+            label[first + i] = blocker[i]
+            if (
+                lens[n] >= 0
+                and blocker[i] == table.shape[0]
+                and mosaic[0][MODEL] == PLAIN
+                and not mosaic[0][DISC] > 0.0
+            ):
+                label[first + i] += _STRAIGHT * (1 + _side_of(aperture, points[first + i] - lenses[lens[n], :2]))
         if lens[n] >= 0 and mosaic[0][MODEL] != PLAIN:
             for i in range(size):
                 x[i], y[i] = points[first + i]
             towards_microlens(optics, lenses, mosaic[0], lens[n], start_x, start_y, size, packet)
             faces = mosaic[1][int(lenses[lens[n], KIND])]
-            _label_surfaces(faces, table.shape[0] + 1, table.shape[0], packet, size, here)
+            _label_surfaces(faces, table.shape[0] + 1, table.shape[0], packet, size, label[first : first + size])
         first += size
+
+
+@inline
+def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet, blocker):
+    """Send rays from sensor positions through points that x and y of the packet hold, and say what blocks each.
+
+    Written: PASSES; the row of the blocking surface, with a number for each straight edge of its aperture; or the
+    number of rows for the microlens and the pixel's acceptance.
+    """
+    alive = packet[6]
+    send_packet(table[:0], optics, lenses, mosaic, lens, start_x, start_y, size, packet)
+    for i in range(size):
+        blocker[i] = PASSES if alive[i] > 0.0 else table.shape[0]
+    _label_surfaces(table, 0, PASSES, packet, size, blocker)
 
 
 @inline

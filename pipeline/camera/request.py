@@ -5,11 +5,11 @@ lens stays; or else the sensor stays and groups of the lens move, see `camera.tr
 objects have their images nearest to the lens, so the last vertex bounds what can be reached.
 """
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
 from pipeline.camera.camera import Camera, CameraError, MicrolensArray, Sensor
+from pipeline.camera.stop import widest_stop_mm, with_stop
 from pipeline.camera.travel import moved, shift_mm
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.prescription import Prescription
@@ -172,7 +172,7 @@ def with_matched_stop(camera: Camera) -> Camera:
     if array is None:
         raise CameraError("a camera without microlenses has no stop that matches them")
     diameter = matched_stop_mm(first_order(prescription), array, camera.sensor_distance_mm)
-    widest = _widest_stop_mm(prescription, camera.sensor_distance_mm - array.principal_mm[0][1])
+    widest = widest_stop_mm(prescription, camera.sensor_distance_mm - array.principal_mm[0][1])
     if diameter > widest:
         what = (
             f"microlenses of pitch {array.pitch_mm:g} mm, {array.distance_mm:g} mm before the sensor, match a stop of"
@@ -181,20 +181,4 @@ def with_matched_stop(camera: Camera) -> Camera:
             f"within reach: stops of up to {widest:.4g} mm; a larger distance or a smaller pitch matches a smaller one"
         )
         raise CameraError(f"{what} {diameter:.4g} mm, wider than the lens lets through", hint=hint)
-    surfaces = list(prescription.surfaces)
-    surfaces[prescription.stop_index] = dataclasses.replace(prescription.stop, semi_diameter_mm=diameter / 2)
-    return dataclasses.replace(camera, prescription=dataclasses.replace(prescription, surfaces=tuple(surfaces)))
-
-
-def _widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
-    """Diameter at the stop of the paraxial cone from the axis of the film that all other surfaces let through."""
-    surfaces, heights = prescription.surfaces, [0.0] * len(prescription.surfaces)
-    height, slope = film_mm - prescription.vertices_from_stop_mm[-1], 1.0  # slope: times the index
-    for i in reversed(range(len(surfaces))):
-        heights[i] = height
-        in_front = surfaces[i - 1].index if i else 1.0
-        slope -= height * surfaces[i].power_per_mm(in_front)
-        height += slope * surfaces[i - 1].thickness_mm / in_front if i else 0.0
-    at_stop = abs(heights[prescription.stop_index])
-    others = [(s, abs(y)) for s, y in zip(surfaces, heights, strict=True) if not s.is_stop and y]
-    return 2 * min((s.semi_diameter_mm * at_stop / y for s, y in others), default=math.inf)
+    return with_stop(camera, diameter)

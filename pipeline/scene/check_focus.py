@@ -1,5 +1,6 @@
 """What a camera is asked to focus: whether it can, and what its microlenses then see sharp."""
 
+import math
 from collections.abc import Iterator
 
 from pxr import Usd
@@ -8,6 +9,7 @@ from pipeline.camera.camera import Camera, CameraError, MicrolensArray
 from pipeline.camera.focus import foci, focused
 from pipeline.camera.report import gaps_mm
 from pipeline.camera.request import FocusRequest, group_shift, sensor_distance, solved
+from pipeline.camera.stop import stopped_down
 from pipeline.errors import PipelineError
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
@@ -17,6 +19,7 @@ from pipeline.scene.values import read, target, target_paths
 _SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
 _GROUPS = "plen:camera:focusGroups"
 _TYPE, _MATCH = "plen:camera:focusType", "plen:camera:stopMatch"
+_F_NUMBERS = "plen:image:fNumbers"
 
 
 def check_request(camera: Usd.Prim) -> Iterator[Problem]:
@@ -80,6 +83,7 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(camera.GetAttribute(name), "out-of-reach", error.what, hint=error.hint)
         return
     try:
+        yield from _check_f_numbers(camera, solved(record))
         yield from _check_microlenses(camera, solved(record))
     except (PipelineError, ArithmeticError):
         return  # no lens that forms an image; what does not need one is checked elsewhere
@@ -118,6 +122,22 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)
     except (PipelineError, ArithmeticError):
         return  # a lens without power
+
+
+def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
+    """F-numbers of white images that the lens cannot open to, or that stand twice."""
+    attribute, known = camera.GetAttribute(_F_NUMBERS), set[float]()
+    for f_number in read(camera, _F_NUMBERS) or ():
+        if not 0 < f_number < math.inf:
+            return  # reported as out of range
+        try:
+            stopped_down(record, f_number)
+        except CameraError as error:
+            yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
+        if f_number in known:
+            message = f'"{_F_NUMBERS}" lists F/{f_number:g} more than once'
+            yield problem(attribute, "repeated-f-number", message)
+        known.add(f_number)
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:

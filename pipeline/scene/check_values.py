@@ -16,7 +16,6 @@ _NO_TILT = ((0.0, 0.0),)
 # that are not named here are supported as a whole.
 SUPPORTED: dict[str, tuple[Any, ...]] = {
     "PlenSensor plen:tilt": _NO_TILT,
-    "plen:image:fNumbers": ((),),
 }
 
 

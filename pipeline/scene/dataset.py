@@ -43,6 +43,8 @@ class CameraEntry:
         Rays per pixel of the image.
     extent : str
         Of position images by method `image`: `tiles` around the points, or `full`.
+    f_numbers : tuple of float
+        Of further white images, in the order of the stage.
     """
 
     name: str
@@ -57,6 +59,7 @@ class CameraEntry:
     truth: dict[str, str | float | None]
     image_samples: int
     extent: str = "tiles"
+    f_numbers: tuple[float, ...] = ()
 
     @property
     def square_px(self) -> float:

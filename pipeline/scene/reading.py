@@ -125,6 +125,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         | {"accuracy_px": read(prim, "plen:truth:accuracy")},
         image_samples=need(prim, "plen:image:samples"),
         extent=need(prim, "plen:truth:extent"),
+        f_numbers=tuple(need(prim, "plen:image:fNumbers")),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.camera import probes
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_light import micro_light
 from pipeline.camera.quadrature import edges
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.prescription import Prescription, Surface
@@ -25,7 +26,8 @@ def compile_kernels() -> None:
     sensor = Sensor(width_px=2, height_px=2, pitch_mm=0.01)
     camera = Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0)
     array = MicrolensArray(pitch_mm=0.1, focal_lengths_mm=(1.0,), columns=1, rows=1, distance_mm=1.0, tilt_x_deg=1.0)
-    micro_images(Tracer(dataclasses.replace(camera, microlenses=array)))
+    plenoptic = Tracer(dataclasses.replace(camera, microlenses=array))
+    micro_light(plenoptic, micro_images(plenoptic))
     tracer = Tracer(camera)
     pixels = np.zeros((1, 2), np.int64)
     tracer.moments(np.zeros((1, 2)), np.array([-1]), parallel_planes(1.0, 2.0), 4, pixels)

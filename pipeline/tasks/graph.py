@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.camera.camera import Camera
 from pipeline.camera.request import FocusRequest, group_shift, solved
+from pipeline.camera.stop import shown_f_number
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.frames import apply
@@ -46,13 +47,32 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
     if entry.truth["method"] != "direct":
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, reads), "rays.exr")
-    white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
     files[f"{folder}/camera.json"] = (report, "camera.json")
-    files[f"{folder}/white.exr"] = (white, "white.exr")
-    files[f"{folder}/white.png"] = (white, "white.png")
+    _add_white(graph, files, entry, reads, name, f"{folder}/white", f"{folder}/")
+    for f_number in entry.f_numbers:
+        shown = shown_f_number(f_number)
+        stopped = graph.add(f"stop/{name}/{shown}", f"{_KIND}stop", {"f_number": f_number}, reads)
+        at = f"{folder}/white/{shown}"
+        _add_white(graph, files, entry, {"camera": stopped}, f"{name}/{shown}", at, f"{at}.")
+
+
+def _add_white(
+    graph: TaskGraph,
+    files: dict[str, Source],
+    entry: CameraEntry,
+    reads: dict[str, str],
+    name: str,
+    white_at: str,
+    tables_at: str,
+) -> None:
+    """The white image and the micro-images of a camera with its stop as set."""
+    white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
+    files[f"{white_at}.exr"] = (white, "white.exr")
+    files[f"{white_at}.png"] = (white, "white.png")
     if entry.camera.microlenses:
-        table = graph.add(f"micro_images/{name}", f"{_KIND}micro_images", {}, reads)
-        files[f"{folder}/micro_images.csv"] = (table, "micro_images.csv")
+        tables = graph.add(f"micro_images/{name}", f"{_KIND}micro_images", {}, reads)
+        for table in ("micro_images.csv", "micro_image_outlines.csv"):
+            files[f"{tables_at}{table}"] = (tables, table)
 
 
 def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:

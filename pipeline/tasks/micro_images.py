@@ -1,33 +1,53 @@
-"""Task `micro_images`: centre, radius and type of every micro-image of a plenoptic camera."""
+"""Task `micro_images`: centre, centroid, radius and outline of every micro-image of a plenoptic camera."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.camera.micro_light import OUTLINE_DEG, MicroLight, micro_light
+from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import write_table
 from pipeline.tasks.cameras import Inputs, tracer_of
 
+_PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
+_ALONE = (
+    "light of a microlens: all that passes its own aperture onto the sensor plane, in whatever cell it falls, and also"
+    " beyond the image"
+)
 HEADER = (
     "micro-images: one row per microlens, k and l are axial indices of the lattice",
-    "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down; vertices in the sensor frame, mm,"
-    " from the sensor's centre",
+    f"{_PIXELS}; vertices in the sensor frame, mm, from the sensor's centre",
     "centre: sensor hit of the real ray through the centre of the aperture stop and the microlens vertex",
-    "radius: exit-pupil radius * B / P, the contour of half illumination; complete: the circle lies in the image",
-    "empty: centroid_x_px, centroid_y_px (the centroid of the lit area is not computed yet)",
+    _ALONE,
+    "centroid: mean position of that light, weighted by its irradiance and the acceptance of the pixels",
+    "radius: paraxial exit-pupil radius * B / P, the contour of half illumination",
+    "area_radius: of the disc with the area that light through the vertex fills, the real and vignetted exit pupil",
+    "complete: all of the light lies in the image (its outline, see micro_image_outlines)",
+    "empty: centroid and area_radius where no light of the microlens reaches the image",
 )
+OUTLINES_HEADER = (
+    "outlines of micro-images: one row per microlens whose light reaches the image",
+    f"{_PIXELS}; radii in px, from the centroid of micro_images along directions in degrees from +x towards +y",
+    _ALONE,
+    "pupil_<direction>_px: where light through the vertex ends, the exit pupil's image; about half illumination",
+    "light_<direction>_px: where all light ends; from the farther one on no ray passes any point of the aperture",
+    "empty: the vertex throws no light onto the centroid",
+)
+_DECIMALS = 6
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: none."""
     tracer, images = tracer_of(inputs, 0)
-    grid, array, sensor = tracer.lattice, tracer.camera.microlenses, tracer.camera.sensor
+    grid, array = tracer.lattice, tracer.camera.microlenses
     assert images is not None and grid is not None and array is not None
-    centre = tracer.pixels_at(images.centre_mm)
-    radius = images.radius_mm / sensor.pitch_mm
-    room = np.array([sensor.width_px, sensor.height_px]) - 0.5 - radius
-    complete = ((centre >= radius - 0.5) & (centre <= room)).all(axis=1)
-    unknown = [None] * len(grid.k)
+    found, pitch = micro_light(tracer, images), tracer.camera.sensor.pitch_mm
+    centre, centroid = tracer.pixels_at(images.centre_mm), np.full((len(grid.k), 2), np.nan)
+    centroid[found.rows] = tracer.pixels_at(found.centroid_mm)
+    area_radius, complete = np.full(len(grid.k), np.nan), np.zeros(len(grid.k), np.int64)
+    area_radius[found.rows] = np.sqrt(found.pupil_area_mm2 / np.pi) / pitch
+    complete[found.rows] = _is_inside(tracer, found)
     columns = {
         "microlens_k": grid.k,
         "microlens_l": grid.l,
@@ -36,10 +56,26 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         "vertex_y_mm": grid.y_mm,
         "centre_x_px": centre[:, 0],
         "centre_y_px": centre[:, 1],
-        "centroid_x_px": unknown,
-        "centroid_y_px": unknown,
-        "radius_px": np.full(len(grid.k), radius),
+        "centroid_x_px": centroid[:, 0],
+        "centroid_y_px": centroid[:, 1],
+        "radius_px": np.full(len(grid.k), images.radius_mm / pitch),
+        "area_radius_px": area_radius,
         "focal_length_mm": np.array(array.focal_lengths_mm)[grid.type],
-        "complete": complete.astype(int),
+        "complete": complete,
     }
     write_table(out / "micro_images.csv", HEADER, columns)
+    outlines = {name: values[found.rows] for name, values in columns.items() if name.startswith(("micro", "centroid"))}
+    for name, radii_mm in (("pupil", found.pupil_mm), ("light", found.light_mm)):
+        # Bisected to about 1e-4 px: more digits would say nothing.
+        radii = np.round(radii_mm / pitch, _DECIMALS)
+        outlines |= {f"{name}_{angle}_px": radii[:, i] for i, angle in enumerate(OUTLINE_DEG)}
+    write_table(out / "micro_image_outlines.csv", OUTLINES_HEADER, outlines)
+
+
+def _is_inside(tracer: Tracer, found: MicroLight) -> np.ndarray:
+    """Whether the whole outline of each micro-image lies in the image, (n,)."""
+    sensor, angle = tracer.camera.sensor, np.deg2rad(OUTLINE_DEG)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    outline = tracer.pixels_at(found.centroid_mm)[:, None] + found.light_mm[..., None] / sensor.pitch_mm * along
+    size = np.array([sensor.width_px, sensor.height_px])
+    return ((outline >= -0.5) & (outline <= size - 0.5)).all(axis=(1, 2))

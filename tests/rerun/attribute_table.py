@@ -7,6 +7,7 @@ from pxr import Gf
 
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
+FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
 CAMERA = {"focus", "first_order", "micro_images"} | RAYS | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
@@ -242,7 +243,11 @@ CAMERAS = {
     "plen:camera:near": [Case(A, 400.0, CAMERA)],
     "plen:camera:far": [Case(A, 500.0, CAMERA)],
     "plen:image:samples": [Case(A, 128, IMAGES)],
-    "plen:image:fNumbers": [Case(A, [8.0], refused=True)],
+    "plen:image:fNumbers": [
+        Case(A, [8.0], FURTHER),
+        Case(B, [22.0], FURTHER),
+        Case(B, [22.0, 16.0], FURTHER, given={(B, "plen:image:fNumbers"): [22.0]}),
+    ],
 }
 
 METHOD = {
