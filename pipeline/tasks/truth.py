@@ -7,33 +7,34 @@ from typing import Any
 import numpy as np
 
 from pipeline.files.exr import Part, read_exr
-from pipeline.files.tables import read_table, write_table
-from pipeline.frames import apply
+from pipeline.files.tables import write_table
 from pipeline.records import from_plain
 from pipeline.target.points import TargetPoints
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.rays import MOMENTS
+from pipeline.tasks.ray_grid import channels_of, read_grid
 from pipeline.tasks.surroundings import surroundings_of
-from pipeline.truth.column_sets import SETS, column_names, column_set
+from pipeline.tasks.truth_table import column_order, columns_of, header_of, note_of
+from pipeline.truth.column_sets import column_names, column_set
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
-from pipeline.truth.on_points import ImageOf, correspond_points, largest_sag_mm, plane_name
+from pipeline.truth.on_points import ImageOf, correspond_points, plane_name
 from pipeline.truth.polish import polished
 from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
-from pipeline.truth.visibility import METHOD, seen
+from pipeline.truth.visibility import seen
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frame, camera, targets (list of {name, target, vision_from_target}), occluders, truth, square_px, labels."""
+    """Params: frame, camera, targets (list of {name, target, vision_from_target}), occluders, truth, square_px and
+    labels."""
     settings = from_plain(TruthSettings, params["truth"])
     rig = Rig(*tracer_of(inputs, params["labels"]["seed"]), params["square_px"])
     grid = None if settings.method == "direct" else read_grid(inputs)
     positions = read_exr(inputs["positions"]["positions.exr"]) if "positions" in inputs else {}
-    columns: dict[str, list[Any]] = {}
+    columns: dict[str, list[Any]] = {name: [] for name in column_order(settings)}
     notes = []
     entries = sorted(params["targets"], key=lambda entry: entry["name"])
     surroundings = surroundings_of(entries, params["occluders"])
@@ -41,24 +42,19 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         target, pose = target_from_plain(entry["target"]), np.array(entry["vision_from_target"])
         points = target.points()
         traced = _traced(positions, entry["name"], len(points.frames))
-        found = correspondences(rig, grid, settings, points, pose, traced)
-        if found is None:
-            notes.append(f"{entry['name']}: {_note(None, points, pose)}")
-            continue
-        planes = tangent_planes(pose, points.position_mm, points.plane_axes)
-        found, visibility = seen(rig, surroundings, number, found, planes)
-        note = _note(found, points, pose)
-        of_target = _columns(params, entry["name"], points, pose, rig, found, visibility)
-        for name in settings.column_sets:
-            extra = column_set(name, rig, target, pose, planes, found.found)
-            of_target |= dict(zip(column_names(name), extra.x_px.T, strict=True))
-            note += f"; {extra.note}"
-        for name, column in of_target.items():
-            columns.setdefault(name, []).extend(column)
-        notes.append(f"{entry['name']}: {note}")
-    if not columns:
-        columns = {name: [] for name in (*COLUMNS, *(c for s in settings.column_sets for c in column_names(s)))}
-    write_table(out / "correspondences.csv", [*_header(params, settings, grid, rig), *notes], columns)
+        found, more = correspondences(rig, grid, settings, points, pose, traced), []
+        if found is not None:
+            planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+            found, visibility = seen(rig, surroundings, number, found, planes)
+            rows = columns_of(params, entry["name"], points, pose, rig, found, visibility)
+            for name in settings.column_sets:
+                extra = column_set(name, rig, target, pose, planes, found.found)
+                rows |= dict(zip(column_names(name), extra.x_px.T, strict=True))
+                more.append(extra.note)
+            for name, column in rows.items():
+                columns[name].extend(column)
+        notes.append("; ".join([f"{entry['name']}: {note_of(found, points, pose)}", *more]))
+    write_table(out / "correspondences.csv", [*header_of(params, settings, grid, rig), *notes], columns)
 
 
 def correspondences(
@@ -94,160 +90,8 @@ def _position_images(method: str, traced: list[Part] | None) -> ImageOf:
 
     def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
         if traced is not None:
-            return _planes(traced[number], "X", "Y")
+            return channels_of(traced[number], "X", "Y")
         image = on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
         return corrected(image, rays, pose) if method == "moments" else image
 
     return image_of
-
-
-def _note(found: Correspondences | None, points: TargetPoints, pose: np.ndarray) -> str:
-    """What became of a target: counts by reason."""
-    if found is None:
-        return "no rows, because the camera sees its back"
-    said = [f"{name} {count}" for name, count in found.counts.items()]
-    away = int(np.sum(~faces_camera(tangent_planes(pose, points.position_mm, points.plane_axes))))
-    if away:
-        said.append(f"points_facing_away {away}")
-    sag_mm = largest_sag_mm(found, points)
-    if sag_mm:
-        said.append(f"largest sag of the surface from its tangent plane over the blur {sag_mm:.2g} mm")
-    return ", ".join(said)
-
-
-def read_grid(inputs: Inputs) -> RayGrid:
-    """The rays of a camera, from rays.exr and, for a plenoptic one, micro_images.csv."""
-    parts = read_exr(inputs["rays"]["rays.exr"])
-    near, far = parts["near"], parts["far"]
-    cell = np.zeros(near.shape, np.int64)
-    microlenses, centres = np.zeros((1, 3), np.int64), None
-    if "micro_images" in inputs:
-        table = read_table(inputs["micro_images"]["micro_images.csv"])
-        names = ("microlens_k", "microlens_l", "microlens_type")
-        microlenses = np.stack([table.numbers(name) for name in names], axis=1).astype(np.int64)
-        centres = np.stack([table.numbers("centre_x_px"), table.numbers("centre_y_px")], axis=1)
-        cell = _rows_of(_planes(parts["microlens"], "k", "l").astype(np.int64), microlenses)
-    return RayGrid(
-        supersampling=int(near.attributes["supersampling"]),
-        near_mm=float(near.attributes["plane_z_mm"]),
-        far_mm=float(far.attributes["plane_z_mm"]),
-        near=_planes(near, "X", "Y"),
-        far=_planes(far, "X", "Y"),
-        covariance=_planes(parts["moments"], *MOMENTS),
-        hit_fraction=_planes(parts["hit_fraction"], "Y")[..., 0],
-        error_px=_planes(parts["error"], "X", "Y"),
-        cell=cell,
-        microlenses=microlenses,
-        centres_px=centres,
-        square_steps=1.0 if near.attributes["footprint"] == "pixel" else 0.0,
-    )
-
-
-def _planes(part: Part, *channels: str) -> np.ndarray:
-    return np.stack([part.channels[name] for name in channels], axis=-1).astype(np.float64)
-
-
-def _rows_of(axial: np.ndarray, microlenses: np.ndarray) -> np.ndarray:
-    """Row in the table of microlenses for every (k, l) of an image, (h, w)."""
-    low = microlenses[:, :2].min(axis=0)
-    size = microlenses[:, :2].max(axis=0) - low + 1
-    rows = np.full(size, -1)
-    rows[tuple((microlenses[:, :2] - low).T)] = np.arange(len(microlenses))
-    return rows[tuple(np.moveaxis(axial - low, -1, 0))]
-
-
-COLUMNS = (
-    "frame",
-    "camera",
-    "target",
-    "point_id",
-    "microlens_k",
-    "microlens_l",
-    "microlens_type",
-    "x_px",
-    "y_px",
-    "sigma_x_px",
-    "sigma_y_px",
-    "target_x_mm",
-    "target_y_mm",
-    "target_z_mm",
-    "camera_x_mm",
-    "camera_y_mm",
-    "camera_z_mm",
-    "hit_fraction",
-    "visibility",
-    "blur_xx_px2",
-    "blur_xy_px2",
-    "blur_yy_px2",
-    "rho_px",
-    "method",
-)
-
-
-def _columns(
-    params: dict[str, Any],
-    target: str,
-    points: TargetPoints,
-    pose: np.ndarray,
-    rig: Rig,
-    truth: Correspondences,
-    visibility: np.ndarray,
-) -> dict[str, Any]:
-    """Columns of one target, in the order of COLUMNS."""
-    found, lattice = truth.found, rig.tracer.lattice
-    rows = len(found.point)
-    microlens = [[None] * rows] * 3
-    if lattice is not None:
-        microlens = [column[found.cell] for column in (lattice.k, lattice.l, lattice.type)]
-    point = points.position_mm[found.point]
-    blur = truth.blur_px2
-    values = (
-        [params["frame"]] * rows,
-        [params["camera"]] * rows,
-        [target] * rows,
-        found.point,
-        *microlens,
-        found.x_px,
-        found.y_px,
-        *truth.sigma_px.T,
-        *point.T,
-        *apply(pose, point).T,
-        truth.hit_fraction,
-        visibility,
-        blur[:, 0, 0],
-        blur[:, 0, 1],
-        blur[:, 1, 1],
-        truth.rho_px,
-        truth.method.tolist(),
-    )
-    return dict(zip(COLUMNS, values, strict=True))
-
-
-def _header(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | None, rig: Rig) -> list[str]:
-    labels = params["labels"]
-    empty = "microlens_k, microlens_l, microlens_type (a conventional camera); " if rig.images is None else ""
-    claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
-    return [
-        f"exact image positions of target points: camera {params['camera']}, frame {params['frame']}",
-        "pixel convention: (0, 0) is the centre of the top-left pixel, x right, y down",
-        "units: px in the image, mm in space; target frame x right, y up, z to the viewer;"
-        " camera = vision frame x right, y down, z forward, origin at the aperture stop",
-        f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
-        f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
-        f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
-        f" stop: {labels['stop']}; footprint: {labels['footprint']}",
-        f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
-        f"visibility: {METHOD}; hidden points and points that face away have no rows",
-        f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
-        *(SETS[name] for name in settings.column_sets),
-    ]
-
-
-def _search(settings: TruthSettings) -> str:
-    if settings.method == "direct":
-        return "J(x) = p solved at every point, no position image"
-    if settings.search == "nearest":
-        return f"search: nearest, threshold {settings.nearest_threshold_mm} mm"
-    filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
-    surface = ", quadratic in 4 x 4 values, doubtful rows by direct" if settings.method == "moments" else ""
-    return f"search: quad, filter {filtered}{surface}"

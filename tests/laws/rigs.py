@@ -17,7 +17,7 @@ from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records import to_plain
 from pipeline.tasks import micro_images, rays, rays_tile
 from pipeline.tasks.cameras import FOCUSED
-from pipeline.tasks.truth import read_grid
+from pipeline.tasks.ray_grid import read_grid
 from pipeline.truth.grid import RayGrid
 
 TRONNIER = (

@@ -1,0 +1,131 @@
+"""The table of correspondences: its header and notes, and the columns of one target."""
+
+from typing import Any
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.target.points import TargetPoints
+from pipeline.truth.column_sets import SETS, column_names
+from pipeline.truth.correspond import Correspondences
+from pipeline.truth.grid import RayGrid
+from pipeline.truth.on_points import largest_sag_mm
+from pipeline.truth.settings import TruthSettings
+from pipeline.truth.solve import Rig, faces_camera, tangent_planes
+from pipeline.truth.visibility import METHOD
+
+COLUMNS = (
+    "frame",
+    "camera",
+    "target",
+    "point_id",
+    "microlens_k",
+    "microlens_l",
+    "microlens_type",
+    "x_px",
+    "y_px",
+    "sigma_x_px",
+    "sigma_y_px",
+    "target_x_mm",
+    "target_y_mm",
+    "target_z_mm",
+    "camera_x_mm",
+    "camera_y_mm",
+    "camera_z_mm",
+    "hit_fraction",
+    "visibility",
+    "blur_xx_px2",
+    "blur_xy_px2",
+    "blur_yy_px2",
+    "rho_px",
+    "method",
+)
+
+
+def column_order(settings: TruthSettings) -> list[str]:
+    """Names of all columns that the stage asks for."""
+    return [*COLUMNS, *(name for column_set in settings.column_sets for name in column_names(column_set))]
+
+
+def columns_of(
+    params: dict[str, Any],
+    target: str,
+    points: TargetPoints,
+    pose: np.ndarray,
+    rig: Rig,
+    truth: Correspondences,
+    visibility: np.ndarray,
+) -> dict[str, Any]:
+    """Columns of one target, in the order of COLUMNS."""
+    found, lattice = truth.found, rig.tracer.lattice
+    rows = len(found.point)
+    microlens = [[None] * rows] * 3
+    if lattice is not None:
+        microlens = [column[found.cell] for column in (lattice.k, lattice.l, lattice.type)]
+    point = points.position_mm[found.point]
+    blur = truth.blur_px2
+    values = (
+        [params["frame"]] * rows,
+        [params["camera"]] * rows,
+        [target] * rows,
+        found.point,
+        *microlens,
+        found.x_px,
+        found.y_px,
+        *truth.sigma_px.T,
+        *point.T,
+        *apply(pose, point).T,
+        truth.hit_fraction,
+        visibility,
+        blur[:, 0, 0],
+        blur[:, 0, 1],
+        blur[:, 1, 1],
+        truth.rho_px,
+        truth.method.tolist(),
+    )
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+def note_of(found: Correspondences | None, points: TargetPoints, pose: np.ndarray) -> str:
+    """What became of a target: counts by reason."""
+    if found is None:
+        return "no rows, because the camera sees its back"
+    said = [f"{name} {count}" for name, count in found.counts.items()]
+    away = int(np.sum(~faces_camera(tangent_planes(pose, points.position_mm, points.plane_axes))))
+    if away:
+        said.append(f"points_facing_away {away}")
+    sag_mm = largest_sag_mm(found, points)
+    if sag_mm:
+        said.append(f"largest sag of the surface from its tangent plane over the blur {sag_mm:.2g} mm")
+    return ", ".join(said)
+
+
+def header_of(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | None, rig: Rig) -> list[str]:
+    """Comment lines of a table, what became of its targets left out."""
+    labels = params["labels"]
+    empty = "microlens_k, microlens_l, microlens_type (a conventional camera); " if rig.images is None else ""
+    claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
+    return [
+        f"exact image positions of target points: camera {params['camera']}, frame {params['frame']}",
+        "pixel convention: (0, 0) is the centre of the top-left pixel, x right, y down",
+        "units: px in the image, mm in space; target frame x right, y up, z to the viewer;"
+        " camera = vision frame x right, y down, z forward, origin at the aperture stop",
+        f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
+        f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
+        f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
+        f" stop: {labels['stop']}; footprint: {labels['footprint']}",
+        f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
+        f"visibility: {METHOD}; hidden points and points that face away have no rows",
+        f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
+        *(SETS[name] for name in settings.column_sets),
+    ]
+
+
+def _search(settings: TruthSettings) -> str:
+    if settings.method == "direct":
+        return "J(x) = p solved at every point, no position image"
+    if settings.search == "nearest":
+        return f"search: nearest, threshold {settings.nearest_threshold_mm} mm"
+    filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
+    surface = ", quadratic in 4 x 4 values, doubtful rows by direct" if settings.method == "moments" else ""
+    return f"search: quad, filter {filtered}{surface}"
