@@ -11,7 +11,7 @@ import pytest
 from laws import rigs
 from tolerances import ROUNDING_MM, SIGMAS
 
-from pipeline.camera.moments import COVARIANCE
+from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.files.png import read_png
 from pipeline.scene.load import load
@@ -51,19 +51,29 @@ def test_our_rays_are_those_of_a_build(plenoptic_tracer, starts):
 
 @pytest.mark.parametrize("width_mm", [0.0, 0.01])
 def test_independent_rays_have_the_same_mean(plenoptic_tracer, starts, width_mm):
-    """Of 65,536 rays each, also where the stop cuts bundles; their error is the blur over the root of their number."""
+    """Of 65,536 rays each, also where the stop cuts bundles, within the noise of those that get through."""
     positions, lens, fine = starts
     planes, samples = target_plane(rigs.facing(430.0, 30.0))[None], 1 << 16
     ours, plain = (
         sampling.means(plenoptic_tracer, kind, positions, lens, fine, planes, (samples,), width_mm)[:, 0, 0]
         for kind in ("ours", "independent")
     )
-    two = np.concatenate([planes, planes])
-    # Squares of an edge move rays by at most their own size, a tenth of the blur's width here: in the slack of SIGMAS.
-    blur = plenoptic_tracer.moments(positions, lens, two, samples, fine)[:, [COVARIANCE, COVARIANCE + 4]]
-    reach = np.sqrt((blur + (width_mm * 20) ** 2) / (samples / 4))
-    assert np.all(np.abs(plain - ours) < SIGMAS * reach)
-    assert np.any(np.abs(plain - ours) > 0.01 * reach)
+
+    def bundles(shift_x_mm: float, shift_y_mm: float) -> np.ndarray:
+        shifted, two = positions + np.array([shift_x_mm, shift_y_mm]), np.concatenate([planes, planes])
+        return plenoptic_tracer.moments(shifted, lens, two, samples, fine)
+
+    half, here = width_mm / 2, bundles(0.0, 0.0)
+    across = (
+        bundles(half, 0.0)[:, :2] - bundles(-half, 0.0)[:, :2],
+        bundles(0.0, half)[:, :2] - bundles(0.0, -half)[:, :2],
+    )
+    # A ray scatters by its bundle's width and by where on the square it starts, uniformly.
+    variance = here[:, [COVARIANCE, COVARIANCE + 4]] + (across[0] ** 2 + across[1] ** 2) / 12
+    through = samples * here[:, WEIGHT] / here[:, FREE_WEIGHT]
+    sigmas = (plain - ours) / np.sqrt(variance / through[:, None])
+    assert np.abs(sigmas).max() < SIGMAS
+    assert 0.5 < np.sqrt(np.mean(sigmas**2)) < 1.7
 
 
 def test_independent_rays_scatter_as_their_number_says(plenoptic_tracer, starts):
