@@ -129,3 +129,7 @@ DIRECT_PX = 1e-4
 
 CLOSED_FORM = 1e-6
 """Quadrature against a closed form or a second trace [relative]: edges are bisected to 3e-8 of the way to a bound."""
+
+HALVED_SQUARE = 0.1
+"""Of the fall of a shift when a square's edge goes from 0.5 to 0.25 px [relative]: the fourth order in the edge, in the
+penumbra, where the lit part of an aperture changes within a pixel; half of it one step further."""

@@ -26,7 +26,7 @@ from tables import report
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("build/03_paper_evaluation"))
-    parser.add_argument("--corners", type=int, default=80)
+    parser.add_argument("--corners", type=int, default=40)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--small", action="store_true", help="few corners, K and samples: does it run at all?")
     parser.add_argument("--keep", type=Path)

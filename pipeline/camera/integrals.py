@@ -7,17 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera import squares
 from pipeline.camera.camera import REPLICAS
-from pipeline.camera.moments import VARIANCE
-from pipeline.camera.quadrature import NOT_STAR_SHAPED, edges
+from pipeline.camera.moments import COLUMNS, VARIANCE
+from pipeline.camera.quadrature import EMPTY, INTEGRATED, NOT_STAR_SHAPED, edges
 from pipeline.camera.regions import SKIP
 from pipeline.camera.tracer import Tracer
 
 NODES = ((6, 16), (8, 32), (12, 64), (16, 128), (24, 256))
 """Levels of the quadrature: nodes along the radius and over the circle. The error is that of the level before."""
+SQUARE_NODES = (2, 3, 5, 8, 12)
+"""Nodes of the same levels along each edge of a square that rays start on."""
 RANDOM_RAYS = (1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20)
 """Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for."""
 LEVELS = len(NODES)
+
+_NODES_AT_ONCE = 1 << 22
+"""Nodes of quadrature of a stretch of squares: what fits into memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,31 +48,74 @@ class Integral:
     rays: int
 
 
-def integrals(tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, level: int) -> Integral:
+def integrals(
+    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, level: int, square_px: float = 0.0
+) -> Integral:
     """Integrate the bundles of image positions (n, 2) behind their microlenses (n,) on planes (n, 2, 4, 3).
 
-    Level 0 states no error (NaN), because there is nothing to compare with.
+    Level 0 states no error (NaN), because there is nothing to compare with. Rays start at the positions, or anywhere on
+    squares of the edge `square_px` around them.
     """
     known = ~np.isnan(x_px).any(axis=1)
-    positions = tracer.positions_mm(*np.where(known[:, None], x_px, 0.0).T)
-    found = edges(tracer.arrays, positions, np.where(known, lens, SKIP))
-    moments, status, rays = found.moments(planes, NODES[level])
+    x, lit = np.where(known[:, None], x_px, 0.0), np.where(known, lens, SKIP)
+    over = _over_squares if square_px > 0 else _over_points
+    levels, rays = over(tracer, x, lit, planes, [level - 1, level] if level > 0 else [level], square_px)
+    moments, status = levels[-1]
     error = np.full((len(x_px), 2), np.nan)
     if level > 0:
-        before, _, more = found.moments(planes, NODES[level - 1])
-        error, rays = np.abs(moments[:, :2] - before[:, :2]), rays + more
+        error = np.abs(moments[:, :2] - levels[0][0][:, :2])
     odd = status == NOT_STAR_SHAPED
     if odd.any():
-        other = random_integrals(tracer, x_px[odd], lens[odd], planes[odd], RANDOM_RAYS[level])
+        other = random_integrals(tracer, x_px[odd], lens[odd], planes[odd], RANDOM_RAYS[level], square_px)
         moments[odd], error[odd], rays = other.moments, other.error_mm, rays + other.rays
-    return Integral(moments, error, odd, rays + found.rays)
+    return Integral(moments, error, odd, rays)
 
 
-def random_integrals(tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, rays: int) -> Integral:
+_Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
+"""Moments and status of each level, and rays traced."""
+
+
+def _over_points(
+    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, levels: list[int], _: float
+) -> _Levels:
+    found = edges(tracer.arrays, tracer.positions_mm(*x_px.T), lens)
+    parts = [found.moments(planes, NODES[level]) for level in levels]
+    return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
+
+
+def _over_squares(
+    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, levels: list[int], square_px: float
+) -> _Levels:
+    result, rays = [], 0
+    for level in levels:
+        offset, share = squares.nodes(SQUARE_NODES[level])
+        moments, status = np.empty((len(x_px), COLUMNS)), np.empty(len(x_px), np.int64)
+        stretch = max(1, _NODES_AT_ONCE // (len(share) * NODES[level][0] * NODES[level][1]))
+        for first in range(0, len(x_px), stretch):
+            here = slice(first, first + stretch)
+            x = (x_px[here, None] + square_px * offset).reshape(-1, 2)
+            behind, on = (np.repeat(values[here], len(share), axis=0) for values in (lens, planes))
+            ((found, state),), more = _over_points(tracer, x, behind, on, [level], 0.0)
+            moments[here] = squares.joined(found.reshape(-1, len(share), COLUMNS), share)
+            status[here] = _worst(state.reshape(-1, len(share)))
+            rays += more
+        result.append((moments, status))
+    return result, rays
+
+
+def _worst(status: np.ndarray) -> np.ndarray:
+    """What became of squares, (n,), from what became of their nodes, (n, m)."""
+    some = np.where((status == INTEGRATED).any(axis=1), INTEGRATED, EMPTY)
+    return np.where((status == NOT_STAR_SHAPED).any(axis=1), NOT_STAR_SHAPED, some)
+
+
+def random_integrals(
+    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, rays: int, square_px: float = 0.0
+) -> Integral:
     """The same by so many scrambled Sobol points each; random numbers depend on the pixel."""
     known = ~np.isnan(x_px).any(axis=1)
     somewhere = np.where(known[:, None], x_px, 0.0)
-    positions = tracer.positions_mm(*somewhere.T)
-    moments = tracer.moments(positions, np.where(known, lens, SKIP), planes, rays, np.rint(somewhere).astype(np.int64))
+    positions, numbers = tracer.positions_mm(*somewhere.T), np.rint(somewhere).astype(np.int64)
+    moments = tracer.moments(positions, np.where(known, lens, SKIP), planes, rays, numbers, square_px)
     error = np.sqrt(moments[:, VARIANCE : VARIANCE + 2])
     return Integral(moments, error, np.ones(len(x_px), bool), int(known.sum()) * max(rays, REPLICAS))

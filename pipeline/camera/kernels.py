@@ -12,16 +12,31 @@ from pipeline.camera.moments import FREE_WEIGHT, WEIGHT, accumulate, cross_packe
 from pipeline.camera.packets import draw, start_packet
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.camera.sobol import hash32
-from pipeline.jit import kernel
+from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
-_IMAGE_STREAM = 1 << 16
-_PIXEL_CIRCUMRADIUS = 0.7072
+_IMAGE_STREAM, _START_STREAM = 1 << 16, 2 * REPLICAS
+_CIRCUMRADIUS = 0.7072
+"""Of a square of edge 1, rounded up."""
+_GAUSS = 0.28867513459481287
+"""Both nodes of Gauss and Legendre stand so far from the middle of an interval of length 1."""
+
+
+@inline
+def _free_weight_of(optics, lenses, aperture, mosaic, lens, x, y, square, polygon):
+    """Free weight of a position, or its mean over the square around it; over a few pixels it is all but quadratic."""
+    if not square > 0.0:
+        return free_weight(optics, lenses, aperture, mosaic, lens, x, y, polygon)
+    total, off = 0.0, _GAUSS * square
+    for i in range(4):
+        a, b = x + (off if i % 2 else -off), y + (off if i // 2 else -off)
+        total += 0.25 * free_weight(optics, lenses, aperture, mosaic, lens, a, b, polygon)
+    return total
 
 
 @kernel
 def bundle_moments(
-    optics, table, outlines, lenses, aperture, mosaic, planes, bits, seed, pixels, positions, lens, moments
+    optics, table, outlines, lenses, aperture, mosaic, planes, bits, seed, square, pixels, positions, lens, moments
 ):
     """Moments of the bundles of many sensor positions on two planes.
 
@@ -43,6 +58,8 @@ def bundle_moments(
         Two planes of each position, or of all, as rows origin, first axis, second axis, normal.
     bits : (DIMENSIONS, samples / REPLICAS) uint32
         From `camera.sobol`.
+    square : float
+        Rays start anywhere on a square of this edge around their position; 0: at the position itself.
     pixels : (n, 2) int64
         What random numbers depend on besides the seed.
     positions : (n, 2) float64
@@ -65,8 +82,10 @@ def bundle_moments(
         sx, sy = positions[n]
         near, far = planes[n if planes.shape[0] > 1 else 0]
         if lens[n] >= 0:
-            moments[n, FREE_WEIGHT] = free_weight(optics, lenses, aperture, mosaic, lens[n], sx, sy, region[0])
-        fan_of = bound(optics, outlines, lenses, aperture, lens[n], sx, sy, 0.0, region)
+            moments[n, FREE_WEIGHT] = _free_weight_of(
+                optics, lenses, aperture, mosaic, lens[n], sx, sy, square, region[0]
+            )
+        fan_of = bound(optics, outlines, lenses, aperture, lens[n], sx, sy, _CIRCUMRADIUS * square, region)
         if not fan_of[3] > 0.0:
             continue
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
@@ -77,6 +96,12 @@ def bundle_moments(
             size = min(PACKET, samples - first)
             draw(bits[0], first, size, hash32(base, 2 * r), x)
             draw(bits[1], first, size, hash32(base, 2 * r + 1), y)
+            if square > 0.0:
+                draw(bits[2], first, size, hash32(base, _START_STREAM + 2 * r), start_x)
+                draw(bits[3], first, size, hash32(base, _START_STREAM + 2 * r + 1), start_y)
+                for i in range(size):
+                    start_x[i] = sx + square * (start_x[i] - 0.5)
+                    start_y[i] = sy + square * (start_y[i] - 0.5)
             start_packet(table, optics, lenses, mosaic, lens[n], sx, sy, start_x, start_y, region, fan_of, size, packet)
             cross_packet(near, far, packet, size, crossing)
             if not started:
@@ -139,7 +164,7 @@ def image_rays(
             lens, stream = strata[n, j], _IMAGE_STREAM + 4 * j
             if lens == SKIP:
                 continue
-            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, _PIXEL_CIRCUMRADIUS * pitch, region)
+            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, _CIRCUMRADIUS * pitch, region)
             if not fan_of[3] > 0.0:
                 continue
             for first in range(0, samples, PACKET):

@@ -132,11 +132,17 @@ class Tracer:
         return (-np.asarray(positions_mm) + offset) / sensor.pitch_mm + centre
 
     def moments(
-        self, positions_mm: np.ndarray, lens: np.ndarray, planes: np.ndarray, samples: int, pixels: np.ndarray
+        self,
+        positions_mm: np.ndarray,
+        lens: np.ndarray,
+        planes: np.ndarray,
+        samples: int,
+        pixels: np.ndarray,
+        square_px: float = 0.0,
     ) -> np.ndarray:
         """Moments of bundles on two planes (2, 4, 3), or two of each position (n, 2, 4, 3); (n, COLUMNS).
 
-        See `camera.moments`.
+        Rays start at the positions, or anywhere on squares of the edge `square_px` around them. See `camera.moments`.
         """
         result = np.empty((len(positions_mm), COLUMNS))
         planes = np.ascontiguousarray(planes.reshape(-1, 2, 4, 3))
@@ -144,7 +150,15 @@ class Tracer:
         positions, pixels = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(pixels, np.int64)
         seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF
         kernels.bundle_moments(
-            *self.arrays, planes, bits, seed, pixels, positions, np.ascontiguousarray(lens, np.int64), result
+            *self.arrays,
+            planes,
+            bits,
+            seed,
+            square_px * self.camera.sensor.pitch_mm,
+            pixels,
+            positions,
+            np.ascontiguousarray(lens, np.int64),
+            result,
         )
         return result
 

@@ -17,7 +17,6 @@ _NO_TILT = ((0.0, 0.0),)
 SUPPORTED: dict[str, tuple[Any, ...]] = {
     "PlenSensor plen:tilt": _NO_TILT,
     "plen:camera:weight": ("irradiance",),
-    "plen:truth:footprint": ("point",),
     "plen:image:fNumbers": ((),),
 }
 

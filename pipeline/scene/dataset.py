@@ -57,6 +57,11 @@ class CameraEntry:
     image_samples: int
     extent: str = "tiles"
 
+    @property
+    def square_px(self) -> float:
+        """Edge of the square around a position that the rays of J start on: the fine pixel's, or 0 for its centre."""
+        return 1.0 / self.sampling.supersampling if self.footprint == "pixel" else 0.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetEntry:

@@ -19,14 +19,15 @@ _STREAM = 0x5EA1
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frames (list of {number, targets: list of {name, target, vision_from_target}}), truth, seed."""
+    """Params: frames (list of {number, targets: of {name, target, vision_from_target}}), truth, square_px, seed."""
     tracer, images = tracer_of(inputs, params["seed"] ^ _STREAM)
     tables = [
         (frame["targets"], read_table(inputs[f"frame{frame['number']}"]["correspondences.csv"]))
         for frame in params["frames"]
     ]
     settings = from_plain(TruthSettings, params["truth"])
-    write_json(out / "certificate.json", certificate(Rig(tracer, images), tables, settings.claim_px, params["seed"]))
+    rig = Rig(tracer, images, params["square_px"])
+    write_json(out / "certificate.json", certificate(rig, tables, settings.claim_px, params["seed"]))
 
 
 def certificate(

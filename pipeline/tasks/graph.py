@@ -78,7 +78,7 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
         f"tile{number}": graph.add(
             f"rays_tile/{entry.name}/{number:04d}",
             f"{_KIND}rays_tile",
-            {"first_row": first, "end_row": end, **sampling},
+            {"first_row": first, "end_row": end, **sampling, "square_px": entry.square_px},
             reads,
         )
         for number, (first, end) in enumerate(rows)
@@ -119,7 +119,8 @@ def _add_frame(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             truth_reads["micro_images"] = f"micro_images/{entry.name}"
     if entry.truth["method"] == "image":
         planes = [plane for target in dataset.targets for plane in _tangent_planes(target, poses[target.name])]
-        light = {"weight": entry.weight, "wavelength_nm": entry.wavelength_nm}
+        light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
+        light["square_px"] = entry.square_px
         params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
         truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
         files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
@@ -158,7 +159,8 @@ def truth_targets(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[di
 def _add_certificate(graph: TaskGraph, dataset: Dataset, entry: CameraEntry) -> str:
     frames = [{"number": frame.number, "targets": truth_targets(dataset, entry, frame)} for frame in dataset.frames]
     reads = {f"frame{frame.number}": f"truth/{entry.name}/{frame.number:04d}" for frame in dataset.frames}
-    params = {"frames": frames, "truth": to_plain(entry.truth), "seed": entry.sampling.seed}
+    judged = {"truth": to_plain(entry.truth), "square_px": entry.square_px}
+    params = {"frames": frames, **judged, "seed": entry.sampling.seed}
     return graph.add(
         f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}
     )
@@ -180,6 +182,7 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
         "camera": entry.name,
         "targets": targets,
         "truth": to_plain(entry.truth),
+        "square_px": entry.square_px,
         "labels": labels,
     }
 

@@ -17,9 +17,9 @@ from pipeline.truth.grid import fine_from_image
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: planes (list of {name, vision_from_target, points_mm}), extent, supersampling, samples, seed, ..."""
+    """Params: planes (list of {name, vision_from_target, points_mm}), extent, supersampling, samples, square_px, ..."""
     tracer, images = tracer_of(inputs, params["seed"])
-    names = ("extent", "supersampling", "samples", "seed", "weight", "wavelength_nm")
+    names = ("extent", "supersampling", "samples", "seed", "weight", "footprint", "wavelength_nm")
     head = {name: params[name] for name in names}
     parts = []
     for plane in params["planes"]:
@@ -61,5 +61,5 @@ def position_image(
     for piece in stretches(tracer, images, k, 0, sensor.height_px):
         here = slice(None) if wanted is None else wanted.ravel()[piece.index]
         arguments = piece.positions_mm[here], piece.lens[here], planes, params["samples"], piece.pixels[here]
-        result[piece.index[here]] = tracer.moments(*arguments)[:, :2]
+        result[piece.index[here]] = tracer.moments(*arguments, params["square_px"])[:, :2]
     return result.reshape(height, width, 2)

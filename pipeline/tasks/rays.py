@@ -31,7 +31,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
         **{name: params[name] for name in ("supersampling", "samples", "seed", "weight", "footprint", "wavelength_nm")},
     }
-    kept = "of the bundle at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
+    kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
     error = np.fmax(near_error, far_error)
     parts = [
         _part("near", near, ("X", "Y"), {**head, "plane_z_mm": camera.near_mm}),

@@ -23,7 +23,7 @@ def tile_rows(width_px: int, height_px: int, supersampling: int, samples: int) -
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: first_row, end_row, supersampling, samples, seed."""
+    """Params: first_row, end_row, supersampling, samples, seed, square_px."""
     tracer, images = tracer_of(inputs, params["seed"])
     camera, k = tracer.camera, params["supersampling"]
     height, width = (params["end_row"] - params["first_row"]) * k, camera.sensor.width_px * k
@@ -34,15 +34,20 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     covariance = np.empty((height * width, 10), np.float32)
     for piece in stretches(tracer, images, k, params["first_row"], params["end_row"]):
         here, lens = piece.index, piece.lens
-        moments = tracer.moments(piece.positions_mm, lens, planes, params["samples"], piece.pixels)
+        moments = tracer.moments(piece.positions_mm, lens, planes, params["samples"], piece.pixels, params["square_px"])
         free = moments[:, FREE_WEIGHT] if images else tracer.reference_weight_sr
         bundles[here, NEAR], bundles[here, FAR] = moments[:, 0:2], moments[:, 2:4]
         bundles[here, HIT_FRACTION] = moments[:, WEIGHT] / free
         bundles[here, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
         covariance[here] = moments[:, COVARIANCE:WEIGHT]
+        if params["square_px"] > 0:
+            # Second moments are those of the bundle without its square, which only kept positions need.
+            kept = (piece.pixels % k == k // 2).all(axis=1)
+            points = piece.positions_mm[kept], lens[kept], planes, params["samples"], piece.pixels[kept]
+            covariance[here[kept]] = tracer.moments(*points)[:, COVARIANCE:WEIGHT]
         cells[here] = lens if images else 0
     # Of every pixel the bundle next to its centre keeps its second moments.
-    kept = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
+    small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
     np.save(out / "bundles.npy", bundles.reshape(height, width, WIDTH), allow_pickle=False)
     np.save(out / "cells.npy", cells.reshape(height, width), allow_pickle=False)
-    np.save(out / "covariance.npy", np.ascontiguousarray(kept), allow_pickle=False)
+    np.save(out / "covariance.npy", np.ascontiguousarray(small), allow_pickle=False)

@@ -25,9 +25,9 @@ from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_plan
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frame, camera, targets (list of {name, target, vision_from_target}), truth, labels."""
+    """Params: frame, camera, targets (list of {name, target, vision_from_target}), truth, square_px, labels."""
     settings = from_plain(TruthSettings, params["truth"])
-    rig = Rig(*tracer_of(inputs, params["labels"]["seed"]))
+    rig = Rig(*tracer_of(inputs, params["labels"]["seed"]), params["square_px"])
     grid = None if settings.method == "direct" else read_grid(inputs)
     positions = read_exr(inputs["positions"]["positions.exr"]) if "positions" in inputs else {}
     columns: dict[str, list[Any]] = {}
@@ -124,6 +124,7 @@ def read_grid(inputs: Inputs) -> RayGrid:
         cell=cell,
         microlenses=microlenses,
         centres_px=centres,
+        square_steps=1.0 if near.attributes["footprint"] == "pixel" else 0.0,
     )
 
 

@@ -101,7 +101,7 @@ def _targets(dataset: Dataset, entry: CameraEntry, number: int) -> list[dict[str
 
 def _judged(dataset: Dataset, entry: CameraEntry, tables: list[tuple[int, Table]], seed: int) -> dict[str, Any]:
     tracer = Tracer(focused(entry.camera), dataset.seed + seed)
-    rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None)
+    rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, entry.square_px)
     claim_px = from_plain(TruthSettings, entry.truth).claim_px
     return certificate(rig, [(_targets(dataset, entry, number), table) for number, table in tables], claim_px, seed)
 

@@ -122,7 +122,7 @@ def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.n
 
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
-    search = Search(rig.tracer, rig.lens(rows.cell), rows.planes, rows.x_px, rows.x_px)
+    search = Search(rig.tracer, rig.lens(rows.cell), rows.planes, rows.x_px, rows.x_px, rig.square_px)
     search.look()
     return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
 
@@ -142,7 +142,7 @@ def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, 
     for rays in _RANDOM_RAYS:
         for _ in range(_TURNS):
             x = rows.x_px[lit] + apart[lit]
-            found = random_integrals(rig.tracer, x, rig.lens(rows.cell[lit]), planes[lit], rays)
+            found = random_integrals(rig.tracer, x, rig.lens(rows.cell[lit]), planes[lit], rays, rig.square_px)
             step = -np.einsum("nij,nj->ni", search.inverse[lit], found.moments[:, :2])
             apart[lit] += step
             sigma[lit] = errors_px(search.inverse[lit], found)

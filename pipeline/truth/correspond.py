@@ -272,15 +272,15 @@ def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndar
     pupil; so the error at the target is that at the near or far plane times the ratio of the blurs.
     """
     row, column = _nearest_fine(found, grid)
-    widths = []
+    widths, square_px2 = [], (grid.square_steps / grid.supersampling) ** 2 / 12
     for image, block in ((grid.near, covariance[:, :2, :2]), (grid.far, covariance[:, 2:, 2:])):
         jacobian = _central_jacobian(image, column, row) * grid.supersampling
         known = np.isfinite(jacobian).all(axis=(1, 2))
         regular = known & (np.abs(np.linalg.det(np.where(known[:, None, None], jacobian, 0.0))) > 0)
         jacobian = np.where(regular[:, None, None], jacobian, np.nan)
         widths.append(np.diagonal(blur.in_image(block, jacobian), axis1=1, axis2=2))
-    worst = np.fmax(*widths)
-    here = np.diagonal(blurred, axis1=1, axis2=2)
+    worst = np.fmax(*widths) + square_px2
+    here = np.diagonal(blurred, axis1=1, axis2=2) + square_px2
     return _pooled_error(grid, row, column, found.cell) * np.sqrt(here / worst) * found.noise_gain[:, None]
 
 

@@ -35,6 +35,8 @@ class Search:
         Tangent planes whose origins are the target points: J(x) = 0 is solved.
     x_px, home_px : (n, 2) float64
         First guesses, and where light arrives for certain: a guess in the dark moves there.
+    square_px : float
+        Edge of the square around a position that its rays start on; 0: the position itself.
 
     Attributes
     ----------
@@ -53,9 +55,15 @@ class Search:
     """
 
     def __init__(
-        self, tracer: Tracer, lens: np.ndarray, planes: np.ndarray, x_px: np.ndarray, home_px: np.ndarray
+        self,
+        tracer: Tracer,
+        lens: np.ndarray,
+        planes: np.ndarray,
+        x_px: np.ndarray,
+        home_px: np.ndarray,
+        square_px: float = 0.0,
     ) -> None:
-        self.tracer, self.lens, self.home_px = tracer, lens, home_px
+        self.tracer, self.lens, self.home_px, self.square_px = tracer, lens, home_px, square_px
         self.planes = np.stack([planes, planes], axis=1)
         self.x_px, self.rays = x_px.copy(), 0
         n = len(x_px)
@@ -110,9 +118,9 @@ class Search:
             if not len(rows):
                 break
 
-    def integral(self, rows: np.ndarray, planes: np.ndarray) -> np.ndarray:
-        """Rough moments of some rows' bundles on other planes (n, 2, 4, 3)."""
-        found = integrals(self.tracer, self.x_px[rows], self.lens[rows], planes, 0)
+    def of_points(self, rows: np.ndarray, planes: np.ndarray, level: int) -> np.ndarray:
+        """Moments of the bundles that start at some rows' positions themselves, on planes (n, 2, 4, 3)."""
+        found = integrals(self.tracer, self.x_px[rows], self.lens[rows], planes, level)
         self.rays += found.rays
         return found.moments
 
@@ -169,7 +177,7 @@ class Search:
         return self._integral(rows, x_px, 0).moments[:, :2]
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
-        found = integrals(self.tracer, x_px, self.lens[rows], self.planes[rows], level)
+        found = integrals(self.tracer, x_px, self.lens[rows], self.planes[rows], level, self.square_px)
         self.rays += found.rays
         self.is_random[rows] = found.is_random
         return found

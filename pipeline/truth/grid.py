@@ -18,7 +18,8 @@ class RayGrid:
     near, far : (K h, K w, 2) float64
         J_near and J_far: mean crossings, vision frame [mm].
     covariance : (h, w, 10) float64
-        Upper triangle of the covariance of (x_near, y_near, x_far, y_far) at K = 1 [mm^2].
+        Upper triangle of the covariance of (x_near, y_near, x_far, y_far) at K = 1, of rays that start at one point
+        [mm^2].
     hit_fraction : (K h, K w) float64
     error_px : (K h, K w, 2) float64
         Standard error of J from the ray sampling, on the worse of the two planes [px].
@@ -28,6 +29,9 @@ class RayGrid:
         k, l and type of the microlenses; one row of zeros for a conventional camera.
     centres_px : (m, 2) float64 or None
         Micro-image centres; None for a conventional camera.
+    square_steps : float
+        Edge of the square around a position that its rays start on, in steps of the grid: 1, or 0 for the position
+        itself.
     """
 
     supersampling: int
@@ -41,6 +45,7 @@ class RayGrid:
     cell: np.ndarray
     microlenses: np.ndarray
     centres_px: np.ndarray | None
+    square_steps: float = 0.0
 
     def window(self, rows: slice, columns: slice) -> "RayGrid":
         """The bundles of some rows and columns of the image alone; all micro-images stay."""

@@ -11,6 +11,7 @@ correction vanishes on planes parallel to J_near and J_far, and where the bundle
 
 import numpy as np
 
+from pipeline.truth.error import jacobian
 from pipeline.truth.grid import RayGrid
 from pipeline.truth.position_image import crossing_share
 
@@ -45,13 +46,24 @@ def correction(
 def corrected(image: np.ndarray, grid: RayGrid, vision_from_target: np.ndarray) -> np.ndarray:
     """A position image by two planes, corrected, (K h, K w, 2) in the target frame [mm].
 
-    Second moments are kept once per pixel; positions of another micro-image than the one their pixel kept, at the
+    Second moments are kept once per pixel, of rays from one point: what the square of a position adds follows from the
+    derivative of J. Positions of another micro-image than the one their pixel kept, at the
     edge of a cell, stay uncorrected. Behind microlenses the correction is some 1e-4 px.
     """
     k = grid.supersampling
     share, _, way = crossing_share(grid.near, grid.far, grid.near_mm, grid.far_mm, vision_from_target)
     covariance = grid.covariance.repeat(k, axis=0).repeat(k, axis=1)
     kept = grid.cell[k // 2 :: k, k // 2 :: k].repeat(k, axis=0).repeat(k, axis=1)
+    if grid.square_steps > 0:
+        covariance = covariance + _of_square(grid)
     shift = correction(covariance, share, way, vision_from_target)
     known = (kept == grid.cell)[..., None] & ~np.isnan(shift)
     return image + np.where(known, shift, 0.0)
+
+
+def _of_square(grid: RayGrid) -> np.ndarray:
+    """Covariance of the mean crossings over the square of each position, (K h, K w, 10) [mm^2]; 0 where unknown."""
+    derivative = np.concatenate([jacobian(image, grid.cell) for image in (grid.near, grid.far)], axis=-2)
+    rows, columns = np.triu_indices(4)
+    products = (derivative[..., rows, :] * derivative[..., columns, :]).sum(axis=-1)
+    return np.nan_to_num(grid.square_steps**2 / 12 * products)

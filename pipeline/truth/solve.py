@@ -16,6 +16,7 @@ from pipeline.truth.grid import matrix_4
 _GRACE_PX = 1.0
 """Rough solutions so far outside of their cell or of the image may still turn out to lie inside."""
 _APART_MM = 10.0
+_BLUR_LEVEL = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +34,19 @@ class Guess:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera made ready: its tracer, and its micro-images, None for a conventional camera."""
+    """A camera made ready, and what J means.
+
+    Attributes
+    ----------
+    images : MicroImages or None
+        None for a conventional camera.
+    square_px : float
+        Edge of the square around a position that the rays of J start on; 0: the position itself.
+    """
 
     tracer: Tracer
     images: MicroImages | None
+    square_px: float = 0.0
 
     @property
     def axial(self) -> np.ndarray:
@@ -105,7 +115,8 @@ def solve(
     planes : (p, 4, 3) float64
         Per target point the tangent plane there, vision frame: rows point, first axis, second axis, normal.
     """
-    search = Search(rig.tracer, rig.lens(guess.cell), planes[guess.point], guess.x_px, rig.home_px(guess.cell))
+    where = guess.x_px, rig.home_px(guess.cell)
+    search = Search(rig.tracer, rig.lens(guess.cell), planes[guess.point], *where, rig.square_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray) -> np.ndarray:
         return rig.in_image(x_px, _GRACE_PX) & rig.in_cell(x_px, guess.cell[rows], _GRACE_PX)
@@ -137,12 +148,13 @@ def _with_blur(
     rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: np.ndarray, counts: dict[str, int]
 ) -> Correspondences:
     point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
-    on_plane = matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2]
+    without_square = search.of_points(rows, search.planes[rows], _BLUR_LEVEL) if rig.square_px else moments
+    on_plane = matrix_4(without_square[:, COVARIANCE:WEIGHT])[:, :2, :2]
     blurred = blur.in_image(on_plane, jacobian)
     z = planes[point, 0, 2]
     upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(rows), axis=0)
     upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
-    across = matrix_4(search.integral(rows, upright)[:, COVARIANCE:WEIGHT])
+    across = matrix_4(search.of_points(rows, upright, 0)[:, COVARIANCE:WEIGHT])
     _, uv = blur.deviations(across, np.zeros(len(rows)))
     error = np.hypot(*search.sigma_px[rows].T)
     x, y = search.x_px[rows].T

@@ -39,13 +39,15 @@ def starts(plenoptic_tracer):
     return positions, np.tile(lens, 2), np.arange(20).reshape(10, 2)
 
 
-def test_our_rays_are_those_of_a_build(plenoptic_tracer, starts):
-    """Mean crossings of bundles that start at a point, after 4,096 rays and after 16,384 of the same sequence."""
+@pytest.mark.parametrize("width_px", [0.0, 0.25])
+def test_our_rays_are_those_of_a_build(plenoptic_tracer, starts, width_px):
+    """Mean crossings of points' and fine pixels' bundles, after 4,096 rays and after 16,384 of the same sequence."""
     positions, lens, fine = starts
-    planes = parallel_planes(NEAR_MM, FAR_MM)
-    found = sampling.means(plenoptic_tracer, "ours", positions, lens, fine, planes, (4096, 16384), 0.0)
-    for j, samples in enumerate((4096, 16384)):
-        expected = plenoptic_tracer.moments(positions, lens, planes, samples, fine)[:, :4]
+    planes, counts = parallel_planes(NEAR_MM, FAR_MM), (4096, 16384)
+    width_mm = width_px * plenoptic_tracer.camera.sensor.pitch_mm
+    found = sampling.means(plenoptic_tracer, "ours", positions, lens, fine, planes, counts, width_mm)
+    for j, samples in enumerate(counts):
+        expected = plenoptic_tracer.moments(positions, lens, planes, samples, fine, width_px)[:, :4]
         np.testing.assert_allclose(found[:, j].reshape(-1, 4), expected, rtol=0, atol=ROUNDING_MM)
 
 

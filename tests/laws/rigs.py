@@ -114,7 +114,9 @@ def facing(distance_mm: float, tilt_deg: float = 0.0, x_mm: float = 0.0, y_mm: f
     return pose
 
 
-def ray_grid(folder: Path, camera: Camera, supersampling: int, samples: int, seed: int = 1) -> RayGrid:
+def ray_grid(
+    folder: Path, camera: Camera, supersampling: int, samples: int, seed: int = 1, footprint: str = "point"
+) -> RayGrid:
     """Position images of a camera, made by the tasks of a build and read back from their files."""
     sensor = camera.sensor
     sampling = {"supersampling": supersampling, "samples": samples, "seed": seed}
@@ -122,9 +124,10 @@ def ray_grid(folder: Path, camera: Camera, supersampling: int, samples: int, see
         (folder / name).mkdir(parents=True)
     write_json(folder / "camera" / FOCUSED, to_plain(camera))
     inputs = {"camera": {FOCUSED: folder / "camera" / FOCUSED}}
-    rays_tile.run({"first_row": 0, "end_row": sensor.height_px, **sampling}, inputs, folder / "tile")
+    square = {"square_px": 1 / supersampling if footprint == "pixel" else 0.0}
+    rays_tile.run({"first_row": 0, "end_row": sensor.height_px, **sampling, **square}, inputs, folder / "tile")
     inputs["tile0"] = {f"{name}.npy": folder / "tile" / f"{name}.npy" for name in ("bundles", "cells", "covariance")}
-    light = {"weight": "irradiance", "footprint": "point", "wavelength_nm": 587.56}
+    light = {"weight": "irradiance", "footprint": footprint, "wavelength_nm": 587.56}
     rays.run({"tiles": 1, **sampling, **light}, inputs, folder / "rays")
     inputs["rays"] = {"rays.exr": folder / "rays" / "rays.exr"}
     if camera.microlenses:

@@ -196,7 +196,7 @@ def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg
     assert len(direct.found.point) == 6 and direct.counts["inaccurate"] == 0
     grid = rigs.ray_grid(tmp_path_factory.mktemp("rays"), camera, 1, 256, seed)
     flat = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-    params = {"supersampling": 1, "samples": 256, "seed": seed}
+    params = {"supersampling": 1, "samples": 256, "seed": seed, "square_px": 0.0}
     images = {
         "moments": corrected(flat, grid, pose),
         "image": position_image(Tracer(camera, seed), None, pose, params).astype(float),

@@ -257,13 +257,18 @@ METHOD = {
         Case(A, 2, TRUTH | RAYS),
         Case(A, 2, POSITIONS | RAYS, given=IMAGE),
         Case(A, 2, given=DIRECT),
+        Case(A, 2, TRUTH, given=DIRECT | {(A, "plen:truth:footprint"): "pixel"}),
     ],
     "plen:truth:samples": [
         Case(A, 128, TRUTH | RAYS),
         Case(A, 128, POSITIONS | RAYS, given=IMAGE),
         Case(A, 128, given=DIRECT),
     ],
-    "plen:truth:footprint": [Case(A, "pixel", refused=True)],
+    "plen:truth:footprint": [
+        Case(A, "pixel", TRUTH | RAYS | {"first_order"}),
+        Case(A, "pixel", POSITIONS | RAYS | {"first_order"}, given=IMAGE),
+        Case(A, "pixel", TRUTH | {"first_order"}, given=DIRECT),
+    ],
     "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
 }

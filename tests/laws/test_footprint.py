@@ -1,0 +1,113 @@
+"""Claim: with footprint `pixel`, every method finds the same J, its square falls out as K grows, blur columns are
+without it, and a certificate that judges by another footprint objects.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from laws import rigs
+from laws.test_direct import rig_of, solved
+from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
+
+from pipeline.camera.integrals import integrals
+from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.tasks.positions import position_image
+from pipeline.truth.certificate import Rows, certify
+from pipeline.truth.correspond import Correspondences, correspond
+from pipeline.truth.polish import polished
+from pipeline.truth.position_image import on_target
+from pipeline.truth.second_order import corrected
+from pipeline.truth.settings import TruthSettings
+from pipeline.truth.solve import Rig, tangent_planes
+
+BOARD, POSE = Checkerboard(columns=2, rows=1, square_mm=1.0), rigs.facing(420.0, 40.0)
+PLANES = tangent_planes(POSE, BOARD.points_mm())
+
+
+@pytest.fixture(scope="module")
+def point() -> Rig:
+    return rig_of(rigs.plenoptic(2.0, 64, 48))
+
+
+@pytest.fixture(scope="module")
+def pixel(point: Rig) -> Rig:
+    return dataclasses.replace(point, square_px=1.0)
+
+
+@pytest.fixture(scope="module")
+def direct(pixel: Rig) -> Correspondences:
+    return solved(pixel, BOARD, POSE, 3e-4)
+
+
+def test_the_shift_falls_with_the_square_of_the_edge(point: Rig) -> None:
+    """In the penumbra, where the shift is not small: fourfold for half an edge."""
+    assert point.images is not None
+    start = point.images.centre_mm[[0]] + np.array([[0.0998, 0.0291]])
+    x, planes, lens = point.tracer.pixels_at(start), np.stack([target_plane(POSE)] * 2)[None], np.array([0])
+    where, *shifts = (
+        integrals(point.tracer, x, lens, planes, 4, edge).moments[0, :2] for edge in (0.0, 0.5, 0.25, 0.125)
+    )
+    length = [float(np.hypot(*(shift - where))) for shift in shifts]
+    assert length[0] / length[1] == pytest.approx(4.0, rel=HALVED_SQUARE)
+    assert length[1] / length[2] == pytest.approx(4.0, rel=HALVED_SQUARE / 2)
+
+
+def test_all_methods_find_the_same_rows(pixel: Rig, direct: Correspondences, tmp_path) -> None:
+    """Rows from position images of squares, the target's own and two planes', agree with those solved directly."""
+    camera, tracer = pixel.tracer.camera, pixel.tracer
+    grid = rigs.ray_grid(tmp_path, camera, 1, 1024, footprint="pixel")
+    flat = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, POSE)
+    params = {"supersampling": 1, "samples": 1024, "seed": 1, "square_px": 1.0}
+    images = {
+        "two-plane": flat,
+        "image": position_image(tracer, pixel.images, POSE, params).astype(float),
+        "moments": corrected(flat, grid, POSE),
+    }
+    settings = TruthSettings(method="moments", filter="none")
+    for name, image in images.items():
+        rows = correspond(image, BOARD.points_mm(), grid, POSE, dataclasses.replace(settings, method=name))
+        number = {pair: i for i, pair in enumerate(zip(direct.found.point, direct.found.cell, strict=True))}
+        own = [number.get(pair, -1) for pair in zip(rows.found.point, rows.found.cell, strict=True)]
+        assert len(own) > 5 and own.count(-1) <= 1
+        apart = np.hypot(rows.found.x_px - direct.found.x_px[own], rows.found.y_px - direct.found.y_px[own])
+        assert np.median(apart[np.array(own) >= 0]) < 0.01  # K = 1: J bends within four pixels
+        if name == "moments":
+            whole = polished(pixel, rows, PLANES, settings)
+            assert whole.found.cell.tolist() == direct.found.cell.tolist()
+            both = whole.found.x_px - direct.found.x_px, whole.found.y_px - direct.found.y_px
+            assert np.hypot(*both).max() < 2e-3
+
+
+def test_blur_is_that_of_the_point(point: Rig, pixel: Rig, direct: Correspondences) -> None:
+    """Rows in full light: the pixel's own 1/12 px^2 per axis is not in the columns."""
+    other = solved(point, BOARD, POSE)
+    rows = {pair: i for i, pair in enumerate(zip(other.found.point, other.found.cell, strict=True))}
+    bright = np.flatnonzero(direct.hit_fraction > 0.999)
+    same = [rows[direct.found.point[i], direct.found.cell[i]] for i in bright]
+    assert len(same) > 3
+    np.testing.assert_allclose(direct.blur_px2[bright], other.blur_px2[same], rtol=FIRST_ORDER_BLUR, atol=1e-4)
+    np.testing.assert_allclose(direct.rho_px[bright], other.rho_px[same], rtol=FIRST_ORDER_BLUR)
+
+
+@pytest.mark.parametrize("is_direct", [True, False])
+def test_a_judge_with_the_other_footprint_objects(
+    point: Rig, pixel: Rig, direct: Correspondences, is_direct: bool
+) -> None:
+    """Rows of pixels pass before a judge who means pixels; before one who means points they fail, by five claims."""
+    x = np.stack([direct.found.x_px, direct.found.y_px], axis=1)
+    rows = Rows(PLANES[direct.found.point], direct.found.cell, x, np.full(len(x), is_direct))
+    own, other = (certify(rig, rows, len(x), 1e-3) for rig in (pixel, point))
+    assert own["passed"] is True
+    assert other["passed"] is False and other["max_px"] > 5e-3
+
+
+def test_a_tracer_has_the_hit_fraction_of_a_square(point: Rig) -> None:
+    """What leaves over what could, both over the square: 1 in full light, also for squares of several pixels."""
+    assert point.images is not None
+    x, planes = point.tracer.pixels_at(point.images.centre_mm[[3]]), np.stack([target_plane(POSE)] * 2)[None]
+    wide = dataclasses.replace(point, tracer=Tracer(point.tracer.camera, 5))
+    for edge in (0.0, 4.0):
+        exact = integrals(wide.tracer, x, np.array([3]), planes, 2, edge).moments
+        assert wide.hit_fraction(exact)[0] == pytest.approx(1.0, rel=0, abs=1e-6)
