@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs lint warm faults bench picture wheel clean
+.PHONY: demo test proofs lint warm faults bench evaluation picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -39,6 +39,10 @@ bench: $(STAMP)
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
 	$(BIN)/python benchmarks/engine.py
+
+# The paper's evaluation, tables and figures of example 03: about a quarter of an hour of computing time.
+evaluation: $(STAMP)
+	$(BIN)/python examples/03_paper_evaluation/evaluate.py --out examples/03_paper_evaluation
 
 # The pictures of README.md and of the examples.
 picture: $(STAMP)

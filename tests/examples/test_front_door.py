@@ -62,7 +62,7 @@ def test_every_option_in_contributing_is_an_option():
 @pytest.mark.parametrize(
     "picture", [ROOT / "docs/micro_images.png", *(e / "picture.png" for e in EXAMPLES)], ids=name_of
 )
-def test_pictures_are_small_and_have_crosses(picture):
+def test_pictures_are_small_and_have_colours(picture):
     pixels = read_png(picture)
 
     assert picture.stat().st_size < 300_000

@@ -1,0 +1,186 @@
+"""Position images by two kinds of rays: ours, and plain independent ones as a renderer starts them.
+
+Both start anywhere on the square of a fine pixel (or at its centre), pass one microlens, and weigh their share of the
+irradiance. `ours` aims scrambled Sobol points at the part of the microlens from where light gets through the main lens:
+the rays of a build. `independent` draws pseudo-random numbers and aims at the whole aperture of the microlens; what the
+stop blocks is lost. Vision frame, mm.
+"""
+
+import numpy as np
+
+from pipeline.camera.camera import REPLICAS
+from pipeline.camera.moments import cross
+from pipeline.camera.packets import draw, start_packet
+from pipeline.camera.polygon import fan
+from pipeline.camera.regions import SKIP, bound, new_region
+from pipeline.camera.sobol import hash32, sobol_bits
+from pipeline.camera.tracer import Tracer
+from pipeline.jit import inline, kernel
+from pipeline.optics.kernels import PACKET, new_packet
+
+SAMPLINGS = ("independent", "ours")
+_CIRCUMRADIUS = 0.7072
+_PER_UINT32 = 2.3283064365386963e-10
+
+
+def means(
+    tracer: Tracer,
+    sampling: str,
+    positions_mm: np.ndarray,
+    lens: np.ndarray,
+    fine: np.ndarray,
+    planes: np.ndarray,
+    samples: tuple[int, ...],
+    width_mm: float,
+    seed: int | None = None,
+) -> np.ndarray:
+    """Mean crossings of bundles with several planes after so many and so many samples; the rays are the same, and more.
+
+    Parameters
+    ----------
+    sampling : str
+        One of SAMPLINGS.
+    positions_mm, lens : (n, 2) float64, (n,) int64
+        On the sensor, and the microlens of each or SKIP.
+    fine : (n, 2) int64
+        What random numbers depend on: column and row of the fine grid.
+    planes : (p, 4, 3) float64
+        Rows origin, first axis, second axis, normal.
+    samples : tuple of int
+        Ascending multiples of 1024.
+    width_mm : float
+        Of a fine pixel; 0: all rays start at its centre.
+    seed : int, optional
+        Other random numbers than those of the dataset.
+
+    Returns
+    -------
+    (n, len(samples), p, 2) float64
+        In the planes' own axes [mm]; NaN where nothing passes.
+    """
+    if tracer.camera.microlenses is None or tracer.microlenses.lenses.shape[1] != 3:
+        raise ValueError("sampled are plain microlenses: thin, untilted")
+    stops = np.array(samples) // REPLICAS
+    if (stops % PACKET).any() or (np.diff(stops) <= 0).any():
+        raise ValueError(f"samples must ascend in multiples of {REPLICAS * PACKET}, not {samples}")
+    result = np.full((len(positions_mm), len(samples), len(planes), 2), np.nan)
+    bits, seed = sobol_bits(int(stops[-1])), tracer.seed if seed is None else seed
+    _means(
+        *tracer.arrays,
+        np.ascontiguousarray(planes),
+        bits,
+        seed & 0xFFFFFFFF ^ seed >> 32 & 0xFFFFFFFF,
+        sampling == "independent",
+        width_mm,
+        stops,
+        np.ascontiguousarray(fine, np.int64),
+        np.ascontiguousarray(positions_mm, float),
+        np.ascontiguousarray(lens, np.int64),
+        result,
+    )
+    return result
+
+
+@kernel
+def _means(
+    optics,
+    table,
+    outlines,
+    lenses,
+    aperture,
+    mosaic,
+    planes,
+    bits,
+    seed,
+    independent,
+    width,
+    stops,
+    fine,
+    positions,
+    lens,
+    result,
+):
+    region, packet = new_region(), new_packet()
+    x, y = packet[0], packet[1]
+    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    pivot, sums = np.zeros((planes.shape[0], 2)), np.zeros((planes.shape[0], 3))
+    for n in range(positions.shape[0]):
+        if lens[n] == SKIP:
+            continue
+        sx, sy = positions[n]
+        if independent:
+            fan_of = _whole_aperture(lenses, aperture, lens[n], region)
+        else:
+            fan_of = bound(optics, outlines, lenses, aperture, lens[n], sx, sy, _CIRCUMRADIUS * width, region)
+        if not fan_of[3] > 0.0:
+            continue
+        base = hash32(hash32(seed, fine[n, 0]), fine[n, 1])
+        started, stop = False, 0
+        sums[:] = 0.0
+        for block in range(REPLICAS * (stops[-1] // PACKET)):
+            r, first = block % REPLICAS, block // REPLICAS * PACKET
+            for d, values in enumerate((x, y, start_x, start_y)):
+                # Streams as in a build: aim 0, 1 of each replica, then the place on the pixel.
+                stream = 2 * r + d if d < 2 else 2 * REPLICAS + 2 * r + d - 2
+                if independent:
+                    _pseudo_random(hash32(base, 64 + d), block * PACKET, values)
+                else:
+                    draw(bits[d], first, PACKET, hash32(base, stream), values)
+            for i in range(PACKET):
+                start_x[i] = sx + width * (start_x[i] - 0.5)
+                start_y[i] = sy + width * (start_y[i] - 0.5)
+            start_packet(
+                table, optics, lenses, mosaic, lens[n], sx, sy, start_x, start_y, region, fan_of, PACKET, packet
+            )
+            for p in range(planes.shape[0]):
+                started_here = _add(planes[p], packet, started, pivot[p], sums[p])
+            started = started_here
+            if block + 1 == REPLICAS * (stops[stop] // PACKET):
+                if started:
+                    for p in range(planes.shape[0]):
+                        result[n, stop, p, 0] = pivot[p, 0] + sums[p, 1] / sums[p, 0]
+                        result[n, stop, p, 1] = pivot[p, 1] + sums[p, 2] / sums[p, 0]
+                stop += 1
+
+
+@inline
+def _add(plane, packet, started, pivot, sums):
+    """Add the weight and the crossings of a packet about a pivot, the first crossing; whether there was a ray yet."""
+    x, y, z, dx, dy, dz, alive, scratch, weight = packet
+    for i in range(PACKET):
+        scratch[0, i], scratch[1, i] = cross(plane, x[i], y[i], z[i], dx[i], dy[i], dz[i])
+    if not started:
+        for i in range(PACKET):
+            if alive[i] > 0.0:
+                pivot[0], pivot[1] = scratch[0, i], scratch[1, i]
+                started = True
+                break
+    total, first, second = 0.0, 0.0, 0.0
+    if started:
+        for i in range(PACKET):
+            # Nothing is added for a blocked ray; its crossing may be NaN.
+            if alive[i] > 0.0:
+                total += weight[i]
+                first += weight[i] * (scratch[0, i] - pivot[0])
+                second += weight[i] * (scratch[1, i] - pivot[1])
+    sums[0] += total
+    sums[1] += first
+    sums[2] += second
+    return started
+
+
+@inline
+def _whole_aperture(lenses, aperture, lens, region):
+    """The aperture of a microlens as a fan, as `regions.bound` gives it."""
+    polygon, count = region[0], aperture.shape[0]
+    for i in range(count):
+        polygon[i, 0], polygon[i, 1] = aperture[i, 0] + lenses[lens, 0], aperture[i, 1] + lenses[lens, 1]
+    cx, cy, area = fan(polygon, count, region[3])
+    return count, cx, cy, area
+
+
+@inline
+def _pseudo_random(stream, first, values):
+    """Numbers first, first + 1, ... of a stream, hashed twice, in [0, 1)."""
+    for i in range(values.shape[0]):
+        values[i] = hash32(hash32(stream, first + i), 0) * _PER_UINT32
