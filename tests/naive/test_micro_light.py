@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from naive import brute, slow_microlens, textbook
-from naive.test_microlenses import camera_with, vertex_of
+from naive.test_microlenses import KINDS, camera_with, vertex_of
 from tolerances import MICRO_IMAGE_PX, SIGMAS
 
 from pipeline.camera.array import MicrolensArray
@@ -76,7 +76,11 @@ def pinholes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("name", "directions"),
-    [("vignetted", 240), ("displaced", 48), pytest.param("as printed", 48, marks=pytest.mark.heavy)],
+    [
+        ("vignetted", 240),
+        pytest.param("displaced", 48, marks=pytest.mark.heavy),
+        pytest.param("as printed", 48, marks=pytest.mark.heavy),
+    ],
 )
 def test_the_centroid_is_that_of_many_pinholes(name: str, directions: int) -> None:
     """36 points of the cell instead of 7, many directions without regard to corners, the textbook's trace."""
@@ -102,6 +106,7 @@ def test_the_centroid_is_that_of_many_pinholes(name: str, directions: int) -> No
     assert np.abs(moment / total).max() < MICRO_IMAGE_PX * camera.sensor.pitch_mm
 
 
+@pytest.mark.heavy
 def test_the_centroid_of_a_cats_eye_is_that_of_random_rays() -> None:
     """Sensor positions all over the micro-image, points all over the cell: no inner point, no edge."""
     camera, x, y = CASES["vignetted"]
@@ -188,7 +193,10 @@ def disc_nodes(radius: float) -> tuple[np.ndarray, np.ndarray]:
     return points.reshape(-1, 2), np.repeat(r * weight, 16)
 
 
-@pytest.mark.parametrize("kind", ["tilted", "convex to the lens", "biconvex conics, square, tilted discs"])
+@pytest.mark.parametrize(
+    "kind",
+    [kind if kind == "tilted" else pytest.param(kind, marks=pytest.mark.heavy) for kind in KINDS],
+)
 def test_centroids_behind_other_microlenses_are_those_of_slow_rays(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every model, tilted, discs and cells: rays one by one, and none of them lies beyond the outline."""
     assert_slow(kind, 8, 20_000, monkeypatch)
