@@ -147,5 +147,5 @@ def test_the_preview_camera_sees_the_board_in_every_frame(path):
     stage = Usd.Stage.Open(path.as_posix())
     for frame in dataset.frames:
         camera = UsdGeom.Camera(stage.GetPrimAtPath(dataset.cameras[0].prim_path)).GetCamera(frame.number)
-        board = world_from(stage.GetPrimAtPath(dataset.targets[0].prim_path), float(frame.number), 1.0)
+        board = world_from(stage.GetPrimAtPath(dataset.targets[0].prim_path), [frame.number], 1.0)[0]
         assert camera.frustum.Intersects(tuple(map(float, board[:3, 3])))
