@@ -9,6 +9,7 @@ import numpy as np
 
 import pipeline
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.jit import Kernel
 
 
 def test_every_kernel_is_compiled_without_the_lock():
@@ -17,8 +18,8 @@ def test_every_kernel_is_compiled_without_the_lock():
         package = importlib.import_module(f"pipeline.{room}")
         for info in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             for name, value in vars(importlib.import_module(info.name)).items():
-                if hasattr(value, "targetoptions"):
-                    assert value.targetoptions.get("nogil") is True, f"{info.name}.{name}"
+                if isinstance(value, Kernel):
+                    assert value.compiled.targetoptions.get("nogil") is True, f"{info.name}.{name}"
                     found.append(name)
     assert len(found) > 10 and pipeline.__version__
 
