@@ -66,19 +66,22 @@ def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, pac
             for i in range(size):
                 ax, ay = x[i] - lenses[lens, 0], y[i] - lenses[lens, 1]
                 alive[i] = 1.0 if ax * ax + ay * ay <= detail[DISC] * detail[DISC] else 0.0
-    if is_limited(detail):
+    if is_limited(detail) or detail[BY_AREA] > 0.0:
         h = optics[1] - optics[0]
         if lens >= 0 and detail[MODEL] != PLAIN:
             h = lenses[lens, AIM]
-        for i in range(size):
-            # The weight so far is cos^4 / h^2.
-            share = accepted_share(detail, math.sqrt(h * math.sqrt(weight[i])))
-            weight[i] = share if detail[BY_AREA] > 0.0 else weight[i] * share
-            alive[i] = alive[i] if share > 0.0 else 0.0
-    elif detail[BY_AREA] > 0.0:
-        for i in range(size):
-            weight[i] = 1.0
+        _weigh(detail, h, weight, alive, size)
     trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
+
+
+@inline
+def _weigh(detail, h, weight, alive, size):
+    """Acceptance and the kind of weight, from weights cos^4 / h^2."""
+    limited, by_area = is_limited(detail), detail[BY_AREA] > 0.0
+    for i in range(size):
+        share = accepted_share(detail, math.sqrt(h * math.sqrt(weight[i]))) if limited else 1.0
+        weight[i] = share if by_area else weight[i] * share
+        alive[i] = alive[i] if share > 0.0 else 0.0
 
 
 @inline
