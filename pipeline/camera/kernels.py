@@ -144,7 +144,7 @@ def image_rays(
     origin, direction : (n * s * samples, 3) float64
         Written: a point behind the front vertex and the unit direction, vision frame.
     share : (n * s * samples,) float64
-        Written: share of the pixel's integral of cos(theta) d omega, times its acceptance [sr].
+        Written: share of the pixel's integral of cos(theta) d omega, or of area, times its acceptance [sr or mm^2].
     owner : (n * s * samples,) int64
         Written: s times the row of the pixel plus the place of the microlens among its strata.
 

@@ -17,7 +17,7 @@ _RAYS_PER_CHUNK = 1 << 20
 
 
 def irradiance(tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None) -> np.ndarray:
-    """Integral of L cos(theta) d omega over each pixel, relative to that of a white scene on the axis.
+    """Integral of L over each pixel's rays, by the camera's weight, relative to that of a white scene on the axis.
 
     Parameters
     ----------
