@@ -73,6 +73,7 @@ def test_arrays_give_the_same_manifest(here, stage, tmp_path):
     assert len(json.loads(here)["tasks"]) == 6
 
 
+@pytest.mark.heavy
 def test_a_laptop_cluster_gives_the_same_manifest(here, stage, tmp_path):
     pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
     assert run(tmp_path, [str(ROOT / "examples/cluster/laptop.sh"), str(stage)]) == here
@@ -91,10 +92,10 @@ def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monke
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
     with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
-        pids, killed = client.run(os.getpid), []
+        pids, killed, done = client.run(os.getpid), [], threading.Event()
 
         def kill() -> None:
-            while not killed:
+            while not killed and not done.is_set():
                 busy = [worker for worker, keys in client.processing().items() if any("truth" in key for key in keys)]
                 for worker in busy[:1]:
                     killed.append(pids[worker])
@@ -104,7 +105,9 @@ def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monke
         killer = threading.Thread(target=kill)
         killer.start()
         result = pipeline.build(stage, tmp_path / "out", engine=f"dask:{cluster.scheduler_address}")
+        done.set()
         killer.join()
         client.wait_for_workers(2)
+    assert killed, "the build was over before a worker could be killed"
     assert result.exit_code == 0 and result.executed == 6
     assert (tmp_path / "out/manifest.json").read_bytes() == here
