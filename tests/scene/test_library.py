@@ -23,9 +23,9 @@ def name_of(path):
     return path.relative_to(ROOT).as_posix()
 
 
-def test_there_is_a_library_and_two_examples():
+def test_there_is_a_library_and_three_examples():
     assert len(LIBRARY) == 51
-    assert [path.parent.name for path in EXAMPLES] == ["01_conventional", "02_plenoptic"]
+    assert [path.parent.name for path in EXAMPLES] == ["01_conventional", "02_plenoptic", "03_paper_evaluation"]
 
 
 @pytest.mark.parametrize("path", ALL, ids=name_of)
