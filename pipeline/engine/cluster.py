@@ -22,7 +22,7 @@ _CONNECT_S = 30
 _NO_WORKERS_S = 120.0
 _SETTINGS = {
     # A worker that holds the interpreter's lock for long is not dead.
-    "distributed.scheduler.worker-ttl": "30 min",
+    "distributed.scheduler.worker-ttl": "30 minutes",
     # The driver counts: one dying machine must not condemn tasks that only waited there.
     "distributed.scheduler.allowed-failures": 1000,
     "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
