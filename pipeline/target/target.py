@@ -1,5 +1,6 @@
 """A calibration target: a pattern on a surface, or a mesh with marked points."""
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -79,6 +80,13 @@ def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
         plane=np.zeros(n, int) if is_flat else np.arange(n),
         frames=patch.target_from_patch[None] if is_flat else frames_at(position, own),
     )
+
+
+def bare(target: AnyTarget) -> AnyTarget:
+    """The same shape with the same drawing and points; its light is 1 and its dark is 0, a mesh is light all over."""
+    if isinstance(target, MeshTarget):
+        return dataclasses.replace(target, albedo=((1.0, 1.0, 1.0),) * len(target.triangles))
+    return Target(dataclasses.replace(target.pattern, white=1.0, black=0.0), target.surface)  # type: ignore[type-var]
 
 
 def plain_from_target(target: AnyTarget) -> dict[str, Any]:

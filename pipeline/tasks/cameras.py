@@ -1,5 +1,6 @@
 """What several task kinds share: reading a focused camera and making its tracer."""
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +17,14 @@ from pipeline.truth.grid import image_from_fine
 Inputs = dict[str, dict[str, Path]]
 """Role -> output name -> file in the store."""
 
-FOCUSED = "focused.json"
+FOCUSED, PLANES = "focused.json", "planes.json"
 _POSITIONS_AT_ONCE = 1 << 16
 
 
 def focused_camera(inputs: Inputs) -> Camera:
-    """The camera that the `focus` task wrote, near and far planes settled."""
-    return from_plain(Camera, read_json(inputs["camera"][FOCUSED]))
+    """The camera that the task `focus` wrote; with near and far planes, if the task reads those of `planes`."""
+    camera = from_plain(Camera, read_json(inputs["camera"][FOCUSED]))
+    return dataclasses.replace(camera, **read_json(inputs["planes"][PLANES])) if "planes" in inputs else camera
 
 
 def tracer_of(inputs: Inputs, seed: int) -> tuple[Tracer, MicroImages | None]:

@@ -3,6 +3,7 @@
 It is not part of `focus`, because it writes names: renaming a lens must not touch a ray.
 """
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -32,5 +33,6 @@ def document(labels: dict[str, Any], camera: Camera) -> dict[str, Any]:
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: labels (what the report says besides)."""
-    write_json(out / "camera.json", document(params["labels"], focused_camera(inputs)))
+    """Params: labels (what the report says besides), circle_of_confusion_px."""
+    camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params["circle_of_confusion_px"])
+    write_json(out / "camera.json", document(params["labels"], camera))

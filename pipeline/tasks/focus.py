@@ -1,14 +1,14 @@
-"""Task `focus`: place the sensor, set the stop, settle near and far planes.
+"""Task `focus`: place the sensor and set the stop.
 
-It writes `focused.json`, the record that all ray tasks read.
+It writes `focused.json`, the record that all tasks of a camera read. Near and far planes are no part of it (see the
+task `planes`): no image depends on them.
 """
 
 from pathlib import Path
 from typing import Any
 
 from pipeline.camera.camera import Camera
-from pipeline.camera.focus import focused
-from pipeline.camera.request import FocusRequest
+from pipeline.camera.request import FocusRequest, solved
 from pipeline.files.jsonfile import write_json
 from pipeline.records import from_plain, to_plain
 from pipeline.tasks.cameras import FOCUSED, Inputs
@@ -20,4 +20,4 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         camera: Camera | FocusRequest = from_plain(FocusRequest, params["request"])
     else:
         camera = from_plain(Camera, params["camera"])
-    write_json(out / FOCUSED, to_plain(focused(camera)))
+    write_json(out / FOCUSED, to_plain(solved(camera)))

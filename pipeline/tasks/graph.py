@@ -5,6 +5,7 @@ in the params of the tasks that write them.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,11 @@ from pipeline.camera.stop import shown_f_number
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.frames import apply
-from pipeline.records import to_plain
+from pipeline.records import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.target.target import plain_from_target
-from pipeline.tasks.poses import poses_json, targets_json, vision_from_occluder, vision_from_target
+from pipeline.tasks.poses import poses_json, targets_json, vision_from_target
 from pipeline.tasks.rays_tile import tile_rows
+from pipeline.tasks.things import Things, matrix
 from pipeline.truth.on_points import plane_name
 from pipeline.truth.settings import TruthSettings
 
@@ -29,24 +30,28 @@ _KIND = "pipeline.tasks."
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
     """All tasks of a dataset, what of their outputs lies where in the output folder, and each camera's certificate."""
     graph, files, certificates = TaskGraph(), dict[str, Source](), dict[str, tuple[str, str]]()
-    things = plain_targets(dataset)
+    things = {painted: Things(dataset, painted=painted) for painted in (True, False)}
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
     for camera in dataset.cameras:
         _add_camera(graph, files, camera)
-        targets = {frame.number: _add_frame(graph, files, dataset, camera, frame, things) for frame in dataset.frames}
-        certificates[camera.name] = (_add_certificate(graph, camera, targets), "certificate.json")
+        for frame in dataset.frames:
+            _add_frame(graph, files, dataset, camera, frame, things)
+        certificates[camera.name] = (_add_certificate(graph, camera, dataset.frames, things[False]), "certificate.json")
     return graph, files, certificates
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    labels = labels_of(entry)
     asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
-    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: to_plain(_nameless(entry.camera))})}
-    report = graph.add(f"first_order/{name}", f"{_KIND}first_order", {"labels": labels}, reads)
+    plain = to_plain(_nameless(entry.camera))
+    planes = {field: plain.pop(field) for field in ("near_mm", "far_mm", "circle_of_confusion_px")}
+    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: plain})}
+    settled = {**reads, "planes": graph.add(f"planes/{name}", f"{_KIND}planes", planes, reads)}
+    params = {"labels": labels_of(entry), "circle_of_confusion_px": planes["circle_of_confusion_px"]}
+    report = graph.add(f"first_order/{name}", f"{_KIND}first_order", params, settled)
     if entry.truth["method"] != "direct":
-        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, reads), "rays.exr")
+        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")
     _add_white(graph, files, entry, reads, name, f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
@@ -135,21 +140,13 @@ def _add_frame(
     dataset: Dataset,
     entry: CameraEntry,
     frame: Frame,
-    things: dict[str, Any],
-) -> list[dict[str, Any]]:
-    """The tasks of a camera in a frame; gives the targets as `truth` reads them."""
+    things: dict[bool, Things],
+) -> None:
+    """The tasks of a camera in a frame."""
     name, folder = f"{entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{entry.name}"
     reads = {"camera": f"focus/{entry.name}"}
     poses = {target.name: vision_from_target(frame, entry.name, target.name) for target in dataset.targets}
-    occluders = frame_occluders(dataset, entry, frame)
-    named = _placed(things, poses)
-    artwork = [{key: target[key] for key in ("target", "vision_from_target")} for target in named]
-    image = graph.add(
-        f"image/{name}",
-        f"{_KIND}image",
-        {**_image_params(entry), "targets": artwork, "background": dataset.background, "occluders": occluders},
-        reads,
-    )
+    image = graph.add(f"image/{name}", f"{_KIND}image", _frame_image_params(dataset, entry, frame, things[True]), reads)
     truth_reads = dict(reads)
     if entry.truth["method"] != "direct":
         truth_reads["rays"] = f"rays/{entry.name}"
@@ -162,13 +159,19 @@ def _add_frame(
         params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
         truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
         files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
-    params = {**_truth_params(entry, frame, named), "occluders": occluders}
+    needs_paint = "saddle" in from_plain(TruthSettings, entry.truth).column_sets
+    params = _truth_params(entry, frame, things[needs_paint])
     truth = graph.add(f"truth/{name}", f"{_KIND}truth", params, truth_reads)
     files[f"{folder}/poses.json"] = poses_json(frame, entry.name, poses)
     files[f"{folder}/image.exr"] = (image, "image.exr")
     files[f"{folder}/image.png"] = (image, "image.png")
     files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
-    return named
+
+
+def _frame_image_params(dataset: Dataset, entry: CameraEntry, frame: Frame, things: Things) -> dict[str, Any]:
+    targets = [{key: target[key] for key in target if key != "name"} for target in things.targets(frame, entry.name)]
+    occluders = things.occluders(frame, entry.name)
+    return {**_image_params(entry), "targets": targets, "background": dataset.background, "occluders": occluders}
 
 
 def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:
@@ -177,54 +180,25 @@ def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[
     return [
         {
             "name": plane_name(entry.name, number, len(points.frames)),
-            "vision_from_target": _matrix(vision_from_target @ plane.target_from_plane),
+            "vision_from_target": matrix(vision_from_target @ plane.target_from_plane),
             "points_mm": apply(vision_from_target, points.position_mm[plane.members]).tolist(),
         }
         for number, plane in enumerate(points.planes())
     ]
 
 
-def plain_targets(dataset: Dataset) -> dict[str, Any]:
-    """The targets of a dataset as tasks read them, by name."""
-    return {target.name: plain_from_target(target.target) for target in dataset.targets}
-
-
-def truth_targets(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[dict[str, Any]]:
-    """The targets of a frame as `truth` and `certificate` read them: {name, target, vision_from_target}."""
-    poses = {target.name: vision_from_target(frame, entry.name, target.name) for target in dataset.targets}
-    return _placed(plain_targets(dataset), poses)
-
-
-def _placed(things: dict[str, Any], poses: dict[str, np.ndarray]) -> list[dict[str, Any]]:
-    return [
-        {"name": name, "target": target, "vision_from_target": _matrix(poses[name])} for name, target in things.items()
-    ]
-
-
-def frame_occluders(dataset: Dataset, entry: CameraEntry, frame: Frame) -> list[dict[str, Any]]:
-    """The occluders that are there in a frame: {occluder, vision_from_occluder}."""
-    return [
-        {
-            "occluder": to_plain(occluder.occluder),
-            "vision_from_occluder": _matrix(vision_from_occluder(frame, entry.name, occluder.prim_path)),
-        }
-        for occluder in dataset.occluders
-        if occluder.prim_path in frame.world_from_occluder
-    ]
-
-
-def _add_certificate(graph: TaskGraph, entry: CameraEntry, targets: dict[int, list[dict[str, Any]]]) -> str:
-    frames = [{"number": number, "targets": named} for number, named in targets.items()]
-    reads = {f"frame{number}": f"truth/{entry.name}/{number:04d}" for number in targets}
-    settings = TruthSettings(**entry.truth)  # type: ignore[arg-type]  # scene and truth are strangers
-    judged = {"claim_px": settings.claim_px, "square_px": entry.square_px}
-    params = {"frames": frames, **judged, "seed": entry.sampling.seed}
+def _add_certificate(graph: TaskGraph, entry: CameraEntry, frames: Sequence[Frame], things: Things) -> str:
+    posed = [{"number": frame.number, "targets": things.targets(frame, entry.name)} for frame in frames]
+    reads = {f"frame{frame.number}": f"truth/{entry.name}/{frame.number:04d}" for frame in frames}
+    claim_px = from_plain(TruthSettings, entry.truth).claim_px
+    judged = {"claim_px": claim_px, "square_px": entry.square_px}
+    params = {"frames": posed, **judged, "seed": entry.sampling.seed}
     return graph.add(
         f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}
     )
 
 
-def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]]) -> dict[str, Any]:
+def _truth_params(entry: CameraEntry, frame: Frame, things: Things) -> dict[str, Any]:
     labels = {
         "weight": entry.weight,
         "wavelength_nm": entry.wavelength_nm,
@@ -238,12 +212,9 @@ def _truth_params(entry: CameraEntry, frame: Frame, targets: list[dict[str, Any]
     return {
         "frame": frame.number,
         "camera": entry.name,
-        "targets": targets,
+        "targets": things.targets(frame, entry.name),
+        "occluders": things.occluders(frame, entry.name),
         "truth": to_plain(entry.truth),
         "square_px": entry.square_px,
         "labels": labels,
     }
-
-
-def _matrix(transform: np.ndarray) -> list[list[float]]:
-    return (transform + 0.0).tolist()  # type: ignore[no-any-return]  # + 0.0: no -0.0 in a key

@@ -15,14 +15,14 @@ from pipeline.camera.tracer import Tracer
 from pipeline.engine import manifest
 from pipeline.engine.files import digest_of
 from pipeline.errors import UsageError
-from pipeline.files.tables import Table, read_table
+from pipeline.files.tables import read_table
 from pipeline.frames import apply
 from pipeline.records import from_plain
-from pipeline.scene.dataset import CameraEntry, Dataset, Frame
+from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.load import load, require_dataset
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.certificate import certificate
-from pipeline.tasks.graph import frame_occluders, truth_targets
+from pipeline.tasks.things import Things
 from pipeline.tasks.visibility_check import Scene, wrong_visibilities
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig
@@ -79,16 +79,12 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
     dataset = require_dataset(load(out / STAGE, ()), out / STAGE)
     cameras = {}
     for entry in dataset.cameras:
-        tables = [
-            (frame.number, read_table(out / f"frames/{frame.number:04d}/{entry.name}/correspondences.csv"))
-            for frame in dataset.frames
-        ]
+        scenes = _scenes(dataset, entry, out)
         tracer = Tracer(focused(entry.camera), dataset.seed + seed)
         rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, entry.square_px)
-        problems += _misplaced(dataset, entry, tables)
-        scenes = [_scene(dataset, entry, number, table) for number, table in tables]
+        problems += _misplaced(entry, scenes)
         problems += [f"camera {entry.name}, {wrong}" for wrong in wrong_visibilities(rig, scenes, seed)]
-        cameras[entry.name] = _judged(dataset, entry, rig, tables, seed)
+        cameras[entry.name] = _judged(entry, rig, scenes, seed)
     return Verdict(problems, cameras)
 
 
@@ -99,33 +95,32 @@ def _is_whole(file: Path, digest: str) -> bool:
         return False
 
 
-def _targets(dataset: Dataset, entry: CameraEntry, number: int) -> list[dict[str, Any]]:
-    return truth_targets(dataset, entry, _frame(dataset, number))
+def _scenes(dataset: Dataset, entry: CameraEntry, out: Path) -> list[Scene]:
+    """What the stage has in each frame, and the table that the build made of it."""
+    things = Things(dataset, painted=False)
+    return [
+        (
+            frame.number,
+            things.targets(frame, entry.name),
+            things.occluders(frame, entry.name),
+            read_table(out / f"frames/{frame.number:04d}/{entry.name}/correspondences.csv"),
+        )
+        for frame in dataset.frames
+    ]
 
 
-def _frame(dataset: Dataset, number: int) -> Frame:
-    return next(frame for frame in dataset.frames if frame.number == number)
-
-
-def _scene(dataset: Dataset, entry: CameraEntry, number: int, table: Table) -> Scene:
-    occluders = frame_occluders(dataset, entry, _frame(dataset, number))
-    return number, _targets(dataset, entry, number), occluders, table
-
-
-def _judged(
-    dataset: Dataset, entry: CameraEntry, rig: Rig, tables: list[tuple[int, Table]], seed: int
-) -> dict[str, Any]:
+def _judged(entry: CameraEntry, rig: Rig, scenes: list[Scene], seed: int) -> dict[str, Any]:
     claim_px = from_plain(TruthSettings, entry.truth).claim_px
-    return certificate(rig, [(_targets(dataset, entry, number), table) for number, table in tables], claim_px, seed)
+    return certificate(rig, [(targets, table) for _, targets, _, table in scenes], claim_px, seed)
 
 
-def _misplaced(dataset: Dataset, entry: CameraEntry, tables: list[tuple[int, Table]]) -> list[str]:
+def _misplaced(entry: CameraEntry, scenes: list[Scene]) -> list[str]:
     """Tables whose target points are not where the stage puts them."""
     found = []
-    for number, table in tables:
+    for number, targets, _, table in scenes:
         names, point = np.array(table.columns["target"]), table.numbers("point_id").astype(int)
         stated = np.stack([table.numbers(f"camera_{axis}_mm") for axis in "xyz"], axis=1)
-        for target in _targets(dataset, entry, number):
+        for target in targets:
             points, here = target_from_plain(target["target"]).points().position_mm, names == target["name"]
             where = apply(np.array(target["vision_from_target"]), points)
             if not np.abs(where[point[here]] - stated[here]).max(initial=0.0) < _SAME_MM:

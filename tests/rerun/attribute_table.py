@@ -7,13 +7,14 @@ from pxr import Gf
 
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
+PLANES = {"planes", "first_order"} | RAYS
 FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
-CAMERA = {"focus", "first_order", "micro_images"} | RAYS | IMAGES | TRUTH
+CAMERA = {"focus", "planes", "first_order", "micro_images"} | RAYS | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
 TARGET = {"image"} | TRUTH
-"""`truth` gets a target as a whole, so what is only painted (white, black, bits of tags) makes it run again, too: work
-that gives the same correspondences, not a wrong result."""
+"""`truth` gets the drawing of a target, so the bits of its tags make it run again, too: work that gives the same
+correspondences, not a wrong result."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ CATALOGUE = {(LENS, "plen:indexSource"): "catalogue"}
 SWAPPED = ["S3", "S2", "S1", "S4", "S5", "Stop", "S7", "S8", "S9", "S10", "S11"]
 NEAREST = {(A, "plen:truth:search"): "nearest"}
 TWO_PLANE = {(A, "plen:truth:method"): "two-plane"}
+SADDLE = {(A, "plen:truth:columns"): ["saddle"]}
+AUTHORED = {(A, "plen:camera:near"): 400.0, (A, "plen:camera:far"): 500.0}
 DIRECT = {(A, "plen:truth:method"): "direct"}
 # The method image takes no mesh.
 BOARDS: dict[tuple[str, str], Any] = {("", "plen:targets"): ["One", "Two"]}
@@ -178,9 +181,14 @@ PIXELS = {
 }
 
 TARGETS = {
-    # Position images know points and planes, not what is painted.
-    "plen:white": [Case("One", 0.9, TARGET), Case("One", 0.9, TARGET, given=IMAGE), Case(MESH, 0.9, TARGET)],
-    "plen:black": [Case("One", 0.1, TARGET)],
+    # A colour moves no point, but the saddle of a corner that is not sharp.
+    "plen:white": [
+        Case("One", 0.9, {"image"}),
+        Case("One", 0.9, {"image"}, given=IMAGE),
+        Case(MESH, 0.9, {"image"}),
+        Case("One", 0.9, TARGET, given=SADDLE),
+    ],
+    "plen:black": [Case("One", 0.1, {"image"}), Case("One", 0.1, TARGET, given=SADDLE)],
     "plen:columns": [
         *(Case(at, 5, TARGET) for at in ("One", CHARUCO, TAGS, CIRCLES, TRIANGLES, STARS, LINES)),
         Case("One", 5, TARGET | POSITIONS, given=IMAGE),
@@ -212,8 +220,7 @@ TARGETS = {
     "plen:mesh": [Case(MESH, [f"{MESH}/Other"], TARGET)],
     "plen:points": [Case(MESH, [(1.0, 2.0, 0.0)], TARGET)],
     "plen:normals": [Case(MESH, [(0.1, 0.0, 1.0)], TARGET)],
-    # As with colours of targets: `truth` gets an occluder as a whole.
-    "plen:radiance": [Case("Screen", 0.5, TARGET)],
+    "plen:radiance": [Case("Screen", 0.5, {"image"})],
     "xformOp:translate": [Case("Screen", (0.0, 0.0, -401.0), TARGET)],
     "plen:shape": [Case("One", "cylinder", TARGET, along=ROLLED)],
     "plen:shape:deflection": [Case("One", (0.1, 0.3), TARGET, given=WARPED)],
@@ -239,9 +246,19 @@ CAMERAS = {
     "plen:camera:microlensDistance": [Case(B, 1.71, CAMERA)],
     "plen:camera:wavelength": [Case(A, 600.0, CAMERA, given=CATALOGUE)],
     "plen:camera:weight": [Case(A, "area", CAMERA), Case(B, "area", CAMERA)],
-    "plen:camera:circleOfConfusion": [Case(A, 2.0, CAMERA)],
-    "plen:camera:near": [Case(A, 400.0, CAMERA)],
-    "plen:camera:far": [Case(A, 500.0, CAMERA)],
+    # Planes of J: no image depends on them, and no truth that is solved without J.
+    "plen:camera:circleOfConfusion": [
+        Case(A, 90.0, PLANES | TRUTH),
+        # Within a tenth of the focus distance the depth of field moves no plane.
+        Case(A, 2.0, {"planes", "first_order"}),
+        Case(A, 90.0, {"planes", "first_order"}, given=AUTHORED),
+        Case(A, 90.0, {"planes", "first_order"}, given=DIRECT),
+    ],
+    "plen:camera:near": [Case(A, 400.0, PLANES | TRUTH), Case(B, 400.0, PLANES | TRUTH)],
+    "plen:camera:far": [
+        Case(A, 500.0, PLANES | TRUTH),
+        Case(A, 500.0, PLANES | POSITIONS - {"positions"}, given=IMAGE),
+    ],
     "plen:image:samples": [Case(A, 128, IMAGES)],
     "plen:image:fNumbers": [
         Case(A, [8.0], FURTHER),

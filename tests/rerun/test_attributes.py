@@ -1,7 +1,8 @@
 """Every attribute of the schemas, changed alone: exactly the tasks that depend on it get another key.
 
 The table says what depends on what, in words of the user's manual; the schema says which attributes there are. Nothing
-is traced: where a task would run again, its outputs count as changed; `focus` alone really runs, for early cutoff.
+is traced: where a task would run again, its outputs count as changed; `focus` and `planes` alone really run, for early
+cutoff.
 """
 
 import os
@@ -26,7 +27,7 @@ from pipeline.tasks.graph import graph_of
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """A stage with two cameras and two targets, and a store where `focus` tasks run."""
+    """A stage with two cameras and two targets, and a store where `focus` and `planes` run."""
     return _Bench(tmp_path_factory.mktemp("attributes"))
 
 
@@ -62,7 +63,7 @@ class _Bench:
         return load(path)
 
     def _keys(self, graph: TaskGraph) -> dict[str, str]:
-        focused = graph.up_to([name for name in graph if graph[name].short_kind == "focus"])
+        focused = graph.up_to([name for name in graph if graph[name].short_kind in ("focus", "planes")])
         outcome = run(focused, self.store)
         assert {result.state for result in outcome.results.values()} <= {"executed", "cached"}, outcome.results
         records = dict(outcome.records)

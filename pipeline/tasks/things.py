@@ -1,0 +1,53 @@
+"""The targets and occluders of a frame as params of tasks, in the camera's own frame.
+
+`image` gets them painted; what computes positions gets them bare, so that a colour moves no correspondence.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from pipeline.records import to_plain
+from pipeline.scene.dataset import Dataset, Frame
+from pipeline.target.target import bare, plain_from_target
+from pipeline.tasks.poses import vision_from_occluder, vision_from_target
+
+
+class Things:
+    """All targets and occluders of a dataset; `tasks.surroundings` reads them again.
+
+    Parameters
+    ----------
+    painted : bool
+        With the radiance of everything; else all that is light is 1 and all that is dark is 0.
+    """
+
+    def __init__(self, dataset: Dataset, *, painted: bool) -> None:
+        targets = {entry.name: entry.target for entry in dataset.targets}
+        occluders = {entry.prim_path: entry.occluder for entry in dataset.occluders}
+        if not painted:
+            targets = {name: bare(target) for name, target in targets.items()}
+            occluders = {path: dataclasses.replace(mesh, radiance=0.0) for path, mesh in occluders.items()}
+        self._targets = {name: plain_from_target(target) for name, target in targets.items()}
+        self._occluders = {path: to_plain(mesh) for path, mesh in occluders.items()}
+
+    def targets(self, frame: Frame, camera: str) -> list[dict[str, Any]]:
+        """All targets: {name, target, vision_from_target}."""
+        return [
+            {"name": name, "target": target, "vision_from_target": matrix(vision_from_target(frame, camera, name))}
+            for name, target in self._targets.items()
+        ]
+
+    def occluders(self, frame: Frame, camera: str) -> list[dict[str, Any]]:
+        """The occluders that are there in the frame: {occluder, vision_from_occluder}."""
+        return [
+            {"occluder": occluder, "vision_from_occluder": matrix(vision_from_occluder(frame, camera, path))}
+            for path, occluder in self._occluders.items()
+            if path in frame.world_from_occluder
+        ]
+
+
+def matrix(transform: np.ndarray) -> list[list[float]]:
+    """A transform as a param."""
+    return (transform + 0.0).tolist()  # type: ignore[no-any-return]  # + 0.0: no -0.0 in a key
