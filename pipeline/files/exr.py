@@ -4,10 +4,13 @@ The Python binding has habits that cost data silently, and this module exists to
 
 - It ignores strides: a transposed or flipped array would be written wrong. Every channel is copied to C order.
 - Float attributes shrink to float32 and integers beyond 32 bits become 0. Numbers in headers are `repr` strings.
+- It tells of a full disk in words only.
 - It only warns when pixels cannot be decoded, and drops the parts that a truncated file lacks. Every part therefore
   carries the CRC-32 of its content and the number of parts, and a reader refuses what does not match.
 """
 
+import errno
+import os
 import zlib
 from dataclasses import dataclass, field
 from numbers import Integral, Real
@@ -88,7 +91,10 @@ def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
     # The display window is one for the whole file: that of the largest part. Each part's own size is its data window.
     display = (max(part.shape[0] for part in parts), max(part.shape[1] for part in parts))
     encoded = [_encode(part, display, len(parts), tiled) for part in parts]
-    OpenEXR.File(encoded, num_threads=_IN_CALLING_THREAD).write(str(path))
+    try:
+        OpenEXR.File(encoded, num_threads=_IN_CALLING_THREAD).write(str(path))
+    except RuntimeError as error:
+        raise _system_error(error, path) from error
 
 
 def read_exr(path: str | Path) -> dict[str, Part]:
@@ -117,6 +123,14 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     if counts != {str(len(found))}:
         raise DamagedFile(path, f"{len(found)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
     return {part.name: part for part in found}
+
+
+def _system_error(error: RuntimeError, path: Path) -> Exception:
+    """The system's error that OpenEXR names in words only: a full disk must be known as one."""
+    for number in errno.errorcode:
+        if os.strerror(number) in str(error):
+            return OSError(number, os.strerror(number), str(path))
+    return error
 
 
 def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:

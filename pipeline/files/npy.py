@@ -11,6 +11,17 @@ from pipeline.files.damaged import DamagedFile
 _HEADER_BYTES = 4096
 
 
+def write_npy(path: str | Path, array: np.ndarray) -> None:
+    """Write an array of numbers to a file of any name.
+
+    NumPy's own `save` hands the file to C, and of a full disk says only how much was written.
+    """
+    rows_first = np.ascontiguousarray(array)
+    with Path(path).open("wb") as stream:
+        npy.write_array_header_1_0(stream, npy.header_data_from_array_1_0(rows_first))
+        stream.write(rows_first.data)
+
+
 def read_npy(path: str | Path) -> np.ndarray:
     """Read an array of numbers. What the header promises is compared with the file's size before anything is allocated.
 

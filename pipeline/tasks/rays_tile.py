@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.tracer import parallel_planes
+from pipeline.files.npy import write_npy
 from pipeline.tasks.cameras import Inputs, stretches, tracer_of
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
@@ -48,6 +49,6 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         cells[here] = lens if images else 0
     # Of every pixel the bundle next to its centre keeps its second moments.
     small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
-    np.save(out / "bundles.npy", bundles.reshape(height, width, WIDTH), allow_pickle=False)
-    np.save(out / "cells.npy", cells.reshape(height, width), allow_pickle=False)
-    np.save(out / "covariance.npy", np.ascontiguousarray(small), allow_pickle=False)
+    write_npy(out / "bundles.npy", bundles.reshape(height, width, WIDTH))
+    write_npy(out / "cells.npy", cells.reshape(height, width))
+    write_npy(out / "covariance.npy", np.ascontiguousarray(small))

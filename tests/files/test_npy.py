@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.files.damaged import DamagedFile
-from pipeline.files.npy import read_npy
+from pipeline.files.npy import read_npy, write_npy
 from pipeline.files.png import read_png, write_png
 
 
@@ -20,6 +20,16 @@ def array(tmp_path):
 
 def test_what_was_written_comes_back(array):
     assert np.array_equal(read_npy(array), np.arange(12.0).reshape(3, 4))
+
+
+@pytest.mark.parametrize("turn", [np.asarray, np.transpose, np.flipud])
+def test_files_are_those_of_numpy(tmp_path, turn):
+    """Whatever the order in memory: rows first."""
+    array = turn(np.arange(12, dtype=np.int32).reshape(3, 4))
+    write_npy(tmp_path / "ours", array)
+    np.save(tmp_path / "theirs.npy", np.ascontiguousarray(array))
+    assert (tmp_path / "ours").read_bytes() == (tmp_path / "theirs.npy").read_bytes()
+    assert np.array_equal(read_npy(tmp_path / "ours"), array)
 
 
 def test_a_file_cut_at_any_byte_is_damaged(array):
