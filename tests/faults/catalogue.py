@@ -392,15 +392,14 @@ def clocks(bench: Workbench) -> Row:
 
 
 def collectors(bench: Workbench) -> Row:
-    row = Row("R19", "collector killed at each step, and beside a running build")
-    place = bench.new_place(built=True)
-    shutil.rmtree(place / "out")
+    place = _forsaken(bench)
     bench.shim.arm(place)
-    collect(Store(place / "store"), 0)
+    dropped = collect(Store(place / "store"), 0)
     steps, bench.shim._root = bench.shim.steps, None
+    row = Row("R19", f"collector killed at each of {steps} steps, and beside a running build")
+    row.wrong += dropped.records != len(bench.project.graph) or dropped.bytes_left != 0
     for number in bench.some(steps, 2):
-        place = bench.new_place(built=True)
-        shutil.rmtree(place / "out")
+        place = _forsaken(bench)
 
         def work(place: Path = place, number: int = number) -> int:
             bench.shim.arm(place, kill_at(number))
@@ -424,6 +423,14 @@ def collectors(bench: Workbench) -> Row:
     os.waitpid(pid, 0)
     bench.judge(row, place)
     return row
+
+
+def _forsaken(bench: Workbench) -> Path:
+    """A place whose store has a finished build that no output folder keeps from being collected."""
+    place = bench.new_place(built=True)
+    shutil.rmtree(place / "out")
+    shutil.rmtree(place / "store/history")
+    return place
 
 
 def determinism(bench: Workbench) -> Row:
