@@ -40,6 +40,9 @@ class _Module:
     version: Any
 
 
+Modules = dict[str, _Module | None]
+"""What the source file of each name says; None if there is none."""
+
 _MANY = 4000
 _remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest of a module's name and source
 
@@ -69,18 +72,20 @@ def check_kind(kind: str, packages: tuple[str, ...]) -> None:
         raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 
-def code_of(kind: str) -> dict[str, Any]:
+def code_of(kind: str, seen: Modules | None = None) -> dict[str, Any]:
     """Components of a key that stand for the code: version, fingerprint, libraries, machine.
 
     Parameters
     ----------
     kind : str
         Module name. The module may say `VERSION = 2` as a literal, to run again although its code is the same.
+    seen : dict, optional
+        Modules that were looked up already, and are again: kinds share most of what they reach.
     """
-    own = _module(kind)
+    reached = _reached(kind, {} if seen is None else seen)
+    own = reached.get(kind)
     if own is None:
         raise UnknownKind(f"no source file for the task kind {kind!r}")
-    reached = _reached(kind)
     foreign = {name for module in reached.values() for name in module.foreign}
     return {
         "version": own.version,
@@ -93,22 +98,26 @@ def code_of(kind: str) -> dict[str, Any]:
 
 def fingerprint(kind: str) -> str:
     """Hex digest of the code that the module `kind` can reach inside its own top package."""
-    return _digest(_reached(kind))
+    return _digest(_reached(kind, {}))
 
 
 def _digest(reached: dict[str, _Module]) -> str:
     return key_of("code/v1", {name: module.digest for name, module in reached.items()})
 
 
-def _reached(kind: str) -> dict[str, _Module]:
-    seen: dict[str, _Module] = {}
+def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
+    reached: dict[str, _Module] = {}
     todo = [kind]
     while todo:
         name = todo.pop()
-        if name not in seen and (module := _module(name)) is not None:
-            seen[name] = module
+        if name in reached:
+            continue
+        if name not in seen:
+            seen[name] = _module(name)
+        if (module := seen[name]) is not None:
+            reached[name] = module
             todo += [*module.imports, *_parents(name)]
-    return seen
+    return reached
 
 
 def _parents(name: str) -> Iterator[str]:

@@ -4,6 +4,7 @@ New files are first written aside, inside the folder; a full disk shows there, w
 Then the manifest goes, files are renamed into place, files no longer made go, and the manifest comes last.
 """
 
+import contextlib
 import hashlib
 import os
 import shutil
@@ -53,24 +54,23 @@ def deliver(
     EnvironmentFault
         The folder cannot be written, or the disk is full; then the previous build is still whole.
     """
-    manifest.refuse_other_stage(out, head.get("stage"))
     entries = {path: _entry(source, records) for path, source in sorted(files.items())}
     _check_paths(entries)
-    keys = {name: record["key"] for name, record in sorted(records.items())}
+    keys = {name: record["key"] for name, record in records.items()}
     with store.single_flight(_note_name(out)), machine_errors("write to", out, needed=_bytes(entries.values())):
-        folder = _Folder(out, store, warn)
+        folder = _Folder(out, manifest.read_of(out, head.get("stage")), store, warn)
         return folder.fill(files, entries, manifest.render(head, keys, entries), records)
 
 
 class _Folder:
     """An output folder, and what the store remembers of it: which files are ours, and how they looked when hashed."""
 
-    def __init__(self, out: Path, store: Store, warn: Callable[[str], None]) -> None:
+    def __init__(self, out: Path, there: manifest.Manifest, store: Store, warn: Callable[[str], None]) -> None:
         self.out, self.store, self.warn = out, store, warn
         note = store.read_note("index", _note_name(out)) or {}
         self._seen: dict[str, list[Any]] = note.get("seen", {})
         self._seen_before_ns = store.note_time_ns("index", _note_name(out)) - _CLOCK_TICK_NS
-        self._manifest = manifest.read(out)
+        self._manifest = there
         # After a delivery that was cut short there is no manifest; the note still knows which files are ours.
         self._ours = {*self._manifest.files, *filter(manifest.is_plain_path, note.get("ours", []))}
 
@@ -202,10 +202,15 @@ def _entry(source: Source, records: Mapping[str, Record]) -> dict[str, Any]:
 
 def _files_below(out: Path) -> Iterator[str]:
     """Posix paths of everything below a folder that is not a folder itself; links to folders are not followed."""
-    for folder, folders, names in os.walk(out):
-        below = os.path.relpath(folder, out).replace(os.sep, "/") + "/"
-        for name in [*names, *(name for name in folders if Path(folder, name).is_symlink())]:
-            yield f"{below}{name}".removeprefix("./")
+    todo = [""]
+    while todo:
+        below = todo.pop()
+        with contextlib.suppress(PermissionError), os.scandir(f"{out}/{below}") as found:  # not ours, then
+            for entry in found:
+                if entry.is_dir(follow_symlinks=False):
+                    todo.append(f"{below}{entry.name}/")
+                else:
+                    yield f"{below}{entry.name}"
 
 
 def _check_paths(paths: Iterable[str]) -> None:

@@ -1,5 +1,6 @@
 """Which installed distributions stand behind imported modules, and what class of machine runs them. Imports nothing."""
 
+import email
 import functools
 import importlib.metadata
 import importlib.util
@@ -7,6 +8,7 @@ import platform
 import re
 import sys
 from collections.abc import Iterable
+from email.message import Message
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
@@ -45,7 +47,15 @@ def is_foreign(module: str) -> bool:
 @functools.cache
 def installed_version(name: str) -> str:
     """Version of a distribution when this process first asked for it: later it may be another than was imported."""
-    return importlib.metadata.version(name)
+    return _facts(name)["Version"]
+
+
+@functools.cache
+def _facts(name: str) -> Message:
+    """Version, name and requirements of a distribution: the head of its metadata, without the long text below."""
+    found = importlib.metadata.distribution(name)
+    text = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
+    return email.message_from_string(text.partition("\n\n")[0])
 
 
 @functools.cache
@@ -65,7 +75,7 @@ def machine() -> str:
 @functools.cache
 def _distribution(module: str) -> str:
     try:
-        return _normal(importlib.metadata.distribution(module).metadata["Name"])
+        return _normal(_facts(module)["Name"])
     except importlib.metadata.PackageNotFoundError:
         pass
     spec = importlib.util.find_spec(module)
@@ -87,12 +97,12 @@ def _normal(name: str) -> str:
 def _required(name: str) -> tuple[str, ...]:
     """Installed distributions that another one requires, extras aside."""
     found = []
-    for line in importlib.metadata.requires(name) or ():
+    for line in _facts(name).get_all("Requires-Dist", ()):
         requirement, _, marker = line.partition(";")
         match = re.match(r"[A-Za-z0-9._-]+", requirement)
         if match and "extra" not in marker:
             try:
-                importlib.metadata.version(match[0])
+                installed_version(_normal(match[0]))
             except importlib.metadata.PackageNotFoundError:
                 continue  # for another system or Python
             found.append(_normal(match[0]))

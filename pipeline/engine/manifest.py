@@ -47,22 +47,42 @@ def read(out: Path) -> Manifest:
 
 
 def render(head: dict[str, Any], tasks: dict[str, str], files: dict[str, dict[str, Any]]) -> bytes:
-    """The manifest's bytes: a function of the facts alone."""
-    whole = {"format": FORMAT, **head, "tasks": tasks, "files": files}
-    text = json.dumps(whole, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
-    return f"{text}\n".encode()
+    """The manifest's bytes: a function of the facts alone, with a line per task and per file."""
+    facts = {name: _json(value, indent=1).replace("\n", "\n ") for name, value in {"format": FORMAT, **head}.items()}
+    facts["tasks"] = _lines({name: f'"{key}"' for name, key in tasks.items()})
+    facts["files"] = _lines(
+        {path: f'{{"sha256": "{entry["sha256"]}", "size": {entry["size"]}}}' for path, entry in files.items()}
+    )
+    return f"{_lines(facts, '')}\n".encode()
 
 
-def refuse_other_stage(out: Path, stage: Any) -> None:
-    """Raise UsageError if the folder holds a finished build of another stage, or is no folder."""
+def _lines(items: dict[str, str], indent: str = " ") -> str:
+    """A JSON object of values that are JSON already, sorted, a line each."""
+    rows = ",\n".join([f"{indent} {_json(name)}: {items[name]}" for name in sorted(items)])
+    return f"{{\n{rows}\n{indent}}}" if items else "{}"
+
+
+def _json(value: Any, indent: int | None = None) -> str:
+    return json.dumps(value, indent=indent, sort_keys=True, ensure_ascii=False, allow_nan=False)
+
+
+def read_of(out: Path, stage: Any) -> Manifest:
+    """The manifest in a folder for builds of a stage.
+
+    Raises
+    ------
+    UsageError
+        The folder holds a finished build of another stage, or is no folder.
+    """
     if out.exists() and not out.is_dir():
         raise UsageError(f"the output folder {out} is a file", hint="choose another folder with -o")
-    found = read(out).stage
-    if found is not None and found != stage:
+    found = read(out)
+    if found.stage is not None and found.stage != stage:
         raise UsageError(
-            f"{out} holds a build of another stage: {found!r}, not {stage!r}",
+            f"{out} holds a build of another stage: {found.stage!r}, not {stage!r}",
             hint="choose another folder with -o, or delete that one",
         )
+    return found
 
 
 def is_plain_path(path: str) -> bool:

@@ -56,7 +56,7 @@ def build(
         Makes another place for tasks than processes of this machine, from a store and the packages of task kinds.
     """
     start = time.perf_counter()
-    manifest.refuse_other_stage(project.out, project.head.get("stage"))
+    manifest.read_of(project.out, project.head.get("stage"))
     emit, keep_events = _recorded(on_event)
     warn = _warner(emit)
     store = writable(store or Store(warn=warn))

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.engine.code import code_of, remembering
+from pipeline.engine.code import Modules, code_of, remembering
 from pipeline.engine.digest import canonical, canonical_dict, key_of_bytes
 from pipeline.engine.graph import Task
 from pipeline.engine.store import Store
@@ -40,13 +40,14 @@ class Specs:
 
     def __init__(self, store: Store) -> None:
         self._store = store
+        self._modules: Modules = {}
         self._code: dict[str, tuple[dict[str, Any], dict[str, bytes]]] = {}
 
     def of(self, task: Task, records: Mapping[str, Record]) -> Spec:
         """Spec of a task whose sources all have records."""
         if task.kind not in self._code:
             with remembering(self._store):
-                code = {"kind": task.kind, **code_of(task.kind)}
+                code = {"kind": task.kind, **code_of(task.kind, self._modules)}
             self._code[task.kind] = code, {name: canonical(value) for name, value in code.items()}
         code, encoded = self._code[task.kind]
         inputs = {

@@ -1,7 +1,6 @@
 """Build a dataset: the way from a stage to its output folder."""
 
 import contextlib
-import importlib.metadata
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -66,7 +65,7 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None) -> Project:
         "conventions": CONVENTIONS,
         "versions": {
             "pipeline": pipeline.__version__,
-            **{name: importlib.metadata.version(name) for name in _VERSIONS},
+            **{name: installed_version(name) for name in _VERSIONS},
         },
         "seeds": {"dataset": dataset.seed},
     }

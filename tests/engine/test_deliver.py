@@ -8,6 +8,7 @@ import pytest
 from engine import toy
 
 from pipeline.engine import deliver as module
+from pipeline.engine import manifest
 from pipeline.engine.session import build, status_of
 from pipeline.errors import UsageError
 
@@ -24,6 +25,17 @@ def test_the_manifest_lists_every_file_but_itself(out):
     assert set(manifest["files"]) == set(toy.contents(out)) - {"manifest.json"}
     assert set(manifest["tasks"]) == set(toy.project(out).graph)
     assert manifest["format"] == 1 and manifest["certificate"] is None
+
+
+def test_the_manifest_is_sorted_json_with_a_line_per_task_and_per_file():
+    head = {"stage": 'a "b"\n.usda', "seeds": {"dataset": 1}, "empty": {}}
+    files = {"b/ü": {"sha256": "1" * 64, "size": 5}, "a": {"sha256": "0" * 64, "size": 0}}
+    tasks = {"t/2": "3" * 64, "t/10": "2" * 64}
+    text = manifest.render(head, tasks, files).decode()
+    assert json.loads(text) == {"format": 1, **head, "tasks": tasks, "files": files}
+    whole = json.dumps(json.loads(text), indent=1, sort_keys=True, ensure_ascii=False)
+    assert "".join(text.split()) == "".join(whole.split())
+    assert [line.split('"')[1] for line in text.splitlines() if "sha256" in line] == ["a", "b/ü"]
 
 
 def test_files_are_copies_and_not_links(out):

@@ -56,7 +56,7 @@ def find(name: str) -> Glass:
         Several vendors have an entry of this name and none is named.
     """
     vendor, _, bare = name.rpartition(":")
-    found = [one for one in _by_name().get(bare.casefold(), ()) if vendor.casefold() in ("", one.vendor)]
+    found = [one for one in _named(bare) if vendor.casefold() in ("", one.vendor)]
     if not found:
         near = near_names(name)
         hint = f"near names: {listed(near)}" if near else "write vendor:name, as in schott:N-BK7"
@@ -70,10 +70,10 @@ def find(name: str) -> Glass:
 def near_names(name: str) -> list[Glass]:
     """Glasses whose name resembles an unknown one: the same name at another vendor first."""
     vendor, _, bare = name.casefold().rpartition(":")
-    exact = list(_by_name().get(bare, ()))
+    exact = _named(bare)
     if exact:
         return exact
-    close = [one for match in _close(bare, _by_name()) for one in _by_name()[match]]
+    close = [one for match in _close(bare, _rows_by_name()) for one in _named(match)]
     return ([one for one in close if one.vendor == vendor] or close)[:_NEAR_NAMES]
 
 
@@ -99,17 +99,25 @@ def listed(glasses: Iterable[Glass]) -> str:
 @cache
 def catalogue() -> tuple[Glass, ...]:
     """All glasses, in the order of the table: by vendor, then by name."""
-    with gzip.open(_TABLE, "rt", encoding="utf-8", newline="") as stream:
-        return tuple(_glass(row) for row in csv.DictReader(stream))
+    return tuple(map(_glass, range(len(_table()))))
 
 
 @cache
-def _by_name() -> dict[str, tuple[Glass, ...]]:
-    found: dict[str, tuple[Glass, ...]] = {}
-    for glass in catalogue():
-        key = glass.name.casefold()
-        found[key] = (*found.get(key, ()), glass)
+def _table() -> list[dict[str, str]]:
+    with gzip.open(_TABLE, "rt", encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@cache
+def _rows_by_name() -> dict[str, list[int]]:
+    found: dict[str, list[int]] = {}
+    for number, row in enumerate(_table()):
+        found.setdefault(row["glass"].casefold(), []).append(number)
     return found
+
+
+def _named(bare: str) -> list[Glass]:
+    return [_glass(number) for number in _rows_by_name().get(bare.casefold(), ())]
 
 
 def _close(bare: str, names: Iterable[str]) -> list[str]:
@@ -121,7 +129,10 @@ def _close(bare: str, names: Iterable[str]) -> list[str]:
     ]
 
 
-def _glass(row: dict[str, str]) -> Glass:
+@cache
+def _glass(number: int) -> Glass:
+    """The glass of a row: a lens needs a handful of them, and making all takes longer than reading the table."""
+    row = _table()[number]
     return Glass(
         label=f"{row['vendor']}:{row['glass']}",
         dispersion=_dispersion(row),
