@@ -175,7 +175,7 @@ class _Folder:
         seen = self._seen.get(path)
         if seen and seen[0] == signature(facts) and facts.st_ctime_ns < self._seen_before_ns:
             return str(seen[1])
-        return digest_of(Path(target))
+        return digest_of(target)
 
     def _remember(self, entries: Mapping[str, dict[str, Any]]) -> None:
         seen = {path: [signature(os.lstat(f"{self.out}/{path}")), entry["sha256"]] for path, entry in entries.items()}

@@ -8,7 +8,7 @@ import functools
 import hashlib
 import re
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -26,9 +26,10 @@ def key_of_bytes(domain: str, value: bytes) -> str:
 
 
 def canonical(value: Any) -> bytes:
-    """Bytes of None, bool, int, float, str, list, tuple and dict.
+    """Bytes of None, bool, int, float, str, list, dict and `Shared`.
 
-    Floats count by their exact bits; infinity is a value (a plane has an infinite radius), NaN is not.
+    Floats count by their exact bits; infinity is a value (a plane has an infinite radius), NaN is not. Tuples are not
+    values: behind a process border they would be lists.
 
     Raises
     ------
@@ -45,12 +46,13 @@ def canonical_dict(items: Mapping[str, bytes]) -> bytes:
     return _item(b"m", b"".join([_name(name) + items[name] for name in sorted(items)]))
 
 
-def plain(value: Any) -> Any:
-    """The same value as JSON gives it back: tuples become lists; what has no canonical bytes raises.
+class Shared(dict[str, Any]):
+    """A part of the parameters of many tasks: its canonical bytes are made once, so nobody may change it."""
 
-    Tasks get their parameters in this form on every engine, whether they crossed a process border or not.
-    """
-    return _PLAIN[type(value)](value)
+    @functools.cached_property
+    def canonical(self) -> bytes:
+        """As of the same dict."""
+        return _dict(self)
 
 
 def _item(tag: bytes, payload: bytes = b"") -> bytes:
@@ -75,12 +77,14 @@ def _float(value: float) -> bytes:
     return b"d8:" + struct.pack(">d", value)
 
 
-def _list(values: Sequence[Any]) -> bytes:
+def _list(values: list[Any]) -> bytes:
     return _item(b"l", b"".join([_BYTES[type(value)](value) for value in values]))
 
 
 def _dict(values: dict[str, Any]) -> bytes:
-    _check_names(values)
+    for name in values:
+        if type(name) is not str:
+            raise TypeError("a key can only be made from dicts whose keys are strings")
     return canonical_dict({name: _BYTES[type(value)](value) for name, value in values.items()})
 
 
@@ -92,38 +96,7 @@ _BYTES = _ByType(
         float: _float,
         str: lambda value: _item(b"s", value.encode()),
         list: _list,
-        tuple: _list,
         dict: _dict,
+        Shared: lambda value: value.canonical,
     }
 )
-
-
-def _plain_float(value: float) -> float:
-    _float(value)
-    return value
-
-
-def _plain_list(values: Sequence[Any]) -> list[Any]:
-    return [_PLAIN[type(value)](value) for value in values]
-
-
-def _plain_dict(values: dict[str, Any]) -> dict[str, Any]:
-    _check_names(values)
-    return {name: _PLAIN[type(value)](value) for name, value in values.items()}
-
-
-_PLAIN = _ByType(
-    {
-        **dict.fromkeys((type(None), bool, int, str), lambda value: value),
-        float: _plain_float,
-        list: _plain_list,
-        tuple: _plain_list,
-        dict: _plain_dict,
-    }
-)
-
-
-def _check_names(values: dict[Any, Any]) -> None:
-    for name in values:
-        if type(name) is not str:
-            raise TypeError("a key can only be made from dicts whose keys are strings")

@@ -58,7 +58,7 @@ def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> It
         raise EnvironmentFault(f"cannot {doing} {folder}: {error.strerror}", hint=hint) from error
 
 
-def open_regular(path: Path) -> int | None:
+def open_regular(path: Path | str) -> int | None:
     """File descriptor for reading, or None for whatever is not a plain readable file.
 
     A link is not followed, and a FIFO does not make us wait.
@@ -73,7 +73,7 @@ def open_regular(path: Path) -> int | None:
     return None
 
 
-def read_regular(path: Path) -> bytes | None:
+def read_regular(path: Path | str) -> bytes | None:
     """All bytes of a plain file; None if it is anything else, or unreadable."""
     handle = open_regular(path)
     if handle is None:
@@ -85,7 +85,7 @@ def read_regular(path: Path) -> bytes | None:
         return None
 
 
-def digest_of(path: Path) -> str | None:
+def digest_of(path: Path | str) -> str | None:
     """sha256 of a plain file, read in pieces; None if it is anything else, or unreadable."""
     handle = open_regular(path)
     if handle is None:

@@ -9,7 +9,7 @@ from typing import Any
 import networkx as nx
 
 from pipeline.engine.code import check_kind
-from pipeline.engine.digest import plain
+from pipeline.engine.digest import canonical
 from pipeline.errors import UsageError
 
 TASKS = ("pipeline.tasks",)
@@ -26,7 +26,7 @@ class Task:
     kind : str
         Module whose function `run(params, inputs, out)` does the work.
     params : dict
-        Plain values, part of the key.
+        Plain values, part of the key; `canonical` are their bytes.
     reads : dict
         Role -> name of the task whose outputs are read. Roles are part of the key, names are not.
     """
@@ -34,6 +34,7 @@ class Task:
     name: str
     kind: str
     params: dict[str, Any]
+    canonical: bytes
     reads: dict[str, str]
 
     @property
@@ -57,7 +58,7 @@ class TaskGraph:
         self._order: list[str] = []  # of an older graph as long as it is shorter
 
     def add(self, name: str, kind: str, params: dict[str, Any], reads: dict[str, str] | None = None) -> str:
-        """Add a task and give its name back.
+        """Add a task and give its name back. Its parameters must not be changed afterwards.
 
         Raises
         ------
@@ -73,7 +74,8 @@ class TaskGraph:
         for role, source in reads.items():
             if source not in self._graph:
                 raise ValueError(f"task {name!r} reads {source!r} as {role!r}, which does not exist")
-        self._graph.add_node(name, task=Task(name=name, kind=kind, params=plain(params), reads=reads))
+        task = Task(name=name, kind=kind, params=params, canonical=canonical(params), reads=reads)
+        self._graph.add_node(name, task=task)
         self._graph.add_edges_from((source, name) for source in reads.values())
         return name
 

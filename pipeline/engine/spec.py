@@ -54,6 +54,6 @@ class Specs:
             role: {output: entry["sha256"] for output, entry in records[source]["outputs"].items()}
             for role, source in task.reads.items()
         }
-        whole = canonical_dict({**encoded, "params": canonical(task.params), "inputs": canonical(inputs)})
+        whole = canonical_dict({**encoded, "params": task.canonical, "inputs": canonical(inputs)})
         components = {**code, "params": task.params, "inputs": inputs}
         return Spec(name=task.name, key=key_of_bytes(KEY_DOMAIN, whole), components=components)

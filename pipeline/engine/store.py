@@ -96,9 +96,13 @@ class Store:
 
     def path(self, table: str, name: str) -> Path:
         """Where an entry lives. Only digests get in, so no path leads outside."""
+        return Path(self._at(table, name))
+
+    def _at(self, table: str, name: str) -> str:
+        """The same as text, for look-ups: thousands of them, and a `Path` takes longer than the look."""
         if not DIGEST.fullmatch(name):
             raise ValueError(f"not a digest: {name!r}")
-        return Path(f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}")
+        return f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
     # Blobs
 
@@ -151,9 +155,9 @@ class Store:
 
     def _holds(self, entry: Entry) -> bool:
         digest = entry["sha256"]
-        path = self.path("blob", digest)
+        path = self._at("blob", digest)
         try:
-            facts = path.lstat()
+            facts = os.lstat(path)
         except OSError:
             return False
         now = signature(facts)
@@ -163,7 +167,7 @@ class Store:
         if regular and digest_of(path) == digest:
             self._verified[digest] = now
             return True
-        self._quarantine(path)
+        self._quarantine(Path(path))
         return False
 
     # Records
@@ -192,15 +196,15 @@ class Store:
             return None
         if record is not None:
             with contextlib.suppress(OSError):  # in use: what was unused longest is collected first
-                os.utime(self.path("record", key))
+                os.utime(self._at("record", key))
         return record
 
     def peek(self, key: str) -> dict[str, Any] | None:
         """The record of a key without a look at its blobs: for explanations."""
-        path = self.path("record", key)
+        path = self._at("record", key)
         record = _parse_record(read_regular(path), key)
         if record is None:
-            self._quarantine(path)  # nothing to do for an ordinary miss
+            self._quarantine(Path(path))  # nothing to do for an ordinary miss
             return self._below.peek(key) if self._below is not None else None
         return record
 

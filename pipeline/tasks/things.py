@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.engine.digest import Shared
 from pipeline.records import to_plain
 from pipeline.scene.dataset import Dataset, Frame
 from pipeline.target.target import bare, plain_from_target
@@ -29,8 +30,8 @@ class Things:
         if not painted:
             targets = {name: bare(target) for name, target in targets.items()}
             occluders = {path: dataclasses.replace(mesh, radiance=0.0) for path, mesh in occluders.items()}
-        self._targets = {name: plain_from_target(target) for name, target in targets.items()}
-        self._occluders = {path: to_plain(mesh) for path, mesh in occluders.items()}
+        self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
+        self._occluders = {path: Shared(to_plain(mesh)) for path, mesh in occluders.items()}
 
     def targets(self, frame: Frame, camera: str) -> list[dict[str, Any]]:
         """All targets: {name, target, vision_from_target}."""
