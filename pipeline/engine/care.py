@@ -14,10 +14,10 @@ from typing import Any
 from pipeline.engine import manifest
 from pipeline.engine.files import locked
 from pipeline.engine.store import Store
+from pipeline.engine.workspace import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
 
 DEFAULT_LIMIT = 50 * 10**9
-_ABANDONED_S = 86400.0  # files being written by other machines are theirs for a day
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 
@@ -206,7 +206,7 @@ def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
             _unlink(store, table, name)
     for path in list(_quarantined(store)):
         shutil.rmtree(path, ignore_errors=True) if path.is_dir() and not path.is_symlink() else path.unlink()
-    store.sweep(older_than_s=_ABANDONED_S)
+    store.sweep(older_than_s=ABANDONED_S)
 
 
 def _unlink(store: Store, table: str, name: str) -> None:

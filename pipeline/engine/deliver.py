@@ -8,6 +8,8 @@ import contextlib
 import hashlib
 import os
 import shutil
+import socket
+import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -19,6 +21,8 @@ from pipeline.engine.digest import key_of
 from pipeline.engine.files import copy, digest_of, machine_errors, signature
 from pipeline.engine.spec import Record
 from pipeline.engine.store import Store
+from pipeline.engine.workspace import ABANDONED_S
+from pipeline.errors import EnvironmentFault
 
 Source = bytes | tuple[str, str]
 """Where a file comes from: its bytes, or (task name, output name)."""
@@ -52,14 +56,21 @@ def deliver(
     UsageError
         The folder holds a build of another stage.
     EnvironmentFault
-        The folder cannot be written, or the disk is full; then the previous build is still whole.
+        The folder cannot be written, or the disk is full; then the previous build is still whole. Or another machine,
+        whose locks do not reach here, changes it at the same time.
     """
     entries = {path: _entry(source, records) for path, source in sorted(files.items())}
     _check_paths(entries)
     keys = {name: record["key"] for name, record in records.items()}
     with store.single_flight(_note_name(out)), machine_errors("write to", out, needed=_bytes(entries.values())):
         folder = _Folder(out, manifest.read_of(out, head.get("stage")), store, warn)
-        return folder.fill(files, entries, manifest.render(head, keys, entries), records)
+        try:
+            return folder.fill(files, entries, manifest.render(head, keys, entries), records)
+        except FileNotFoundError as error:
+            raise EnvironmentFault(
+                f"{out} changed while files were put there: {error.filename} is gone",
+                hint="build again; if another machine builds into the same folder, give each its own with -o",
+            ) from error
 
 
 class _Folder:
@@ -104,7 +115,7 @@ class _Folder:
         ours: Iterable[str],
     ) -> None:
         self.out.mkdir(parents=True, exist_ok=True)
-        aside = self.out / f"{_ASIDE}{uuid.uuid4().hex}"
+        aside = self.out / f"{_aside_of_this_machine()}{uuid.uuid4().hex}"
         aside.mkdir()
         try:
             for number, path in enumerate(changed):
@@ -132,9 +143,11 @@ class _Folder:
             folder = self.out / parent
             if folder.is_symlink() or not folder.is_dir():
                 self._clear_way(folder, is_ours=False)
-                folder.mkdir()
+                folder.mkdir(exist_ok=True)
         if target.is_symlink() or target.exists():
-            self._clear_way(target, is_ours=path in self._ours and not target.is_dir())
+            # Nobody loses a file with the very same bytes, for example another machine's that builds the same.
+            is_ours = path in self._ours or digest_of(target) == digest_of(aside)
+            self._clear_way(target, is_ours=is_ours and not target.is_dir())
         aside.replace(target)
 
     def _clear_way(self, path: Path, *, is_ours: bool) -> None:
@@ -155,8 +168,11 @@ class _Folder:
                 return
 
     def _remove_old_asides(self) -> None:
-        for folder in self.out.glob(f"{_ASIDE}*"):  # we hold the folder's lock, so their builders are dead
-            shutil.rmtree(folder, ignore_errors=True)
+        for folder in self.out.glob(f"{_ASIDE}*"):
+            # We hold the folder's lock, so builders of this machine are dead. Those of others may not know our locks.
+            age_s = time.time() - folder.lstat().st_mtime
+            if folder.name.startswith(_aside_of_this_machine()) or age_s > ABANDONED_S:
+                shutil.rmtree(folder, ignore_errors=True)
 
     def _present(self, entries: Mapping[str, Any]) -> tuple[set[str], list[str]]:
         """Files that are there, and those of them that neither this nor an earlier build made."""
@@ -186,6 +202,10 @@ class _Folder:
     def _write_note(self, seen: dict[str, list[Any]], ours: Iterable[str]) -> None:
         self.store.write_note("index", _note_name(self.out), {"seen": seen, "ours": sorted(ours)})
         self._seen = seen
+
+
+def _aside_of_this_machine() -> str:
+    return f"{_ASIDE}{socket.gethostname()}-"
 
 
 def _entry(source: Source, records: Mapping[str, Record]) -> dict[str, Any]:

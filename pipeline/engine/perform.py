@@ -173,8 +173,9 @@ def _logging(log: Path) -> Iterator[None]:
             contextlib.redirect_stderr(stream),
         ):
             yield
-        if log.stat().st_size == 0:
-            log.unlink()
+        with contextlib.suppress(FileNotFoundError):  # where locks do not reach, another machine does the same task
+            if log.stat().st_size == 0:
+                log.unlink()
     finally:
         _logs.release()
 

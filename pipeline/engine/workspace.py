@@ -10,6 +10,9 @@ from pathlib import Path
 
 from pipeline.engine.files import try_lock
 
+ABANDONED_S = 86400.0
+"""Files being written by other machines are theirs for a day: no lock of theirs may reach here [s]."""
+
 
 class Workspace:
     """A folder in `tmp/`, made when first needed, removed with this object or swept once its process is dead."""

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import socket
 
 import pytest
 from engine import toy
@@ -175,7 +176,32 @@ def test_no_file_lands_outside_the_folder(tmp_path, path):
         build(project, jobs=1)
 
 
-def test_what_a_builder_left_that_died_after_its_last_file_goes(out):
-    (out / ".pipeline-dead").mkdir()
+def test_a_file_with_the_very_same_bytes_is_taken_over(out, cache, tmp_path):
+    """As from another machine that builds the same into this folder, with a store of its own."""
+    before = {path.name for path in out.rglob("*")}
+    (out / "manifest.json").unlink()
+    shutil.rmtree(cache)
+    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert {path.name for path in out.rglob("*")} == before
+
+
+def test_what_dead_builders_left_goes_and_what_other_machines_write_stays_for_a_day(out):
+    names = {f".pipeline-{socket.gethostname()}-dead", ".pipeline-elsewhere-busy", ".pipeline-elsewhere-dead"}
+    for name in names:
+        (out / name).mkdir()
+    os.utime(out / ".pipeline-elsewhere-dead", (0, 0))
     assert build(toy.project(out), jobs=1).delivery.written == ()
-    assert not list(out.glob(".pipeline-*"))
+    assert [path.name for path in out.glob(".pipeline-*")] == [".pipeline-elsewhere-busy"]
+
+
+def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
+    (out / "dataset.usda").unlink()
+    real = module._Folder._place
+
+    def place(self, aside, path):
+        aside.unlink()
+        real(self, aside, path)
+
+    monkeypatch.setattr(module._Folder, "_place", place)
+    result = build(toy.project(out), jobs=1)
+    assert result.exit_code == 5 and "changed while files were put there" in str(result.error)

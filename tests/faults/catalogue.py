@@ -1,13 +1,17 @@
 """The faults, by their numbers; every function does one row of the table."""
 
 import errno
+import fcntl
 import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -244,12 +248,39 @@ def several_builders(bench: Workbench) -> Row:
     return row
 
 
-def _builder(bench: Workbench, place: Path, number: int) -> int:
+def builders_without_common_locks(bench: Workbench) -> Row:
+    """As on two machines that share a store over a network: each grants its own locks, or there are none at all."""
+    row = Row("R8", "two builders whose locks do not reach each other, or that have none")
+
+    def no_locks(handle: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    for flock in (lambda handle, operation: None, no_locks) * (10 if bench.whole else 1):
+        place = bench.new_place()
+
+        def prepare(number: int, flock=flock) -> None:
+            fcntl.flock = flock
+            socket.gethostname = lambda: f"machine{number}"
+
+        children = [_builder(bench, place, number, prepare) for number in range(2)]
+        codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
+        row.tried += 2
+        row.failed += sum(code != 0 for code in codes)
+        ran = Counter(name for path in place.glob("ran-*") for name in json.loads(path.read_text()))
+        row.wrong += not set(codes) <= {0, 5} or max(ran.values()) > 2
+        for path in place.glob("ran-*"):
+            path.unlink()
+        bench.judge(row, place)
+    return row
+
+
+def _builder(bench: Workbench, place: Path, number: int, prepare: Callable[[int], None] = lambda number: None) -> int:
     pid = os.fork()
     if pid:
         return pid
     code = 99
     try:
+        prepare(number)
         result = bench.build(place)
         ran = [task.name for task in result.tasks if task.state == "executed"]
         (place / f"ran-{number}").write_text(json.dumps(ran))
@@ -490,6 +521,7 @@ FAULTS = (
     lambda bench: errors_of_the_system(bench, "R6", "disk full (ENOSPC)", errno.ENOSPC, for_good=True, most=2),
     read_only,
     several_builders,
+    builders_without_common_locks,
     soak,
     holder_of_a_lock,
     hostile_entries,
@@ -503,5 +535,5 @@ FAULTS = (
     lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=2),
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 10, 11, 14, 19)
+SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20)
 """Rows that the tests do too, by number; the others start processes that load everything again."""
