@@ -39,7 +39,8 @@ def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
         return _float(value, where)
     if value is None or isinstance(value, bool | int | str):
         return _WORDS.encode(value)
-    if isinstance(value, list) and all(type(item) is float for item in value) and all(map(math.isfinite, value)):
+    row = isinstance(value, list | tuple) and all(type(item) is float for item in value)
+    if row and all(map(math.isfinite, value)):
         return f"[{', '.join(map(repr, value))}]"  # rows of matrices, thousands of them: ten times as fast as below
     deeper = newline + "  "
     if isinstance(value, dict) and all(isinstance(name, str) for name in value):

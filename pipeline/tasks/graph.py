@@ -5,39 +5,33 @@ in the params of the tasks that write them.
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from pipeline.camera.camera import Camera
-from pipeline.camera.request import FocusRequest, group_shift, solved
+from pipeline.camera.request import FocusRequest, group_shift
 from pipeline.camera.stop import shown_f_number
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
-from pipeline.frames import apply
-from pipeline.records import from_plain, to_plain
-from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.poses import poses_json, targets_json, vision_from_target
+from pipeline.records import to_plain
+from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.tasks.frame_tasks import KIND, FrameTasks, image_params
+from pipeline.tasks.poses import targets_json
 from pipeline.tasks.rays_tile import tile_rows
-from pipeline.tasks.things import Things, matrix
-from pipeline.truth.on_points import plane_name
-from pipeline.truth.settings import TruthSettings
-
-_KIND = "pipeline.tasks."
+from pipeline.tasks.things import Things
 
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
     """All tasks of a dataset, what of their outputs lies where in the output folder, and each camera's certificate."""
     graph, files, certificates = TaskGraph(), dict[str, Source](), dict[str, tuple[str, str]]()
-    things = {painted: Things(dataset, painted=painted) for painted in (True, False)}
+    painted, bare = (Things(dataset, painted=painted) for painted in (True, False))
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
     for camera in dataset.cameras:
         _add_camera(graph, files, camera)
+        tasks = FrameTasks(graph, files, dataset, camera, painted, bare)
         for frame in dataset.frames:
-            _add_frame(graph, files, dataset, camera, frame, things)
-        certificates[camera.name] = (_add_certificate(graph, camera, dataset.frames, things[False]), "certificate.json")
+            tasks.add(frame)
+        certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
     return graph, files, certificates
 
 
@@ -46,17 +40,17 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
     plain = to_plain(_nameless(entry.camera))
     planes = {field: plain.pop(field) for field in ("near_mm", "far_mm", "circle_of_confusion_px")}
-    reads = {"camera": graph.add(f"focus/{name}", f"{_KIND}focus", {asked: plain})}
-    settled = {**reads, "planes": graph.add(f"planes/{name}", f"{_KIND}planes", planes, reads)}
+    reads = {"camera": graph.add(f"focus/{name}", f"{KIND}focus", {asked: plain})}
+    settled = {**reads, "planes": graph.add(f"planes/{name}", f"{KIND}planes", planes, reads)}
     params = {"labels": labels_of(entry), "circle_of_confusion_px": planes["circle_of_confusion_px"]}
-    report = graph.add(f"first_order/{name}", f"{_KIND}first_order", params, settled)
+    report = graph.add(f"first_order/{name}", f"{KIND}first_order", params, settled)
     if entry.truth["method"] != "direct":
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")
     _add_white(graph, files, entry, reads, name, f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
         shown = shown_f_number(f_number)
-        stopped = graph.add(f"stop/{name}/{shown}", f"{_KIND}stop", {"f_number": f_number}, reads)
+        stopped = graph.add(f"stop/{name}/{shown}", f"{KIND}stop", {"f_number": f_number}, reads)
         at = f"{folder}/white/{shown}"
         _add_white(graph, files, entry, {"camera": stopped}, f"{name}/{shown}", at, f"{at}.")
 
@@ -71,11 +65,11 @@ def _add_white(
     tables_at: str,
 ) -> None:
     """The white image and the micro-images of a camera with its stop as set."""
-    white = graph.add(f"white/{name}", f"{_KIND}white", _image_params(entry), reads)
+    white = graph.add(f"white/{name}", f"{KIND}white", image_params(entry), reads)
     files[f"{white_at}.exr"] = (white, "white.exr")
     files[f"{white_at}.png"] = (white, "white.png")
     if entry.camera.microlenses:
-        tables = graph.add(f"micro_images/{name}", f"{_KIND}micro_images", {}, reads)
+        tables = graph.add(f"micro_images/{name}", f"{KIND}micro_images", {}, reads)
         for table in ("micro_images.csv", "micro_image_outlines.csv"):
             files[f"{tables_at}{table}"] = (tables, table)
 
@@ -114,7 +108,7 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
     tiles = {
         f"tile{number}": graph.add(
             f"rays_tile/{entry.name}/{number:04d}",
-            f"{_KIND}rays_tile",
+            f"{KIND}rays_tile",
             {"first_row": first, "end_row": end, **sampling, "square_px": entry.square_px},
             reads,
         )
@@ -122,99 +116,4 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
     }
     light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
     params = {"tiles": len(tiles), **sampling, **light}
-    return graph.add(f"rays/{entry.name}", f"{_KIND}rays", params, {**reads, **tiles})
-
-
-def _image_params(entry: CameraEntry) -> dict[str, Any]:
-    return {
-        "samples": entry.image_samples,
-        "seed": entry.sampling.seed,
-        "weight": entry.weight,
-        "wavelength_nm": entry.wavelength_nm,
-    }
-
-
-def _add_frame(
-    graph: TaskGraph,
-    files: dict[str, Source],
-    dataset: Dataset,
-    entry: CameraEntry,
-    frame: Frame,
-    things: dict[bool, Things],
-) -> None:
-    """The tasks of a camera in a frame."""
-    name, folder = f"{entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{entry.name}"
-    reads = {"camera": f"focus/{entry.name}"}
-    poses = {target.name: vision_from_target(frame, entry.name, target.name) for target in dataset.targets}
-    image = graph.add(f"image/{name}", f"{_KIND}image", _frame_image_params(dataset, entry, frame, things[True]), reads)
-    truth_reads = dict(reads)
-    if entry.truth["method"] != "direct":
-        truth_reads["rays"] = f"rays/{entry.name}"
-        if entry.camera.microlenses:
-            truth_reads["micro_images"] = f"micro_images/{entry.name}"
-    if entry.truth["method"] == "image":
-        planes = [plane for target in dataset.targets for plane in _tangent_planes(target, poses[target.name])]
-        light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
-        light["square_px"] = entry.square_px
-        params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
-        truth_reads["positions"] = graph.add(f"positions/{name}", f"{_KIND}positions", params, reads)
-        files[f"{folder}/positions.exr"] = (truth_reads["positions"], "positions.exr")
-    needs_paint = "saddle" in from_plain(TruthSettings, entry.truth).column_sets
-    params = _truth_params(entry, frame, things[needs_paint])
-    truth = graph.add(f"truth/{name}", f"{_KIND}truth", params, truth_reads)
-    files[f"{folder}/poses.json"] = poses_json(frame, entry.name, poses)
-    files[f"{folder}/image.exr"] = (image, "image.exr")
-    files[f"{folder}/image.png"] = (image, "image.png")
-    files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
-
-
-def _frame_image_params(dataset: Dataset, entry: CameraEntry, frame: Frame, things: Things) -> dict[str, Any]:
-    targets = [{key: target[key] for key in target if key != "name"} for target in things.targets(frame, entry.name)]
-    occluders = things.occluders(frame, entry.name)
-    return {**_image_params(entry), "targets": targets, "background": dataset.background, "occluders": occluders}
-
-
-def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:
-    """Name, pose and points (vision frame) of every tangent plane of a target; those that face away are named alike."""
-    points = entry.target.points()
-    return [
-        {
-            "name": plane_name(entry.name, number, len(points.frames)),
-            "vision_from_target": matrix(vision_from_target @ plane.target_from_plane),
-            "points_mm": apply(vision_from_target, points.position_mm[plane.members]).tolist(),
-        }
-        for number, plane in enumerate(points.planes())
-    ]
-
-
-def _add_certificate(graph: TaskGraph, entry: CameraEntry, frames: Sequence[Frame], things: Things) -> str:
-    posed = [{"number": frame.number, "targets": things.targets(frame, entry.name)} for frame in frames]
-    reads = {f"frame{frame.number}": f"truth/{entry.name}/{frame.number:04d}" for frame in frames}
-    claim_px = from_plain(TruthSettings, entry.truth).claim_px
-    judged = {"claim_px": claim_px, "square_px": entry.square_px}
-    params = {"frames": posed, **judged, "seed": entry.sampling.seed}
-    return graph.add(
-        f"certificate/{entry.name}", f"{_KIND}certificate", params, {"camera": f"focus/{entry.name}", **reads}
-    )
-
-
-def _truth_params(entry: CameraEntry, frame: Frame, things: Things) -> dict[str, Any]:
-    labels = {
-        "weight": entry.weight,
-        "wavelength_nm": entry.wavelength_nm,
-        "index_source": entry.index_source,
-        "footprint": entry.footprint,
-        "stop": solved(entry.camera).prescription.stop.aperture,
-        "seed": entry.sampling.seed,
-    }
-    if entry.truth["method"] != "direct":
-        labels["samples"] = entry.sampling.samples
-    return {
-        "frame": frame.number,
-        "camera": entry.name,
-        "targets": things.targets(frame, entry.name),
-        "occluders": things.occluders(frame, entry.name),
-        "truth": to_plain(entry.truth),
-        "square_px": entry.square_px,
-        "labels": labels,
-    }
+    return graph.add(f"rays/{entry.name}", f"{KIND}rays", params, {**reads, **tiles})

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.files.jsonfile import json_bytes
 from pipeline.frames import rotation_vector
 from pipeline.records import to_plain
-from pipeline.scene.dataset import Frame, TargetEntry
+from pipeline.scene.dataset import Dataset, Frame, TargetEntry
 from pipeline.target.mesh import MeshTarget
 from pipeline.target.points import TargetPoints
 from pipeline.target.target import Target, plain_from_target
@@ -22,6 +22,11 @@ def vision_from_target(frame: Frame, camera: str, target: str) -> np.ndarray:
 def vision_from_occluder(frame: Frame, camera: str, prim_path: str) -> np.ndarray:
     """Transform of an occluder's mesh to a camera's vision frame, (4, 4) [mm]."""
     return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_occluder[prim_path])
+
+
+def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.ndarray]:
+    """vision_from_target of all targets of a dataset, by name."""
+    return {target.name: vision_from_target(frame, camera, target.name) for target in dataset.targets}
 
 
 def poses_json(frame: Frame, camera: str, poses: dict[str, np.ndarray]) -> bytes:

@@ -12,7 +12,7 @@ from pipeline.engine.digest import Shared
 from pipeline.records import to_plain
 from pipeline.scene.dataset import Dataset, Frame
 from pipeline.target.target import bare, plain_from_target
-from pipeline.tasks.poses import vision_from_occluder, vision_from_target
+from pipeline.tasks.poses import vision_from_occluder
 
 
 class Things:
@@ -33,10 +33,10 @@ class Things:
         self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
         self._occluders = {path: Shared(to_plain(mesh)) for path, mesh in occluders.items()}
 
-    def targets(self, frame: Frame, camera: str) -> list[dict[str, Any]]:
-        """All targets: {name, target, vision_from_target}."""
+    def targets(self, poses: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+        """All targets, posed as `target_poses` says: {name, target, vision_from_target}."""
         return [
-            {"name": name, "target": target, "vision_from_target": matrix(vision_from_target(frame, camera, name))}
+            {"name": name, "target": target, "vision_from_target": matrix(poses[name])}
             for name, target in self._targets.items()
         ]
 

@@ -22,6 +22,7 @@ from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.load import load, require_dataset
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.certificate import certificate
+from pipeline.tasks.poses import target_poses
 from pipeline.tasks.things import Things
 from pipeline.tasks.visibility_check import Scene, wrong_visibilities
 from pipeline.truth.settings import TruthSettings
@@ -101,7 +102,7 @@ def _scenes(dataset: Dataset, entry: CameraEntry, out: Path) -> list[Scene]:
     return [
         (
             frame.number,
-            things.targets(frame, entry.name),
+            things.targets(target_poses(dataset, frame, entry.name)),
             things.occluders(frame, entry.name),
             read_table(out / f"frames/{frame.number:04d}/{entry.name}/correspondences.csv"),
         )

@@ -292,7 +292,7 @@ def _builder(bench: Workbench, place: Path, number: int, prepare: Callable[[int]
 def soak(bench: Workbench) -> Row:
     """Three builders; one of them gets a signal at a random time and is started again; until the time is up."""
     row = Row("R9 R22", "soak: three builders under SIGKILL, SIGTERM and SIGINT")
-    end = time.monotonic() + (60 if bench.whole else 3)
+    end = time.monotonic() + bench.soak_s
     builds = 0
     while time.monotonic() < end:
         place = bench.new_place()

@@ -21,12 +21,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--short", action="store_true")
     parser.add_argument("--only", metavar="N", type=int, nargs="*", help="numbers of rows, from 0")
+    parser.add_argument("--soak", metavar="SECONDS", type=float, default=60.0, help="how long R9 goes on")
     chosen = parser.parse_args()
     short = chosen.short
     rows: list[Row] = []
     print(f"{'':11} {'fault':70} {'tried':>6} {'failed':>6} {'wrong':>6} {'bad':>4} {'s':>6}")
     with tempfile.TemporaryDirectory() as folder:
-        bench = Workbench(Path(folder), whole=not short)
+        bench = Workbench(Path(folder), whole=not short, soak_s=3.0 if short else chosen.soak)
         for fault in [FAULTS[n] for n in chosen.only or (SHORT if short else range(len(FAULTS)))]:
             start = time.monotonic()
             row = fault(bench)

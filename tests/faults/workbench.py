@@ -52,10 +52,12 @@ class Workbench:
     ----------
     whole : bool
         Every place of every fault; else a few spread over all of them.
+    soak_s : float
+        How long builders are killed at random.
     """
 
-    def __init__(self, folder: Path, *, whole: bool) -> None:
-        self.folder, self.whole = folder, whole
+    def __init__(self, folder: Path, *, whole: bool, soak_s: float = 3.0) -> None:
+        self.folder, self.whole, self.soak_s = folder, whole, soak_s
         self.shim, self.chance = Shim(), random.Random(1)
         # Read in another process: this one must stay free of USD, whose threads do not survive a fork.
         answer = _ask({"path": str(STAGE), "allow_roots": []})

@@ -1,0 +1,138 @@
+"""The tasks of a camera in its frames: image, position images, truth, and the certificate of all frames."""
+
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.request import solved
+from pipeline.engine.deliver import Source
+from pipeline.engine.digest import Shared
+from pipeline.engine.graph import TaskGraph
+from pipeline.frames import apply
+from pipeline.records import from_plain, to_plain
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
+from pipeline.tasks.poses import poses_json, target_poses
+from pipeline.tasks.things import Things, matrix
+from pipeline.truth.on_points import plane_name
+from pipeline.truth.settings import TruthSettings
+
+KIND = "pipeline.tasks."
+
+
+def image_params(entry: CameraEntry) -> dict[str, Any]:
+    """What every image of a camera reads."""
+    return {
+        "samples": entry.image_samples,
+        "seed": entry.sampling.seed,
+        "weight": entry.weight,
+        "wavelength_nm": entry.wavelength_nm,
+    }
+
+
+class FrameTasks:
+    """Adds the tasks of one camera to a graph, frame by frame; what all frames have in common is made once.
+
+    Parameters
+    ----------
+    files : dict
+        Gets what of the outputs lies where in the output folder.
+    painted, bare : Things
+        All targets and occluders of the dataset, with and without colours.
+    """
+
+    def __init__(
+        self,
+        graph: TaskGraph,
+        files: dict[str, Source],
+        dataset: Dataset,
+        entry: CameraEntry,
+        painted: Things,
+        bare: Things,
+    ) -> None:
+        self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
+        self.painted, self.bare = painted, bare
+        self.settings = from_plain(TruthSettings, entry.truth)
+        self._image = {**image_params(entry), "background": dataset.background}
+        self._truth = _truth_params(entry)
+        self._reads = {"camera": f"focus/{entry.name}"}
+        self._judged: list[dict[str, Any]] = []
+
+    def add(self, frame: Frame) -> None:
+        """Add the tasks of a frame."""
+        name, folder = f"{self.entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.name}"
+        poses = target_poses(self.dataset, frame, self.entry.name)
+        image = self.graph.add(f"image/{name}", f"{KIND}image", self._image_params(frame, poses), self._reads)
+        truth = self._add_truth(name, folder, frame, poses)
+        self.files[f"{folder}/poses.json"] = poses_json(frame, self.entry.name, poses)
+        self.files[f"{folder}/image.exr"] = (image, "image.exr")
+        self.files[f"{folder}/image.png"] = (image, "image.png")
+        self.files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
+
+    def add_certificate(self) -> str:
+        """Add the task that judges all frames added so far; gives its name."""
+        params: dict[str, Any] = {"claim_px": self.settings.claim_px, "square_px": self.entry.square_px}
+        params |= {"frames": self._judged, "seed": self.entry.sampling.seed}
+        truths = {f"frame{n}": f"truth/{self.entry.name}/{n:04d}" for n in (frame["number"] for frame in self._judged)}
+        return self.graph.add(f"certificate/{self.entry.name}", f"{KIND}certificate", params, {**self._reads, **truths})
+
+    def _image_params(self, frame: Frame, poses: dict[str, np.ndarray]) -> dict[str, Any]:
+        targets = self.painted.targets(poses)
+        for target in targets:
+            del target["name"]  # an image does not know it
+        return {**self._image, "targets": targets, "occluders": self.painted.occluders(frame, self.entry.name)}
+
+    def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
+        targets = self.bare.targets(poses)
+        self._judged.append({"number": frame.number, "targets": targets})
+        # The saddle of a corner that is not sharp is the only position that a colour moves.
+        if "saddle" in self.settings.column_sets:
+            targets = self.painted.targets(poses)
+        occluders = self.bare.occluders(frame, self.entry.name)
+        params = {**self._truth, "frame": frame.number, "targets": targets, "occluders": occluders}
+        reads = dict(self._reads)
+        if self.settings.method != "direct":
+            reads["rays"] = f"rays/{self.entry.name}"
+            if self.entry.camera.microlenses:
+                reads["micro_images"] = f"micro_images/{self.entry.name}"
+        if self.settings.method == "image":
+            reads["positions"] = self._add_positions(name, folder, poses)
+        return self.graph.add(f"truth/{name}", f"{KIND}truth", params, reads)
+
+    def _add_positions(self, name: str, folder: str, poses: dict[str, np.ndarray]) -> str:
+        entry = self.entry
+        planes = [plane for target in self.dataset.targets for plane in _tangent_planes(target, poses[target.name])]
+        light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
+        light["square_px"] = entry.square_px
+        params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
+        positions = self.graph.add(f"positions/{name}", f"{KIND}positions", params, self._reads)
+        self.files[f"{folder}/positions.exr"] = (positions, "positions.exr")
+        return positions
+
+
+def _truth_params(entry: CameraEntry) -> dict[str, Any]:
+    """What `truth` reads in every frame."""
+    labels = {
+        "weight": entry.weight,
+        "wavelength_nm": entry.wavelength_nm,
+        "index_source": entry.index_source,
+        "footprint": entry.footprint,
+        "stop": solved(entry.camera).prescription.stop.aperture,
+        "seed": entry.sampling.seed,
+    }
+    if entry.truth["method"] != "direct":
+        labels["samples"] = entry.sampling.samples
+    truth = Shared(to_plain(entry.truth))
+    return {"camera": entry.name, "truth": truth, "square_px": entry.square_px, "labels": Shared(labels)}
+
+
+def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:
+    """Name, pose and points (vision frame) of every tangent plane of a target; those that face away are named alike."""
+    points = entry.target.points()
+    return [
+        {
+            "name": plane_name(entry.name, number, len(points.frames)),
+            "vision_from_target": matrix(vision_from_target @ plane.target_from_plane),
+            "points_mm": apply(vision_from_target, points.position_mm[plane.members]).tolist(),
+        }
+        for number, plane in enumerate(points.planes())
+    ]
