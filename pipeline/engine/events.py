@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TextIO
 
-from pipeline.engine.files import machine_errors
+from pipeline.engine.files import chosen_place
 
 Event = dict[str, Any]
 Emit = Callable[[Event], None]
@@ -41,7 +41,7 @@ class EventFile:
 
     def __call__(self, event: Event) -> None:
         """Append an event."""
-        with machine_errors("write events to", self._path):
+        with chosen_place("write events to", self._path):
             self._stream = self._stream or self._path.open("w", encoding="utf-8", buffering=1)
             self._stream.write(json.dumps(event, sort_keys=True) + "\n")
 

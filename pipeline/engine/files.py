@@ -29,6 +29,11 @@ def signature(facts: os.stat_result) -> Signature:
     return [facts.st_size, facts.st_ino, facts.st_mtime_ns, facts.st_ctime_ns]
 
 
+def nearest_existing(path: Path) -> Path:
+    """The path, or the first folder above it that is there."""
+    return next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+
+
 def is_machines_fault(error: BaseException) -> bool:
     """Whether an error comes from the machine (disk full, read-only, …) and not from the work."""
     return isinstance(error, OSError) and error.errno in _MACHINE_ERRORS
@@ -52,10 +57,20 @@ def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> It
             raise
         hint = "choose another folder, or mend its permissions" if error.errno in _REFUSED else "build again"
         if error.errno in _FULL:
-            free = shutil.disk_usage(folder if folder.exists() else folder.parent).free
+            free = shutil.disk_usage(nearest_existing(folder)).free
             need = f"at least {disk.needed:,} bytes needed, " if disk.needed is not None else ""
             hint = f"{need}{free:,} bytes free on that disk"
         raise EnvironmentFault(f"cannot {doing} {folder}: {error.strerror}", hint=hint) from error
+
+
+@contextlib.contextmanager
+def chosen_place(doing: str, path: Path) -> Iterator[None]:
+    """As `machine_errors`, for a path that the user chose and that may lie nowhere."""
+    try:
+        with machine_errors(doing, path):
+            yield
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
+        raise EnvironmentFault(f"cannot {doing} {path}: {error.strerror}", hint="choose another place") from error
 
 
 def open_regular(path: Path | str) -> int | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.digest import DIGEST
-from pipeline.engine.files import read_regular
+from pipeline.engine.files import nearest_existing, read_regular
 from pipeline.errors import UsageError
 
 NAME = "manifest.json"
@@ -74,8 +74,9 @@ def read_of(out: Path, stage: Any) -> Manifest:
     UsageError
         The folder holds a finished build of another stage, or is no folder.
     """
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"the output folder {out} is a file", hint="choose another folder with -o")
+    if not (there := nearest_existing(out)).is_dir():
+        how = "is a file" if there == out.absolute() else f"would lie below the file {there}"
+        raise UsageError(f"the output folder {out} {how}", hint="choose another folder with -o")
     found = read(out)
     if found.stage is not None and found.stage != stage:
         raise UsageError(

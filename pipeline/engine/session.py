@@ -58,6 +58,7 @@ def build(
     start = time.perf_counter()
     manifest.read_of(project.out, project.head.get("stage"))
     emit, keep_events = _recorded(on_event)
+    limit_bytes = limit_from_environment()
     warn = _warner(emit)
     store = writable(store or Store(warn=warn))
     store.sweep()
@@ -89,7 +90,7 @@ def build(
         certificate=head.get("certificate"),
         tasks=tuple(outcome.results[name] for name in graph),
         store=store.root,
-        store_bytes=_within_limit(store, warn),
+        store_bytes=_within_limit(store, limit_bytes, warn),
         delivery=delivery,
         interrupted=outcome.interrupted,
         error=error,
@@ -206,9 +207,9 @@ def _recorded(on_event: Emit) -> tuple[Emit, Callable[[Store, str], None]]:
     return emit, keep
 
 
-def _within_limit(store: Store, warn: Callable[[str], None]) -> int:
+def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
     """Drop what was unused longest if the store has grown beyond its limit; gives its size [bytes]."""
-    size, limit = store.size(), limit_from_environment()
+    size = store.size()
     if size <= limit:
         return size
     try:

@@ -27,7 +27,16 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.digest import DIGEST
-from pipeline.engine.files import Signature, copy, digest_of, locked, machine_errors, read_regular, signature
+from pipeline.engine.files import (
+    Signature,
+    chosen_place,
+    copy,
+    digest_of,
+    locked,
+    machine_errors,
+    read_regular,
+    signature,
+)
 from pipeline.engine.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
 
@@ -88,7 +97,7 @@ class Store:
         if self.root.exists() and not self.root.is_dir():
             raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
         if not (self.root / "VERSION").is_file():
-            with machine_errors("make the store", self.root):
+            with chosen_place("make the store", self.root):
                 self.root.mkdir(parents=True, exist_ok=True)
                 self._write(self.root / "VERSION", b"1\n")
         below = read_regular(self.root / _BELOW)

@@ -155,6 +155,8 @@ def test_plan_explain_and_status_agree(pipeline, stage):
         (["build", "s.json", "-j0"], "-j"),
         (["biuld", "s.json"], "biuld"),
         (["build", "s.json", "rays/can"], "did you mean"),
+        (["build", "s.json", "-o", "s.json"], "is a file"),
+        (["build", "s.json", "-o", "s.json/below/it"], "below the file"),
         (["build", "missing.json"], "does not exist"),
         (["check", "missing.json"], "does not exist"),
     ],
@@ -179,6 +181,26 @@ def test_a_store_that_cannot_be_made_ends_with_5(pipeline, stage, cache):
     cache.write_text("a file")
     code, _, log = pipeline("build", stage(), "-j1")
     assert code == 5 and "store" in log and "Traceback" not in log
+
+
+@pytest.mark.parametrize("arguments", [("-j1", "--events", "no/such/folder/e.jsonl"), ("-j1", "--events", ".")])
+def test_events_that_cannot_be_written_end_with_5_before_anything_runs(pipeline, stage, cache, arguments):
+    code, _, log = pipeline("build", stage(), *arguments)
+    assert code == 5 and "cannot write events to" in log and "Traceback" not in log
+    assert not (cache / "cas").exists()
+
+
+def test_a_wrong_limit_of_the_store_is_told_before_anything_runs(pipeline, stage, cache, monkeypatch):
+    monkeypatch.setenv("PIPELINE_CACHE_SIZE", "lots")
+    code, _, log = pipeline("build", stage(), "-j1")
+    assert code == 2 and "'lots' is not a size" in log
+    assert not (cache / "cas").exists()
+
+
+def test_a_store_below_a_file_ends_with_5(pipeline, stage, cache, monkeypatch):
+    monkeypatch.setenv("PIPELINE_CACHE", "s.json/store")
+    code, _, log = pipeline("build", stage(), "-j1")
+    assert code == 5 and "cannot make the store" in log and "Traceback" not in log
 
 
 def test_a_bug_of_ours_ends_with_70(pipeline, stage):
