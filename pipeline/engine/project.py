@@ -91,7 +91,15 @@ def tasks_of(project: Project, target: str) -> list[str]:
     source = project.files.get(target)
     if isinstance(source, bytes):
         raise UsageError(f"{target} is written from the stage itself, no task makes it")
-    return [source[0]] if source is not None else project.graph.select(target)
+    if source is not None:
+        return [source[0]]
+    try:
+        return project.graph.select(target)
+    except UsageError:
+        if path.is_file():
+            hint = "another output folder is named by -o"
+            raise UsageError(f"no task makes {target} in the output folder {project.out}", hint=hint) from None
+        raise
 
 
 def selection(project: Project, force: Iterable[str], until: Iterable[str]) -> tuple[TaskGraph, set[str]]:

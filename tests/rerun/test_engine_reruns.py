@@ -10,6 +10,7 @@ from engine import toy
 from pipeline.engine.explain import describe
 from pipeline.engine.project import tasks_of
 from pipeline.engine.session import build, plan_of
+from pipeline.errors import UsageError
 
 EDITED = [toy.POSES[0], [[3.0, 0.0], [0.0, 1.0]]]
 
@@ -109,6 +110,9 @@ def test_a_target_is_a_task_a_pattern_or_a_file(tmp_path):
     project = toy.project(tmp_path / "out")
     assert tasks_of(project, "image") == tasks_of(project, "image/*/000?")
     assert tasks_of(project, "report/index.html") == ["report"]
+    (tmp_path / "elsewhere").touch()
+    with pytest.raises(UsageError, match="another output folder is named by -o"):
+        tasks_of(project, str(tmp_path / "elsewhere"))
     assert tasks_of(project, str(tmp_path / "out" / "report" / "index.html")) == ["report"]
 
 
