@@ -9,11 +9,14 @@ import ast
 import functools
 import hashlib
 import os
+import re
 import threading
 from pathlib import Path
 from typing import Any
 
 _LOCK = threading.RLock()
+_PACKAGE = Path(__file__).resolve().parent
+_DECORATED = re.compile(rb"^@(kernel|inline)$", re.MULTILINE)
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -23,7 +26,8 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 def cache_folder() -> Path:
     """Where compiled kernels are kept: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
 
-    Keyed by a digest of all our sources: Numba's own cache does not notice that a callee in another file changed.
+    Keyed by a digest of all sources that kernels reach: Numba's own cache does not notice that a callee in another file
+    changed, or a constant, which it compiles in.
     """
     home = os.environ.get("PIPELINE_JIT_CACHE")
     root = Path(home) if home else _user_cache() / "jit"
@@ -35,16 +39,29 @@ def _user_cache() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline"
 
 
-def _source_digest() -> str:
-    package = Path(__file__).resolve().parent
-    digest = hashlib.sha256()
-    for room in ("optics", "camera", "target", "truth", "jit.py"):
-        files = sorted((package / room).rglob("*.py")) or [package / room]
-        for file in files:
-            text = file.read_text(encoding="utf-8")
-            if "pipeline.jit" in text or file.name == "jit.py":
-                digest.update(ast.dump(ast.parse(text)).encode())
-    return digest.hexdigest()[:16]
+def _source_digest(package: Path = _PACKAGE) -> str:
+    found: dict[Path, str] = {}
+    todo = [path for path in package.rglob("*.py") if _DECORATED.search(path.read_bytes())]
+    while todo:
+        path = todo.pop()
+        if path not in found and path.is_file():
+            tree = ast.parse(path.read_bytes())
+            found[path] = ast.dump(tree)
+            todo += _imported(tree, package)
+    texts = [f"{path.relative_to(package)} {found[path]}" for path in sorted(found)]
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()[:16]
+
+
+def _imported(tree: ast.Module, package: Path) -> list[Path]:
+    """Files of the modules that a module's globals may come from, and some that are not there."""
+    names = []
+    for node in tree.body:
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    places = [package.parent / name.replace(".", "/") for name in names if name.startswith("pipeline.")]
+    return [file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")]
 
 
 class Kernel:
