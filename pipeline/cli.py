@@ -209,8 +209,7 @@ def main() -> None:
     """Run the command line and end the process with its exit code."""
     from pipeline.engine.perform import ONE_THREAD
 
-    for name, value in ONE_THREAD.items():  # before anybody imports NumPy
-        os.environ.setdefault(name, value)
+    os.environ.update(ONE_THREAD)  # before anybody imports NumPy
     gc.set_threshold(100_000)  # a big plan makes many records that all stay: looking for garbage took a tenth of it
     code = _exit_code()
     try:

@@ -43,6 +43,9 @@ class _Module:
 Modules = dict[str, _Module | None]
 """What the source file of each name says; None if there is none."""
 
+_first_seen: dict[str, str] = {}
+"""Digest of every module's source when this process first read it, at the latest before a task imported it."""
+
 _MANY = 4000
 _remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest of a module's name and source
 
@@ -96,6 +99,11 @@ def code_of(kind: str, seen: Modules | None = None) -> dict[str, Any]:
     }
 
 
+def edited(kind: str) -> list[str]:
+    """Modules that a kind reaches and whose source is not what this process saw first: it may have imported that."""
+    return sorted(name for name, module in _reached(kind, {}).items() if module.digest != _first_seen[name])
+
+
 def fingerprint(kind: str) -> str:
     """Hex digest of the code that the module `kind` can reach inside its own top package."""
     return _digest(_reached(kind, {}))
@@ -116,6 +124,7 @@ def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
             seen[name] = _module(name)
         if (module := seen[name]) is not None:
             reached[name] = module
+            _first_seen.setdefault(name, module.digest)
             todo += [*module.imports, *_parents(name)]
     return reached
 

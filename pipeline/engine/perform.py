@@ -6,6 +6,7 @@ This module and what it imports is all that a worker loads of the engine.
 import contextlib
 import datetime
 import importlib
+import json
 import os
 import shutil
 import socket
@@ -16,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.code import check_kind, code_of, remembering
+from pipeline.engine.code import check_kind, code_of, edited, remembering
 from pipeline.engine.files import is_machines_fault, machine_errors
 from pipeline.engine.memory import PeakMeter
 from pipeline.engine.store import DamagedBlob, Store
@@ -27,7 +28,6 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 _logs = threading.Lock()
 _TAIL = 12  # lines of a log that a failure carries
-_imported: dict[str, str] = {}  # kind -> fingerprint of its code when this process imported it
 
 
 def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> dict[str, Any]:
@@ -61,12 +61,23 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
         reply: dict[str, Any] = {"name": spec["name"], "state": "failed", "error": _tail(text), "log": str(log)}
         blame = {
             "machine": isinstance(error, EnvironmentFault) or is_machines_fault(error),
-            "damaged": isinstance(error, DamagedBlob),
+            "damaged": _lacks_inputs(spec, store),
             "memory": isinstance(error, MemoryError),
         }
         return {**reply, **blame, "seconds": round(time.perf_counter() - start, 4)}
     seconds = round(time.perf_counter() - start, 4)
     return {"name": spec["name"], "state": "executed", "seconds": seconds, "record": record, "differs": differs}
+
+
+def _lacks_inputs(spec: dict[str, Any], store: Store) -> bool:
+    """Whether bytes that the task reads are gone or altered, also if they went while it ran."""
+    try:
+        for blobs in spec["components"]["inputs"].values():
+            for digest in blobs.values():
+                store.blob(digest)
+    except DamagedBlob:
+        return True
+    return False
 
 
 def failed(name: str, key: str, how: str, store: Store, seconds: float = 0.0) -> dict[str, Any]:
@@ -93,9 +104,10 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
     }
     with _folder_for_outputs(store) as out:
         meter, start = PeakMeter(), time.perf_counter()
-        run = importlib.import_module(kind).run
-        _imported.setdefault(kind, components["code"])
-        run(components["params"], inputs, out)
+        # A copy, by the order of names: a task sees no order that its key does not know, and changes nobody's params.
+        params = json.loads(json.dumps(components["params"], sort_keys=True))
+        importlib.import_module(kind).run(params, inputs, out)
+        _refuse_edited_code(kind)
         seconds = round(time.perf_counter() - start, 4)
         made_by: dict[str, Any] = {"seconds": seconds, "peak_bytes": meter.read_bytes()}
         outputs = {name: store.put_file(path) for name, path in _outputs(out)}
@@ -110,19 +122,27 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
 def _refuse_other_code(kind: str, components: dict[str, Any], store: Store) -> None:
     """What runs must be what the key says: code, libraries and machine.
 
-    The source may have been edited since the driver read it, or since this process imported it; and a worker on
-    another machine may have another version of anything.
+    The source may have been edited since the driver read it, and a worker on another machine may have another version
+    of anything.
     """
     with remembering(store):
         here = code_of(kind)
-    here["imported"] = _imported.get(kind, components["code"])
     for part, value in here.items():
-        wanted = components["code" if part == "imported" else part]
-        if value != wanted:
+        if value != components[part]:
             raise EnvironmentFault(
-                f"{kind}: this process cannot make what the key says: {part} is {_changed(wanted, value)}",
+                f"{kind}: this process cannot make what the key says: {part} is {_changed(components[part], value)}",
                 hint="if the code was edited meanwhile, build again; else give all machines the same versions",
             )
+    _refuse_edited_code(kind)
+
+
+def _refuse_edited_code(kind: str) -> None:
+    """The source may also have been edited since this process imported it, or while it did."""
+    if names := edited(kind):
+        raise EnvironmentFault(
+            f"{kind}: the code was edited after this process had read it: {', '.join(names)}",
+            hint="start this program again; on a cluster, the workers",
+        )
 
 
 def _changed(old: Any, new: Any) -> str:

@@ -13,11 +13,19 @@ from pipeline.errors import UsageError
 
 
 def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
-    """Files 0.json, 1.json, … for all tasks of a plan that can run now; older ones are removed."""
+    """Files 0.json, 1.json, … for all tasks of a plan that can run now; older ones are removed.
+
+    Raises
+    ------
+    UsageError
+        A file of such a name in the folder is no spec: it is somebody's.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("*.json"):
-        if old.stem.isdecimal():
-            old.unlink()
+    old = [path for path in folder.glob("*.json") if path.stem.isdecimal()]
+    for path in old:
+        _read(path)
+    for path in old:
+        path.unlink()
     specs = [task.spec for task in planned if task.state == "run" and task.spec is not None]
     paths = [folder / f"{number}.json" for number in range(len(specs))]
     for path, spec in zip(paths, specs, strict=True):

@@ -272,6 +272,14 @@ def test_a_build_by_single_tasks_alone_gives_the_same_manifest(pipeline, stage, 
     assert (tmp_path / "other/manifest.json").read_bytes() == (tmp_path / "build/s/manifest.json").read_bytes()
 
 
+def test_specs_go_into_no_folder_with_other_peoples_numbered_files(pipeline, stage, tmp_path):
+    (tmp_path / "specs").mkdir()
+    (tmp_path / "specs/2024.json").write_text('{"mine": 1}')
+    code, _, log = pipeline("plan", stage(), "--specs", "specs")
+    assert code == 2 and "2024.json is not the spec of a task" in log
+    assert [path.name for path in (tmp_path / "specs").iterdir()] == ["2024.json"]
+
+
 def test_a_spec_that_was_altered_or_is_none_is_refused(pipeline, stage, tmp_path):
     pipeline("plan", stage(), "--specs", "specs")
     path = tmp_path / "specs/0.json"

@@ -132,7 +132,7 @@ def test_a_worker_with_other_code_refuses(tmp_path, cluster, store, kit):
     engine = cluster.engine(store)
     (kit / "tasks" / "lens.py").write_text("def run(params, inputs, out):\n    (out / 'x').write_text('other')\n")
     result = run(graph, store, engine=engine).results["lens"]
-    assert result.state == "failed" and result.machine and "imported is" in result.error
+    assert result.state == "failed" and result.machine and "edited after this process" in result.error
 
 
 def test_a_task_that_takes_too_long_is_given_up(tmp_path, cluster, store):

@@ -150,3 +150,69 @@ def test_code_that_was_edited_after_the_plan_is_refused(tmp_path, store, kit):
     assert reply["state"] == "failed" and reply["machine"] and "code is" in reply["error"]
     spec["components"]["libraries"]["python"] = "3.99"
     assert store.record(spec["key"]) is None
+
+
+OTHER = """
+from toykit import physics
+
+def run(params, inputs, out):
+    (out / "o.txt").write_text(str(physics.doubled(params["x"])))
+"""
+
+
+def test_code_that_was_edited_after_this_process_imported_it_is_not_run_under_its_new_key(kit, store):
+    """Another kind imported the module; this one never ran before."""
+    run(toy.graph_of(("lens", "lens", {"power": 1.0})), store)
+    (kit / "tasks" / "other.py").write_text(OTHER)
+    (kit / "physics.py").write_text("def doubled(x):\n    return x * 3\n")
+    graph = toy.graph_of(("other", "other", {"x": 10}))
+    result = run(graph, store).results["other"]
+    assert result.state == "failed" and result.machine and "toykit.physics" in result.error
+    toy.forget_imports()
+    record = run(graph, store).records["other"]
+    assert store.blob(record["outputs"]["o.txt"]["sha256"]).read_bytes() == b"30"
+
+
+def test_code_that_is_edited_while_a_task_runs_spoils_its_result(kit, store):
+    edits = f"""
+from pathlib import Path
+
+def run(params, inputs, out):
+    Path({str(kit / "tasks" / "other.py")!r}).write_text("def run(params, inputs, out): ...")
+    (out / "o.txt").write_text("old")
+"""
+    (kit / "tasks" / "other.py").write_text(edits)
+    result = run(toy.graph_of(("other", "other", {})), store).results["other"]
+    assert result.state == "failed" and "edited after this process" in result.error
+    assert list(store.entries("record")) == []
+
+
+def test_a_task_sees_its_parameters_in_the_order_of_their_names_and_cannot_change_them(kit, store):
+    """Keys do not know the order: `run-task` reads specs whose names are sorted."""
+    writes = """
+def run(params, inputs, out):
+    (out / "o.txt").write_text(" ".join(params["of"]))
+    params["of"].clear()
+"""
+    (kit / "tasks" / "other.py").write_text(writes)
+    graph = toy.graph_of(("other", "other", {"of": {"b": 1, "a": 2}}))
+    record = run(graph, store).records["other"]
+    assert store.blob(record["outputs"]["o.txt"]["sha256"]).read_bytes() == b"a b"
+    assert record["components"]["params"] == graph["other"].params == {"of": {"b": 1, "a": 2}}
+
+
+def test_an_input_that_goes_while_a_task_looks_for_it_is_made_again(kit, store):
+    """A collector of another machine, whose locks do not reach here, took it after it was verified."""
+    loses = """
+def run(params, inputs, out):
+    [path] = inputs["lens"].values()
+    flag = path.with_name(params["flag"])
+    if not flag.exists():
+        flag.touch()
+        path.unlink()
+    (out / "o.txt").write_bytes(path.read_bytes())
+"""
+    (kit / "tasks" / "other.py").write_text(loses)
+    graph = toy.graph_of(("lens", "lens", {"power": 1.0}), ("other", "other", {"flag": "flag"}, {"lens": "lens"}))
+    outcome = run(graph, store)
+    assert {name: result.state for name, result in outcome.results.items()} == {"lens": "executed", "other": "executed"}

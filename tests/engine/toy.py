@@ -60,8 +60,8 @@ def executed(result) -> set[str]:
 
 def forget_imports() -> None:
     """Make the next import of the toy package read its source again."""
-    from pipeline.engine import perform
+    from pipeline.engine import code
 
     for name in [name for name in sys.modules if name.split(".")[0] == "toykit"]:
         del sys.modules[name]
-    perform._imported.clear()
+    code._first_seen.clear()
