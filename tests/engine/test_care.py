@@ -12,7 +12,7 @@ from pipeline.engine.care import bytes_of, check, collect, info, pinned_keys
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
 from pipeline.engine.workspace import sweep
-from pipeline.errors import UsageError
+from pipeline.errors import EnvironmentFault, UsageError
 
 
 def filled(store: Store, count: int) -> list[str]:
@@ -133,6 +133,17 @@ def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, stor
     assert build(toy.project(tmp_path / "out"), jobs=1).executed
     assert toy.contents(tmp_path / "out") == right
     assert info(store).quarantined
+
+
+def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine(store, monkeypatch):
+    said, key = [], filled(store, 1)[0]
+    store = Store(store.root, warn=said.append)
+    with monkeypatch.context() as patch:
+        patch.setattr("pipeline.engine.files.open_regular", lambda path: None)
+        with pytest.raises(EnvironmentFault, match="nothing was dropped"):
+            collect(store, 0)
+        assert len(check(store).damaged) == len(said) == 2 and "stays where it is" in said[0]
+    assert store.record(key) and not info(store).quarantined
 
 
 def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store):
