@@ -143,8 +143,9 @@ class Processes:
             process_group=0,  # Ctrl-C is for the driver: it decides what becomes of running tasks
         )
         worker = _Worker(process)
-        self._workers.append(worker)
+        # A signal may end this between any two lines: what `close` finds among the workers is registered.
         self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
+        self._workers.append(worker)
         self._send(worker, {"store": str(self._store.root), "packages": self._packages})
         return worker
 
@@ -166,9 +167,9 @@ class Processes:
 
     def _forget(self, worker: _Worker) -> None:
         assert worker.process.stdin is not None and worker.process.stdout is not None
+        self._workers.remove(worker)
         self._ready.unregister(worker.process.stdout)
         worker.process.stdout.close()
         with contextlib.suppress(BrokenPipeError):
             worker.process.stdin.close()
         worker.process.wait()
-        self._workers.remove(worker)
