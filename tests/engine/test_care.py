@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import socket
 import threading
 
 import pytest
@@ -146,8 +147,9 @@ def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine
     assert store.record(key) and not info(store).quarantined
 
 
-def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store):
-    folder = store.root / "tmp" / "elsewhere-1-abc"
+@pytest.mark.parametrize("machine", ["elsewhere", f"{socket.gethostname()}-gpu"])
+def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store, machine):
+    folder = store.root / "tmp" / f"{machine}-1-abc"
     folder.mkdir(parents=True)
     assert sweep(store.root / "tmp") == sweep(store.root / "tmp", 86400.0) == 0
     os.utime(folder, (0, 0))
