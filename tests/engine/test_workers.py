@@ -13,7 +13,7 @@ from engine import toy
 
 from pipeline.engine.engines import Processes
 from pipeline.engine.run import run
-from pipeline.engine.session import build
+from pipeline.engine.session import build, plan_of
 from pipeline.engine.store import Store
 
 
@@ -93,6 +93,21 @@ def test_a_worker_ends_with_its_driver(tmp_path, cache, kit):
         [sys.executable, "-c", code, str(cache), str(tmp_path), *paths], stderr=subprocess.PIPE, timeout=20, check=False
     )
     assert done.returncode == 7
+
+
+def test_waiting_for_another_builder_is_no_time_of_the_task(tmp_path, store):
+    project = toy.project(tmp_path / "out")
+    [key] = [task.key for task in plan_of(project) if task.name == "lens"]
+
+    def hold():
+        with store.single_flight(key):
+            held.set()
+            time.sleep(3.0)
+
+    held = threading.Event()
+    threading.Thread(target=hold).start()
+    held.wait()
+    assert build(project, jobs=2, timeout_s=2.0).exit_code == 0
 
 
 def test_two_builders_compute_once(tmp_path):
