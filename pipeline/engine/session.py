@@ -242,7 +242,8 @@ def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
         return size
     try:
         size = collect(store, limit).bytes_left
-    except PipelineError:  # a read-only store: nothing of it can go
+    except PipelineError as error:  # a read-only store, or a record that cannot be read: nothing of it can go
+        warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: {error.what}")
         return size
     if size > limit:
         warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: results of finished builds stay")

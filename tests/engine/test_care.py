@@ -85,6 +85,17 @@ def test_a_build_keeps_the_store_within_its_limit(tmp_path, store, monkeypatch):
     assert any("over its limit" in event.get("text", "") for event in events)
 
 
+def test_a_build_says_why_its_store_stays_over_the_limit(tmp_path, store, monkeypatch):
+    def refuse(store, limit):
+        raise EnvironmentFault("cannot read a record")
+
+    events = []
+    monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
+    monkeypatch.setattr("pipeline.engine.session.collect", refuse)
+    assert build(toy.project(tmp_path / "out"), jobs=1, on_event=events.append).exit_code == 0
+    assert any("over its limit" in event.get("text", "") and "cannot read" in event["text"] for event in events)
+
+
 def test_nothing_is_collected_under_a_running_build(store):
     keys = filled(store, 3)
     with store.in_use(), store.in_use() as held:
