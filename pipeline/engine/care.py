@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest
-from pipeline.engine.files import locked
+from pipeline.engine.files import is_unreadable, locked
 from pipeline.engine.store import Store
 from pipeline.engine.workspace import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
@@ -64,7 +64,11 @@ class Collected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """Entries that were read to the last byte, and the names of those moved to quarantine."""
+    """Entries that were read to the last byte, and the names of those that are not right.
+
+    Damaged and incomplete ones are in quarantine. What could not be read counts as damaged and stays where it is, like
+    records that wait for it or for a store below.
+    """
 
     records: int
     blobs: int
@@ -136,18 +140,24 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
 def check(store: Store) -> Checked:
     """Read every byte. Damaged entries go to quarantine; the next build makes them again."""
     sizes, damaged, incomplete = 0, [], []
+    unreadable: set[str] = set()
     blobs = list(store.entries("blob"))
     for name, facts in blobs:
         sizes += facts.st_size
         if not store.is_whole({"sha256": name, "size": facts.st_size}):
             damaged.append(name)
+            if _stays(store, "blob", name):
+                unreadable.add(name)
     keys = [name for name, _ in store.entries("record")]
     for key in keys:
         record = store.peek(key)
         if record is None:
             damaged.append(key)
-        elif store.record(key) is None:
+            _stays(store, "record", key)
+        elif store.complete(key, record) is None:
             incomplete.append(key)
+            if not unreadable & {entry["sha256"] for entry in record["outputs"].values()}:
+                store.give_up(key)
     return Checked(
         records=len(keys), blobs=len(blobs), bytes=sizes, damaged=tuple(damaged), incomplete=tuple(incomplete)
     )
@@ -177,6 +187,8 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
     room = limit_bytes
     for key, _ in by_use:
         record = store.peek(key)
+        if record is None and is_unreadable(path := store.path("record", key)):  # it may keep any of the blobs
+            raise EnvironmentFault(f"cannot read {path}, so nothing was dropped", hint="try again, or remove that file")
         if record is None:
             continue
         names = {entry["sha256"] for entry in record["outputs"].values()}
@@ -188,6 +200,14 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
         keys.add(key)
         blobs |= names
     return keys, blobs
+
+
+def _stays(store: Store, table: str, name: str) -> bool:
+    """Whether an entry that is not right only cannot be read just now, which is said."""
+    unreadable = is_unreadable(store.path(table, name))
+    if unreadable:
+        store.warn(f"cannot be read, and stays where it is: {store.path(table, name)}")
+    return unreadable
 
 
 def _blobs_of(store: Store, keys: set[str]) -> set[str]:

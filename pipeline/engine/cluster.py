@@ -114,6 +114,10 @@ class Dask:
         import distributed
 
         self._require_scheduler()
+        if not self._running:  # Dask would not wait for nothing, and only a worker that comes can help
+            time.sleep(timeout_s)
+            self._require_workers()
+            return []
         try:
             with self._client.as_current():
                 done = distributed.wait(list(self._running), timeout=timeout_s, return_when="FIRST_COMPLETED").done

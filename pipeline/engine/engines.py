@@ -66,7 +66,7 @@ class Inline:
 class _Worker:
     process: "subprocess.Popen[bytes]"
     spec: Plain | None = None
-    since: float = 0.0
+    since: float | None = None  # when its task began; None while another builder has the task
     received: bytearray = field(default_factory=bytearray)
 
 
@@ -76,7 +76,7 @@ class Processes:
     Parameters
     ----------
     timeout_s : float, optional
-        A task that takes longer is ended with its worker, and has failed.
+        A task that takes longer is ended with its worker, and has failed. Waiting for another builder does not count.
     """
 
     def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:
@@ -96,7 +96,7 @@ class Processes:
     def submit(self, spec: Plain) -> None:
         """Give a task to an idle worker, or start one."""
         worker = next((w for w in self._workers if w.spec is None), None) or self._start()
-        worker.spec, worker.since = spec, time.monotonic()
+        worker.spec, worker.since = spec, None
         self._send(worker, spec)
 
     def wait(self, timeout_s: float) -> list[Plain]:
@@ -106,20 +106,25 @@ class Processes:
             worker: _Worker = ready.data
             data = os.read(ready.fd, 1 << 16)
             worker.received += data
+            *lines, worker.received = worker.received.split(b"\n")
+            for line in map(json.loads, lines):
+                if "begun" in line:
+                    worker.since = time.monotonic()
+                else:
+                    replies.append(line)
+                    worker.spec = None
             if not data:
                 replies += self._bury(worker)
-            elif worker.received.endswith(b"\n"):
-                replies.append(json.loads(worker.received))
-                worker.received.clear()
-                worker.spec = None
         return replies + self._overdue()
 
     def _overdue(self) -> list[Plain]:
         """End workers whose task has taken too long."""
         replies = []
-        for worker in [worker for worker in self._workers if worker.spec is not None]:
+        for worker in list(self._workers):
+            if worker.spec is None or worker.since is None:
+                continue
             seconds = time.monotonic() - worker.since
-            if self._timeout_s is not None and seconds > self._timeout_s and worker.spec is not None:
+            if self._timeout_s is not None and seconds > self._timeout_s:
                 worker.process.kill()
                 name, key = worker.spec["name"], worker.spec["key"]
                 self._forget(worker)
@@ -143,8 +148,9 @@ class Processes:
             process_group=0,  # Ctrl-C is for the driver: it decides what becomes of running tasks
         )
         worker = _Worker(process)
-        self._workers.append(worker)
+        # A signal may end this between any two lines: what `close` finds among the workers is registered.
         self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
+        self._workers.append(worker)
         self._send(worker, {"store": str(self._store.root), "packages": self._packages})
         return worker
 
@@ -166,9 +172,9 @@ class Processes:
 
     def _forget(self, worker: _Worker) -> None:
         assert worker.process.stdin is not None and worker.process.stdout is not None
+        self._workers.remove(worker)
         self._ready.unregister(worker.process.stdout)
         worker.process.stdout.close()
         with contextlib.suppress(BrokenPipeError):
             worker.process.stdin.close()
         worker.process.wait()
-        self._workers.remove(worker)

@@ -116,6 +116,19 @@ def digest_of(path: Path | str) -> str | None:
     return digest.hexdigest()
 
 
+def is_no_file(path: Path | str) -> bool:
+    """Whether something lies there that is not a plain file. What cannot even be looked at is not judged."""
+    try:
+        return not stat.S_ISREG(os.lstat(path).st_mode)
+    except OSError:
+        return False
+
+
+def is_unreadable(path: Path | str) -> bool:
+    """Whether a plain file lies there that cannot be read just now: no descriptors left, no permission, a bad disk."""
+    return os.path.lexists(path) and not is_no_file(path) and digest_of(path) is None
+
+
 def copy(source: Path, target: Path) -> None:
     """Copy bytes, sharing blocks where the file system can. Never a hard link: an edit must not reach the source."""
     with source.open("rb") as reader, target.open("xb") as writer:

@@ -22,6 +22,7 @@ class Interrupts:
 
     def __init__(self, notice: Callable[[str], None] = lambda text: None) -> None:
         self.signal: int | None = None
+        self._may_stop = False
         self._notice = notice
         self._before: dict[int, Any] = {}
 
@@ -40,9 +41,22 @@ class Interrupts:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
+    def stoppable(self, work: Callable[[], None]) -> None:
+        """Do work that signals may stop at once. Before and after it they are only recorded: tidying up is not cut."""
+        try:
+            try:
+                self._may_stop = True
+                work()
+            finally:
+                self._may_stop = False
+        except Stopped:
+            pass
+
     def _arrived(self, number: int, frame: FrameType | None) -> None:
         again = self.signal is not None
         self.signal = self.signal or number
         if again or number == signal.SIGTERM:
-            raise Stopped
+            if self._may_stop:
+                raise Stopped
+            return
         self._notice("interrupted: running tasks may end; press Ctrl-C again to stop them")

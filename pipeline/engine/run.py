@@ -9,7 +9,7 @@ from typing import Any
 from pipeline.engine.engines import Engine, Inline, Processes
 from pipeline.engine.events import Emit, silent
 from pipeline.engine.graph import TaskGraph
-from pipeline.engine.interrupts import Interrupts, Stopped
+from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.memory import Budget, available_bytes
 from pipeline.engine.perform import failed
 from pipeline.engine.spec import Record, Spec, Specs
@@ -128,9 +128,7 @@ def run(
     )
     with Interrupts(lambda text: on_event({"event": "warning", "text": text})) as interrupts:
         try:
-            driver.loop(interrupts)
-        except Stopped:
-            pass
+            interrupts.stoppable(lambda: driver.loop(interrupts))
         finally:
             engine.close()
     driver.outcome.interrupted = interrupts.exit_code

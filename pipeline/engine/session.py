@@ -10,7 +10,7 @@ from typing import Any
 
 from pipeline.engine import manifest
 from pipeline.engine.care import collect, limit_from_environment
-from pipeline.engine.deliver import deliver
+from pipeline.engine.deliver import Delivery, deliver
 from pipeline.engine.digest import key_of
 from pipeline.engine.engines import Engine
 from pipeline.engine.events import Emit, Event, silent
@@ -20,8 +20,8 @@ from pipeline.engine.project import Project, selection, tasks_of
 from pipeline.engine.result import Result
 from pipeline.engine.run import Outcome, run
 from pipeline.engine.status import TaskStatus, status
-from pipeline.engine.store import Store, writable
-from pipeline.errors import PipelineError
+from pipeline.engine.store import DamagedBlob, Store, writable
+from pipeline.errors import EnvironmentFault, PipelineError
 
 
 def build(
@@ -71,18 +71,25 @@ def build(
     def place() -> Engine | None:
         return engine(store, graph.packages) if engine else None
 
-    delivery, error, head = None, None, project.head
+    delivery: Delivery | None = None
+    error: PipelineError | None = None
+    head = project.head
+
+    def fill() -> None:
+        nonlocal head, delivery
+        if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
+            head = {**head, **_findings(project, outcome, store)}
+            delivery = deliver(project.out, project.files, head, records=outcome.records, store=store, warn=warn)
+
     with store.in_use():
         outcome = run(graph, store, force=forced, engine=place(), **options)
         if check_percent and outcome.interrupted is None:
             _check_again(outcome, run(graph, store, force=_sample(outcome, check_percent), engine=place(), **options))
         _remember(project, store, outcome, history, whole=len(graph) == len(project.graph))
-        if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
-            head = {**head, **_findings(project, outcome, store)}
-            try:
-                delivery = deliver(project.out, project.files, head, records=outcome.records, store=store, warn=warn)
-            except PipelineError as caught:
-                error = caught
+        try:
+            _fill_again_if_lost(fill, lambda: _take_over(outcome, run(graph, store, engine=place(), **options)), warn)
+        except PipelineError as caught:
+            error = caught
     result = Result(
         stage=project.head.get("stage"),
         out=project.out.absolute(),
@@ -99,6 +106,27 @@ def build(
     emit({"event": "end", "summary": result.to_dict(), **result.ending()})
     keep_events(store, _history_name(project))
     return result
+
+
+def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None], warn: Callable[[str], None]) -> None:
+    """Fill the output folder; if a result went from the store since it was made, make it again and fill once more."""
+    try:
+        fill()
+    except DamagedBlob:
+        warn("results went from the store before they were delivered; they are made again")
+        make_again()
+        try:
+            fill()
+        except DamagedBlob as lost:
+            raise EnvironmentFault(
+                "results went from the store before they were delivered, twice", hint="build again"
+            ) from lost
+
+
+def _take_over(outcome: Outcome, again: Outcome) -> None:
+    """Go on with what a second run of all tasks found or made; what the first one had to do stays said."""
+    outcome.results |= {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
+    outcome.records, outcome.interrupted = again.records, again.interrupted
 
 
 def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any]:
@@ -214,7 +242,8 @@ def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
         return size
     try:
         size = collect(store, limit).bytes_left
-    except PipelineError:  # a read-only store: nothing of it can go
+    except PipelineError as error:  # a read-only store, or a record that cannot be read: nothing of it can go
+        warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: {error.what}")
         return size
     if size > limit:
         warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: results of finished builds stay")

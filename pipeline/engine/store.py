@@ -11,8 +11,9 @@
     logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
     history/  events/  index/    last keys and events per output folder, what sources say; hints that may be deleted
 
-Two promises: a readable record implies complete blobs, and a reader gets the right bytes or a miss, never wrong bytes
-and never an exception because an entry is damaged.
+Two promises: a record that `record` gives has complete blobs, and a reader gets the right bytes or a miss, never wrong
+bytes and never an exception because an entry is damaged. Only what was seen to be wrong goes to quarantine; what cannot
+be read just now (no descriptors left, a disk that is away) is a miss and stays where it is.
 """
 
 import contextlib
@@ -32,6 +33,7 @@ from pipeline.engine.files import (
     chosen_place,
     copy,
     digest_of,
+    is_no_file,
     locked,
     machine_errors,
     read_regular,
@@ -148,15 +150,12 @@ class Store:
         DamagedBlob
         """
         path = self.path("blob", digest)
-        try:
-            size = path.lstat().st_size
-        except OSError:
-            if self._below is not None:
-                return self._below.blob(digest)
-            raise DamagedBlob(digest) from None
-        if not self.is_whole({"sha256": digest, "size": size}):
-            raise DamagedBlob(digest)
-        return path
+        with contextlib.suppress(OSError):  # not here
+            if self._holds({"sha256": digest, "size": path.lstat().st_size}):
+                return path
+        if self._below is not None:
+            return self._below.blob(digest)
+        raise DamagedBlob(digest)
 
     def is_whole(self, entry: Entry) -> bool:
         """Whether the store holds exactly these bytes; anything else under their name goes to quarantine."""
@@ -173,11 +172,12 @@ class Store:
         regular = stat.S_ISREG(facts.st_mode) and facts.st_size == entry["size"]
         if regular and self._verified.get(digest) == now:  # hashed before by this process, not written to since
             return True
-        if regular and digest_of(path) == digest:
+        found = digest_of(path) if regular else ""
+        if found == digest:
             self._verified[digest] = now
-            return True
-        self._quarantine(Path(path))
-        return False
+        elif found is not None:  # None says nothing about its bytes: they cannot be read just now
+            self._quarantine(Path(path))
+        return found == digest
 
     # Records
 
@@ -199,23 +199,28 @@ class Store:
         return self.complete(key, self.peek(key))
 
     def complete(self, key: str, record: dict[str, Any] | None) -> dict[str, Any] | None:
-        """What `peek` gave for a key, if all its blobs are whole; else None."""
-        if record is not None and not all(self.is_whole(entry) for entry in record["outputs"].values()):
-            self._quarantine(self.path("record", key))
+        """What `peek` gave for a key, if all its blobs are whole; else None, and the record waits for them."""
+        if record is None or not all(self.is_whole(entry) for entry in record["outputs"].values()):
             return None
-        if record is not None:
-            with contextlib.suppress(OSError):  # in use: what was unused longest is collected first
-                os.utime(self._at("record", key))
+        with contextlib.suppress(OSError):  # in use: what was unused longest is collected first
+            os.utime(self._at("record", key))
         return record
 
     def peek(self, key: str) -> dict[str, Any] | None:
         """The record of a key without a look at its blobs: for explanations."""
         path = self._at("record", key)
-        record = _parse_record(read_regular(path), key)
+        raw = read_regular(path)
+        record = _parse_record(raw, key)
         if record is None:
-            self._quarantine(Path(path))  # nothing to do for an ordinary miss
+            if raw is not None or is_no_file(path):  # else an ordinary miss, or it cannot be read just now
+                self._quarantine(Path(path))
             return self._below.peek(key) if self._below is not None else None
         return record
+
+    def give_up(self, key: str) -> None:
+        """Move a record whose blobs are gone to quarantine, unless a store below, maybe away just now, had them."""
+        if not os.path.lexists(self.root / _BELOW):
+            self._quarantine(self.path("record", key))
 
     # Files that are hints or help, never the truth
 

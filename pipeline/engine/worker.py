@@ -1,4 +1,4 @@
-"""A worker process: tasks come in as lines of JSON, replies go out as lines of JSON.
+"""A worker process: tasks come in as lines of JSON; that a task begins, and its reply, go out as lines of JSON.
 
 Not a pool of the standard library: that one would import the driver's main module again (with typer and the rest),
 move pickles, and fail every waiting task when one worker dies.
@@ -18,6 +18,19 @@ from pipeline.engine.perform import perform
 from pipeline.engine.store import Store
 
 
+class _Announcing(Store):
+    """A store that tells the driver when a task has its lock: what another builder takes is not the task's time."""
+
+    replies: int
+
+    @contextlib.contextmanager
+    def single_flight(self, key: str) -> Iterator[bool]:
+        """As in any store."""
+        with super().single_flight(key) as held:
+            _send(self.replies, json.dumps({"begun": key}).encode() + b"\n")
+            yield held
+
+
 def main() -> None:
     """Serve until the driver closes our standard input."""
     requests, replies = os.dup(0), os.dup(1)
@@ -28,7 +41,8 @@ def main() -> None:
     threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
     setup = json.loads(lines.get())
     warnings: list[str] = []
-    store, packages = Store(setup["store"], warn=warnings.append), tuple(setup["packages"])
+    store, packages = _Announcing(setup["store"], warn=warnings.append), tuple(setup["packages"])
+    store.replies = replies
     while True:
         spec = json.loads(lines.get())
         with _descriptors_in(store.path("log", spec["key"])):

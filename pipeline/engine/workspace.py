@@ -41,7 +41,8 @@ def sweep(tmp: Path, older_than_s: float | None = None) -> int:
         if handle is None:
             continue
         age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
-        if not folder.name.startswith(f"{socket.gethostname()}-") and (older_than_s is None or age_s < older_than_s):
+        is_ours = folder.name.rsplit("-", 2)[0] == socket.gethostname()  # names of machines may hold dashes
+        if not is_ours and (older_than_s is None or age_s < older_than_s):
             os.close(handle)
             continue
         if try_lock(handle):

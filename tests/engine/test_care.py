@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import socket
 import threading
 
 import pytest
@@ -12,7 +13,7 @@ from pipeline.engine.care import bytes_of, check, collect, info, pinned_keys
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
 from pipeline.engine.workspace import sweep
-from pipeline.errors import UsageError
+from pipeline.errors import EnvironmentFault, UsageError
 
 
 def filled(store: Store, count: int) -> list[str]:
@@ -84,6 +85,17 @@ def test_a_build_keeps_the_store_within_its_limit(tmp_path, store, monkeypatch):
     assert any("over its limit" in event.get("text", "") for event in events)
 
 
+def test_a_build_says_why_its_store_stays_over_the_limit(tmp_path, store, monkeypatch):
+    def refuse(store, limit):
+        raise EnvironmentFault("cannot read a record")
+
+    events = []
+    monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
+    monkeypatch.setattr("pipeline.engine.session.collect", refuse)
+    assert build(toy.project(tmp_path / "out"), jobs=1, on_event=events.append).exit_code == 0
+    assert any("over its limit" in event.get("text", "") and "cannot read" in event["text"] for event in events)
+
+
 def test_nothing_is_collected_under_a_running_build(store):
     keys = filled(store, 3)
     with store.in_use(), store.in_use() as held:
@@ -135,8 +147,20 @@ def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, stor
     assert info(store).quarantined
 
 
-def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store):
-    folder = store.root / "tmp" / "elsewhere-1-abc"
+def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine(store, monkeypatch):
+    said, key = [], filled(store, 1)[0]
+    store = Store(store.root, warn=said.append)
+    with monkeypatch.context() as patch:
+        patch.setattr("pipeline.engine.files.open_regular", lambda path: None)
+        with pytest.raises(EnvironmentFault, match="nothing was dropped"):
+            collect(store, 0)
+        assert len(check(store).damaged) == len(said) == 2 and "stays where it is" in said[0]
+    assert store.record(key) and not info(store).quarantined
+
+
+@pytest.mark.parametrize("machine", ["elsewhere", f"{socket.gethostname()}-gpu"])
+def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store, machine):
+    folder = store.root / "tmp" / f"{machine}-1-abc"
     folder.mkdir(parents=True)
     assert sweep(store.root / "tmp") == sweep(store.root / "tmp", 86400.0) == 0
     os.utime(folder, (0, 0))

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from unittest.mock import MagicMock
 
 import pytest
 from engine import toy
@@ -29,7 +30,27 @@ def test_without_the_extra_the_engine_says_what_to_install(monkeypatch):
         engine_of("dask:tcp://localhost:1")
 
 
-distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
+def test_a_cluster_that_lost_all_its_workers_is_waited_for_and_then_given_up(store, monkeypatch):
+    """A stand-in for Dask: the library may not be installed."""
+    dask, client = MagicMock(), MagicMock(status="running")
+    dask.Client.return_value = client
+    for name in ("dask", "distributed"):
+        monkeypatch.setitem(sys.modules, name, dask)
+    monkeypatch.setattr("pipeline.engine.cluster._NO_WORKERS_S", 0.3)
+    client.run.return_value = {"tcp://there": True}
+    client.scheduler_info.return_value = {"workers": {}}
+    engine, waits, start = Dask("tcp://here:1", store, ("toykit.tasks",)), 0, time.monotonic()
+    with pytest.raises(EnvironmentFault, match="no worker for"):
+        while time.monotonic() - start < 5:
+            assert engine.free <= 0 and engine.wait(0.1) == []
+            waits += 1
+    assert waits <= 5
+
+
+@pytest.fixture
+def extra():
+    """What follows needs the library."""
+    pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
 
 
 class Cluster:
@@ -66,7 +87,7 @@ class Cluster:
 
 
 @pytest.fixture
-def cluster(tmp_path, kit):
+def cluster(tmp_path, kit, extra):
     """Two workers with one thread each."""
     cluster = Cluster(tmp_path, kit)
     yield cluster
@@ -90,7 +111,7 @@ def test_the_same_manifest_as_here_also_with_a_worker_killed_and_a_second_build_
     assert build(project, engine=lambda store, packages: cluster.engine(store)).executed == 0
 
 
-def test_dask_knows_the_units_of_our_settings():
+def test_dask_knows_the_units_of_our_settings(extra):
     """They stay in the process: a scheduler that is started there later reads them."""
     from dask.utils import parse_timedelta
 
@@ -141,7 +162,7 @@ def test_a_task_that_takes_too_long_is_given_up(tmp_path, cluster, store):
     assert result.state == "failed" and "longer than 1 s" in result.error
 
 
-def test_a_scheduler_that_is_not_there_is_the_machines_fault(store, monkeypatch):
+def test_a_scheduler_that_is_not_there_is_the_machines_fault(extra, store, monkeypatch):
     monkeypatch.setattr("pipeline.engine.cluster._CONNECT_S", 1)
     with pytest.raises(EnvironmentFault, match="cannot reach"):
         Dask("tcp://127.0.0.1:1", store, ("toykit.tasks",))

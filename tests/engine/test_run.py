@@ -92,6 +92,24 @@ def test_a_blob_damaged_between_lookup_and_use_is_made_again(tmp_path, cache):
     assert toy.executed(result) == {"rays/cam", "image/cam/0000", "image/cam/0001", "report"}
 
 
+@pytest.mark.parametrize(("times", "code"), [(1, 0), (2, 5)])
+def test_results_lost_before_delivery_are_made_again_once(tmp_path, store, times, code):
+    """As when a collector on another machine, whose locks do not reach here, drops them."""
+    lost = []
+
+    def lose(event):
+        if event["event"] == "done" and event["task"] == "report" and len(lost) < times:
+            lost.append(event)
+            record = store.peek(event["key"])
+            store.path("blob", record["outputs"]["index.html"]["sha256"]).unlink()
+
+    result = build(toy.project(tmp_path / "out"), jobs=1, on_event=lose)
+    assert result.exit_code == code and result.executed == 5
+    assert (result.delivery is not None) == (code == 0) == (tmp_path / "out/manifest.json").exists()
+    again = build(toy.project(tmp_path / "out"), jobs=1)
+    assert again.exit_code == 0 and toy.executed(again) == (set() if code == 0 else {"report"})
+
+
 def test_edited_code_is_not_run_under_the_old_import(tmp_path, kit):
     build(toy.project(tmp_path / "out"), jobs=1)
     image = kit / "tasks" / "image.py"

@@ -1,5 +1,6 @@
 """The store gives the right bytes or a miss, whatever happened to its files."""
 
+import errno
 import os
 import random
 import subprocess
@@ -8,6 +9,7 @@ import sys
 import pytest
 from engine import toy
 
+from pipeline.engine.care import check
 from pipeline.engine.session import build
 from pipeline.engine.store import DamagedBlob, Store
 from pipeline.engine.workspace import sweep
@@ -47,7 +49,7 @@ def test_a_flipped_bit_in_a_blob_is_noticed_and_quarantined(store, record):
     path.write_bytes(b"some bytez")
     assert store.record(KEY) is None
     assert not path.exists()
-    assert store.counts["damaged"] == 2  # the blob, and the record that promised it
+    assert store.counts["damaged"] == 1  # the record only waits until the task has run again
     with pytest.raises(DamagedBlob):
         store.blob(digest)
 
@@ -60,6 +62,58 @@ def test_what_is_not_a_plain_file_is_a_miss(store, record, replace):
         path.unlink(missing_ok=True)
         replace(path)
         assert store.record(KEY) is None
+
+
+@pytest.mark.parametrize("error", [errno.EMFILE, errno.EACCES, errno.EIO, errno.ESTALE])
+@pytest.mark.parametrize("call", ["open", "read"])
+def test_what_cannot_be_read_just_now_is_a_miss_and_stays(cache, record, monkeypatch, call, error):
+    store, blob = Store(cache), record["outputs"]["a.txt"]
+    with monkeypatch.context() as patch:
+        patch.setattr(f"pipeline.engine.files.os.{call}", failing(error))
+        assert store.record(KEY) is None and not store.is_whole(blob)
+        with pytest.raises(DamagedBlob):
+            store.blob(blob["sha256"])
+    assert store.record(KEY) == record and not store.counts["damaged"]
+
+
+def failing(error):
+    """A call of the system that fails."""
+
+    def fail(*arguments, **options):
+        raise OSError(error, os.strerror(error))
+
+    return fail
+
+
+def test_a_record_waits_for_its_blob_and_gives_way_to_a_new_one(store, record):
+    store.path("blob", record["outputs"]["a.txt"]["sha256"]).unlink()
+    assert store.record(KEY) is None
+    store.put_bytes(b"some bytes")
+    assert store.record(KEY) == record
+    store.path("blob", record["outputs"]["a.txt"]["sha256"]).unlink()
+    other = {"outputs": {"a.txt": store.put_bytes(b"other")}, "components": {}, "made_by": {}}
+    assert store.put_record(KEY, other)["outputs"] == store.record(KEY)["outputs"] == other["outputs"]
+
+
+def test_a_private_store_outlives_a_while_without_the_store_below(tmp_path, cache, store, record):
+    private, away = tmp_path / "private", tmp_path / "away"
+    private.mkdir()
+    (private / "below").write_bytes(os.fsencode(cache))
+    Store(private).put_record("cd" * 32, {**record, "made_by": {}})
+    cache.rename(away)
+    assert Store(private).record("cd" * 32) is None and check(Store(private)).incomplete
+    away.rename(cache)
+    assert Store(private).record("cd" * 32)
+
+
+def test_a_blob_damaged_in_a_private_store_comes_from_the_store_below(tmp_path, cache, record):
+    private, digest = tmp_path / "private", record["outputs"]["a.txt"]["sha256"]
+    upper = Store(private)
+    upper.put_bytes(b"some bytes")
+    upper.path("blob", digest).chmod(0o644)
+    upper.path("blob", digest).write_bytes(b"some bytez")
+    (private / "below").write_bytes(os.fsencode(cache))
+    assert Store(private).blob(digest).read_bytes() == b"some bytes"
 
 
 def test_the_first_record_of_a_key_stays(cache, record):

@@ -1,6 +1,8 @@
 """Worker processes: what they import, and what their death costs."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import threading
@@ -9,8 +11,9 @@ import time
 import pytest
 from engine import toy
 
+from pipeline.engine.engines import Processes
 from pipeline.engine.run import run
-from pipeline.engine.session import build
+from pipeline.engine.session import build, plan_of
 from pipeline.engine.store import Store
 
 
@@ -31,6 +34,37 @@ def test_a_task_that_keeps_killing_its_worker_is_given_up(tmp_path, store):
     assert failed.state == "failed" and "SIGKILL" in failed.error
     assert len(list(tmp_path.glob("death*"))) == 3
     assert outcome.results["lens"].state == "executed"
+
+
+@pytest.mark.parametrize("stopped_before", [True, False])
+def test_a_signal_while_workers_are_ended_is_only_recorded(tmp_path, store, monkeypatch, stopped_before):
+    close = Processes.close
+
+    def disturbed(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        close(self)
+
+    def stop(event):
+        if stopped_before and event["event"] == "started" and event["task"] == "rays/cam":
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(Processes, "close", disturbed)
+    result = build(toy.project(tmp_path / "out"), jobs=2, on_event=stop)
+    assert result.exit_code == 143 and result.delivery is None
+    assert '"lens": ' in next((store.root / "history").iterdir()).read_text()
+
+
+def test_a_signal_while_a_dead_worker_is_forgotten_stops_the_build(tmp_path, store, monkeypatch):
+    graph = toy.graph_of(("killed", "killed", {"folder": str(tmp_path), "times": 1}))
+    engine = Processes(store, graph.packages, 2)
+    unregister = engine._ready.unregister
+
+    def disturbed(stream):
+        unregister(stream)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(engine._ready, "unregister", disturbed)
+    assert run(graph, store, engine=engine).interrupted == 143
 
 
 def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
@@ -59,6 +93,21 @@ def test_a_worker_ends_with_its_driver(tmp_path, cache, kit):
         [sys.executable, "-c", code, str(cache), str(tmp_path), *paths], stderr=subprocess.PIPE, timeout=20, check=False
     )
     assert done.returncode == 7
+
+
+def test_waiting_for_another_builder_is_no_time_of_the_task(tmp_path, store):
+    project = toy.project(tmp_path / "out")
+    [key] = [task.key for task in plan_of(project) if task.name == "lens"]
+
+    def hold():
+        with store.single_flight(key):
+            held.set()
+            time.sleep(3.0)
+
+    held = threading.Event()
+    threading.Thread(target=hold).start()
+    held.wait()
+    assert build(project, jobs=2, timeout_s=2.0).exit_code == 0
 
 
 def test_two_builders_compute_once(tmp_path):
