@@ -7,7 +7,7 @@ nor a link leads out.
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from pxr import Ar, Sdf, Usd
+from pxr import Ar, Sdf, Tf, Usd
 
 from pipeline.scene.check_layers import used_layers
 from pipeline.scene.lines import text_map
@@ -39,45 +39,48 @@ def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
     return any(real.is_relative_to(root) for root in roots)
 
 
-def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Layers and asset values that lie outside of all roots, and asset values altogether: nothing reads them yet."""
-    found = []
-    if not is_inside(stage.GetRootLayer().realPath, roots):
-        found.append(_outside(stage.GetRootLayer().realPath, stage.GetRootLayer().realPath, None))
-    for layer in used_layers(stage):
-        if is_inside(layer.realPath, roots):
-            found += _check_arcs(layer, roots)
-    for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)):
-        found += _check_asset_values(prim, roots)
-    return found
+def file_of(identifier: str) -> str:
+    """The file of a layer: without arguments for its format, and of a member the package. Empty if malformed."""
+    try:
+        path, _ = Sdf.Layer.SplitIdentifier(identifier)
+    except Tf.ErrorException:
+        return ""
+    return str(Ar.SplitPackageRelativePathOuter(path)[0])
 
 
-def _check_arcs(layer: Sdf.Layer, roots: list[Path]) -> Iterator[Problem]:
-    """References, payloads and sublayers of a layer."""
-    for asset in layer.GetCompositionAssetDependencies():
-        resolved = Ar.GetResolver().Resolve(layer.ComputeAbsolutePath(asset)).GetPathString()
-        if resolved and not is_inside(resolved, roots):
-            yield _outside(layer.realPath, resolved, asset)
-
-
-def _outside(layer_file: str, resolved: str, asset: str | None) -> Problem:
+def outside(file: str, roots: list[Path], user: str, asset: str | None = None) -> Problem | None:
+    """The problem that a file lies outside of all roots, at the line of its user that mentions the asset."""
+    if is_inside(file, roots):
+        return None
     return Problem(
         code="asset-outside",
-        message=f"{shown_path(Path(resolved).resolve())} lies outside the folders that a stage may read",
-        file=shown_path(layer_file),
-        line=text_map(layer_file).assets.get(asset) if asset else None,
+        message=f"{shown_path(Path(file).resolve())} lies outside the folders that a stage may read",
+        file=shown_path(user),
+        line=text_map(user).assets.get(asset or "", 1),
         hint=HINT,
     )
+
+
+def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+    """Layers of the composed stage that lie outside of all roots, however they came in."""
+    root = stage.GetRootLayer().realPath
+    found = (outside(file_of(layer.realPath), roots, root) for layer in used_layers(stage))
+    return [problem for problem in found if problem]
+
+
+def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+    """Asset values that lie outside of all roots, and asset values altogether: nothing reads them yet."""
+    prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+    return [problem for prim in prims for problem in _check_asset_values(prim, roots)]
 
 
 def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
     for attribute in prim.GetAuthoredAttributes():
         values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
         for asset in [asset for value in values for asset in _assets(value)]:
-            if asset.resolvedPath and not is_inside(asset.resolvedPath, roots):
+            if asset.resolvedPath and not is_inside(file_of(asset.resolvedPath), roots):
                 message = f"@{asset.path}@ lies outside the folders that a stage may read"
-                hint = HINT
-                yield problem(attribute, "asset-outside", message, hint=hint)
+                yield problem(attribute, "asset-outside", message, hint=HINT)
             elif asset.path and not asset.resolvedPath:
                 slashes = "asset paths use forward slashes" if "\\" in asset.path else None
                 yield problem(attribute, "asset-missing", f"cannot find file @{asset.path}@", hint=slashes)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pxr import Usd
 
-from pipeline.scene.asset_roots import check_assets
+from pipeline.scene.asset_roots import check_assets, check_used
 from pipeline.scene.check_camera import check_camera, check_sensor
 from pipeline.scene.check_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check_focus import check_planes
@@ -43,6 +43,8 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     roots : list of Path
         Folders that the stage may read from, as `asset_roots.allowed_roots` gives them.
     """
+    if outside := check_used(stage, roots):
+        return outside  # what such a layer says must not be quoted
     found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
     prims = all_prims(stage)
     for prim in prims:

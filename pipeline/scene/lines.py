@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
+from pxr import Ar
+
 _TOKEN = re.compile(
     r'''(?P<string>"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'
                   |"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
@@ -60,7 +62,8 @@ def sample_key(time: float) -> str:
 def text_map(file: str | Path) -> TextMap:
     """Map of a .usda file; empty for what is not text."""
     path = Path(file)
-    if not path.is_file():
+    # USD means a member of a package by package.usdz[member], whatever file may have that name.
+    if Ar.IsPackageRelativePath(str(file)) or not path.is_file():
         return TextMap()
     with path.open("rb") as stream:
         if stream.read(5) != b"#usda":

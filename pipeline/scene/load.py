@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.scene.asset_roots import allowed_roots
+from pipeline.scene.asset_roots import allowed_roots, file_of
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_layers import used_layers
@@ -63,10 +63,10 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
     allow_roots : iterable of str or Path
         Folders that the stage may read from, besides its project and the shipped library.
     untrusted : bool
-        Look at every file before USD does: nothing outside these folders is even opened.
+        Files are also of a sane size and kind before USD opens them.
     """
     roots = allowed_roots(Path(path), allow_roots)
-    if untrusted and (problems := refusals(Path(path), roots)):
+    if problems := refusals(Path(path), roots, untrusted=untrusted):
         return Loaded(dataset=None, problems=problems, flattened="")
     try:
         stage, problems = open_stage(path)
@@ -84,7 +84,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
         cameras=read_camera_entries(stage),
         lens=read_lens_entry(stage),
         targets=read_target_entries(stage),
-        files=tuple(Path(layer.realPath) for layer in used_layers(stage)),
+        files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
     )
 
 

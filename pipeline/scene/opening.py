@@ -38,7 +38,8 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     finally:
         delegate.TakeUncoalescedDiagnostics()
         del delegate
-    problems = [_from_composition(error) for error in stage.GetCompositionErrors()]
+    files = {layer.identifier: layer.realPath for layer in stage.GetUsedLayers()}
+    problems = [_from_composition(error, files) for error in stage.GetCompositionErrors()]
     return stage, list(dict.fromkeys(problems))
 
 
@@ -65,11 +66,12 @@ def _syntax_problem(match: re.Match[str], hint: str | None = None) -> Problem:
     )
 
 
-def _from_composition(error: Pcp.ErrorBase) -> Problem:
+def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     # A Pcp error has a type and a site; layer, asset and reason stand only in its text.
     text = _ANONYMOUS_LAYER.sub("", str(error)).strip()
     introduced = re.search(r"introduced by @([^@]*)@<([^>]*)>", text)
-    layer, path = introduced.groups() if introduced else _site(error)
+    # The text repeats asset paths, which may hold anything: only layers of the stage are looked into.
+    layer, path = (files[introduced[1]], introduced[2]) if introduced and introduced[1] in files else _site(error)
     _, _, reason = text.partition(" -- ")
     if inner := _SYNTAX.search(reason.rstrip(".\n ")):
         return _syntax_problem(inner, f"the file is used by {shown_path(layer)} <{path}>")

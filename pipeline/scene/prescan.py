@@ -1,103 +1,144 @@
-"""Before an untrusted stage is composed: which files would it open, may it, and are they of a sane size?
+"""Before a stage is composed: which files would that open, and may it?
 
 USD opens what a layer names while it composes, so a check afterwards comes too late for files that nobody may read.
 Layers are therefore opened one by one here, and only those that lie inside the allowed roots.
 """
 
-import zipfile
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from pxr import Ar, Sdf, Tf
+from pxr import Ar, Sdf, Tf, UsdUtils
 
-from pipeline.scene.asset_roots import HINT, is_inside
+from pipeline.scene.asset_roots import file_of, outside
+from pipeline.scene.layer_files import check_layer_file
+from pipeline.scene.lines import line_of, text_map
 from pipeline.scene.problems import Problem, shown_path
 
-MAX_LAYER_BYTES = 256 * 2**20
 MAX_LAYERS = 1000
 
 
-def refusals(path: Path, roots: list[Path]) -> list[Problem]:
-    """Why a stage must not even be composed; empty if it may."""
+@dataclass(frozen=True, slots=True)
+class _Mention:
+    """An asset path, made absolute, and where it is written."""
+
+    identifier: str
+    user: str
+    asset: str | None = None
+    is_layer: bool = True
+
+    @property
+    def is_expression(self) -> bool:
+        """Whether USD computes the path, of variables that other layers may set."""
+        return bool(Sdf.VariableExpression.IsExpression(self.asset or ""))
+
+    def problem(self, code: str, message: str) -> Problem:
+        """A problem at the line that mentions it."""
+        line = text_map(self.user).assets.get(self.asset or "", 1)
+        return Problem(code=code, message=message, file=shown_path(self.user), line=line)
+
+
+def refusals(path: Path, roots: list[Path], *, untrusted: bool) -> list[Problem]:
+    """Why a stage must not even be composed; empty if it may.
+
+    Parameters
+    ----------
+    untrusted : bool
+        Also ask whether the files are of a sane size and kind, before anything reads in them.
+    """
+    root = path.resolve().as_posix()
+    # As USD does when it opens the stage: names without ./ are also looked for beside the root layer.
+    context = Ar.GetResolver().CreateDefaultContextForAsset(root)
+    # What opening a layer has to say, it says again when the stage is opened.
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        with Ar.ResolverContextBinder(context):
+            return _refusals(_Mention(root, root), roots, untrusted)
+    finally:
+        delegate.TakeUncoalescedDiagnostics()
+        del delegate
+
+
+def _refusals(root: _Mention, roots: list[Path], untrusted: bool) -> list[Problem]:
     found: list[Problem] = []
-    seen: set[str] = set()
-    todo = [(path.resolve().as_posix(), path)]
-    while todo and not found:
-        identifier, user = todo.pop()
-        if identifier in seen:
+    seen: set[tuple[str, bool]] = set()
+    todo = [root]
+    while todo:
+        mention = todo.pop()
+        if (mention.identifier, mention.is_layer) in seen:
             continue
-        seen.add(identifier)
-        file = Path(identifier.partition("[")[0])
-        found += [*_place(file, user, roots), *(_size(file) if is_inside(file, roots) else ())]
-        if len(seen) > MAX_LAYERS:
-            found.append(_problem(path, "too-many-layers", f"more than {MAX_LAYERS} layers"))
-        if not found:
-            todo += [(name, file) for name in _dependencies(identifier, found)]
-    return found
+        seen.add((mention.identifier, mention.is_layer))
+        if untrusted and len(seen) > MAX_LAYERS:
+            return [root.problem("too-many-layers", f"more than {MAX_LAYERS} layers")]
+        if mention.is_expression:
+            message = f"@{mention.asset}@: expressions in asset paths are not supported yet"
+            found.append(mention.problem("not-yet-supported", message))
+            continue
+        # Only the file around a member of a package: to look for the member, USD opens the package.
+        file = Ar.GetResolver().Resolve(file_of(mention.identifier)).GetPathString()
+        if not file:
+            continue  # USD finds nothing either, and says so with its place
+        problems = list(_check_file(file, mention, roots, untrusted))
+        if not problems and mention.is_layer and (layer := _opened(mention.identifier)):
+            problems = list(_check_clips(layer))
+            todo += _mentions(layer)
+        found += problems
+    return list(dict.fromkeys(found))
 
 
-def _place(file: Path, user: Path, roots: list[Path]) -> Iterator[Problem]:
-    if not is_inside(file, roots):
-        message = f"{shown_path(file.resolve())} lies outside the folders that a stage may read"
-        yield _problem(user, "asset-outside", message, HINT)
-    elif file.exists() and not file.is_file():
-        yield _problem(user, "file-kind", f"{shown_path(file)} is not a plain file")
+def _check_file(file: str, mention: _Mention, roots: list[Path], untrusted: bool) -> Iterator[Problem]:
+    if problem := outside(file, roots, mention.user, mention.asset):
+        yield problem
+    elif not Path(file).is_file():
+        yield mention.problem("file-kind", f"{shown_path(file)} is not a plain file")
+    elif untrusted:
+        yield from check_layer_file(Path(file))
 
 
-def _size(file: Path) -> Iterator[Problem]:
-    if not file.is_file():
-        return
-    size = file.stat().st_size
-    if size > MAX_LAYER_BYTES:
-        yield _problem(file, "file-size", f"{size:,} bytes; a layer may have {MAX_LAYER_BYTES:,}")
-    elif file.suffix == ".usdz":
-        yield from _package(file)
+def _opened(identifier: str) -> Sdf.Layer | None:
+    """A layer; None if it does not parse, which is reported when the stage is opened."""
+    with suppress(Tf.ErrorException):
+        return Sdf.Layer.FindOrOpen(identifier)
+    return None
 
 
-def _package(file: Path) -> Iterator[Problem]:
-    """A usdz is a zip archive whose members are stored, not compressed; it cannot hold more bytes than it has."""
-    try:
-        with zipfile.ZipFile(file) as archive:
-            members = archive.infolist()
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-        yield _problem(file, "package", f"not a readable usdz package ({error})")
-        return
-    for member in members:
-        parts = member.filename.replace("\\", "/").split("/")
-        if ".." in parts or not parts[0] or ":" in parts[0]:
-            yield _problem(file, "package", f"member {member.filename!r} leads outside of the package")
-        if member.compress_type != zipfile.ZIP_STORED or member.flag_bits & 1:
-            yield _problem(file, "package", f"member {member.filename!r} is compressed or encrypted")
-    if sum(member.file_size for member in members) > file.stat().st_size:
-        yield _problem(file, "package", "its members claim more bytes than the file has")
+def _check_clips(layer: Sdf.Layer) -> Iterator[Problem]:
+    for spec in _specs(layer):
+        if spec.HasInfo("clips") or spec.HasInfo("clipSets"):
+            message = "value clips are not supported yet"
+            line = line_of(layer.realPath, str(spec.path)) or 1
+            yield Problem(code="not-yet-supported", message=message, file=shown_path(layer.realPath), line=line)
 
 
-def _dependencies(identifier: str, found: list[Problem]) -> list[str]:
-    """What a layer names, resolved; a layer that does not parse is reported when the stage is opened."""
-    try:
-        layer = Sdf.Layer.FindOrOpen(identifier)
-    except Tf.ErrorException:
-        return []
-    if layer is None:
-        return []
-    if any(_has_clips(layer, path) for path in _prims(layer)):
-        found.append(_problem(Path(layer.realPath), "not-yet-supported", "value clips are not supported yet"))
-    resolver = Ar.GetResolver()
-    names = layer.GetCompositionAssetDependencies()
-    resolved = (resolver.Resolve(layer.ComputeAbsolutePath(name)).GetPathString() for name in names)
-    return [name for name in resolved if name]
+def _mentions(layer: Sdf.Layer) -> Iterator[_Mention]:
+    """What USD would open: layers, and packages that hold an asset value, which it looks into to find that."""
+    for asset in layer.GetCompositionAssetDependencies():
+        yield _Mention(layer.ComputeAbsolutePath(asset), layer.realPath, asset)
+    for asset in _asset_values(layer):
+        if Ar.IsPackageRelativePath(asset) or Sdf.VariableExpression.IsExpression(asset):
+            yield _Mention(layer.ComputeAbsolutePath(asset), layer.realPath, asset, is_layer=False)
 
 
-def _prims(layer: Sdf.Layer) -> list[Sdf.Path]:
+def _asset_values(layer: Sdf.Layer) -> Iterator[str]:
+    """Asset paths in values and metadata, as written."""
+    for spec in _specs(layer):
+        for key in spec.ListInfoKeys():
+            with suppress(TypeError, Tf.ErrorException):  # a value that Python cannot hold, or that is damaged
+                yield from _assets_in(spec.GetInfo(key))
+
+
+def _assets_in(value: object) -> Iterator[str]:
+    if isinstance(value, Sdf.AssetPath):
+        yield value.authoredPath
+    elif isinstance(value, Sdf.AssetPathArray):
+        yield from (asset.authoredPath for asset in value)
+    elif isinstance(value, dict):
+        for inner in value.values():
+            yield from _assets_in(inner)
+
+
+def _specs(layer: Sdf.Layer) -> list[Sdf.Spec]:
     paths: list[Sdf.Path] = []
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
-    return [path for path in paths if path.IsPrimPath() or path.IsPrimVariantSelectionPath()]
-
-
-def _has_clips(layer: Sdf.Layer, path: Sdf.Path) -> bool:
-    prim = layer.GetPrimAtPath(path)
-    return bool(prim) and (prim.HasInfo("clips") or prim.HasInfo("clipSets"))
-
-
-def _problem(file: Path, code: str, message: str, hint: str | None = None) -> Problem:
-    return Problem(code=code, message=message, file=shown_path(file), line=1, hint=hint)
+    return [spec for path in paths if (spec := layer.GetObjectAtPath(path))]

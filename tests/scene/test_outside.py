@@ -1,0 +1,319 @@
+"""However a stage spells it, a file outside the allowed folders is neither opened nor quoted nor delivered.
+
+The files outside are FIFOs: whoever opens one waits until somebody else does, and so is found out.
+"""
+
+import os
+import subprocess
+import sys
+import zipfile
+
+import pytest
+from pxr import Ar, Sdf
+
+from pipeline.scene.asset_roots import allowed_roots, check_used
+from pipeline.scene.load import load
+from pipeline.scene.opening import open_stage
+from pipeline.scene.register import library_path, register
+from pipeline.tasks.sandbox import problems_of_untrusted
+
+HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n{more})\n'
+PART = HEAD.format(more="") + 'def Xform "A"\n{\n}\n'
+SECRET = HEAD.format(more="") + 'def Xform "A" (\n    doc = "TOPSECRET42"\n)\n{\n}\n'
+
+ARCS = {
+    "sublayer": ("    subLayers = [{asset}]\n", ""),
+    "sublayer with an offset": ("    subLayers = [{asset} (offset = 3)]\n", ""),
+    "reference": ("", 'def "A" (\n    references = {asset}\n)\n{{\n}}\n'),
+    "payload": ("", 'def "A" (\n    append payload = {asset}</A> (offset = 3)\n)\n{{\n}}\n'),
+    "variant": (
+        "",
+        'def "A" (\n    variants = {{\n        string v = "b"\n    }}\n    prepend variantSets = "v"\n)\n{{\n'
+        '    variantSet "v" = {{\n        "a" {{\n        }}\n        "b" (\n            references = {asset}\n'
+        "        ) {{\n        }}\n    }}\n}}\n",
+    ),
+}
+
+SPELLINGS = {
+    "relative": "../outside/secret.usda",
+    "absolute": "{outside}/secret.usda",
+    "dots": "./sub/..//../outside/./secret.usda",
+    "link": "./link.usda",
+    "link beside the root layer": "link.usda",
+    "folder that is a link": "./folder/secret.usda",
+    "folder with brackets": "./x[1]/secret.usda",
+    "arguments": "../outside/secret.usda:SDF_FORMAT_ARGS:a=b",
+    "link with arguments": "./link.usda:SDF_FORMAT_ARGS:a=b",
+    "link with arguments beside the root layer": "link.usda:SDF_FORMAT_ARGS:a=b",
+    "member": "../outside/secret.usdz[in.usda]",
+    "member of a link": "./link.usdz[in.usda]",
+    "member with arguments": "./link.usdz[in.usda]:SDF_FORMAT_ARGS:a=b",
+}
+EXPRESSIONS = {
+    "expression": '`"${{P}}"`',
+    "expression without variables": '`"{outside}/secret.usda"`',
+    "choice": '`if(true, "{outside}/secret.usda", "")`',
+}
+
+both = pytest.mark.parametrize("untrusted", [True, False])
+
+
+# Ends the wait of whoever opens one of the FIFOs, and leaves a note.
+WATCH = """
+import os, stat, sys, time
+note, *fifos = sys.argv[1:]
+while True:
+    for fifo in fifos:
+        try:
+            end = os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
+            if stat.S_ISFIFO(os.fstat(end).st_mode):
+                open(note, "w").close()
+            os.close(end)
+        except OSError:
+            pass
+    time.sleep(0.05)
+"""
+
+
+@pytest.fixture
+def places(tmp_path):
+    """A project with links that lead out, and the folder that they lead to, where nothing may be opened."""
+    project, outside = tmp_path / "project", tmp_path / "outside"
+    (project / "sub").mkdir(parents=True)
+    (project / "pipeline.toml").touch()
+    outside.mkdir()
+    fifos = [outside / "secret.usda", outside / "secret.usdz"]
+    for fifo in fifos:
+        os.mkfifo(fifo)
+    (project / "link.usda").symlink_to(outside / "secret.usda")
+    (project / "link.usdz").symlink_to(outside / "secret.usdz")
+    (project / "folder").symlink_to(outside)
+    (project / "x[1]").symlink_to(outside)
+    watch = subprocess.Popen([sys.executable, "-IS", "-c", WATCH, tmp_path / "opened", *fifos])
+    yield project, outside
+    watch.kill()
+    watch.wait()
+    assert not (tmp_path / "opened").exists()
+
+
+def stage(folder, asset, arc="sublayer"):
+    """A stage that names an asset."""
+    more, body = ARCS[arc]
+    variables = '    expressionVariables = {{\n        string P = "../outside/secret.usda"\n    }}\n'
+    path = folder / "s.usda"
+    path.write_text((HEAD.format(more=variables + more) + body).format(asset=f"@{asset}@"))
+    return path
+
+
+def codes(path, untrusted):
+    return [problem.code for problem in load(path, untrusted=untrusted).problems]
+
+
+@both
+@pytest.mark.parametrize("arc", ARCS)
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_no_arc_opens_a_file_outside(places, spelling, arc, untrusted):
+    project, outside = places
+    path = stage(project, SPELLINGS[spelling].format(outside=outside), arc)
+
+    (problem,) = load(path, untrusted=untrusted).problems
+
+    assert (problem.code, problem.file) == ("asset-outside", str(path))
+    assert "@" in path.read_text().splitlines()[problem.line - 1]
+    assert "--allow-root" in problem.hint
+
+
+@both
+@pytest.mark.parametrize("arc", ARCS)
+@pytest.mark.parametrize("spelling", EXPRESSIONS)
+def test_expressions_in_asset_paths_are_not_supported(places, spelling, arc, untrusted):
+    project, outside = places
+    path = stage(project, EXPRESSIONS[spelling].format(outside=outside), arc)
+
+    assert codes(path, untrusted) == ["not-yet-supported"]
+
+
+@both
+@pytest.mark.parametrize("name", ["link.usda", "link.usda:SDF_FORMAT_ARGS:a=b", "link.usdz[in.usda]"])
+def test_names_that_usd_finds_beside_the_root_layer_are_found_there(places, name, untrusted):
+    """A layer in another folder names it without ./ and has no such neighbour."""
+    project, _ = places
+    stage(project / "sub", name)
+
+    assert codes(stage(project, "./sub/s.usda"), untrusted) == ["asset-outside"]
+
+
+@both
+@pytest.mark.parametrize("name", ["{outside}/secret.usda", "{outside}/secret.usdz[in.usda]"])
+def test_layers_in_a_package_are_followed_out_of_it(places, name, untrusted):
+    project, outside = places
+    package(project / "p.usdz", stage(project, name.format(outside=outside)).read_text())
+
+    assert codes(stage(project, "./p.usdz[in.usda]"), untrusted) == ["asset-outside"]
+
+
+@both
+def test_a_member_that_is_a_value_and_a_layer_is_followed(places, untrusted):
+    project, outside = places
+    package(project / "p.usdz", stage(project, f"{outside}/secret.usda").read_text())
+    path = stage(project, "./p.usdz[in.usda]")
+    path.write_text(path.read_text() + 'def "A"\n{\n    custom asset x = @./p.usdz[in.usda]@\n}\n')
+
+    assert codes(path, untrusted) == ["asset-outside"]
+
+
+@both
+@pytest.mark.parametrize(
+    "statement",
+    [
+        'def "A"\n{\n    custom asset x = @OUT@\n}\n',
+        'def "A"\n{\n    custom asset[] x = [@OUT@]\n}\n',
+        'def "A"\n{\n    custom asset x.timeSamples = {\n        1: @OUT@,\n    }\n}\n',
+        'def "A" (\n    customData = {\n        asset x = @OUT@\n    }\n)\n{\n}\n',
+    ],
+)
+def test_asset_values_open_no_package_outside(places, statement, untrusted):
+    """USD looks for the member as soon as somebody asks for the value."""
+    project, _ = places
+    path = project / "s.usda"
+    path.write_text(HEAD.format(more="") + statement.replace("OUT", "./link.usdz[x.png]"))
+    assert codes(path, untrusted) == ["asset-outside"]
+
+    path.write_text(HEAD.format(more="") + statement.replace("OUT", '`"./link.usdz[x.png]"`'))
+    assert codes(path, untrusted) == ["not-yet-supported"]
+
+
+@both
+def test_a_file_outside_is_not_quoted(places, untrusted):
+    """Neither as a line that does not parse, nor as units that disagree."""
+    project, outside = places
+    (outside / "secret.usda").unlink()
+    for text in ("#usda 1.0\nTOPSECRET42 = = 1\n", SECRET.replace("0.001", "0.4242"), SECRET):
+        (outside / "secret.usda").write_text(text)
+        for spelling in (*SPELLINGS.values(), *EXPRESSIONS.values()):
+            if "usdz" not in spelling:
+                loaded = load(stage(project, spelling.format(outside=outside)), untrusted=untrusted)
+                assert loaded.flattened == ""
+                assert [one for one in map(str, loaded.problems) if "TOPSECRET" in one or "0.4242" in one] == []
+    rows = problems_of_untrusted(stage(project, "../outside/secret.usda"), ())
+    assert [row["code"] for row in rows] == ["asset-outside"]
+
+
+@pytest.mark.parametrize("spelling", [*SPELLINGS, *EXPRESSIONS])
+def test_a_composed_stage_tells_each_layer_from_outside(places, spelling):
+    """Of whatever the look before did not see."""
+    project, outside = places
+    for file in ("secret.usda", "secret.usdz"):
+        (outside / file).unlink()
+    (outside / "secret.usda").write_text(SECRET)
+    package(outside / "secret.usdz", SECRET)
+    path = stage(project, {**SPELLINGS, **EXPRESSIONS}[spelling].format(outside=outside))
+
+    composed, _ = open_stage(path)
+
+    (problem,) = check_used(composed, allowed_roots(path))
+    assert (problem.code, problem.file) == ("asset-outside", str(path))
+    assert "--allow-root" in problem.hint
+    assert check_used(composed, allowed_roots(path, [outside])) == []
+
+
+@both
+def test_a_file_with_the_name_of_a_member_is_not_read_for_it(places, untrusted):
+    """Lines are looked up in the text of a layer, and statements that stand there twice."""
+    project, outside = places
+    (outside / "twice.usda").write_text(PART.replace("{\n}", "{\n    double a = 1\n    double a = 1\n}"))
+    (project / "p.usdz[in.usda]").symlink_to(outside / "twice.usda")
+    package(project / "p.usdz", PART)
+
+    assert load(stage(project, "./p.usdz[in.usda]"), untrusted=untrusted).problems == []
+
+
+@both
+def test_an_asset_path_does_not_pass_for_a_place_in_a_message(places, untrusted):
+    project, outside = places
+    name = f"@@./nowhere introduced by @{outside}/other.usda@</A>@@"
+
+    (problem,) = load(stage(project, name, "reference"), untrusted=untrusted).problems
+
+    assert problem.file == str(project / "s.usda")
+
+
+@both
+@pytest.mark.parametrize("arc", ARCS)
+@pytest.mark.parametrize(
+    "asset",
+    [
+        "./part.usda",
+        "part.usda",
+        "../project/part.usda",
+        "./part.usda:SDF_FORMAT_ARGS:a=b",
+        "./y[1]/part.usda",
+        "./p.usdz",
+        "./p.usdz[in.usda]",
+        "p.usdz[in.usda]",
+        "./y[1]/p.usdz[in.usda]",
+    ],
+)
+def test_files_inside_may_be_named_in_every_way(places, asset, arc, untrusted):
+    project, _ = places
+    (project / "part.usda").write_text(PART)
+    (project / "y[1]").symlink_to(project)
+    package(project / "p.usdz", PART)
+
+    loaded = load(stage(project, asset, arc), untrusted=untrusted)
+
+    assert loaded.problems == []
+    assert all(file.is_file() for file in loaded.files)
+    assert len(loaded.files) == 2
+
+
+@pytest.mark.parametrize("asset", ["./p.usdz[in.usda]", "./p.usdz[in.usda]:SDF_FORMAT_ARGS:a=b"])
+def test_headers_of_the_package_around_a_member_are_looked_at(places, asset):
+    project, _ = places
+    with zipfile.ZipFile(project / "p.usdz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("in.usda", PART)
+    assert codes(stage(project, asset), untrusted=True) == ["package"]
+
+    (project / "p.usdz").write_bytes(b"PK")
+    os.truncate(project / "p.usdz", 2**40)  # sparse
+    assert codes(stage(project, asset), untrusted=True) == ["file-size"]
+
+    (project / "p.usdz").unlink()
+    os.mkfifo(project / "p.usdz")
+    assert codes(stage(project, asset), untrusted=True) == ["file-kind"]
+
+
+@both
+def test_a_search_path_leads_to_the_library_and_to_what_is_allowed(places, untrusted):
+    project, outside = places
+    assert codes(stage(project, "lenses/double_gauss_100mm_tronnier.usda"), untrusted) == []
+    try:
+        Ar.DefaultResolver.SetDefaultSearchPath([library_path(), str(outside)])
+        for name in ("secret.usda", "secret.usda:SDF_FORMAT_ARGS:a=b", "secret.usdz[in.usda]"):
+            assert codes(stage(project, name), untrusted) == ["asset-outside"]
+        (outside / "part.usda").write_text(PART)
+        assert load(stage(project, "part.usda"), [outside], untrusted=untrusted).problems == []
+    finally:
+        register()
+
+
+@both
+def test_every_file_outside_is_told_at_once(places, untrusted):
+    project, _ = places
+    path = project / "s.usda"
+    more = "    subLayers = [\n        @./link.usda@,\n        @../outside/secret.usdz@\n    ]\n"
+    path.write_text(HEAD.format(more=more))
+
+    problems = load(path, untrusted=untrusted).problems
+
+    assert sorted((problem.code, problem.line) for problem in problems) == [("asset-outside", 7), ("asset-outside", 8)]
+
+
+def package(path, text):
+    """A package with one layer, in.usda."""
+    member = path.parent / "in.usda"
+    member.write_text(text)
+    path.unlink(missing_ok=True)
+    with Sdf.ZipFileWriter.CreateNew(str(path)) as archive:
+        archive.AddFile(str(member), "in.usda")
+    member.unlink()
