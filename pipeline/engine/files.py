@@ -69,7 +69,7 @@ def chosen_place(doing: str, path: Path) -> Iterator[None]:
     try:
         with machine_errors(doing, path):
             yield
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as error:
+    except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise EnvironmentFault(f"cannot {doing} {path}: {error.strerror}", hint="choose another place") from error
 
 
@@ -161,6 +161,25 @@ def locked(path: Path, timeout_s: float = 3600.0, *, shared: bool = False) -> It
     except OSError:
         yield False
         return
+    with _held(handle, timeout_s, shared=shared) as held:
+        yield held
+
+
+@contextlib.contextmanager
+def locked_folder(folder: Path, timeout_s: float = 3600.0) -> Iterator[bool]:
+    """As `locked`, for a folder itself: nothing is written into it, and it may be read-only."""
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        yield False
+        return
+    with _held(handle, timeout_s) as held:
+        yield held
+
+
+@contextlib.contextmanager
+def _held(handle: int, timeout_s: float, *, shared: bool = False) -> Iterator[bool]:
+    """Wait for the lock of an open file, and close the file in the end."""
     give_up = time.monotonic() + timeout_s
     try:
         while (held := try_lock(handle, shared=shared)) is False and time.monotonic() < give_up:

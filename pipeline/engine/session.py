@@ -177,7 +177,7 @@ def _jobs(jobs: int | None) -> int:
 
 
 def _history_name(project: Project) -> str:
-    return key_of("history/v1", [str(project.out.absolute()), project.stage_id])
+    return key_of("history/v1", [os.path.realpath(project.out), project.stage_id])  # one folder may have two names
 
 
 def _history(project: Project, store: Store) -> dict[str, Any]:

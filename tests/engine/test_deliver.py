@@ -4,13 +4,19 @@ import json
 import os
 import shutil
 import socket
+import threading
+import time
 
 import pytest
 from engine import toy
 
 from pipeline.engine import deliver as module
-from pipeline.engine import manifest
-from pipeline.engine.session import build, status_of
+from pipeline.engine import manifest, seen
+from pipeline.engine.files import locked_folder
+from pipeline.engine.folder import Folder
+from pipeline.engine.seen import Seen
+from pipeline.engine.session import build, logs_of, plan_of, status_of
+from pipeline.engine.store import Store
 from pipeline.errors import UsageError
 
 
@@ -117,14 +123,14 @@ def test_an_interrupted_delivery_leaves_no_manifest_or_the_whole_previous_build(
     class Killed(BaseException):
         pass
 
-    def killed(*arguments):
+    def killed(*arguments, **options):
         raise Killed
 
     with monkeypatch.context() as patch:
         if place == "copy":
             patch.setattr(module, "copy", killed)
         else:
-            patch.setattr(module._Folder, "_place", killed)
+            patch.setattr(Folder, "place", killed)
         with pytest.raises(Killed):
             build(edited, jobs=1)
     assert toy.contents(out) == before if place == "copy" else not (out / "manifest.json").exists()
@@ -138,7 +144,7 @@ def test_files_of_an_interrupted_delivery_are_removed_later(out, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(module._Folder, "_remove", killed)
+        patch.setattr(Folder, "remove", killed)
         build(toy.project(out, poses=toy.POSES[:1]), jobs=1)
     assert not (out / "manifest.json").exists()
     build(toy.project(out, poses=toy.POSES[:1]), jobs=1)
@@ -185,23 +191,226 @@ def test_a_file_with_the_very_same_bytes_is_taken_over(out, cache, tmp_path):
     assert {path.name for path in out.rglob("*")} == before
 
 
+def aside_of(host):
+    return f".pipeline-{host}-{'a' * 32}"
+
+
 def test_what_dead_builders_left_goes_and_what_other_machines_write_stays_for_a_day(out):
-    names = {f".pipeline-{socket.gethostname()}-dead", ".pipeline-elsewhere-busy", ".pipeline-elsewhere-dead"}
-    for name in names:
+    here = socket.gethostname()
+    busy = {aside_of("elsewhere"), aside_of(f"{here}-gpu")}
+    for name in {aside_of(here), aside_of("dead"), *busy}:
         (out / name).mkdir()
-    os.utime(out / ".pipeline-elsewhere-dead", (0, 0))
+    os.utime(out / aside_of("dead"), (0, 0))
     assert build(toy.project(out), jobs=1).delivery.written == ()
-    assert [path.name for path in out.glob(".pipeline-*")] == [".pipeline-elsewhere-busy"]
+    assert {path.name for path in out.glob(".pipeline-*")} == busy
+
+
+@pytest.mark.parametrize("name", [".pipeline-config", f".pipeline-{socket.gethostname()}-notes"])
+def test_an_old_folder_whose_name_only_begins_like_ours_stays(out, name):
+    (out / name).mkdir()
+    (out / name / "thesis.tex").write_text("years of work")
+    os.utime(out / name, (0, 0))
+    assert build(toy.project(out), jobs=1).delivery.foreign == (f"{name}/thesis.tex",)
+    assert (out / name / "thesis.tex").read_text() == "years of work"
+
+
+def test_a_foreign_manifest_is_kept_under_another_name(tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "manifest.json").write_text('{"name": "my web app"}')
+    events = []
+    assert build(toy.project(out), jobs=1, on_event=events.append).exit_code == 0
+    assert (out / "manifest.json.kept1").read_text() == '{"name": "my web app"}'
+    assert any("manifest.json.kept1" in event.get("text", "") for event in events)
+
+
+def test_a_damaged_manifest_is_replaced_even_if_the_note_in_the_store_is_damaged_too(out, cache):
+    right = toy.contents(out)
+    for path in [out / "manifest.json", *(cache / "index").iterdir()]:
+        whole = path.read_bytes()
+        path.unlink()
+        path.write_bytes(whole[1:])
+    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert toy.contents(out) == right
+
+
+def test_a_cut_manifest_is_replaced_in_a_folder_that_the_store_does_not_know(out, tmp_path):
+    right = toy.contents(out)
+    moved = out.rename(tmp_path / "moved")
+    (moved / "manifest.json").write_bytes(right["manifest.json"][:100])
+    assert build(toy.project(moved), jobs=1).exit_code == 0
+    assert toy.contents(moved) == right
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "dataset.usda"])
+def test_a_foreign_file_survives_a_first_delivery_that_was_cut_short(tmp_path, monkeypatch, name):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text("mine")
+
+    def killed(*arguments, **options):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Folder, "place", killed)
+        build(toy.project(out), jobs=1)
+    build(toy.project(out), jobs=1)
+    assert (out / f"{name}.kept1").read_text() == "mine"
+
+
+def test_a_dangling_link_is_not_overwritten_by_what_is_kept(tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "dataset.usda").write_text("mine")
+    (out / "dataset.usda.kept1").symlink_to("/nonexistent/on-another-disk")
+    build(toy.project(out), jobs=1)
+    assert (out / "dataset.usda.kept1").is_symlink()
+    assert (out / "dataset.usda.kept2").read_text() == "mine"
+
+
+def test_a_folder_that_was_moved_away_and_linked_back_is_filled_again(out, tmp_path):
+    right = toy.contents(out)
+    shutil.move(out / "frames", tmp_path / "bigdisk")
+    (out / "frames").symlink_to(tmp_path / "bigdisk")
+    poses = [*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]]
+    build(toy.project(out, poses=poses), jobs=1)
+    assert {name for name in right if not (out / name).is_file()} == set()
+    assert (out / "frames.kept1").is_symlink() and not (out / "frames").is_symlink()
+    assert (tmp_path / "bigdisk" / "0001" / "cam" / "image.txt").read_bytes() == right["frames/0001/cam/image.txt"]
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "before"),
+    [
+        ("dataset.usda", (Seen, "digest"), False),  # it was right
+        ("dataset.usda", (Seen, "keep"), True),
+        ("frames/0001/cam/image.txt", (Folder, "place"), False),  # it was just put there
+        ("frames/0001/cam/image.txt", (Seen, "keep"), True),
+    ],
+)
+def test_what_somebody_writes_during_a_delivery_is_found_by_the_next_build(out, monkeypatch, name, step, before):
+    time.sleep(0.05)  # the first build's files can be told from what is written now
+    edited = toy.project(out, poses=[*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]])
+    real = getattr(*step)
+
+    def write():
+        time.sleep(0.05)
+        (out / name).write_bytes(b"X" + (out / name).read_bytes()[1:])
+        time.sleep(0.05)
+
+    def with_somebody(self, *arguments, **options):
+        if before:
+            write()
+        given = real(self, *arguments, **options)
+        if not before and name in arguments:
+            write()
+        return given
+
+    with monkeypatch.context() as patch:
+        patch.setattr(*step, with_somebody)
+        build(edited, jobs=1)
+    assert build(edited, jobs=1).delivery.written == (name,)
+
+
+def test_files_that_nobody_touched_are_not_read_again(out, monkeypatch):
+    time.sleep(0.05)
+    build(toy.project(out), jobs=1)
+    monkeypatch.setattr(seen, "digest_of", lambda path: pytest.fail(f"{path} was read"))
+    assert build(toy.project(out), jobs=1).delivery.written == ()
+
+
+def test_files_of_a_delivery_that_took_its_time_are_not_read_again(tmp_path, monkeypatch):
+    place = Folder.place
+
+    def slow(*arguments, **options):
+        time.sleep(0.03)
+        place(*arguments, **options)
+
+    monkeypatch.setattr(Folder, "place", slow)
+    build(toy.project(tmp_path / "out"), jobs=1)
+    monkeypatch.setattr(seen, "digest_of", lambda path: pytest.fail(f"{path} was read"))
+    assert build(toy.project(tmp_path / "out"), jobs=1).delivery.written == ()
+
+
+def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, monkeypatch):
+    out, codes = tmp_path / "out", []
+    builds = [(toy.project(out, power=power), Store(tmp_path / f"store{power}")) for power in (4.0, 9.0)]
+    build(builds[1][0], store=builds[1][1], jobs=1)  # so that the other builder only delivers
+    (project, store), other = builds
+    second = threading.Thread(target=lambda: codes.append(build(other[0], store=other[1], jobs=1).exit_code))
+    place = Folder.place
+
+    def slow(*arguments, **options):
+        if not second.ident:
+            second.start()
+            second.join(0.3)
+        place(*arguments, **options)
+
+    monkeypatch.setattr(Folder, "place", slow)
+    codes.append(build(project, store=store, jobs=1).exit_code)
+    second.join()
+    fresh = build(toy.project(tmp_path / "fresh", power=9.0), jobs=1)
+    assert codes == [0, 0] and toy.contents(out) == toy.contents(fresh.out)
+
+
+def test_the_lock_of_a_folder_leaves_nothing_in_it(tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    with locked_folder(folder) as held, locked_folder(folder, timeout_s=0.0) as again:
+        assert held and not again and not list(folder.iterdir())
+
+
+def test_a_folder_by_two_names_is_one_folder(tmp_path, monkeypatch):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "alias").symlink_to(tmp_path / "real")
+    real, alias = (toy.project(tmp_path / name / "out", power=9.0) for name in ("real", "alias"))
+    build(toy.project(real.out), jobs=1)
+
+    def killed(*arguments, **options):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Folder, "place", killed)
+        build(real, jobs=1)
+    build(alias, jobs=1)
+    assert not list(real.out.rglob("*.kept*"))
+    assert plan_of(real) == plan_of(alias) and status_of(real) == status_of(alias)
+    assert logs_of(real, "lens") == logs_of(alias, "lens")
+
+
+def test_an_output_folder_that_is_a_link_to_nowhere_is_no_bug_of_ours(tmp_path):
+    (tmp_path / "out").symlink_to(tmp_path / "not" / "mounted")
+    result = build(toy.project(tmp_path / "out"), jobs=1)
+    assert result.exit_code == 5 and not (tmp_path / "not").exists()
+
+
+def test_a_result_that_is_damaged_in_the_store_meanwhile_is_no_bug_of_ours(out, monkeypatch):
+    (out / "dataset.usda").unlink()
+    real, path = Folder.present, "frames/0000/cam/image.txt"
+    digest = json.loads((out / "manifest.json").read_text())["files"][path]["sha256"]
+    (out / path).unlink()
+
+    def damaging(self):
+        blob = Store().path("blob", digest)
+        blob.unlink(missing_ok=True)
+        blob.write_text("else")
+        return real(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Folder, "present", damaging)
+        result = build(toy.project(out), jobs=1)
+    assert result.exit_code == 5 and "damaged" in str(result.error)
+    assert build(toy.project(out), jobs=1).exit_code == 0
 
 
 def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
     (out / "dataset.usda").unlink()
-    real = module._Folder._place
+    real = Folder.place
 
-    def place(self, aside, path):
+    def place(self, aside, path, **options):
         aside.unlink()
-        real(self, aside, path)
+        real(self, aside, path, **options)
 
-    monkeypatch.setattr(module._Folder, "_place", place)
+    monkeypatch.setattr(Folder, "place", place)
     result = build(toy.project(out), jobs=1)
     assert result.exit_code == 5 and "changed while files were put there" in str(result.error)
