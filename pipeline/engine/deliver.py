@@ -17,7 +17,7 @@ from pipeline.engine.files import chosen_place, copy, locked_folder, machine_err
 from pipeline.engine.folder import ASIDE, Folder
 from pipeline.engine.seen import Seen, name_of
 from pipeline.engine.spec import Record
-from pipeline.engine.store import DamagedBlob, Store
+from pipeline.engine.store import Store
 from pipeline.errors import EnvironmentFault
 
 Source = bytes | tuple[str, str]
@@ -51,6 +51,8 @@ def deliver(
     EnvironmentFault
         The folder cannot be written, or the disk is full; then the previous build is still whole. Or another machine,
         whose locks do not reach here, changes it at the same time.
+    DamagedBlob
+        A result went from the store since it was made; the previous build is still whole.
     """
     entries = {path: _entry(source, records) for path, source in sorted(files.items())}
     _check_paths(entries)
@@ -131,7 +133,7 @@ def _is_ours(there: manifest.Manifest, goal: _Goal) -> bool:
 
 @contextlib.contextmanager
 def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
-    """What goes wrong because of the disk, of others in the folder, or of a damaged store, is no bug of ours."""
+    """What goes wrong because of the disk, or of others in the folder, is no bug of ours."""
     try:
         with machine_errors("write to", out, needed=sum(entry["size"] for entry in goal.entries.values())):
             yield
@@ -139,11 +141,6 @@ def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
         raise EnvironmentFault(
             f"{out} changed while files were put there: {error.filename}: {error.strerror}",
             hint="build again; if another machine builds into the same folder, give each its own with -o",
-        ) from error
-    except DamagedBlob as error:
-        raise EnvironmentFault(
-            f"a result was damaged in the store {goal.store.root}, or dropped, while it was put into {out}",
-            hint="build again: it is made once more",
         ) from error
 
 

@@ -193,7 +193,7 @@ def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str
     keys |= {name: record["key"] for name, record in outcome.records.items()}
     peaks = {**before["peaks"], **outcome.peaks}
     if {"keys": keys, "peaks": peaks} != before:
-        note = {"out": str(project.out.absolute()), "stage": project.stage_id, "keys": keys, "peaks": peaks}
+        note = {"out": os.path.realpath(project.out), "stage": project.stage_id, "keys": keys, "peaks": peaks}
         store.write_note("history", _history_name(project), note)
 
 
