@@ -70,7 +70,7 @@ def run(folder, command):
 
 def test_arrays_give_the_same_manifest(here, stage, tmp_path):
     assert run(tmp_path, [str(ROOT / "examples/cluster/array.sh"), str(stage)]) == here
-    assert len(json.loads(here)["tasks"]) == 6
+    assert "truth/Rig.Camera/0001" in json.loads(here)["tasks"]
 
 
 @pytest.mark.heavy
@@ -109,5 +109,5 @@ def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monke
         killer.join()
         client.wait_for_workers(2)
     assert killed, "the build was over before a worker could be killed"
-    assert result.exit_code == 0 and result.executed == 6
+    assert result.exit_code == 0 and result.executed == len(json.loads(here)["tasks"])
     assert (tmp_path / "out/manifest.json").read_bytes() == here
