@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
@@ -28,6 +30,7 @@ def test_the_race_reports_a_rate_per_lens_with_peers_or_without(tmp_path: Path) 
     assert [round(float(share)) for share in re.findall(r"([\d.]+)% pass", text)] == [77, 75, 77]
 
 
+@pytest.mark.heavy
 def test_both_methods_agree_with_solutions_that_know_no_grid(tmp_path: Path) -> None:
     """A conventional camera loses no corner, no search finds rows that do not exist, the reference is the finer one.
 
@@ -45,6 +48,7 @@ def test_both_methods_agree_with_solutions_that_know_no_grid(tmp_path: Path) -> 
     assert re.findall(r"rays of image per frame over those of direct: (\d+)", text)
 
 
+@pytest.mark.heavy
 def test_direct_needs_fewer_rays_than_images(tmp_path: Path) -> None:
     """Full-sensor J at K = 2 and 1,024 samples, which is not yet exact to 0.001 px, takes 1,000 times the rays."""
     lines = re.findall(
@@ -54,6 +58,7 @@ def test_direct_needs_fewer_rays_than_images(tmp_path: Path) -> None:
     assert int(lines[-1][2]) > 1000
 
 
+@pytest.mark.heavy
 def test_the_engine_reports_the_price_of_a_node_and_of_having_nothing_to_do(tmp_path: Path) -> None:
     """Graphs of two sizes, and a warm plan and build."""
     text = output_of("engine.py", tmp_path)

@@ -68,6 +68,7 @@ def run(folder, command):
     return (folder / "build/few/manifest.json").read_bytes()
 
 
+@pytest.mark.heavy
 def test_arrays_give_the_same_manifest(here, stage, tmp_path):
     assert run(tmp_path, [str(ROOT / "examples/cluster/array.sh"), str(stage)]) == here
     assert "truth/Rig.Camera/0001" in json.loads(here)["tasks"]

@@ -278,6 +278,7 @@ def test_no_ray_outside_the_bounds_passes_a_displaced_plenoptic_camera() -> None
     assert cut > 100
 
 
+@pytest.mark.heavy
 def test_bounds_hold_for_all_points_within_reach_of_the_one_they_are_asked_for() -> None:
     """What passes from p + a lies in the outline of p moved by drift a, for |a| up to 1.5 mm, at f/2 where vignetting
     moves the edges of an outline apart; no margin."""
@@ -311,7 +312,7 @@ def test_a_narrow_beam_of_light_beyond_which_all_is_dark_is_bounded_up_to_its_en
     assert 10 < lit < 140
 
 
-@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+@pytest.mark.parametrize("kind", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
 def test_results_of_a_displaced_lens_do_not_depend_on_the_sampling_bounds(kind: str) -> None:
     """Bounds inflated by 30 instead of 2 per cent: the same moments within their standard errors over 16 seeds."""
     if kind == "plenoptic":
@@ -482,7 +483,7 @@ def deviations_of(grid: RayGrid, camera: Camera, board: Checkerboard, pose: np.n
     return np.array(found)
 
 
-@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+@pytest.mark.parametrize("kind", [pytest.param("conventional", marks=pytest.mark.heavy), "plenoptic"])
 def test_the_truth_of_a_displaced_lens_is_where_brute_force_sees_the_points(kind: str, tmp_path: Path) -> None:
     """Position images made by the tasks of a build, the search, and the textbook's J at what it finds."""
     if kind == "conventional":

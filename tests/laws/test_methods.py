@@ -115,7 +115,7 @@ def second_order_px(scene: Scene, rows: Correspondences) -> np.ndarray:
     return np.linalg.solve(rows.found.jacobian, shift[..., None])[..., 0]
 
 
-QUICK = (2, 6, 7)
+QUICK = (7,)
 NUMBERS = [pytest.param(n, marks=() if n in QUICK else pytest.mark.heavy) for n in range(40)]
 
 

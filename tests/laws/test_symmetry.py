@@ -184,7 +184,7 @@ def passing(tracer: Tracer, start_z: float, points: np.ndarray, direction: np.nd
     return alive > 0
 
 
-@pytest.mark.parametrize("stop_semi_mm", [2.0, 8.0, 17.1])
+@pytest.mark.parametrize("stop_semi_mm", [pytest.param(2.0, marks=pytest.mark.heavy), 8.0, 17.1])
 def test_no_ray_outside_the_bounds_passes_a_conventional_camera(stop_semi_mm: float) -> None:
     """Trial rays all over the rear surface, from the axis to the corner, where the pupil is a pointed sliver."""
     tracer, rng = Tracer(rigs.conventional(stop_semi_mm, 1200, 900)), np.random.default_rng(6)
@@ -228,7 +228,10 @@ def test_apply_and_inverse_agree_with_the_textbook() -> None:
     np.testing.assert_allclose(apply(inverse(quarter), apply(quarter, points)), points, atol=1e-14)
 
 
-@pytest.mark.parametrize(("stop_semi_mm", "pitch_mm"), [(0.2, 0.2), (0.1, 0.05), (0.5, 0.2)])
+@pytest.mark.parametrize(
+    ("stop_semi_mm", "pitch_mm"),
+    [(0.2, 0.2), *(pytest.param(*pair, marks=pytest.mark.heavy) for pair in ((0.1, 0.05), (0.5, 0.2)))],
+)
 def test_a_tiny_stop_before_coarse_pixels_loses_no_light(stop_semi_mm: float, pitch_mm: float) -> None:
     """Rays start all over a pixel, and what passes moves along: a bound for the centre alone loses several per cent."""
     camera = rigs.conventional(stop_semi_mm, 16, 12, pitch_mm)

@@ -190,7 +190,7 @@ DECENTRED = """over "Lens"
         over "Sensor\""""
 
 
-@pytest.mark.parametrize("name", ["conventional", "plenoptic"])
+@pytest.mark.parametrize("name", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
 def test_a_group_off_its_place_moves_the_truth_by_the_boresight_and_no_figure_of_the_centred_lens(name, request):
     """Everything of the camera runs anew; undoing it reruns nothing. Rows move by what the page of `show` states."""
     workshop = request.getfixturevalue(name)
@@ -283,7 +283,7 @@ def test_a_frame_that_is_dropped_leaves_no_file(conventional):
     assert not (conventional.out / "frames/0002").exists()
 
 
-@pytest.mark.parametrize("tiny", ["conventional", "plenoptic"])
+@pytest.mark.parametrize("tiny", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
 def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tiny, tmp_path, request):
     """Built here in one process, and from nothing by two workers of another one with other settings."""
     here, folder = request.getfixturevalue(tiny), tmp_path / "elsewhere"

@@ -44,7 +44,11 @@ PIXELS = """
             uniform int2 plen:resolution"""
 
 
-@pytest.fixture(scope="module", params=[SQUARE, REFRACTIVE], ids=["square discs", "refractive columns, tilted"])
+@pytest.fixture(
+    scope="module",
+    params=[SQUARE, pytest.param(REFRACTIVE, marks=pytest.mark.heavy)],
+    ids=["square discs", "refractive columns, tilted"],
+)
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     """The microlenses and the output folder of a tiny rig with them."""
     folder = tmp_path_factory.mktemp("rig")
