@@ -14,6 +14,7 @@ from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.records import to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.tasks.baselines import BASELINES
 from pipeline.tasks.frame_tasks import KIND, FrameTasks, image_params
 from pipeline.tasks.poses import targets_json
 from pipeline.tasks.rays_tile import tile_rows
@@ -31,8 +32,22 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
         tasks = FrameTasks(graph, files, dataset, camera, painted, bare)
         for frame in dataset.frames:
             tasks.add(frame)
+        tasks.add_poses()
         certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
+    if len(dataset.cameras) > 1:
+        files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
     return graph, files, certificates
+
+
+def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
+    """The task that says how the cameras stand to each other; gives its name."""
+    names = [camera.name for camera in dataset.cameras]
+    frames = [
+        {"number": frame.number, "camera_from_world": [frame.camera_from_world[name] for name in names]}
+        for frame in dataset.frames
+    ]
+    reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
+    return graph.add("baselines", f"{KIND}baselines", {"cameras": names, "frames": to_plain(frames)}, reads)
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
@@ -42,8 +57,9 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     planes = {field: plain.pop(field) for field in ("near_mm", "far_mm", "circle_of_confusion_px")}
     reads = {"camera": graph.add(f"focus/{name}", f"{KIND}focus", {asked: plain})}
     settled = {**reads, "planes": graph.add(f"planes/{name}", f"{KIND}planes", planes, reads)}
+    pinhole = graph.add(f"pinhole/{name}", f"{KIND}pinhole", {}, settled)
     params = {"labels": labels_of(entry), "circle_of_confusion_px": planes["circle_of_confusion_px"]}
-    report = graph.add(f"first_order/{name}", f"{KIND}first_order", params, settled)
+    report = graph.add(f"first_order/{name}", f"{KIND}first_order", params, {**settled, "pinhole": pinhole})
     if entry.truth["method"] != "direct":
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")

@@ -10,6 +10,7 @@ from typing import Any
 from pipeline.camera.camera import Camera, CameraError, Sensor
 from pipeline.camera.curves import FieldCurves, field_curves
 from pipeline.camera.focus import focused, middle_focus
+from pipeline.camera.pinhole import pinhole
 from pipeline.camera.report import lens_report
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import json_bytes
@@ -49,7 +50,7 @@ class Shown:
     @cached_property
     def document(self) -> dict[str, Any]:
         """Contents of camera.json."""
-        return document(labels_of(self.entry), self.camera)
+        return document(labels_of(self.entry), self.camera, pinhole(self.camera))
 
     @cached_property
     def curves(self) -> FieldCurves:
