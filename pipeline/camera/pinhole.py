@@ -30,6 +30,7 @@ _STEPS, _SETTLED = 40, 1e-12
 _F, _CENTRE, _POINT, _RADIAL, _TANGENTIAL = 0, (1, 2, 3), (4, 5), (6, 7, 8), (9, 10)
 """Places of the parameters: f, C, c, (k1, k2, k3), (p1, p2)."""
 _NOTHING_LEFT_PX = 1e-6
+_WORTH_IT = 0.9
 _IMAGINARY = 1e-30
 
 
@@ -82,7 +83,7 @@ class Pinhole:
 def pinhole(camera: Camera) -> Pinhole | None:
     """Fit a pinhole to the main lens and the sensor of a focused camera, microlenses left out.
 
-    A radial coefficient is used, up to the third, where it halves the rms of what is left; tangential ones are for
+    A radial coefficient is used, up to the third, where it lowers the rms of what is left by a tenth; tangential ones are for
     lenses with displaced surfaces. The centre of any other lens lies on its axis. None: light reaches too little of
     the sensor.
     """
@@ -102,7 +103,7 @@ def pinhole(camera: Camera) -> Pinhole | None:
         if rays.rms_px(found) < _NOTHING_LEFT_PX:
             break
         finer = rays.fitted(found, (*common, *_RADIAL[:count]))
-        if rays.rms_px(finer) < rays.rms_px(found) / 2:
+        if rays.rms_px(finer) < _WORTH_IT * rays.rms_px(found):
             found = finer
     bare = found.copy()
     bare[[*_RADIAL, *_TANGENTIAL]] = 0.0
@@ -113,7 +114,7 @@ def pinhole(camera: Camera) -> Pinhole | None:
     return Pinhole(
         centre_mm=(x, y, z),
         planes_mm=(camera.near_mm, camera.far_mm),
-        lit_share=len(rays.x_px) / (_COLUMNS * _ROWS),
+        lit_share=rays.lit_share,
         plain=rays.projection(plain),
         distorted=rays.projection(found),
     )
@@ -139,6 +140,7 @@ class _Rays:
     x_px: np.ndarray
     crossings_mm: tuple[np.ndarray, np.ndarray]
     planes_mm: tuple[float, float]
+    lit_share: float
 
     def residuals(self, p: np.ndarray) -> np.ndarray:
         """What a pinhole's images of the crossings lie off their positions, (2 n, 2) [px]; analytic in `p`."""
@@ -194,4 +196,6 @@ def _mean_rays(tracer: Tracer, planes_mm: tuple[float, float]) -> _Rays:
     planes = np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
     mean = integrals(tracer, x_px, np.full(len(x_px), NO_MICROLENS), planes, _LEVEL).moments[:, :4]
     lit = np.isfinite(mean).all(axis=1)
-    return _Rays(x_px[lit], (mean[lit, :2], mean[lit, 2:]), planes_mm)
+    # By the trapezoidal rule: positions on an edge of the image stand for half as much of it.
+    area = np.where((x_px == x_px.min(axis=0)) | (x_px == x_px.max(axis=0)), 0.5, 1.0).prod(axis=1)
+    return _Rays(x_px[lit], (mean[lit, :2], mean[lit, 2:]), planes_mm, float(area[lit].sum() / area.sum()))
