@@ -83,9 +83,9 @@ class Pinhole:
 def pinhole(camera: Camera) -> Pinhole | None:
     """Fit a pinhole to the main lens and the sensor of a focused camera, microlenses left out.
 
-    A radial coefficient is used, up to the third, where it lowers the rms of what is left by a tenth; tangential ones are for
-    lenses with displaced surfaces. The centre of any other lens lies on its axis. None: light reaches too little of
-    the sensor.
+    A radial coefficient is used, up to the third, where it lowers the rms of what is left by a tenth; tangential ones
+    are for lenses with displaced surfaces. The centre of any other lens lies on its axis. None: light reaches too
+    little of the sensor.
     """
     if camera.near_mm is None or camera.far_mm is None:
         raise CameraError("near and far plane are not settled", hint="camera.focus.focused")
