@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.request import solved
 from pipeline.engine.deliver import Source
 from pipeline.engine.digest import Shared
 from pipeline.engine.graph import TaskGraph
@@ -104,7 +103,7 @@ class FrameTasks:
         reads = dict(self._reads)
         if self.settings.method != "direct":
             reads["rays"] = f"rays/{self.entry.name}"
-            if self.entry.camera.microlenses:
+            if self.entry.asked.microlenses:
                 reads["micro_images"] = f"micro_images/{self.entry.name}"
         if self.settings.method == "image":
             reads["positions"] = self._add_positions(name, folder, poses)
@@ -128,7 +127,7 @@ def _truth_params(entry: CameraEntry) -> dict[str, Any]:
         "wavelength_nm": entry.wavelength_nm,
         "index_source": entry.index_source,
         "footprint": entry.footprint,
-        "stop": solved(entry.camera).prescription.stop.aperture,
+        "stop": entry.camera.prescription.stop.aperture,
         "seed": entry.sampling.seed,
     }
     if entry.truth["method"] != "direct":

@@ -52,8 +52,8 @@ def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
-    plain = to_plain(_nameless(entry.camera))
+    asked = "request" if isinstance(entry.asked, FocusRequest) else "camera"
+    plain = to_plain(_nameless(entry.asked))
     planes = {field: plain.pop(field) for field in ("near_mm", "far_mm", "circle_of_confusion_px")}
     reads = {"camera": graph.add(f"focus/{name}", f"{KIND}focus", {asked: plain})}
     settled = {**reads, "planes": graph.add(f"planes/{name}", f"{KIND}planes", planes, reads)}
@@ -84,7 +84,7 @@ def _add_white(
     white = graph.add(f"white/{name}", f"{KIND}white", image_params(entry), reads)
     files[f"{white_at}.exr"] = (white, "white.exr")
     files[f"{white_at}.png"] = (white, "white.png")
-    if entry.camera.microlenses:
+    if entry.asked.microlenses:
         tables = graph.add(f"micro_images/{name}", f"{KIND}micro_images", {}, reads)
         for table in ("micro_images.csv", "micro_image_outlines.csv"):
             files[f"{tables_at}{table}"] = (tables, table)
@@ -105,7 +105,7 @@ def labels_of(entry: CameraEntry) -> dict[str, Any]:
     """What camera.json says of a camera besides its figures."""
     names = ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")
     labels = {key: getattr(entry, key) for key in names}
-    asked = entry.camera
+    asked = entry.asked
     if isinstance(asked, FocusRequest):
         labels["focus_request"] = {
             "focus_distance_mm": asked.focus_distance_mm,
@@ -119,7 +119,7 @@ def labels_of(entry: CameraEntry) -> dict[str, Any]:
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
     """The tile tasks of a camera and the task that joins them; returns its name."""
-    sensor, sampling = entry.camera.sensor, to_plain(entry.sampling)
+    sensor, sampling = entry.asked.sensor, to_plain(entry.sampling)
     rows = tile_rows(sensor.width_px, sensor.height_px, entry.sampling.supersampling, entry.sampling.samples)
     tiles = {
         f"tile{number}": graph.add(

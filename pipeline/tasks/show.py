@@ -9,7 +9,7 @@ from typing import Any
 
 from pipeline.camera.camera import Camera, CameraError, Sensor
 from pipeline.camera.curves import FieldCurves, field_curves
-from pipeline.camera.focus import focused, middle_focus
+from pipeline.camera.focus import middle_focus
 from pipeline.camera.pinhole import pinhole
 from pipeline.camera.report import lens_report
 from pipeline.errors import UsageError
@@ -45,7 +45,7 @@ class Shown:
     @cached_property
     def camera(self) -> Camera:
         """The focused camera."""
-        return focused(self.entry.camera)
+        return self.entry.camera
 
     @cached_property
     def document(self) -> dict[str, Any]:
