@@ -129,7 +129,7 @@ def test_the_tiny_dataset_reads_as_written():
     )
     assert dataclasses.astuple(entry.camera.sensor)[:6] == (32, 24, 0.1, 0.0, 0.0, "all")
     assert entry.camera.microlenses is None
-    assert (entry.camera.near_mm, entry.camera.far_mm) == (None, None)
+    assert (entry.asked.near_mm, entry.asked.far_mm) == (None, None)
     assert dataclasses.astuple(entry.sampling) == (1, 64, 3)
     board = target.target.pattern
     assert (target.name, board.columns, board.rows, board.square_mm) == ("Board", 3, 2, 1.4)
@@ -151,14 +151,14 @@ def test_records_are_plain_values_all_through():
 def test_surfaces_stand_in_the_order_that_the_lens_states(write):
     (entry,) = open_dataset(write(board(pose=translate(0, 0, -400)))).cameras
 
-    assert [surface.is_stop for surface in entry.camera.prescription.surfaces] == [False, True]
-    assert math.isinf(entry.camera.prescription.stop.radius_mm)
+    assert [surface.is_stop for surface in entry.asked.prescription.surfaces] == [False, True]
+    assert math.isinf(entry.asked.prescription.stop.radius_mm)
 
 
 def test_minus_zero_does_not_reach_a_record(write):
     dataset = open_dataset(write(board(pose=translate("-0.0", 0, -400))))
 
-    assert math.copysign(1, dataset.cameras[0].camera.sensor.offset_x_mm) == 1
+    assert math.copysign(1, dataset.cameras[0].asked.sensor.offset_x_mm) == 1
     matrices = [*dataset.frames[0].camera_from_world.values(), *dataset.frames[0].world_from_target.values()]
     assert all(math.copysign(1, value) == 1 for matrix in matrices for row in matrix for value in row if value == 0)
 
@@ -173,7 +173,7 @@ def test_poses_are_in_millimetres_whatever_the_unit_of_the_stage(write, unit, di
 def test_our_own_lengths_are_millimetres_whatever_the_unit_of_the_stage(write):
     dataset = open_dataset(write(board(pose=translate(0, 0, -0.4)), unit="1"))
 
-    assert dataset.cameras[0].camera.sensor.pitch_mm == 0.01
+    assert dataset.cameras[0].asked.sensor.pitch_mm == 0.01
     assert dataset.targets[0].target.pattern.square_mm == 2.0
 
 
