@@ -84,8 +84,8 @@ def pinhole(camera: Camera) -> Pinhole | None:
     """Fit a pinhole to the main lens and the sensor of a focused camera, microlenses left out.
 
     A radial coefficient is used, up to the third, where it lowers the rms of what is left by a tenth; tangential ones
-    are for lenses with displaced surfaces. The centre of any other lens lies on its axis. None: light reaches too
-    little of the sensor.
+    are for lenses with displaced surfaces. The centre of any other lens lies on its axis. None: no pinhole fits,
+    because the field is too wide, or because light reaches too little of the sensor.
     """
     if camera.near_mm is None or camera.far_mm is None:
         raise CameraError("near and far plane are not settled", hint="camera.focus.focused")
@@ -95,16 +95,10 @@ def pinhole(camera: Camera) -> Pinhole | None:
     except CameraError:
         return None  # no chief ray from its corners
     centred = camera.prescription.is_centred
-    common = (_F, _CENTRE[2]) if centred else (_F, *_CENTRE, *_POINT, *_TANGENTIAL)
-    if len(rays.x_px) <= len(common):
+    free = (_F, _CENTRE[2]) if centred else (_F, *_CENTRE, *_POINT, *_TANGENTIAL)
+    if len(rays.x_px) <= len(free):
         return None
-    found = rays.fitted(_paraxial(camera), common)
-    for count in range(1, len(_RADIAL) + 1):
-        if rays.rms_px(found) < _NOTHING_LEFT_PX:
-            break
-        finer = rays.fitted(found, (*common, *_RADIAL[:count]))
-        if rays.rms_px(finer) < _WORTH_IT * rays.rms_px(found):
-            found = finer
+    found = _with_radial(rays, rays.fitted(_paraxial(camera), free), free)
     bare = found.copy()
     bare[[*_RADIAL, *_TANGENTIAL]] = 0.0
     plain = rays.fitted(bare, (_F,) if centred else (_F, *_POINT))
@@ -118,6 +112,17 @@ def pinhole(camera: Camera) -> Pinhole | None:
         plain=rays.projection(plain),
         distorted=rays.projection(found),
     )
+
+
+def _with_radial(rays: "_Rays", found: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
+    """Parameters fitted again with those radial coefficients that are worth it."""
+    for count in range(1, len(_RADIAL) + 1):
+        if rays.rms_px(found) < _NOTHING_LEFT_PX:
+            break
+        finer = rays.fitted(found, (*free, *_RADIAL[:count]))
+        if rays.rms_px(finer) < _WORTH_IT * rays.rms_px(found):
+            found = finer
+    return found
 
 
 def _paraxial(camera: Camera) -> np.ndarray:
@@ -160,8 +165,9 @@ class _Rays:
         p = start.copy()
         for _ in range(_STEPS):
             tilted = p + _IMAGINARY * 1j * np.eye(len(p))[list(free)]
-            slopes = np.stack([self.residuals(row).imag.ravel() for row in tilted], axis=1) / _IMAGINARY
-            scale = np.linalg.norm(slopes, axis=0)
+            with np.errstate(over="ignore", invalid="ignore"):  # a fit that runs away ends as NaN
+                slopes = np.stack([self.residuals(row).imag.ravel() for row in tilted], axis=1) / _IMAGINARY
+                scale = np.linalg.norm(slopes, axis=0)
             if not (np.isfinite(scale).all() and scale.all()):
                 return np.full_like(p, math.nan)
             step = np.linalg.lstsq(slopes / scale, -self.residuals(p).ravel(), rcond=None)[0]

@@ -117,7 +117,7 @@ def _sensor(document: dict[str, Any]) -> Iterator[str]:
 def _pinhole(pinhole: dict[str, Any] | None) -> Iterator[str]:
     """The pinhole that fits real rays best, for OpenCV."""
     if pinhole is None:
-        yield _row("equivalent pinhole", "none", "light reaches too little of the sensor")
+        yield _row("equivalent pinhole", "none", "too wide a field, or too little light on the sensor")
         return
     x, y, z = pinhole["centre_mm"]
     centre = f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if x or y else _mm(z)

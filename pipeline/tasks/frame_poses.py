@@ -34,7 +34,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
 def poses(camera: str, frame: dict[str, Any], pinhole: Pinhole | None) -> dict[str, Any]:
     """The content of poses.json."""
     camera_from_world = np.array(frame["camera_from_world"])
-    targets = {name: {"camera_from_target": pose} for name, pose in frame["targets"].items()}
+    targets = {name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame["targets"].items()}
     content = {
         "conventions": CONVENTIONS,
         "frame": frame["number"],

@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 
 import pipeline
 from pipeline.frames import rigid, rotation_vector
+from pipeline.tasks.frame_poses import poses
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/reading.md").read_text(encoding="utf-8")
@@ -171,3 +172,9 @@ def test_poses_of_the_world_lead_to_both_centres(built: Path) -> None:
     np.testing.assert_allclose(place, stop + centre[2] * axis, rtol=0, atol=1e-9)
     assert centre[:2] == [0, 0] and centre[2] == pytest.approx(-5.93, abs=0.01)
     assert poses["targets"]["Board"].keys() == {"camera_from_target", "pinhole"}
+
+
+def test_a_camera_without_a_pinhole_has_poses_to_its_stop_alone() -> None:
+    still = np.eye(4).tolist()
+    content = poses("Left", {"number": 1, "camera_from_world": still, "targets": {"Board": still}}, None)
+    assert content["pinhole"] is None and content["targets"]["Board"] == {"camera_from_target": still, "pinhole": None}
