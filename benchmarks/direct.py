@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 import pipeline
-from pipeline.camera.focus import focused
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.target.checkerboard import Checkerboard
@@ -35,7 +34,7 @@ def main() -> None:
     parser.add_argument("--small", action="store_true", help="few rows: does it run at all?")
     options = parser.parse_args()
     entry = pipeline.open_dataset(STAGE).cameras[0]
-    tracer = Tracer(focused(entry.camera))
+    tracer = Tracer(entry.camera)
     rig, board, pose = (
         Rig(tracer, micro_images(tracer)),
         Checkerboard(columns=7, rows=4, square_mm=2.0),

@@ -21,7 +21,6 @@ import numpy as np
 from lenses import EXAMPLES, Race, codev_double_gauss, tronnier
 
 import pipeline
-from pipeline.camera.focus import focused
 from pipeline.camera.micro_images import micro_images, owners
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.kernels import trace_rays
@@ -209,7 +208,7 @@ def run_bundles(name: str, stage: Path, count: int, turns: int) -> None:
 
 
 def _positions(entry: CameraEntry, count: int) -> tuple[Tracer, np.ndarray, np.ndarray, np.ndarray]:
-    tracer, sensor = Tracer(focused(entry.camera), entry.sampling.seed), entry.camera.sensor
+    tracer, sensor = Tracer(entry.camera, entry.sampling.seed), entry.camera.sensor
     images = micro_images(tracer) if entry.camera.microlenses else None
     # A rank-1 lattice (golden ratio) covers the sensor without a period of the microlenses.
     i = np.arange(count)

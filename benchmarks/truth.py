@@ -25,7 +25,6 @@ from overlay import write_overlay
 from reference import Reference, Solver
 
 import pipeline
-from pipeline.camera.focus import focused
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import read_table
 from pipeline.frames import inverse
@@ -120,7 +119,7 @@ def read_rows(files: list[Path]) -> dict[Key, tuple[np.ndarray, np.ndarray]]:
 
 def solve_all(dataset: Dataset, entry: CameraEntry, rays: int) -> tuple[dict[Key, Solution], float]:
     """Reference solutions of all frames and targets, and the largest last Newton step [px]."""
-    tracer = Tracer(focused(entry.camera), entry.sampling.seed ^ _OTHER_SEED)
+    tracer = Tracer(entry.camera, entry.sampling.seed ^ _OTHER_SEED)
     solver = Solver(tracer, rays, float(entry.truth["min_hit_fraction"]), entry.sampling.supersampling)
     solutions: dict[Key, Solution] = {}
     last_step = 0.0

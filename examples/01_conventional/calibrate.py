@@ -2,10 +2,10 @@
 
     python examples/01_conventional/calibrate.py [OUT]      OUT: what `pipeline build` made, else build/01_conventional
 
-The error does not vanish although nobody measured anything: a pinhole with distortion is a model of this lens. Its
-bundles have no common centre. The mean ray of a bundle, which defines the exact position, is no chief ray (coma) and
-crosses the axis near the entrance pupil, not in it, at a place that moves with the field: hence the shift in z that all
-boards share. The rest is the sampling of the ground truth (sigma_x_px).
+What is known is the pinhole in camera.json, which fits the mean rays of this lens best, and the poses to it in
+poses.json: OpenCV's origin is a centre of projection, not the aperture stop that all other distances count from. The
+error does not vanish although nobody measured anything: a pinhole with distortion is a model of this lens, whose
+bundles have no common centre. The rest is the sampling of the ground truth (sigma_x_px).
 """
 
 import csv
@@ -49,14 +49,12 @@ rms, matrix, distortion, turns, shifts = cv2.calibrateCamera(
     target_points, image_points, camera["resolution"], guess, None, flags=FLAGS, criteria=STOP
 )
 
-found, true = matrix[0, 0] * camera["pixel_pitch_mm"], camera["principal_distance_mm"]
+found, true = matrix[0, 0] * camera["pixel_pitch_mm"], camera["pinhole"]["with_distortion"]["principal_distance_mm"]
 print(f"{len(frames)} frames, {sum(map(len, image_points))} points, RMS {rms:.4f} px, k1 {distortion.ravel()[0]:+.3f}")
 print(f"fx * pitch {found:.3f} mm, principal distance {true:.3f} mm, difference {100 * (found / true - 1):+.3f} %")
-# OpenCV's origin is the centre of projection, the entrance pupil; ours is the centre of the stop.
-pupil = np.array([0, 0, camera["lens"]["entrance_pupil"]["z_mm"]])
 for frame, turn, shift in zip(frames, turns, shifts, strict=True):
     (pose,) = json.loads((frame / "poses.json").read_text())["targets"].values()
-    camera_from_target = np.array(pose["camera_from_target"])
-    x, y, z = shift.ravel() + pupil - camera_from_target[:3, 3]
-    angle = np.degrees(np.linalg.norm(cv2.Rodrigues(cv2.Rodrigues(turn)[0] @ camera_from_target[:3, :3].T)[0]))
+    x, y, z = shift.ravel() - pose["pinhole"]["tvec"]
+    known_turn = cv2.Rodrigues(np.array(pose["pinhole"]["rvec"]))[0]
+    angle = np.degrees(np.linalg.norm(cv2.Rodrigues(cv2.Rodrigues(turn)[0] @ known_turn.T)[0]))
     print(f"{frame.relative_to(out)}: board off by ({x:+.3f}, {y:+.3f}, {z:+.3f}) mm, {angle:.4f} degrees")

@@ -7,7 +7,6 @@ import numpy as np
 
 import pipeline
 from pipeline.camera.camera import Camera
-from pipeline.camera.focus import focused
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.tracer import Tracer
 from pipeline.tasks.poses import vision_from_target
@@ -88,7 +87,7 @@ def camera_and_boards() -> tuple[Camera, int, list[np.ndarray], np.ndarray]:
     dataset = pipeline.open_dataset(STAGE)
     (entry,), (board,) = dataset.cameras, dataset.targets
     poses = [vision_from_target(frame, entry.name, board.name) for frame in dataset.frames]
-    return focused(entry.camera), dataset.seed, poses, board.target.points().position_mm
+    return entry.camera, dataset.seed, poses, board.target.points().position_mm
 
 
 def draw(count: int, frames: slice = slice(None), points: slice = slice(None)) -> Corners:

@@ -107,10 +107,25 @@ def _sensor(document: dict[str, Any]) -> Iterator[str]:
     yield _row(
         "principal distance", f"{_mm(document['principal_distance_mm'])} = {document['principal_distance_px']:.2f} px"
     )
+    yield from _pinhole(document["pinhole"])
     yield _row("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
     yield _row("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg")
     yield _row("depth of field", _range(near, far))
     yield _row("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
+
+
+def _pinhole(pinhole: dict[str, Any] | None) -> Iterator[str]:
+    """The pinhole that fits real rays best, for OpenCV."""
+    if pinhole is None:
+        yield _row("equivalent pinhole", "none", "too wide a field, or too little light on the sensor")
+        return
+    x, y, z = pinhole["centre_mm"]
+    centre = f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if x or y else _mm(z)
+    yield _row("equivalent pinhole", centre, "centre of projection, fitted to real rays")
+    for name, projection in (("without", pinhole), ("with", pinhole["with_distortion"])):
+        rms, most = (projection["residual_px"][kind] for kind in ("rms", "max"))
+        distance = f"{projection['principal_distance_px']:.2f} px"
+        yield _row(f"  {name} distortion", distance, f"rays lie off by {rms:.2g} px rms, {most:.2g} px at most")
 
 
 def _acceptance(acceptance: dict[str, Any]) -> Iterator[str]:

@@ -1,8 +1,10 @@
 """A dataset as frozen records: what the rest of the pipeline knows of a stage."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from pipeline.camera.camera import Camera, Sampling
+from pipeline.camera.focus import focused
 from pipeline.camera.request import FocusRequest
 from pipeline.optics.prescription import Prescription
 from pipeline.target.occluder import Occluder
@@ -23,7 +25,7 @@ class LensEntry:
     prescription: Prescription
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class CameraEntry:
     """A camera of the dataset.
 
@@ -37,6 +39,8 @@ class CameraEntry:
         `plen:name` of the lens, or its prim name; for reports only.
     index_source : str
         Where the refractive indices come from: `printed`, or `catalogue` with the media from the scene to the sensor.
+    asked : Camera or FocusRequest
+        What the stage says: a camera, or what it shall have in focus; `camera` is the one that does it.
     truth : dict
         Fields of `truth.TruthSettings` (a dict, because scene and truth are strangers).
     image_samples : int
@@ -54,12 +58,22 @@ class CameraEntry:
     wavelength_nm: float
     weight: str
     footprint: str
-    camera: Camera | FocusRequest
+    asked: Camera | FocusRequest
     sampling: Sampling
     truth: dict[str, str | float | None]
     image_samples: int
     extent: str = "tiles"
     f_numbers: tuple[float, ...] = ()
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera, focused and ready to trace; solved when it is first asked for."""
+        return focused(self.asked)
+
+    def __repr__(self) -> str:
+        sensor, kind = self.asked.sensor, "plenoptic" if self.asked.microlenses else "conventional"
+        size = f"{sensor.width_px} x {sensor.height_px} px of {sensor.pitch_mm * 1e3:g} µm"
+        return f"<{kind} camera {self.name}: {self.lens_name}, {size}>"
 
     @property
     def square_px(self) -> float:
@@ -67,13 +81,16 @@ class CameraEntry:
         return 1.0 / self.sampling.supersampling if self.footprint == "pixel" else 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TargetEntry:
     """A calibration target of the dataset; `name` is its prim's name."""
 
     name: str
     prim_path: str
     target: AnyTarget
+
+    def __repr__(self) -> str:
+        return f"<target {self.name}: {self.target.kind}, {len(self.target.points().kinds)} points>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +121,7 @@ class Frame:
     world_from_occluder: dict[str, Matrix] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Dataset:
     """All that a build needs to know of a stage.
 
@@ -125,3 +142,9 @@ class Dataset:
     targets: tuple[TargetEntry, ...]
     frames: tuple[Frame, ...]
     occluders: tuple[OccluderEntry, ...] = ()
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(str(frame.number) for frame in self.frames[:3]) + (", …" if len(self.frames) > 3 else "")
+        lines = [f"<dataset {self.stage_name}: {len(self.frames)} frames ({numbers}), seed {self.seed}"]
+        lines += [f"  {entry!r}" for entry in (*self.cameras, *self.targets)]
+        return "\n".join(lines) + (f"\n  {len(self.occluders)} occluders>" if self.occluders else ">")

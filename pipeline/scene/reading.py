@@ -117,7 +117,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         wavelength_nm=need(prim, "plen:camera:wavelength"),
         weight=need(prim, "plen:camera:weight"),
         footprint=need(prim, "plen:truth:footprint"),
-        camera=read_camera(prim),
+        asked=read_camera(prim),
         sampling=Sampling(
             supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
         ),

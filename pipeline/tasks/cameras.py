@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.camera.camera import Camera
 from pipeline.camera.micro_images import MicroImages, micro_images, owners
+from pipeline.camera.pinhole import Pinhole
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
 from pipeline.records import from_plain
@@ -17,7 +18,7 @@ from pipeline.truth.grid import image_from_fine
 Inputs = dict[str, dict[str, Path]]
 """Role -> output name -> file in the store."""
 
-FOCUSED, PLANES = "focused.json", "planes.json"
+FOCUSED, PLANES, PINHOLE = "focused.json", "planes.json", "pinhole.json"
 _POSITIONS_AT_ONCE = 1 << 16
 
 
@@ -25,6 +26,12 @@ def focused_camera(inputs: Inputs) -> Camera:
     """The camera that the task `focus` wrote; with near and far planes, if the task reads those of `planes`."""
     camera = from_plain(Camera, read_json(inputs["camera"][FOCUSED]))
     return dataclasses.replace(camera, **read_json(inputs["planes"][PLANES])) if "planes" in inputs else camera
+
+
+def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
+    """The pinhole that the task `pinhole` wrote; None where there is none."""
+    plain = read_json(inputs[role][PINHOLE])
+    return None if plain is None else from_plain(Pinhole, plain)
 
 
 def tracer_of(inputs: Inputs, seed: int) -> tuple[Tracer, MicroImages | None]:

@@ -1,4 +1,4 @@
-"""Task `first_order`: the first-order report of a camera, camera.json.
+"""Task `first_order`: the first-order report of a camera and its equivalent pinhole, camera.json.
 
 It is not part of `focus`, because it writes names: renaming a lens must not touch a ray.
 """
@@ -8,31 +8,56 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.camera.camera import Camera
+from pipeline.camera.pinhole import Pinhole, Projection
 from pipeline.camera.report import report
 from pipeline.files.jsonfile import write_json
-from pipeline.tasks.cameras import Inputs, focused_camera
+from pipeline.tasks.cameras import Inputs, focused_camera, pinhole_of
 
 CONVENTIONS = {
     "pixel": "(0, 0) is the centre of the top-left pixel, x right, y down",
     "vision_frame": "origin at the centre of the aperture stop, x right, y down, z forward, mm",
     "target_frame": "origin at the pattern centre, x right, y up, z towards the viewer, mm",
     "distances": "vision z from the aperture stop, mm",
+    "pinhole": "centre of projection in the vision frame, axes as there; k1, k2, p1, p2, k3 as in OpenCV",
 }
 
 _FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
 
 
-def document(labels: dict[str, Any], camera: Camera) -> dict[str, Any]:
-    """What camera.json says of a focused camera; `labels` is what it says besides."""
+def document(labels: dict[str, Any], camera: Camera, pinhole: Pinhole | None) -> dict[str, Any]:
+    """What camera.json says of a focused camera and its pinhole; `labels` is what it says besides."""
     figures = report(camera)
     lens = {"name": labels["lens_name"], "index_source": labels["index_source"], **figures.pop("lens")}
     head = {name: figures.pop(name) for name in _FIRST}
     light = {"weight": labels["weight"], "footprint": labels["footprint"], "wavelengths_nm": [labels["wavelength_nm"]]}
     head["focus_request"] = labels.get("focus_request")
-    return {**head, "conventions": CONVENTIONS, **light, "lens": lens, **figures}
+    pinhole_says = None if pinhole is None else _pinhole(pinhole, camera.sensor.pitch_mm)
+    return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
+
+
+def _pinhole(pinhole: Pinhole, pitch_mm: float) -> dict[str, Any]:
+    return {
+        "centre_mm": list(pinhole.centre_mm),
+        **_projection(pinhole.plain, pitch_mm),
+        "with_distortion": {
+            **_projection(pinhole.distorted, pitch_mm),
+            "distortion": list(pinhole.distorted.distortion),
+        },
+        "fitted_at_mm": list(pinhole.planes_mm),
+        "lit_share": pinhole.lit_share,
+    }
+
+
+def _projection(projection: Projection, pitch_mm: float) -> dict[str, Any]:
+    return {
+        "principal_distance_px": projection.principal_distance_px,
+        "principal_distance_mm": projection.principal_distance_px * pitch_mm,
+        "principal_point_px": list(projection.principal_point_px),
+        "residual_px": {"rms": projection.rms_px, "max": projection.max_px},
+    }
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: labels (what the report says besides), circle_of_confusion_px."""
     camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params["circle_of_confusion_px"])
-    write_json(out / "camera.json", document(params["labels"], camera))
+    write_json(out / "camera.json", document(params["labels"], camera, pinhole_of(inputs)))

@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.request import solved
 from pipeline.engine.deliver import Source
 from pipeline.engine.digest import Shared
 from pipeline.engine.graph import TaskGraph
 from pipeline.frames import apply
 from pipeline.records import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.poses import poses_json, target_poses
+from pipeline.tasks.frame_poses import name_of
+from pipeline.tasks.poses import target_poses
 from pipeline.tasks.things import Things, matrix
 from pipeline.truth.on_points import plane_name
 from pipeline.truth.settings import TruthSettings
@@ -56,17 +56,28 @@ class FrameTasks:
         self._truth = _truth_params(entry)
         self._reads = {"camera": f"focus/{entry.name}"}
         self._judged: list[dict[str, Any]] = []
+        self._posed: list[dict[str, Any]] = []
 
     def add(self, frame: Frame) -> None:
         """Add the tasks of a frame."""
         name, folder = f"{self.entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.name}"
         poses = target_poses(self.dataset, frame, self.entry.name)
+        targets = {target: matrix(pose) for target, pose in poses.items()}
+        camera_from_world = frame.camera_from_world[self.entry.name]
+        self._posed.append({"number": frame.number, "camera_from_world": camera_from_world, "targets": targets})
         image = self.graph.add(f"image/{name}", f"{KIND}image", self._image_params(frame, poses), self._reads)
         truth = self._add_truth(name, folder, frame, poses)
-        self.files[f"{folder}/poses.json"] = poses_json(frame, self.entry.name, poses)
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
         self.files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
+
+    def add_poses(self) -> None:
+        """Add the task that writes the poses of all frames added so far."""
+        name = self.entry.name
+        params = {"camera": name, "frames": to_plain(self._posed)}
+        task = self.graph.add(f"frame_poses/{name}", f"{KIND}frame_poses", params, {"pinhole": f"pinhole/{name}"})
+        for number in (frame["number"] for frame in self._posed):
+            self.files[f"frames/{number:04d}/{name}/poses.json"] = (task, name_of(number))
 
     def add_certificate(self) -> str:
         """Add the task that judges all frames added so far; gives its name."""
@@ -92,7 +103,7 @@ class FrameTasks:
         reads = dict(self._reads)
         if self.settings.method != "direct":
             reads["rays"] = f"rays/{self.entry.name}"
-            if self.entry.camera.microlenses:
+            if self.entry.asked.microlenses:
                 reads["micro_images"] = f"micro_images/{self.entry.name}"
         if self.settings.method == "image":
             reads["positions"] = self._add_positions(name, folder, poses)
@@ -116,7 +127,7 @@ def _truth_params(entry: CameraEntry) -> dict[str, Any]:
         "wavelength_nm": entry.wavelength_nm,
         "index_source": entry.index_source,
         "footprint": entry.footprint,
-        "stop": solved(entry.camera).prescription.stop.aperture,
+        "stop": entry.camera.prescription.stop.aperture,
         "seed": entry.sampling.seed,
     }
     if entry.truth["method"] != "direct":

@@ -14,6 +14,7 @@ from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.records import to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.tasks.baselines import BASELINES
 from pipeline.tasks.frame_tasks import KIND, FrameTasks, image_params
 from pipeline.tasks.poses import targets_json
 from pipeline.tasks.rays_tile import tile_rows
@@ -31,19 +32,34 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
         tasks = FrameTasks(graph, files, dataset, camera, painted, bare)
         for frame in dataset.frames:
             tasks.add(frame)
+        tasks.add_poses()
         certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
+    if len(dataset.cameras) > 1:
+        files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
     return graph, files, certificates
+
+
+def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
+    """The task that says how the cameras stand to each other; gives its name."""
+    names = [camera.name for camera in dataset.cameras]
+    frames = [
+        {"number": frame.number, "camera_from_world": [frame.camera_from_world[name] for name in names]}
+        for frame in dataset.frames
+    ]
+    reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
+    return graph.add("baselines", f"{KIND}baselines", {"cameras": names, "frames": to_plain(frames)}, reads)
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    asked = "request" if isinstance(entry.camera, FocusRequest) else "camera"
-    plain = to_plain(_nameless(entry.camera))
+    asked = "request" if isinstance(entry.asked, FocusRequest) else "camera"
+    plain = to_plain(_nameless(entry.asked))
     planes = {field: plain.pop(field) for field in ("near_mm", "far_mm", "circle_of_confusion_px")}
     reads = {"camera": graph.add(f"focus/{name}", f"{KIND}focus", {asked: plain})}
     settled = {**reads, "planes": graph.add(f"planes/{name}", f"{KIND}planes", planes, reads)}
+    pinhole = graph.add(f"pinhole/{name}", f"{KIND}pinhole", {}, settled)
     params = {"labels": labels_of(entry), "circle_of_confusion_px": planes["circle_of_confusion_px"]}
-    report = graph.add(f"first_order/{name}", f"{KIND}first_order", params, settled)
+    report = graph.add(f"first_order/{name}", f"{KIND}first_order", params, {**settled, "pinhole": pinhole})
     if entry.truth["method"] != "direct":
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")
@@ -68,7 +84,7 @@ def _add_white(
     white = graph.add(f"white/{name}", f"{KIND}white", image_params(entry), reads)
     files[f"{white_at}.exr"] = (white, "white.exr")
     files[f"{white_at}.png"] = (white, "white.png")
-    if entry.camera.microlenses:
+    if entry.asked.microlenses:
         tables = graph.add(f"micro_images/{name}", f"{KIND}micro_images", {}, reads)
         for table in ("micro_images.csv", "micro_image_outlines.csv"):
             files[f"{tables_at}{table}"] = (tables, table)
@@ -89,7 +105,7 @@ def labels_of(entry: CameraEntry) -> dict[str, Any]:
     """What camera.json says of a camera besides its figures."""
     names = ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")
     labels = {key: getattr(entry, key) for key in names}
-    asked = entry.camera
+    asked = entry.asked
     if isinstance(asked, FocusRequest):
         labels["focus_request"] = {
             "focus_distance_mm": asked.focus_distance_mm,
@@ -103,7 +119,7 @@ def labels_of(entry: CameraEntry) -> dict[str, Any]:
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
     """The tile tasks of a camera and the task that joins them; returns its name."""
-    sensor, sampling = entry.camera.sensor, to_plain(entry.sampling)
+    sensor, sampling = entry.asked.sensor, to_plain(entry.sampling)
     rows = tile_rows(sensor.width_px, sensor.height_px, entry.sampling.supersampling, entry.sampling.samples)
     tiles = {
         f"tile{number}": graph.add(

@@ -1,4 +1,4 @@
-"""Files that say where everything stands: poses.json per frame and camera, and one JSON per target."""
+"""Where everything stands in the frame of a camera, and one JSON per target."""
 
 import math
 from typing import Any
@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from pipeline.files.jsonfile import json_bytes
-from pipeline.frames import rotation_vector
 from pipeline.records import to_plain
 from pipeline.scene.dataset import Dataset, Frame, TargetEntry
 from pipeline.target.mesh import MeshTarget
@@ -27,28 +26,6 @@ def vision_from_occluder(frame: Frame, camera: str, prim_path: str) -> np.ndarra
 def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.ndarray]:
     """vision_from_target of all targets of a dataset, by name."""
     return {target.name: vision_from_target(frame, camera, target.name) for target in dataset.targets}
-
-
-def poses_json(frame: Frame, camera: str, poses: dict[str, np.ndarray]) -> bytes:
-    """The content of poses.json."""
-    return json_bytes(
-        {
-            "conventions": "a_from_b acts on column vectors; camera: vision frame, x right, y down, z forward,"
-            " origin at the aperture stop; target: x right, y up, z towards the viewer; mm, rad",
-            "frame": frame.number,
-            "camera": camera,
-            "camera_from_world": frame.camera_from_world[camera],
-            "targets": {name: _pose(pose) for name, pose in poses.items()},
-        }
-    )
-
-
-def _pose(camera_from_target: np.ndarray) -> dict[str, Any]:
-    return {
-        "camera_from_target": camera_from_target + 0.0,  # no -0.0
-        "rvec": rotation_vector(camera_from_target) + 0.0,
-        "tvec": camera_from_target[:3, 3] + 0.0,
-    }
 
 
 def targets_json(entry: TargetEntry) -> bytes:

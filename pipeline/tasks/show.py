@@ -9,7 +9,8 @@ from typing import Any
 
 from pipeline.camera.camera import Camera, CameraError, Sensor
 from pipeline.camera.curves import FieldCurves, field_curves
-from pipeline.camera.focus import focused, middle_focus
+from pipeline.camera.focus import middle_focus
+from pipeline.camera.pinhole import pinhole
 from pipeline.camera.report import lens_report
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import json_bytes
@@ -44,12 +45,12 @@ class Shown:
     @cached_property
     def camera(self) -> Camera:
         """The focused camera."""
-        return focused(self.entry.camera)
+        return self.entry.camera
 
     @cached_property
     def document(self) -> dict[str, Any]:
         """Contents of camera.json."""
-        return document(labels_of(self.entry), self.camera)
+        return document(labels_of(self.entry), self.camera, pinhole(self.camera))
 
     @cached_property
     def curves(self) -> FieldCurves:

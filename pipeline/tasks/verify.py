@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.focus import focused
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.tracer import Tracer
 from pipeline.engine import manifest
@@ -81,7 +80,7 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
     cameras = {}
     for entry in dataset.cameras:
         scenes = _scenes(dataset, entry, out)
-        tracer = Tracer(focused(entry.camera), dataset.seed + seed)
+        tracer = Tracer(entry.camera, dataset.seed + seed)
         rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, entry.square_px)
         problems += _misplaced(entry, scenes)
         problems += [f"camera {entry.name}, {wrong}" for wrong in wrong_visibilities(rig, scenes, seed)]

@@ -71,8 +71,8 @@ def write_frame(folder: Path, number: int, entry: CameraEntry, board: Checkerboa
     folder = folder / f"frames/{number:04d}/{entry.name}"
     folder.mkdir(parents=True)
     write_table(folder / "correspondences.csv", ["by a pinhole, with a comma, and another"], columns)
-    where = {"camera_from_target": pose.tolist(), "rvec": rotation_vector(pose).tolist()}
-    (folder / "poses.json").write_text(json.dumps({"targets": {"Board": where}}))
+    where = {"rvec": rotation_vector(pose).tolist(), "tvec": (pose[:3, 3] - [0, 0, PUPIL_MM]).tolist()}
+    (folder / "poses.json").write_text(json.dumps({"targets": {"Board": {"pinhole": where}}}))
 
 
 def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
@@ -86,8 +86,7 @@ def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
     camera = {
         "resolution": [sensor.width_px, sensor.height_px],
         "pixel_pitch_mm": sensor.pitch_mm,
-        "principal_distance_mm": PRINCIPAL_MM,
-        "lens": {"entrance_pupil": {"z_mm": PUPIL_MM}},
+        "pinhole": {"with_distortion": {"principal_distance_mm": PRINCIPAL_MM}},
     }
     (tmp_path / "cameras/Rig.Camera").mkdir(parents=True)
     (tmp_path / "cameras/Rig.Camera/camera.json").write_text(json.dumps(camera))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pipeline
-from pipeline.camera.focus import focused
 from pipeline.camera.moments import COVARIANCE
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, target_plane
@@ -24,7 +23,7 @@ def dataset():
 def moments(dataset, frame, x_px, y_px):
     """Moments on the board's own plane, so that the mean is J in the target frame."""
     entry = dataset.cameras[0]
-    tracer = Tracer(focused(entry.camera), dataset.seed)
+    tracer = Tracer(entry.camera, dataset.seed)
     pose = vision_from_target(frame, entry.name, dataset.targets[0].name)
     planes = np.stack([target_plane(pose)] * 2)
     pixels = np.stack([x_px, y_px], axis=1)

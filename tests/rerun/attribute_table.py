@@ -7,10 +7,13 @@ from pxr import Gf
 
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
-PLANES = {"planes", "first_order"} | RAYS
+POSES = {"frame_poses", "baselines"}
+"""Where cameras and targets stand; to the pinhole, which is fitted between the near and the far plane."""
+PINHOLE = {"pinhole"} | POSES
+PLANES = {"planes", "first_order"} | PINHOLE | RAYS
 FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
-CAMERA = {"focus", "planes", "first_order", "micro_images"} | RAYS | IMAGES | TRUTH
+CAMERA = {"focus", "planes", "first_order", "micro_images"} | PINHOLE | RAYS | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
 TARGET = {"image"} | TRUTH
 """`truth` gets the drawing of a target, so the bits of its tags make it run again, too: work that gives the same
@@ -84,11 +87,11 @@ STAIRS = _shaped("stairs", steps=2, depth=1.0)
 
 DATASET = {
     "plen:cameras": [Case("", ["A/Camera"])],
-    "plen:targets": [Case("", ["One"], TARGET)],
+    "plen:targets": [Case("", ["One"], TARGET | {"frame_poses"})],
     # J and position images know nothing of what stands in between.
     "plen:occluders": [Case("", [], TARGET), Case("", [], TARGET, given=IMAGE)],
-    # The certificate of a camera is one for all frames.
-    "plen:frames": [Case("", [2], {"certificate"})],
+    # Certificate and poses of a camera are one task for all frames.
+    "plen:frames": [Case("", [2], {"certificate"} | POSES)],
     "plen:seed": [
         Case("", 9, RAYS | IMAGES | TRUTH),
         Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
@@ -252,7 +255,7 @@ CAMERAS = {
         # Within a tenth of the focus distance the depth of field moves no plane.
         Case(A, 2.0, {"planes", "first_order"}),
         Case(A, 90.0, {"planes", "first_order"}, given=AUTHORED),
-        Case(A, 90.0, {"planes", "first_order"}, given=DIRECT),
+        Case(A, 90.0, {"planes", "first_order"} | PINHOLE, given=DIRECT),
     ],
     "plen:camera:near": [Case(A, 400.0, PLANES | TRUTH), Case(B, 400.0, PLANES | TRUTH)],
     "plen:camera:far": [

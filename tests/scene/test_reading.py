@@ -9,6 +9,8 @@ import pytest
 from laws import rigs
 
 import pipeline
+from pipeline.camera.focus import foci
+from pipeline.camera.request import FocusRequest
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError
 from pipeline.records import to_plain
 from pipeline.scene.load import load, open_dataset
@@ -129,11 +131,36 @@ def test_the_tiny_dataset_reads_as_written():
     )
     assert dataclasses.astuple(entry.camera.sensor)[:6] == (32, 24, 0.1, 0.0, 0.0, "all")
     assert entry.camera.microlenses is None
-    assert (entry.camera.near_mm, entry.camera.far_mm) == (None, None)
+    assert (entry.asked.near_mm, entry.asked.far_mm) == (None, None)
     assert dataclasses.astuple(entry.sampling) == (1, 64, 3)
     board = target.target.pattern
     assert (target.name, board.columns, board.rows, board.square_mm) == ("Board", 3, 2, 1.4)
     assert [frame.number for frame in dataset.frames] == [1, 2]
+
+
+def test_the_camera_of_a_request_is_focused_and_traces_rays(tmp_path):
+    """A sensor that stands where the asked distance is sharp, a stop that matches: rays of a pixel come from there."""
+    text = (TINY.parents[1] / "tiny_plenoptic/dataset.usda").read_text(encoding="utf-8")
+    wish = "float horizontalAperture = 14.4\nuniform double plen:camera:focusDistance = 420\n"
+    wish += 'uniform double plen:camera:sensorDistance = None\nuniform token plen:camera:stopMatch = "microlenses"'
+    (tmp_path / "dataset.usda").write_text(text.replace("float horizontalAperture = 14.4", wish), encoding="utf-8")
+    (entry,) = open_dataset(tmp_path / "dataset.usda").cameras
+
+    assert isinstance(entry.asked, FocusRequest) and entry.asked.sensor_distance_mm is None
+    assert foci(entry.camera)[1].focus_distance_mm == pytest.approx(420, rel=1e-12)
+    assert entry.camera is entry.camera, "solved once"
+    bundle = entry.camera.bundle(23.5, 19.5, samples=256)
+    assert len(bundle.weight_sr) > 0 and np.isfinite(bundle.mean_at(420.0)).all()
+
+
+def test_records_say_in_a_line_what_they_are():
+    dataset = open_dataset(TINY)
+
+    assert repr(dataset).splitlines() == [
+        "<dataset TinyConventional: 2 frames (1, 2), seed 3",
+        "  <conventional camera Rig.Camera: Tronnier double Gauss 100 mm f/2, 32 x 24 px of 100 µm>",
+        "  <target Board: checkerboard, 6 points>>",
+    ]
 
 
 def test_truth_settings_carry_the_fields_that_the_search_wants():
@@ -151,14 +178,14 @@ def test_records_are_plain_values_all_through():
 def test_surfaces_stand_in_the_order_that_the_lens_states(write):
     (entry,) = open_dataset(write(board(pose=translate(0, 0, -400)))).cameras
 
-    assert [surface.is_stop for surface in entry.camera.prescription.surfaces] == [False, True]
-    assert math.isinf(entry.camera.prescription.stop.radius_mm)
+    assert [surface.is_stop for surface in entry.asked.prescription.surfaces] == [False, True]
+    assert math.isinf(entry.asked.prescription.stop.radius_mm)
 
 
 def test_minus_zero_does_not_reach_a_record(write):
     dataset = open_dataset(write(board(pose=translate("-0.0", 0, -400))))
 
-    assert math.copysign(1, dataset.cameras[0].camera.sensor.offset_x_mm) == 1
+    assert math.copysign(1, dataset.cameras[0].asked.sensor.offset_x_mm) == 1
     matrices = [*dataset.frames[0].camera_from_world.values(), *dataset.frames[0].world_from_target.values()]
     assert all(math.copysign(1, value) == 1 for matrix in matrices for row in matrix for value in row if value == 0)
 
@@ -173,7 +200,7 @@ def test_poses_are_in_millimetres_whatever_the_unit_of_the_stage(write, unit, di
 def test_our_own_lengths_are_millimetres_whatever_the_unit_of_the_stage(write):
     dataset = open_dataset(write(board(pose=translate(0, 0, -0.4)), unit="1"))
 
-    assert dataset.cameras[0].camera.sensor.pitch_mm == 0.01
+    assert dataset.cameras[0].asked.sensor.pitch_mm == 0.01
     assert dataset.targets[0].target.pattern.square_mm == 2.0
 
 

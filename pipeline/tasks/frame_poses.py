@@ -1,0 +1,66 @@
+"""Task `frame_poses`: poses.json of a camera in all frames, each pose to the stop and to the equivalent pinhole."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.pinhole import Pinhole
+from pipeline.files.jsonfile import write_json
+from pipeline.frames import inverse, rigid, rotation_vector
+from pipeline.tasks.cameras import Inputs, pinhole_of
+
+CONVENTIONS = {
+    "transforms": "a_from_b acts on column vectors, mm",
+    "camera": "vision frame, that of all rays: x right, y down, z forward, origin at the centre of the aperture stop",
+    "pinhole": "the same axes, origin at the centre of projection of the pinhole of camera.json; rvec (rad) and tvec"
+    " (mm) are OpenCV's and go with that pinhole's principal distance",
+    "target": "x right, y up, z towards the viewer, origin at the pattern centre",
+}
+
+
+def name_of(number: int) -> str:
+    """The output that holds a frame."""
+    return f"{number:04d}.json"
+
+
+def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
+    """Params: camera (its name), frames (list of {number, camera_from_world, targets: name -> camera_from_target})."""
+    pinhole = pinhole_of(inputs)
+    for frame in params["frames"]:
+        write_json(out / name_of(frame["number"]), poses(params["camera"], frame, pinhole))
+
+
+def poses(camera: str, frame: dict[str, Any], pinhole: Pinhole | None) -> dict[str, Any]:
+    """The content of poses.json."""
+    camera_from_world = np.array(frame["camera_from_world"])
+    targets = {name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame["targets"].items()}
+    content = {
+        "conventions": CONVENTIONS,
+        "frame": frame["number"],
+        "camera": camera,
+        "camera_from_world": camera_from_world,
+        "pinhole": None,
+        "targets": targets,
+    }
+    if pinhole is None:
+        return content
+    pinhole_from_world = pinhole_from_camera(pinhole) @ camera_from_world
+    world_from_pinhole = inverse(pinhole_from_world)
+    content["pinhole"] = {
+        "pinhole_from_world": pinhole_from_world + 0.0,  # no -0.0
+        "world_from_pinhole": world_from_pinhole + 0.0,
+    }
+    for target in targets.values():
+        pinhole_from_target = pinhole_from_camera(pinhole) @ np.array(target["camera_from_target"])
+        target["pinhole"] = {
+            "pinhole_from_target": pinhole_from_target + 0.0,
+            "rvec": rotation_vector(pinhole_from_target) + 0.0,
+            "tvec": pinhole_from_target[:3, 3] + 0.0,
+        }
+    return content
+
+
+def pinhole_from_camera(pinhole: Pinhole) -> np.ndarray:
+    """From the vision frame to the same axes about the centre of projection, (4, 4)."""
+    return rigid(np.eye(3), -np.array(pinhole.centre_mm))

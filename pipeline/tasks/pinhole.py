@@ -1,0 +1,17 @@
+"""Task `pinhole`: the pinhole that stands for a camera in programs that know nothing else.
+
+It writes `pinhole.json`, which the report of the camera and its poses read; null where no pinhole can be fitted.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.camera.pinhole import pinhole
+from pipeline.files.jsonfile import write_json
+from pipeline.records import to_plain
+from pipeline.tasks.cameras import PINHOLE, Inputs, focused_camera
+
+
+def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
+    """Params: none."""
+    write_json(out / PINHOLE, to_plain(pinhole(focused_camera(inputs))))

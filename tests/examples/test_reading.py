@@ -1,0 +1,180 @@
+"""docs/reading.md reads every file that a build writes, and OpenCV finds in them what the documents promise."""
+
+import contextlib
+import csv
+import importlib.util
+import io
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import pipeline
+from pipeline.frames import rigid, rotation_vector
+from pipeline.tasks.frame_poses import poses
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs/reading.md").read_text(encoding="utf-8")
+FIRST, *BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+TURN_DEG, BOARD_MM = 12.0, 430.0
+
+STEREO = """
+    def "{name}" (
+        prepend references = @rigs/conventional_100mm.usda@
+    )
+    {{
+        double3 xformOp:translate = ({x!r}, 0, {z!r})
+        double xformOp:rotateY = {turn}
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateY"]
+
+        over "Camera"
+        {{
+            uniform int plen:image:samples = 4
+            uniform token plen:truth:method = "direct"
+        }}
+
+        over "Sensor"
+        {{
+            uniform double plen:pixelPitch = 0.1
+            uniform int2 plen:resolution = (32, 24)
+        }}
+    }}
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory, common_store: Path) -> Path:
+    """The tiny plenoptic dataset by position images, with a converging stereo pair beside it."""
+    folder, angle = tmp_path_factory.mktemp("reading"), np.deg2rad(TURN_DEG)
+    text = (ROOT / "tests/data/tiny_plenoptic/dataset.usda").read_text(encoding="utf-8")
+    right = BOARD_MM * np.sin(angle), BOARD_MM * (np.cos(angle) - 1)
+    rigs = STEREO.format(name="Left", x=0.0, z=0.0, turn=0.0)
+    rigs += STEREO.format(name="Right", x=float(right[0]), z=float(right[1]), turn=TURN_DEG)
+    cameras = ", ".join(f"</TinyPlenoptic/{name}/Camera>" for name in ("Rig", "Left", "Right"))
+    text = text.replace(
+        "cameras = </TinyPlenoptic/Rig/Camera>", f"cameras = [{cameras}]\nuniform int[] plen:frames = [1]"
+    )
+    text = text.replace("verticalAperture = 12", 'verticalAperture = 12\nuniform token plen:truth:method = "image"')
+    (folder / "dataset.usda").write_text(text.rstrip().removesuffix("}") + rigs + "}\n", encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PIPELINE_CACHE", str(common_store))
+        result = pipeline.build(folder / "dataset.usda", folder / "build/02_plenoptic", jobs=1)
+    assert result.exit_code == 0, [task.error for task in result.failures]
+    return folder / "build/02_plenoptic"
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: re.findall(r"\w*\.(?:csv|json|exr|usda)", block)[0])
+def test_every_block_of_the_page_runs(block: str, built: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if "import pandas" in block and importlib.util.find_spec("pandas") is None:
+        pytest.skip("pandas is not installed")
+    monkeypatch.chdir(built.parents[1])
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(FIRST + block, "docs/reading.md", "exec"), {})
+    assert printed.getvalue().strip() and "0 files" not in printed.getvalue()
+
+
+def test_the_page_names_every_file_of_the_folder(built: Path) -> None:
+    names = {path.name for path in built.rglob("*") if path.is_file()} - {"Board.json"}
+    assert {name for name in names if name not in PAGE} == set()
+    assert {"positions.exr", "rays.exr", "micro_image_outlines.csv", "baselines.csv", "manifest.json"} <= names
+
+
+def read(path: Path) -> dict:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(line for line in file if not line.startswith("#")))
+
+
+def numbers(table: list[dict[str, str]], *names: str) -> np.ndarray:
+    return np.array([[float(row[name]) for name in names] for row in table])
+
+
+def matrix_of(model: dict) -> np.ndarray:
+    f, (x, y) = model["principal_distance_px"], model["principal_point_px"]
+    return np.array([[f, 0, x], [0, f, y], [0, 0, 1]])
+
+
+def truth(built: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Target points (n, 3) [mm] and their exact positions (n, 2) [px]."""
+    table = rows(built / f"frames/0001/{name}/correspondences.csv")
+    return numbers(table, "target_x_mm", "target_y_mm", "target_z_mm"), numbers(table, "x_px", "y_px")
+
+
+def test_opencv_projects_points_to_their_exact_positions(built: Path) -> None:
+    """The board faces the left camera: within the stated residual, a hundredth of what the stop leaves."""
+    camera = read(built / "cameras/Left.Camera/camera.json")
+    pose = read(built / "frames/0001/Left.Camera/poses.json")["targets"]["Board"]
+    points, exact = truth(built, "Left.Camera")
+    for model in (camera["pinhole"], camera["pinhole"]["with_distortion"]):
+        distortion = np.array(model.get("distortion", [0.0] * 5))
+        poses = [np.array(pose["pinhole"]["tvec"]), np.array(pose["camera_from_target"])[:3, 3]]
+        off = []
+        for tvec in poses:
+            pixels = cv2.projectPoints(points, np.array(pose["pinhole"]["rvec"]), tvec, matrix_of(model), distortion)
+            off.append(np.hypot(*(pixels[0][:, 0] - exact).T))
+        assert len(exact) == 6 and off[0].max() <= model["residual_px"]["max"]
+        assert off[1].max() > 100 * model["residual_px"]["max"] and off[1].max() > 0.03
+
+
+def solved(points: np.ndarray, exact: np.ndarray, *model_and_start: np.ndarray) -> np.ndarray:
+    """The pose with which OpenCV projects points to their positions; the start is rvec and tvec."""
+    matrix, distortion, start = model_and_start
+
+    def off(pose: np.ndarray) -> np.ndarray:
+        return (cv2.projectPoints(points, pose[:3], pose[3:], matrix, distortion)[0][:, 0] - exact).ravel()
+
+    pose = least_squares(off, start, method="lm", x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    return rigid(cv2.Rodrigues(pose[:3])[0], pose[3:])
+
+
+def test_baselines_are_what_opencv_finds_from_the_exact_positions(built: Path) -> None:
+    """By the poses of both cameras that OpenCV solves for; the baseline between the stops is another by 1 mm."""
+    (stated,) = [
+        row
+        for row in rows(built / "baselines.csv")
+        if (row["frame"], row["camera"], row["second_camera"]) == ("1", "Left.Camera", "Right.Camera")
+    ]
+    found = []
+    for name in ("Left.Camera", "Right.Camera"):
+        model = read(built / f"cameras/{name}/camera.json")["pinhole"]["with_distortion"]
+        pose = read(built / f"frames/0001/{name}/poses.json")["targets"]["Board"]
+        start = np.append(pose["pinhole"]["rvec"], np.array(pose["camera_from_target"])[:3, 3])
+        found.append(solved(*truth(built, name), matrix_of(model), np.array(model["distortion"]), start))
+    between = found[1] @ np.linalg.inv(found[0])
+    t, stop_t = (np.array([float(stated[f"{kind}_t_{axis}_mm"]) for axis in "xyz"]) for kind in ("pinhole", "stop"))
+    np.testing.assert_allclose(between[:3, 3], t, rtol=0, atol=0.02)
+    assert np.linalg.norm(stop_t - t) == pytest.approx(2 * 5.935 * np.sin(np.deg2rad(TURN_DEG / 2)), abs=0.01)
+    rvec = [float(stated[f"rvec_{axis}_rad"]) for axis in "xyz"]
+    np.testing.assert_allclose(rotation_vector(between), rvec, rtol=0, atol=5e-5)
+    stop_mm = 2 * BOARD_MM * np.sin(np.deg2rad(TURN_DEG / 2))  # a chord of the circle about the board
+    assert float(stated["stop_baseline_mm"]) == pytest.approx(stop_mm, rel=1e-9)
+    assert float(stated["pinhole_baseline_mm"]) == pytest.approx(np.linalg.norm(t), rel=1e-12)
+
+
+def test_poses_of_the_world_lead_to_both_centres(built: Path) -> None:
+    """The pinhole stands on the axis of the camera, its stated distance before the stop, wherever the rig is."""
+    poses = read(built / "frames/0001/Right.Camera/poses.json")
+    centre = read(built / "cameras/Right.Camera/camera.json")["pinhole"]["centre_mm"]
+    place = np.array(poses["pinhole"]["world_from_pinhole"])[:3, 3]
+    angle = np.deg2rad(TURN_DEG)
+    stop, axis = (
+        np.array([np.sin(angle), 0, np.cos(angle) - 1]) * BOARD_MM,
+        -np.array([np.sin(angle), 0, np.cos(angle)]),
+    )
+    np.testing.assert_allclose(place, stop + centre[2] * axis, rtol=0, atol=1e-9)
+    assert centre[:2] == [0, 0] and centre[2] == pytest.approx(-5.93, abs=0.01)
+    assert poses["targets"]["Board"].keys() == {"camera_from_target", "pinhole"}
+
+
+def test_a_camera_without_a_pinhole_has_poses_to_its_stop_alone() -> None:
+    still = np.eye(4).tolist()
+    content = poses("Left", {"number": 1, "camera_from_world": still, "targets": {"Board": still}}, None)
+    assert content["pinhole"] is None and content["targets"]["Board"] == {"camera_from_target": still, "pinhole": None}
