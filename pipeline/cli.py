@@ -57,6 +57,9 @@ def check(
     as_json: Json = False,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Write into STAGE what USD viewers without our plug-in miss.")
+    ] = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
     rows = [row for path in stages for row in _problems(path, tuple(allow_root or ()), untrusted)]
@@ -68,6 +71,12 @@ def check(
         for text in texts:
             say(text)
         note(f"{len(stages)} checked: {errors} errors, {len(rows) - errors} warnings")
+    if not (errors or untrusted):
+        from pipeline.scene.fix import said_of
+
+        for path in stages:
+            for line in said_of(path, write=fix):
+                note(line)
     raise typer.Exit(2 if errors else 0)
 
 

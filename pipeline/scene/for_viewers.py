@@ -13,6 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from pipeline.camera.request import solved
 from pipeline.camera.viewfinder import Viewfinder, viewfinder
+from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry, TargetEntry
 from pipeline.target.preview import preview_faces
 from pipeline.target.target import Target
@@ -51,9 +52,15 @@ def show_in_viewers(
 
 def add_fallback_types(layer: Sdf.Layer) -> None:
     """Say of every type of ours in a layer what USD shall take it for; what is said already stays."""
-    known, said = Usd.SchemaRegistry().GetFallbackPrimTypes(), layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
-    if missing := {name: known[name] for name in types_in(layer) if name in known and name not in said}:
-        layer.pseudoRoot.SetInfo("fallbackPrimTypes", {**said, **missing})
+    said = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
+    if wanted := {**fallback_types(types_in(layer)), **said}:
+        layer.pseudoRoot.SetInfo("fallbackPrimTypes", wanted)
+
+
+def fallback_types(names: Iterable[str]) -> dict[str, Vt.TokenArray]:
+    """What USD shall take types for where it does not know them, of those that are ours, in the order of the names."""
+    known = Usd.SchemaRegistry().GetFallbackPrimTypes()
+    return {name: known[name] for name in sorted(names) if name in known}
 
 
 def types_in(layer: Sdf.Layer) -> list[str]:
@@ -68,8 +75,18 @@ def types_in(layer: Sdf.Layer) -> list[str]:
     return sorted(found - {""})
 
 
-def pinhole(found: Viewfinder, unit_mm: float) -> Attributes:
-    """USD's attributes of the pinhole that sees what a camera sees; empty where single precision cannot hold them."""
+def view_of(camera: CameraEntry) -> Viewfinder | None:
+    """What a camera sees; None of one that cannot be built: to say so is the business of others."""
+    try:
+        return viewfinder(solved(camera.camera))
+    except PipelineError:
+        return None
+
+
+def pinhole(found: Viewfinder | None, unit_mm: float) -> Attributes:
+    """USD's attributes of the pinhole that sees what a camera sees; empty where single precision cannot hold it."""
+    if found is None:
+        return {}
     film = _TENTHS / unit_mm
     in_focus = math.isfinite(found.focus_mm)
     values = {
@@ -87,9 +104,9 @@ def pinhole(found: Viewfinder, unit_mm: float) -> Attributes:
 
 
 def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> None:
-    found = viewfinder(solved(camera.camera))
+    found = view_of(camera)
     attributes = pinhole(found, unit_mm)
-    if "clippingRange" not in prim.attributes:
+    if found and "clippingRange" not in prim.attributes:
         ends = Gf.Vec2f(max(found.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
         attributes["clippingRange"] = Sdf.ValueTypeNames.Float2, ends
     _write(prim, attributes)
