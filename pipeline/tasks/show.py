@@ -124,7 +124,8 @@ class ShownLens:
         """Write the drawing of the lens."""
         if self.camera is None:
             raise UsageError("a lens without a real image cannot be drawn")
-        path.write_text(drawing.svg(self.camera, self.entry.lens_name, film="rear focus"), encoding="utf-8")
+        camera = drawing.with_full_field(self.camera)
+        path.write_text(drawing.svg(camera, self.entry.lens_name, film="rear focus"), encoding="utf-8")
 
 
 def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Shown | ShownLens:
