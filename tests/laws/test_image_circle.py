@@ -102,7 +102,7 @@ def test_steep_bundles_start_within_the_drawing():
     from pipeline.report.drawing import with_full_field
     from pipeline.tasks.show import show
 
-    camera = with_full_field(show(LENSES / "fisheye_100mm_miyamoto.usda").camera)
+    camera = with_full_field(show(LENSES / "fisheye_100mm_miyamoto.usda")[0].camera)
     limit = 1.12 * camera.prescription.surfaces[0].semi_diameter_mm
     (x, y), (next_x, next_y) = bundle(camera, 1.0, -900.0)[3][:2]
 
