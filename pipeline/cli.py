@@ -57,6 +57,9 @@ def check(
     as_json: Json = False,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
+    fix: Annotated[
+        bool, typer.Option("--fix", help="Write into STAGE what USD viewers without our plug-in miss.")
+    ] = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
     rows = [row for path in stages for row in _problems(path, tuple(allow_root or ()), untrusted)]
@@ -68,6 +71,12 @@ def check(
         for text in texts:
             say(text)
         note(f"{len(stages)} checked: {errors} errors, {len(rows) - errors} warnings")
+    if not (errors or untrusted):
+        from pipeline.scene.fix import said_of
+
+        for path in stages:
+            for line in said_of(path, write=fix):
+                note(line)
     raise typer.Exit(2 if errors else 0)
 
 
@@ -86,7 +95,7 @@ def _problems(path: Path, allow_roots: tuple[Path, ...], untrusted: bool) -> lis
 @app.command()
 def show(
     stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a rig or a lens alone.")],
-    camera: Annotated[str | None, typer.Argument(metavar="[CAMERA]", help="Its name, if there are several.")] = None,
+    camera: Annotated[str | None, typer.Argument(metavar="[CAMERA]", help="Only that of this name.")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object: what camera.json says, and curves.")
     ] = False,
@@ -94,16 +103,19 @@ def show(
     allow_root: Roots = None,
 ) -> None:
     """Say what a camera or a lens does: focal lengths, pupils, focus, depth of field, real rays over the field."""
-    from pipeline.tasks.show import show as camera_of
+    from pipeline.tasks.show import plain_json
+    from pipeline.tasks.show import plot as draw
+    from pipeline.tasks.show import show as cameras_of
 
     if plot is not None and plot.suffix != ".svg":
         raise UsageError(f"{plot} is no .svg file", hint="drawings are SVG, which browsers and Inkscape open")
-    shown = camera_of(stage, camera, tuple(allow_root or ()))
-    for warning in shown.warnings:
-        note(str(warning))
-    say(shown.json().rstrip("\n") if as_json else "\n".join(shown.page()))
+    shown = cameras_of(stage, camera, tuple(allow_root or ()))
     if plot is not None:
-        shown.plot(plot)
+        draw(shown, plot)
+    for warning in shown[0].warnings:
+        note(str(warning))
+    say(plain_json(shown).rstrip("\n") if as_json else "\n\n".join("\n".join(one.page()) for one in shown))
+    if plot is not None:
         note(f"wrote {plot}")
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.camera.camera import Camera, Sensor
 from pipeline.camera.chief import chief_slopes
+from pipeline.camera.image_circle import lit_share
 from pipeline.camera.moments import WEIGHT
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -22,7 +23,7 @@ _NEWTON_STEPS, _DIFFERENCE_MM = 6, 1e-3
 
 @dataclass(frozen=True, slots=True)
 class FieldCurves:
-    """Rows from the axis to the farthest corner of the sensor.
+    """Rows from the axis to the farthest corner of the sensor, or to where light ends before it.
 
     Attributes
     ----------
@@ -34,12 +35,15 @@ class FieldCurves:
         Weight of the bundle over the weight of the bundle at height 0.
     distortion : (n,) float64
         Real over paraxial image height of the point where the chief ray meets the object plane, minus 1. The paraxial
-        height is the principal distance times the point's slope from the entrance pupil. 0 on the axis.
+        height is the principal distance times the point's slope from the entrance pupil. 0 on the axis; NaN from 90
+        degrees on, where chief rays meet no plane.
     object_mm : float
         Vision z of that plane; inf: the chief ray's direction decides.
     boresight_px : (float, float) or None
         Where the chief ray from the axis of that plane meets the sensor, x and y in the image from where it does in the
         centred lens; None for a centred lens.
+    corner_mm : float
+        Distance of that corner from the image of the axis: beyond the last row the image is dark.
     """
 
     height_mm: np.ndarray
@@ -48,44 +52,55 @@ class FieldCurves:
     distortion: np.ndarray
     object_mm: float
     boresight_px: tuple[float, float] | None = None
+    corner_mm: float = 0.0
+
+    @property
+    def is_dark_in_the_corner(self) -> bool:
+        """Whether the image circle ends before the corner."""
+        return bool(self.corner_mm > self.height_mm[-1])
 
     def to_plain(self) -> dict[str, Any]:
         """The rows as lists."""
         names = ("height_mm", "angle_deg", "relative_illumination", "distortion")
-        return {"object_mm": self.object_mm, **{name: getattr(self, name).tolist() for name in names}}
+        head = {"object_mm": self.object_mm, "corner_mm": self.corner_mm}
+        return {**head, **{name: getattr(self, name).tolist() for name in names}}
 
 
 def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurves:
     """Trace `rows` field positions with an object plane at vision z.
 
-    From the image of the axis towards the farthest corner of the sensor; in a centred lens along x, because all
-    directions are alike.
+    From the image of the axis towards the farthest corner of the sensor, as far as light arrives; in a centred lens
+    along x, because all directions are alike.
     """
     tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
     centred = camera.prescription.is_centred
     corner = _farthest_corner(sensor)
     end = np.array([math.hypot(*corner), 0.0]) if centred else corner
     start = np.zeros(2) if centred else _image_of_the_axis(tracer, object_mm)
-    positions = start + np.linspace(0.0, 1.0, rows)[:, None] * (end - start)
+    reach = lit_share(tracer.table, *tracer.on_film(np.stack([start, end])))
+    positions = start + np.linspace(0.0, reach, rows)[:, None] * (end - start)
     heights = np.hypot(*(positions - start).T)
-    if not centred:
+    if not centred or reach < 1:
         tracer = Tracer(dataclasses.replace(tracer.camera, sensor=_covering(sensor, np.abs(positions).max(axis=0))))
-    slope, crossing = (np.hypot(*vectors.T) for vectors in _chief_rays(tracer, positions, object_mm))
+    direction, crossing = _chief_rays(tracer, positions, object_mm)
+    angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
     lens = first_order(camera.prescription)
     principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
     ahead = object_mm - lens.entrance_pupil.z_mm
-    tangent = slope if math.isinf(object_mm) else crossing / ahead
+    tangent = np.hypot(*crossing.T) if math.isinf(object_mm) else np.hypot(*crossing.T) / ahead
     ratio = np.divide(heights, principal_mm * tangent, out=np.ones_like(heights), where=heights > 0)
+    ratio[angle >= math.pi / 2] = np.nan
     weight = tracer.moments(
         positions, np.full(rows, NO_MICROLENS), parallel_planes(1.0, 2.0), _SAMPLES, np.zeros((rows, 2), np.int64)
     )[:, WEIGHT]
     x, y = -start / sensor.pitch_mm + 0.0
     boresight = None if centred else (float(x), float(y))
-    return FieldCurves(heights, np.degrees(np.arctan(slope)), weight / weight[0], ratio - 1, object_mm, boresight)
+    illumination, corner_mm = weight / weight[0], float(np.hypot(*(end - start)))
+    return FieldCurves(heights, np.degrees(angle), illumination, ratio - 1, object_mm, boresight, corner_mm)
 
 
 def _covering(sensor: Sensor, extents_mm: np.ndarray) -> Sensor:
-    """A sensor about the axis that reaches as far: bounds of a displaced lens hold as far as its sensor."""
+    """A sensor about the axis that reaches as far and no farther: bounds of rays are found for all of a sensor."""
     width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in extents_mm)
     return Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
 
@@ -108,9 +123,9 @@ def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
 
 
 def _chief_rays(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes of chief rays in the scene, and where they cross vision z `object_mm`, (n, 2); edges block none of them.
+    """Directions of chief rays in the scene, (n, 3), and where they cross vision z `object_mm`, (n, 2); no edge blocks.
 
-    At infinity the slopes stand for the crossings, too.
+    At infinity slopes stand for the crossings.
     """
     table = unbounded(tracer.table)
     position = np.column_stack([positions, np.full(len(positions), tracer.film_z_mm)])
@@ -119,8 +134,8 @@ def _chief_rays(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tupl
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     alive = np.ones(len(positions))
     trace_rays(table, position, direction, alive)
+    direction[alive == 0] = np.nan
     slope = direction[:, :2] / direction[:, 2:]
-    slope[alive == 0] = np.nan
     if math.isinf(object_mm):
-        return slope, slope
-    return slope, position[:, :2] + slope * (object_mm - position[:, 2:])
+        return direction, slope
+    return direction, position[:, :2] + slope * (object_mm - position[:, 2:])

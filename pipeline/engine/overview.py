@@ -25,14 +25,11 @@ class Group:
         Tasks by state: cached, run or maybe.
     reads : list of str
         Names of the groups that they read.
-    level : int
-        Longest path from a source.
     """
 
     name: str
     states: Counter[str] = field(default_factory=Counter)
     reads: list[str] = field(default_factory=list)
-    level: int = 0
 
     @property
     def count(self) -> int:
@@ -66,7 +63,6 @@ def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool
             read = _collapsed(source) if collapse else source
             if read not in group.reads and read != name:
                 group.reads.append(read)
-                group.level = max(group.level, groups[read].level + 1)
     return list(groups.values())
 
 

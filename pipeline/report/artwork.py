@@ -64,8 +64,9 @@ def _page(drawing: Drawing, line: str) -> Page:
     at = width / 2 + _MARGIN_MM, _MARGIN_MM + foot + drawing.half_y_mm
     paths = [Path(is_black, [_moved(one, at) for one in outlines]) for is_black, outlines in _paths(drawing)]
     places = [(_MARGIN_MM, _MARGIN_MM + (len(words) - 1 - i) * _LINE_MM) for i in range(len(words))]
-    bar = _bar(_MARGIN_MM + len(words) * _LINE_MM + 1.0)
-    return Page(width + 2 * _MARGIN_MM, height, [*paths, bar], list(zip(words, places, strict=True)))
+    bottom = _MARGIN_MM + len(words) * _LINE_MM + 1.0
+    length = f"{BAR_MM:g} mm", (_MARGIN_MM + 2.0, bottom + 3.0)
+    return Page(width + 2 * _MARGIN_MM, height, [*paths, _bar(bottom)], [*zip(words, places, strict=True), length])
 
 
 def _bar(bottom: float) -> Path:

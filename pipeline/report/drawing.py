@@ -1,10 +1,12 @@
 """A drawing of a camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
 
 Rays start at object points in focus (of the middle microlens type) whose images lie at the centre of the sensor, at its
-upper or lower edge, whichever is farther from the axis, and at 0.7 of the way. Lengths in mm from the stop, + towards
-the sensor, as light travels; the drawing is to scale.
+upper or lower edge, whichever is farther from the axis, and at 0.7 of the way; where the edge is dark, near the rim of
+the image circle instead. Where their bundles are is found by real rays from the sensor back to the scene. Lengths in mm
+from the stop, + towards the sensor, as light travels; the drawing is to scale.
 """
 
+import dataclasses
 import math
 from html import escape
 from itertools import pairwise
@@ -13,15 +15,22 @@ import numpy as np
 
 from pipeline.camera.camera import Camera, MicrolensArray
 from pipeline.camera.focus import middle_focus
+from pipeline.camera.image_circle import lit_share
 from pipeline.camera.lattice import Lattice, cell, extent_mm, lattice
 from pipeline.frames import apply
 from pipeline.optics.displacement import displacements
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import towards_sensor
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
 
 _FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
+_RIM = 0.99
+"""Where a bundle at the rim of the image circle is drawn: at the rim itself it has no width."""
+_STEEPEST = math.tan(math.radians(86))
+"""Slope in the scene up to which bundles are drawn; light from beyond 90 degrees would go backwards."""
+_WIDEST_RAD = math.radians(60)
+"""Half the field of a lens alone whose image circle is looked for, as a lens without distortion would have it."""
 _RAYS = 7
 _FAN = 2001
 _AHEAD = 0.35
@@ -37,7 +46,7 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     """The drawing as the text of an SVG file; `film` is what its last plane is called."""
     first = camera.prescription.vertices_from_stop_mm[0]
     left = first - _AHEAD * (camera.sensor_distance_mm - first)
-    half = 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
+    half = _half_height(camera)
     scale = (_WIDTH_PX - 2 * _MARGIN_PX) / (camera.sensor_distance_mm + 4 - left)
     height = 2 * half * scale + 3 * _MARGIN_PX
     sheet = _Sheet(left, scale, _MARGIN_PX + half * scale + _MARGIN_PX / 2)
@@ -61,6 +70,18 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     sheet.words(_MARGIN_PX, height + 20, words, 11, "start")
     sheet.items.append(_inset(camera, camera.microlenses, left, height + 28))
     return sheet.text(height + _INSET_PX + 28 + _MARGIN_PX)
+
+
+def with_full_field(camera: Camera) -> Camera:
+    """The camera with a sensor as high as its image circle; as it is where light arrives even beyond 60 degrees."""
+    focal = first_order(camera.prescription).efl_mm
+    farthest = math.tan(_WIDEST_RAD) * focal
+    ends = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, farthest))
+    share = lit_share(towards_scene(camera.prescription), *ends)
+    if share in (0.0, 1.0):
+        return camera
+    pitch = 2 * _RIM * share * farthest / camera.sensor.height_px
+    return dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor, pitch_mm=pitch))
 
 
 def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) -> str:
@@ -98,32 +119,81 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     Parameters
     ----------
     field : float
-        0 for an image at the centre of the sensor, 1 at its farther edge.
+        0 for an image at the centre of the sensor, 1 at its farther edge, or as far as light arrives.
     count : int
         Rays, evenly over those that pass.
     """
-    lens, distance = first_order(camera.prescription), middle_focus(camera)
-    pupil = lens.entrance_pupil.z_mm
-    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
-    slope = _height(camera, field) / principal_mm
-    start = np.full(_FAN, left_mm - 1.0)
-    # Aimed at the entrance pupil a little beyond its edge: the lens clips.
-    aim = 1.5 * lens.entrance_pupil.diameter_mm / 2 * np.linspace(-1, 1, _FAN)
-    # The object lies below the axis, its image above; parallel rays where the object is infinitely far.
-    slopes = aim / (distance - pupil) + slope
-    heights = aim + slopes * (pupil + start)
-    x, y, passes, out = _trace(camera.prescription, start, heights, slopes)
-    passing = np.flatnonzero(passes)
-    if not passing.size:
+    height = _lit_height(camera, field)
+    central = _central_ray(camera, height)
+    while central and not 0 <= central[2] * math.copysign(1, height) < _STEEPEST and abs(height) > 1e-9:
+        height *= _RIM
+        central = _central_ray(camera, height)
+    if central is None:
         return []
+    reach = 1.5 * camera.prescription.surfaces[0].semi_diameter_mm
+    offsets = np.linspace(-reach, reach, _FAN)
+    # Twice: the bundle of a narrow stop is a small part of the front surface.
+    for _ in range(2):
+        start, slopes = _fan(central, offsets, middle_focus(camera))
+        x, y, passes, out = _trace(camera.prescription, start[:, 0], start[:, 1], slopes)
+        passing = np.flatnonzero(passes)
+        if not passing.size:
+            return []
+        step, ends = offsets[1] - offsets[0], offsets[passing[[0, -1]]]
+        offsets = np.linspace(ends[0] - step, ends[1] + step, _FAN)
     chosen = passing[np.round(np.linspace(0, passing.size - 1, count)).astype(int)]
     rays = []
     for i in dict.fromkeys(chosen.tolist()):
-        points = list(zip(x[:, i].tolist(), y[:, i].tolist(), strict=True))
-        (x0, y0), (x1, y1) = points[:2]
-        points[0] = (left_mm, y0 + (y1 - y0) * (left_mm - x0) / (x1 - x0))
-        rays.append(points + _behind(camera, points[-1], float(out[i])))
+        points = list(zip(x[1:, i].tolist(), y[1:, i].tolist(), strict=True))
+        first = _entry(points[0], float(slopes[i]), left_mm, _half_height(camera))
+        rays.append([first, *points, *_behind(camera, points[-1], float(out[i]))])
     return rays
+
+
+def _central_ray(camera: Camera, height_mm: float) -> tuple[float, float, float] | None:
+    """The middle one of the rays that leave the lens from a height on the sensor; None if none does.
+
+    Where it meets the front surface, along and across the axis, and its slope in the scene.
+    """
+    table = towards_scene(camera.prescription)
+    # Vision y and z are the drawing's height and length with the other sign.
+    reach = 1.25 * math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
+    aim = np.linspace(-reach, reach, _FAN)
+    position = np.tile([0.0, -height_mm, -camera.sensor_distance_mm], (_FAN, 1))
+    direction = np.stack([np.zeros(_FAN), aim, np.full(_FAN, table[0, VERTEX])], axis=1) - position
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive = np.ones(_FAN)
+    trace_rays(table, position, direction, alive)
+    passing = np.flatnonzero(alive > 0)
+    if not passing.size:
+        return None
+    (_, y, z), (_, dy, dz) = (rays[passing[passing.size // 2]].tolist() for rays in (position, direction))
+    return -z, -y, dy / dz
+
+
+def _fan(central: tuple[float, float, float], offsets: np.ndarray, distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 2) beside the central ray where it meets the lens, and slopes of the rays of its object point there.
+
+    The object point lies in the plane in focus, or on rays beyond 60 degrees twice as far away as that; parallel rays
+    where it is infinitely far.
+    """
+    x, y, slope = central
+    along = np.array([1.0, slope]) / math.hypot(1.0, slope)
+    points = np.array([x, y]) + offsets[:, None] * np.array([-along[1], along[0]])
+    if math.isinf(distance):
+        return points, np.full(len(points), slope)
+    way = points - (np.array([x, y]) - (distance + x) / max(along[0], 0.5) * along)
+    return points, way[:, 1] / way[:, 0]
+
+
+def _entry(first: tuple[float, float], slope: float, left_mm: float, limit_mm: float) -> tuple[float, float]:
+    """Where a ray that meets the lens comes into the drawing: at its left side, or from above or below."""
+    x, y = first
+    at_left = y + slope * (left_mm - x)
+    if abs(at_left) <= limit_mm:
+        return left_mm, at_left
+    edge = math.copysign(limit_mm, at_left)
+    return x + (edge - y) / slope, edge
 
 
 def _trace(
@@ -178,6 +248,19 @@ def _height(camera: Camera, field: float) -> float:
     """Height on the drawing of a place on the sensor: 0 its centre, 1 its edge that is farther from the axis."""
     centre = 0.0 - camera.sensor.offset_y_mm
     return centre + field * math.copysign(_half_sensor(camera), centre)
+
+
+def _half_height(camera: Camera) -> float:
+    """Of the drawing above and below the axis."""
+    return 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
+
+
+def _lit_height(camera: Camera, field: float) -> float:
+    """As `_height`, with the rim of the image circle for 1 where the edge of the sensor is dark."""
+    centre, edge = _height(camera, 0.0), _height(camera, 1.0)
+    axis, end = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, edge))
+    share = lit_share(towards_scene(camera.prescription), axis, end)
+    return centre + field * ((edge if share == 1 else _RIM * share * edge) - centre)
 
 
 def _profiles(prescription: Prescription) -> list[Points]:

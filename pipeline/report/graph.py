@@ -1,9 +1,12 @@
 """The picture of a graph of tasks: columns by level, an arrow for what is read, as SVG without a browser."""
 
+from collections.abc import Sequence
 from html import escape
 from typing import Protocol
 
-_WIDTH, _HEIGHT, _GAP_X, _GAP_Y, _MARGIN = 210, 44, 60, 18, 20  # px
+from pipeline.report.layers import GAP, HEIGHT, WIDTH, Line, Point, layout
+
+_MARGIN = 20.0  # px
 
 
 class Node(Protocol):
@@ -11,7 +14,6 @@ class Node(Protocol):
 
     name: str
     reads: list[str]
-    level: int
 
     @property
     def label(self) -> tuple[str, str]: ...
@@ -20,42 +22,46 @@ class Node(Protocol):
     def colour(self) -> str: ...
 
 
-def svg(groups: "list[Node] | list", title: str) -> str:
-    """One SVG document."""
-    places: dict[str, tuple[float, float]] = {}
-    rows: dict[int, int] = {}
-    for group in groups:
-        row = rows[group.level] = rows.get(group.level, -1) + 1
-        places[group.name] = (_MARGIN + group.level * (_WIDTH + _GAP_X), 2 * _MARGIN + row * (_HEIGHT + _GAP_Y))
-    width = 2 * _MARGIN + (max(rows, default=0) + 1) * (_WIDTH + _GAP_X) - _GAP_X
-    height = 3 * _MARGIN + (max(rows.values(), default=0) + 1) * (_HEIGHT + _GAP_Y)
+def svg(groups: Sequence[Node], title: str) -> str:
+    """One SVG document of nodes in an order in which sources come first."""
+    places = layout({group.name: group.reads for group in groups})
+    width, height = 2 * _MARGIN + max(places.width, WIDTH), 3 * _MARGIN + places.height
     lines = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}" font-family="sans-serif">',
         '<defs><marker id="a" markerWidth="8" markerHeight="8" refX="7" refY="4" orient="auto">'
         '<path d="M0,0 L8,4 L0,8 z" fill="#666"/></marker></defs>',
         '<rect width="100%" height="100%" fill="white"/>',
-        f'<text x="{_MARGIN}" y="{_MARGIN + 4}" font-size="13">{escape(title)}</text>',
+        f'<text x="{_MARGIN:g}" y="{_MARGIN + 4:g}" font-size="13">{escape(title)}</text>',
+        f'<g transform="translate({_MARGIN:g},{2 * _MARGIN:g})">',
     ]
-    for group in groups:
-        x, y = places[group.name]
-        lines += [_arrow(places[read], (x, y)) for read in group.reads]
-    for group in groups:
-        lines.append(_box(group, *places[group.name]))
-    return "\n".join([*lines, "</svg>"]) + "\n"
+    lines += [_path(f"M{_at(start)} L{_at(end)}") for start, end in places.lanes]
+    lines += [_path(_curve(line)) for line in places.links]
+    lines += [_path(_curve(line), ' marker-end="url(#a)"') for line in places.arrows]
+    lines += [_box(group, *places.boxes[group.name]) for group in groups]
+    return "\n".join([*lines, "</g>", "</svg>"]) + "\n"
 
 
-def _arrow(source: tuple[float, float], target: tuple[float, float]) -> str:
-    x0, y0, x1, y1 = source[0] + _WIDTH, source[1] + _HEIGHT / 2, target[0], target[1] + _HEIGHT / 2
-    bend = _GAP_X * 0.6
-    path = f"M{x0},{y0} C{x0 + bend},{y0} {x1 - bend},{y1} {x1},{y1}"
-    return f'<path d="{path}" fill="none" stroke="#666" marker-end="url(#a)"/>'
+def _curve(line: Line) -> str:
+    """Level at both ends, and within the gap between its ends; out and back where both are on one side."""
+    (x0, y0), (x1, y1) = line
+    bend = 0.6 * GAP
+    back = bend if x1 > x0 else -bend
+    return f"M{_at((x0, y0))} C{_at((x0 + (bend if x1 >= x0 else -bend), y0))} {_at((x1 - back, y1))} {_at((x1, y1))}"
+
+
+def _at(point: Point) -> str:
+    return f"{point[0]:.1f},{point[1]:.1f}"
+
+
+def _path(data: str, marker: str = "") -> str:
+    return f'<path d="{data}" fill="none" stroke="#666"{marker}/>'
 
 
 def _box(group: Node, x: float, y: float) -> str:
     name, states = (escape(part) for part in group.label)
-    size = f'x="{x}" y="{y}" width="{_WIDTH}" height="{_HEIGHT}" rx="5"'
+    size = f'x="{x:.1f}" y="{y:.1f}" width="{WIDTH:g}" height="{HEIGHT:g}" rx="5"'
     return (
         f'<rect {size} fill="{group.colour}" stroke="#444"/>'
-        f'<text x="{x + 8}" y="{y + 18}" font-size="12">{name}</text>'
-        f'<text x="{x + 8}" y="{y + 35}" font-size="11" fill="#555">{states}</text>'
+        f'<text x="{x + 8:.1f}" y="{y + 18:.1f}" font-size="12">{name}</text>'
+        f'<text x="{x + 8:.1f}" y="{y + 35:.1f}" font-size="11" fill="#555">{states}</text>'
     )

@@ -196,7 +196,11 @@ def _curves(curves: FieldCurves) -> Iterator[str]:
     yield f"real rays of the main lens, without microlenses; distortion for objects at {_mm(curves.object_mm, 1)}"
     columns = ("height [mm]", "field angle [deg]", "relative illumination", "distortion [%]")
     values = zip(curves.height_mm, curves.angle_deg, curves.relative_illumination, 100 * curves.distortion, strict=True)
-    yield from _table(columns, [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", f"{d + 0.0:.4f}") for h, a, e, d in values])
+    rows = [(f"{h:.3f}", f"{a:.3f}", f"{e:.4f}", "-" if math.isnan(d) else f"{d + 0.0:.4f}") for h, a, e, d in values]
+    yield from _table(columns, rows)
+    if curves.is_dark_in_the_corner:
+        ends = f"light ends {_mm(curves.height_mm[-1])} from the axis, the image circle"
+        yield f"{ends}: the corner of the sensor, {_mm(curves.corner_mm)} off, is dark"
 
 
 def _table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterator[str]:

@@ -1,10 +1,17 @@
 """The composed stage as one text, so that a built folder explains itself."""
 
+from collections.abc import Iterable
+
 from pxr import Usd, UsdUtils
 
+from pipeline.scene.dataset import CameraEntry, TargetEntry
+from pipeline.scene.for_viewers import show_in_viewers
 
-def flattened(stage: Usd.Stage) -> str:
-    """Text of the composed stage in one layer.
+
+def flattened(
+    stage: Usd.Stage, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], kept: Iterable[str] = ()
+) -> str:
+    """Text of the composed stage in one layer, with what viewers need to show it, see `for_viewers`.
 
     It names no other file and no folder of the machine: references are composed in, and asset values, whose paths
     flattening would make absolute, do not pass the checks.
@@ -13,4 +20,5 @@ def flattened(stage: Usd.Stage) -> str:
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     layer = stage.Flatten(addSourceFileComment=False)
     delegate.TakeUncoalescedDiagnostics()
+    show_in_viewers(layer, cameras, targets, kept)
     return layer.ExportToString().rstrip("\n") + "\n"

@@ -40,11 +40,14 @@ class TextMap:
         (path, what, line) of statements that overwrite an earlier one: USD keeps the last without a word.
     assets : dict
         Line of the first mention of each asset path.
+    bodies : dict
+        Where in the text, as a number of characters, the "{" of each prim ends; of "" the "(" of the layer's metadata.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
     repeated: list[tuple[str, str, int]] = field(default_factory=list)
     assets: dict[str, int] = field(default_factory=dict)
+    bodies: dict[str, int] = field(default_factory=dict)
 
 
 def line_of(file: str | Path, spec_path: str) -> int | None:
@@ -91,12 +94,13 @@ class _Scanner:
         self.opening: tuple[str, str, int, int] | None = None  # a prim or variant that waits for its "{"
         self.samples: str | None = None  # a property whose timeSamples wait for their "{"
         self.number: tuple[str, int] | None = None  # the number before a ":"
+        self.end = 0  # of the token, in the text
 
     def scan(self, text: str) -> TextMap:
         line, position = 1, 0
         for match in _TOKEN.finditer(text):
             line += text.count("\n", position, match.start())
-            position = match.start()
+            position, self.end = match.start(), match.end()
             self._token(match.lastgroup or "", match.group(), line)
         return self.map
 
@@ -130,6 +134,8 @@ class _Scanner:
         if token == "{":
             self._open_brace()
         elif token in "([":
+            if token == "(" and not self.stack and not self.map.lines and not self.opening:
+                self.map.bodies.setdefault("", self.end)
             if self.words and token == "(":
                 self._property()
             self.stack.append(None)
@@ -150,6 +156,7 @@ class _Scanner:
             kind, name, line, _ = self.opening
             self.stack.append((kind, name))
             self.map.lines.setdefault(self._path(), line)
+            self.map.bodies.setdefault(self._path(), self.end)
             self.opening = None
         elif self.samples:
             self.stack.append(("samples", self.samples))

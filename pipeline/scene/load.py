@@ -28,7 +28,7 @@ class Loaded:
     problems : list of Problem
         Errors and warnings; empty if all is well.
     flattened : str
-        The composed stage as one text; empty if the stage has errors.
+        The composed stage as one text, with what viewers need; empty if the stage has errors.
     cameras : tuple of CameraEntry
         Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
     lens : LensEntry or None
@@ -77,13 +77,16 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
     if loaded.errors:
         return loaded
     root = find_dataset(stage)
+    dataset = read_dataset(root) if root else None
+    cameras, targets = read_camera_entries(stage), read_target_entries(stage)
+    occluders = {entry.prim_path for entry in dataset.occluders} if dataset else set[str]()
     return Loaded(
-        dataset=read_dataset(root) if root else None,
+        dataset=dataset,
         problems=problems,
-        flattened=flattened(stage),
-        cameras=read_camera_entries(stage),
+        flattened=flattened(stage, cameras, targets, occluders),
+        cameras=cameras,
         lens=read_lens_entry(stage),
-        targets=read_target_entries(stage),
+        targets=targets,
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
     )
 

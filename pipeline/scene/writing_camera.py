@@ -6,13 +6,14 @@ from pxr import Gf, Sdf, Vt
 
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.printed import PrintedCamera
-from pipeline.optics.first_order import first_order
+from pipeline.camera.viewfinder import viewfinder
 from pipeline.optics.printed import prescription_of
+from pipeline.scene.for_viewers import pinhole
 from pipeline.scene.writing import filled, new_layer, text_of, write_lens
 
 _TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
-_TENTHS = 10.0
-"""USD counts film backs and focal lengths of a Camera in tenths of the stage's unit."""
+_VIEW = ("focalLength", *(f"{side}Aperture{end}" for side in ("horizontal", "vertical") for end in ("", "Offset")))
+"""What is written of the pinhole that sees what a camera sees."""
 
 
 def camera_text(camera: PrintedCamera) -> str:
@@ -48,13 +49,9 @@ def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) ->
     schemas = Sdf.TokenListOp()
     schemas.prependedItems = ["PlenCameraAPI"]
     prim.SetInfo("apiSchemas", schemas)
-    lens, sensor = first_order(camera.prescription), camera.sensor
-    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
-    size_mm = sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm
-    preview = {"focalLength": principal_mm, "horizontalAperture": size_mm[0], "verticalAperture": size_mm[1]}
-    for name, length_mm in preview.items():
-        attribute = Sdf.AttributeSpec(prim, name, Sdf.ValueTypeNames.Float)
-        attribute.default = _TENTHS * length_mm
+    for name, (kind, value) in pinhole(viewfinder(camera), 1.0).items():
+        if name in _VIEW and (value or not name.endswith("Offset")):
+            Sdf.AttributeSpec(prim, name, kind).default = value
     for name, wanted in (("lens", "Lens"), ("microlenses", "Microlenses"), ("sensor", "Sensor")):
         if name != "microlenses" or camera.microlenses:
             relationship = Sdf.RelationshipSpec(prim, f"plen:camera:{name}", custom=False)

@@ -1,5 +1,6 @@
 """What `pipeline show` says of a camera: the same records and figures as a build, without a build."""
 
+import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -42,6 +43,11 @@ class Shown:
     entry: CameraEntry
     warnings: list[Problem]
 
+    @property
+    def name(self) -> str:
+        """Of the camera."""
+        return self.entry.name
+
     @cached_property
     def camera(self) -> Camera:
         """The focused camera."""
@@ -76,6 +82,11 @@ class ShownLens:
 
     entry: LensEntry
     warnings: list[Problem]
+
+    @property
+    def name(self) -> str:
+        """Of the prim of the lens."""
+        return self.entry.name
 
     @property
     def camera(self) -> Camera | None:
@@ -125,27 +136,52 @@ class ShownLens:
         """Write the drawing of the lens."""
         if self.camera is None:
             raise UsageError("a lens without a real image cannot be drawn")
-        path.write_text(drawing.svg(self.camera, self.entry.lens_name, film="rear focus"), encoding="utf-8")
+        camera = drawing.with_full_field(self.camera)
+        path.write_text(drawing.svg(camera, self.entry.lens_name, film="rear focus"), encoding="utf-8")
 
 
-def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Shown | ShownLens:
-    """The camera of a stage, of a dataset or of a rig alone; or the lens of a stage that is one.
+def show(
+    path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()
+) -> list[Shown | ShownLens]:
+    """The cameras of a stage, be it a dataset or a rig, or the one that is named; or the lens that a stage is.
 
     Raises
     ------
     StageError
         The stage does not pass `check`, or holds neither camera nor lens.
     UsageError
-        There is no camera of that name, or several and none is named.
+        There is no camera of that name.
     """
     loaded = load(path, allow_roots)
     if loaded.errors:
         raise StageError(loaded.problems)
     names = [entry.name for entry in loaded.cameras]
     if not names and loaded.lens and camera is None:
-        return ShownLens(loaded.lens, loaded.problems)
+        return [ShownLens(loaded.lens, loaded.problems)]
     if not names:
         hint = "name a dataset, a rig or a lens; a camera is a Camera with PlenCameraAPI"
         file = shown_path(Path(path).resolve())
         raise StageError([Problem(code="no-camera", message="the stage holds no camera", file=file, line=1, hint=hint)])
-    return Shown(loaded.cameras[chosen(path, "camera", names, camera)], loaded.problems)
+    wanted = loaded.cameras if camera is None else [loaded.cameras[chosen(path, "camera", names, camera)]]
+    return [Shown(entry, loaded.problems) for entry in wanted]
+
+
+def plain_json(shown: list[Shown | ShownLens]) -> str:
+    """What one thing says, or several by their names."""
+    if len(shown) == 1:
+        return shown[0].json()
+    return json_bytes({one.name: json.loads(one.json()) for one in shown}).decode()
+
+
+def plot(shown: list[Shown | ShownLens], path: Path) -> None:
+    """Write the drawing of one thing.
+
+    Raises
+    ------
+    UsageError
+        There are several.
+    """
+    if len(shown) > 1:
+        names = ", ".join(one.name for one in shown)
+        raise UsageError(f"one drawing shows one of these cameras: {names}", hint="name it behind the stage")
+    shown[0].plot(path)

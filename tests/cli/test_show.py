@@ -106,6 +106,19 @@ def test_a_lens_alone_shows_its_figures_its_curves_and_a_drawing(pipeline, tmp_p
     assert len(figures["field_curves"]["angle_deg"]) == 11
 
 
+def test_all_cameras_of_a_dataset_are_shown_unless_one_is_named(pipeline, tmp_path):
+    text = Path(TINY).read_text(encoding="utf-8")
+    rig = text[text.index('    def "Rig"') : text.index("    def PlenCheckerboard")]
+    both = text.replace(rig, rig + rig.replace('"Rig"', '"Left"'))
+    (tmp_path / "two.usda").write_text(both.replace("</TinyPlenoptic/Rig/Camera>", "[</TinyPlenoptic/Rig/Camera>]"))
+    code, page, _ = pipeline("show", "two.usda")
+    assert code == 0 and re.findall(r"^(\S+): Tronnier", page, re.M) == ["Rig.Camera", "Left.Camera"]
+    assert pipeline("show", "two.usda", "Left.Camera")[1] == page[page.index("Left.Camera") :]
+    assert list(json.loads(pipeline("show", "two.usda", "--json")[1])) == ["Rig.Camera", "Left.Camera"]
+    code, _, log = pipeline("show", "two.usda", "--plot", "lens.svg")
+    assert code == 2 and "Rig.Camera, Left.Camera" in log and not (tmp_path / "lens.svg").exists()
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "stages/lenses").glob("*.usda")), ids=lambda path: path.stem)
 def test_every_lens_of_the_library_can_be_shown(pipeline, path):
     code, page, log = pipeline("show", str(path), "--plot", "lens.svg")

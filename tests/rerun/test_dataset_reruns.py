@@ -203,7 +203,7 @@ def test_a_group_off_its_place_moves_the_truth_by_the_boresight_and_no_figure_of
     ran = workshop.run()
     assert ran["focus"] == ran["rays"] == ran["white"] == 1 and ran["truth"] == ran["image"] == 2
     assert _figures(workshop)[0] == figures and _figures(workshop)[1] != pinhole
-    after, page = _rows(workshop), "\n".join(show(workshop.stage).page())
+    after, page = _rows(workshop), "\n".join(show(workshop.stage)[0].page())
     boresight = [float(x) for x in re.search(r"image of the axis moves by +\((\S+), (\S+)\) px", page).groups()]
     shared = sorted(before.keys() & after.keys())
     assert len(shared) >= 6

@@ -121,10 +121,16 @@ def test_the_files_show_the_pattern_in_true_size(pattern) -> None:
 
 def test_the_bar_is_100_mm_long_and_stands_outside_of_the_pattern() -> None:
     pattern = Checkerboard(columns=4, rows=3, square_mm=3.0)
-    _, _, painted = read_svg(svg(pages_of(Target(pattern), "Board")))
+    (page,) = pages_of(Target(pattern), "Board")
+    _, _, painted = read_svg(svg([page]))
     bar = np.concatenate(painted[-1][1])
     assert np.ptp(bar[:, 0]) == pytest.approx(100.0, abs=1e-9)
     assert bar[:, 1].min() > 10 + 2 * pattern.drawing.half_y_mm
+    words, (x, y) = page.lines[-1]
+    assert words == "100 mm"
+    assert bar[:, 0].min() < x < bar[:, 0].max() - 80
+    lower = page.height_mm - bar[:, 1].max(), page.height_mm - (10 + 2 * pattern.drawing.half_y_mm)
+    assert lower[0] < y < y + 3 < lower[1]
 
 
 def test_a_cylinder_prints_the_sheet_that_is_rolled_and_a_cube_all_faces() -> None:

@@ -1,0 +1,110 @@
+"""A fisheye before a sensor larger than its image circle: drawing and table end where the light does."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.curves import field_curves
+from pipeline.camera.pupil import passes
+from pipeline.optics.table import towards_scene
+from pipeline.report import text
+from pipeline.report.drawing import bundle
+from pipeline.scene.load import load
+
+LENSES = Path(__file__).resolve().parents[2] / "stages/lenses"
+LEFT_MM = -60.0
+
+
+@pytest.fixture(scope="module")
+def fisheye() -> Camera:
+    """The Muller fisheye of 10 mm, focused at about 0.6 m; its sensor's corner lies 28 mm off the axis."""
+    lens = load(LENSES / "fisheye_10mm_muller.usda").lens
+    sensor = Sensor(width_px=2000, height_px=2000, pitch_mm=0.02)
+    return Camera(prescription=lens.prescription, sensor=sensor, sensor_distance_mm=28.916)
+
+
+@pytest.fixture(scope="module")
+def circle_mm(fisheye) -> float:
+    """Where the table of the fisheye ends."""
+    return float(field_curves(fisheye, 600.0).height_mm[-1])
+
+
+def light_from(camera: Camera, height_mm: float) -> int:
+    """How many of 200,000 random rays from a place on the sensor leave the lens."""
+    table = towards_scene(camera.prescription)
+    reach = camera.prescription.surfaces[-1].semi_diameter_mm
+    aim = np.random.default_rng(3).uniform(-reach, reach, (200_000, 2))
+    start = np.tile([height_mm, 0.0, -camera.sensor_distance_mm], (len(aim), 1))
+    return int(passes(table, start, aim).sum())
+
+
+def test_the_table_ends_where_random_rays_end(fisheye, circle_mm):
+    assert light_from(fisheye, 0.995 * circle_mm) > 0
+    assert light_from(fisheye, 1.005 * circle_mm) == 0
+
+
+def test_the_page_says_that_the_corner_is_dark_and_has_no_row_beyond_the_circle(fisheye, circle_mm):
+    """The lens is published with a field of 155.9 degrees."""
+    curves = field_curves(fisheye, 600.0)
+    page = list(text._curves(curves))
+
+    assert 75 < curves.angle_deg[-1] < 78
+    assert (np.diff(curves.relative_illumination) < 0).all() and curves.relative_illumination[-2] > 0.1
+    assert (np.diff(curves.distortion) < 0).all()
+    ends, dark = page[-1].split(": ")
+    assert ends == f"light ends {circle_mm:.3f} mm from the axis, the image circle"
+    assert dark == "the corner of the sensor, 28.284 mm off, is dark"
+
+
+def test_a_sensor_within_the_circle_is_shown_to_its_corner():
+    lens = load(LENSES / "fisheye_10mm_muller.usda").lens
+    sensor = Sensor(width_px=800, height_px=600, pitch_mm=0.02)
+    curves = field_curves(
+        Camera(prescription=lens.prescription, sensor=sensor, sensor_distance_mm=28.916), 600.0, rows=3
+    )
+
+    assert curves.height_mm.tolist() == [0, 5, 10] and not curves.is_dark_in_the_corner
+
+
+def test_the_outermost_bundle_of_the_drawing_reaches_the_image_circle(fisheye, circle_mm):
+    rays = bundle(fisheye, 1.0, LEFT_MM)
+
+    assert len(rays) == 7
+    for ray in rays:
+        assert 0.98 * circle_mm < ray[-1][1] < circle_mm
+
+
+@pytest.mark.parametrize("field", [0.0, 0.4, 0.7, 0.9])
+def test_drawn_bundles_are_as_wide_as_those_of_real_rays(fisheye, circle_mm, field):
+    """Across their direction in the scene. Sampled rays leave out the last percent at the rim of the pupil."""
+    rays = bundle(fisheye, field, LEFT_MM, count=2)
+    height = rays[0][-1][1]
+    assert height == pytest.approx(0.99 * field * circle_mm, abs=0.1)
+    small = dataclasses.replace(fisheye, sensor=Sensor(width_px=1400, height_px=1400, pitch_mm=0.02))
+    real = small.bundle(699.5, 699.5 + height / 0.02, samples=1 << 17)  # up on the sensor is down in the image
+    near_plane = np.abs(real.origin_mm[:, 0]) < 0.1  # in the plane of the drawing, nearly
+    # Vision y is the drawing's height with the other sign, and so is z its length.
+    slope = np.median(real.direction[:, 1] / real.direction[:, 2])
+    across = np.array([-slope, 1.0]) / math.hypot(1, slope)
+    places = np.stack([-real.origin_mm[near_plane, 2], -real.origin_mm[near_plane, 1]], axis=1) @ across
+    drawn = [np.array(ray[1]) @ across for ray in rays]
+
+    assert max(drawn) - min(drawn) == pytest.approx(np.ptp(places), rel=0.05)
+    assert np.mean(drawn) == pytest.approx((places.max() + places.min()) / 2, abs=0.05 * np.ptp(places))
+
+
+def test_steep_bundles_start_within_the_drawing():
+    """Of a fisheye of 171 degrees; a ray at 85 degrees would start metres below it."""
+    from pipeline.report.drawing import with_full_field
+    from pipeline.tasks.show import show
+
+    camera = with_full_field(show(LENSES / "fisheye_100mm_miyamoto.usda")[0].camera)
+    limit = 1.12 * camera.prescription.surfaces[0].semi_diameter_mm
+    (x, y), (next_x, next_y) = bundle(camera, 1.0, -900.0)[3][:2]
+
+    assert math.degrees(math.atan2(next_y - y, next_x - x)) > 75
+    assert abs(y) <= limit * 1.0001

@@ -1,0 +1,186 @@
+"""What a build leaves in OUT/dataset.usda shows the true scene in a program that knows nothing of our schemas."""
+
+import dataclasses
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.camera.focus import focused
+from pipeline.scene.load import load
+from pipeline.target.preview import preview_faces
+from pipeline.tasks.build import project
+
+ROOT = Path(__file__).resolve().parents[2]
+SNIPPET = re.search(r"```usda\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)[1]
+VIEWER = """
+import json, sys
+from pxr import Usd, UsdGeom, UsdValidation
+stage = Usd.Stage.Open(sys.argv[1])
+assert Usd.SchemaRegistry().FindConcretePrimDefinition("PlenDataset") is None
+root = stage.GetDefaultPrim()
+boxes, windows, colours = [], [], []
+for time in (1, 2):
+    cache = UsdGeom.BBoxCache(time, [UsdGeom.Tokens.default_])
+    box = cache.ComputeWorldBound(root.GetChild("Board")).ComputeAlignedRange()
+    boxes.append([list(box.GetMin()), list(box.GetMax())])
+camera = UsdGeom.Camera(stage.GetPrimAtPath(f"{root.GetPath()}/Rig/Camera")).GetCamera(1)
+window = camera.frustum.GetWindow()
+errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(stage)
+print(json.dumps({
+    "boxes": boxes, "window": [list(window.GetMin()), list(window.GetMax())],
+    "focus": camera.focusDistance, "clipping": [camera.clippingRange.min, camera.clippingRange.max],
+    "lens_radius": camera.focalLength / 10 / camera.fStop / 2,
+    "errors": [f"{error.GetIdentifier()} {error.GetMessage()}" for error in errors],
+}))
+"""
+
+
+def seen(stage: Path, folder: Path):
+    """What a process that imports pxr alone makes of the dataset.usda that a build of a stage would deliver."""
+    out = folder / "delivered.usda"
+    out.write_bytes(project(stage).files["dataset.usda"])
+    foreign = {key: value for key, value in os.environ.items() if not key.startswith("PXR_")}
+    run = [sys.executable, "-c", VIEWER, str(out)]
+    return json.loads(subprocess.run(run, capture_output=True, text=True, check=True, env=foreign).stdout), out
+
+
+@pytest.fixture
+def stage(tmp_path):
+    """A stage as in README.md, with changes of its text."""
+
+    def write(*changes: tuple[str, str]) -> Path:
+        text = SNIPPET
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "dataset.usda"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_the_snippet_of_the_readme_is_seen_as_it_is(stage, tmp_path):
+    """Its board has 8 x 5 squares of 3 mm and a margin of one, and turns by 25 degrees in frame 2."""
+    path = stage()
+    viewed, out = seen(path, tmp_path)
+    turn = np.radians(25)
+
+    assert viewed["errors"] == []
+    assert np.allclose(viewed["boxes"][0], [[-15, -10.5, -430], [15, 10.5, -430]], rtol=0, atol=1e-5)
+    reach = np.array([15 * np.cos(turn), 10.5, 15 * np.sin(turn)])
+    centre = np.array([-1, 0.5, -400])
+    assert np.allclose(viewed["boxes"][1], [centre - reach, centre + reach], rtol=0, atol=1e-4)
+    assert load(out).problems == []
+    assert load(out).dataset == load(path).dataset
+    assert project(out).files["dataset.usda"] == out.read_bytes()
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (1.5, -0.8)])
+def test_the_frustum_is_the_field_that_real_rays_leave_the_camera_in(stage, tmp_path, offset):
+    """Mean rays of the middles of the image's edges, of 800 x 600 pixels; the rest of 1e-3 is distortion and coma."""
+    moved = f"{{\n            uniform double2 plen:offset = {offset}\n        }}"
+    path = stage(('over "Camera"', f'over "Sensor"\n        {moved}\n\n        over "Camera"'))
+    viewed, _ = seen(path, tmp_path)
+    camera = focused(load(path).dataset.cameras[0].camera)
+    main = dataclasses.replace(camera, microlenses=None)
+
+    def slope(x_px, y_px):
+        rays = main.bundle(x_px, y_px, samples=4096)
+        return (np.array(rays.mean_at(10_000.0)) - np.array(rays.mean_at(1000.0))) / 9000.0
+
+    left, right = slope(-0.5, 299.5)[0], slope(799.5, 299.5)[0]
+    top, bottom = slope(399.5, -0.5)[1], slope(399.5, 599.5)[1]
+    wanted = np.array([[left, -bottom], [right, -top]])  # vision y points down
+    width = right - left
+    assert np.abs(np.array(viewed["window"]) - wanted).max() < 1e-3 * width
+    assert viewed["focus"] == pytest.approx(429.52, abs=0.01)  # of the middle type, see tests/cli/test_show.py
+    pupil = main.bundle(399.5, 299.5, samples=4096).at_distance(-6.123)  # where the library's lens has it, published
+    assert viewed["lens_radius"] == pytest.approx(np.hypot(*np.array(pupil)[:, :2].T).max(), rel=0.01)
+    assert viewed["clipping"][0] < 350 and viewed["clipping"][1] > 1000
+
+
+def test_a_preview_follows_the_size_of_the_squares_and_not_that_of_the_library(stage, tmp_path):
+    """10 x 7 squares of 30 mm, where the mesh of the library is 30 mm wide."""
+    board = "uniform double plen:squareSize = 30\n        quatd xformOp:orient"
+    viewed, _ = seen(stage(("quatd xformOp:orient", board)), tmp_path)
+
+    assert np.allclose(viewed["boxes"][0], [[-150, -105, -430], [150, 105, -430]], rtol=0, atol=1e-4)
+
+
+def test_a_charuco_board_has_a_preview_and_metres_are_metres(stage, tmp_path):
+    """Of the library: 8 x 5 squares of 6 mm and a margin of one."""
+    delivered = project(stage(("targets/checkerboard_4x7", "targets/charuco_8x5"))).files["dataset.usda"].decode()
+    changes = [("metersPerUnit = 0.001", "metersPerUnit = 1"), ("-430", "-0.43"), ("(-1, 0.5, -400)", "(0, 0, -0.4)")]
+    for old, new in changes:
+        assert old in delivered
+        delivered = delivered.replace(old, new)
+    (tmp_path / "metres.usda").write_text(delivered, encoding="utf-8")
+    viewed, _ = seen(tmp_path / "metres.usda", tmp_path)
+
+    assert viewed["errors"] == []
+    assert np.allclose(viewed["boxes"][0], [[-0.03, -0.021, -0.43], [0.03, 0.021, -0.43]], rtol=0, atol=1e-8)
+    assert viewed["focus"] == pytest.approx(0.42952, abs=1e-5)
+    slope = (viewed["window"][1][0] - viewed["window"][0][0]) / 2
+    assert slope == pytest.approx(4.0 / 121.7263, rel=1e-5)  # the principal distance that `show` prints
+
+
+FLAT = [
+    *("aprilgrid_6x6", "charuco_8x5", "checkerboard_4x7", "circles_7x5", "circles_asymmetric_4x11", "deltille_7x5"),
+    *("lines_7x5", "siemens_star_36", "slanted_edge_5deg", "stars_7x5"),
+]
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_preview_faces_have_the_colours_of_the_pattern_and_cover_its_sheet(name):
+    """At random points: squares and tags to the last one, round and slanted shapes but for their edges."""
+    target = load(ROOT / f"stages/targets/{name}.usda").targets[0].target
+    faces, drawing = preview_faces(target), target.pattern.drawing
+    x, y = np.random.default_rng(1).uniform(-1, 1, (2, 2000)) * [[drawing.half_x_mm], [drawing.half_y_mm]]
+    low, high = faces.points_mm[faces.faces].min(axis=1), faces.points_mm[faces.faces].max(axis=1)
+    holds = (x[:, None] > low[:, 0]) & (x[:, None] < high[:, 0]) & (y[:, None] > low[:, 1]) & (y[:, None] < high[:, 1])
+    same = faces.radiance[holds.argmax(axis=1)] == target.pattern.radiance(x, y)
+
+    assert (holds.sum(axis=1) == 1).all()
+    is_upright = name.startswith(("april", "charuco", "checker", "lines"))
+    assert same.all() if is_upright else same.mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    "name", ["charuco_cylinder", "checkerboard_4x7_warped", "aprilgrid_cube", "checkerboard_stairs"]
+)
+def test_preview_faces_of_other_shapes_lie_on_the_surface_and_look_outwards(name):
+    """The points of the target, which have normals of their own, lie on them to the sag of a face."""
+    target = load(ROOT / f"stages/targets/{name}.usda").targets[0].target
+    faces, points = preview_faces(target), target.points()
+    corners = faces.points_mm[faces.faces]
+    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+
+    for point, axes in list(zip(points.position_mm, points.axes, strict=True))[::7]:
+        nearest = np.argmin(np.linalg.norm(corners.mean(axis=1) - point, axis=1) + 1e3 * (normals @ axes[:, 2] < 0.9))
+        assert abs((point - corners[nearest].mean(axis=0)) @ normals[nearest]) < 0.05
+
+
+def test_a_mesh_named_preview_that_stands_in_the_way_is_left_alone(stage):
+    """As an occluder it is part of the dataset."""
+    path = stage(("rel plen:targets", "rel plen:occluders = </Mine/Board/Preview>\n    rel plen:targets"))
+    loaded = load(path)
+    delivered = loaded.flattened.replace(" ", "")
+
+    assert "double3xformOp:scale=(3,3,3)" in delivered
+    assert [one.prim_path for one in loaded.dataset.occluders] == ["/Mine/Board/Preview"]
+
+
+def test_what_the_source_says_of_a_pinhole_gives_way_to_the_lens_but_for_the_clipping_range(stage):
+    wrong = 'over "Camera"\n        {\n            float focalLength = 50\n            float2 clippingRange = (7, 8000)'
+    text = load(stage(('over "Camera"\n        {', wrong))).flattened
+
+    assert re.findall(r"float focalLength = (.*)", text) == ["1217.2632"]
+    assert re.findall(r"clippingRange = (.*)", text) == ["(7, 8000)"]
