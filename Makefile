@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs lint warm faults bench evaluation picture wheel clean
+.PHONY: demo test proofs lint warm faults mutants bench evaluation picture wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -33,6 +33,12 @@ lint: $(STAMP)
 # Kills, cuts, flips, full disks and more, at every place of a build: ten to twenty minutes.
 faults: $(STAMP)
 	$(BIN)/python tests/faults/run.py
+
+# Small mistakes made on purpose, N of them: which do the tests notice? About an hour of two cores for forty.
+N ?= 40
+SEED ?= 1
+mutants: $(STAMP)
+	$(BIN)/python tests/mutants/run.py --count $(N) --seed $(SEED)
 
 bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland

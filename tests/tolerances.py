@@ -174,3 +174,7 @@ NOISY_PX = 0.03
 
 MICRO_IMAGE_PX = 1e-3
 """Centroids and outlines of micro-images as documented [px]: edges are bisected to 2^-17 of 12 to 40 px."""
+
+SAMPLED_SHARE, MEAN_SHARE = 0.012, 1e-3
+"""A hit fraction of 1,024 scrambled Sobol points against a closed form [relative]: the worst of 12,288 positions, 0.008
+is seen; their mean, 1e-4 and the reference's own error."""

@@ -22,6 +22,7 @@ from pipeline.camera.quadrature import INTEGRATED, NOT_STAR_SHAPED, edges
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.frames import apply
+from pipeline.report.certificate import failed, lines
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.truth.certificate import Rows, certify
 from pipeline.truth.correspond import Correspondences
@@ -230,6 +231,16 @@ def test_a_planted_bias_of_a_fiftieth_pixel_is_caught(small: Rig, is_direct: boo
     assert honest["passed"] is True and honest["max_px"] < 5e-4
     assert biased["passed"] is False and biased["mean_px"] == pytest.approx(0.02, rel=0.02)
     assert biased["own_sigma_px"] < 1e-3 / 3
+    assert_reported(honest, biased)
+
+
+def assert_reported(honest: dict, biased: dict) -> None:
+    """A failed certificate is printed as failed, with its reason, and fails the build, whatever stands beside it."""
+    passed, not_passed = (lines({"Camera": found})[0] for found in (honest, biased))
+    assert "passed" in passed and "FAILED" not in passed
+    assert "passed" not in not_passed and f"FAILED, {biased['reason']}" in not_passed
+    assert failed({"A": biased}) and failed({"A": honest, "B": biased}) and failed({"A": biased, "B": honest})
+    assert not failed({"A": honest}) and not failed({}) and not failed(None)
 
 
 def test_points_before_the_camera_have_candidates_and_others_none(small: Rig) -> None:

@@ -5,6 +5,7 @@ Frames, closed forms, bounds, chief rays, and the truth of a badly assembled len
 
 import dataclasses
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -210,17 +211,41 @@ def test_chief_rays_in_two_dimensions_are_those_of_one_in_a_centred_lens() -> No
     np.testing.assert_allclose(chief_slopes(table, stop, points), (found - points[:, :2]) / ahead, rtol=0, atol=1e-12)
 
 
-def test_chief_rays_meet_the_vertex_of_a_stop_off_its_place() -> None:
+def with_stop_alone_displaced(camera: Camera) -> Camera:
+    """Everything else stands in its place."""
+    surfaces = list(camera.prescription.surfaces)
+    surfaces[5] = dataclasses.replace(surfaces[5], decentre_mm=(0.6, 0.3))
+    return dataclasses.replace(camera, prescription=Prescription(surfaces=tuple(surfaces)))
+
+
+@pytest.mark.parametrize("displace", [rigs.displaced, with_stop_alone_displaced])
+def test_chief_rays_meet_the_vertex_of_a_stop_off_its_place(displace: Callable[[Camera], Camera]) -> None:
     """By the textbook's trace of what lies behind the stop; the stop in this lens stands in air."""
-    camera = rigs.displaced(rigs.conventional(17.1))
+    camera = displace(rigs.conventional(17.1))
     lens, points = camera.prescription, film_points(100)
     behind = Prescription(
-        surfaces=lens.surfaces[5:], groups=(dataclasses.replace(lens.groups[1], first=lens.groups[1].first - 5),)
+        surfaces=lens.surfaces[5:],
+        groups=tuple(dataclasses.replace(group, first=group.first - 5) for group in lens.groups if group.first >= 5),
     )
     slopes = chief_slopes(*rear_of(camera), points)
     at_stop, _, _ = textbook.trace(behind, points, np.column_stack([slopes, np.ones(100)]))
     vertex = np.array([0.6, -0.3, 0.0])  # vision frame
     np.testing.assert_allclose(at_stop, np.tile(vertex, (100, 1)), rtol=0, atol=1e-9)
+
+
+def test_micro_image_centres_of_a_stop_displaced_alone_are_where_light_through_its_centre_falls() -> None:
+    """Every lens surface is centred, and still no micro-image centre is that of the centred lens."""
+    camera = with_stop_alone_displaced(rigs.plenoptic(2.0))
+    tracer = Tracer(camera)
+    centre = micro_images(tracer).centre_mm
+    start = np.column_stack([centre, np.full(len(centre), tracer.sensor_z_mm)])
+    vertex = np.column_stack([tracer.vertices_mm, np.full(len(centre), tracer.film_z_mm)])
+    behind = Prescription(surfaces=camera.prescription.surfaces[5:])
+    # A ray through the vertex of a thin microlens is not bent.
+    at_stop, _, _ = textbook.trace(behind, vertex, vertex - start)
+    np.testing.assert_allclose(at_stop[:, :2], np.tile([0.6, -0.3], (len(centre), 1)), rtol=0, atol=1e-8)
+    still = micro_images(Tracer(rigs.plenoptic(2.0))).centre_mm
+    assert np.hypot(*(centre - still).T).min() > 0.005
 
 
 def test_micro_images_of_a_lens_shifted_as_a_whole_shift_along() -> None:

@@ -2,6 +2,8 @@
 for the reason that it should.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from laws import rigs
@@ -188,3 +190,38 @@ def test_every_quad_that_held_a_point_is_a_row_or_is_counted(plenoptic_grid: Ray
     if filter_name != "none":
         assert counts["rejected_window"] > 0
         assert counts["rejected_lengths"] + counts["rejected_angles"] > 0
+
+
+def test_the_error_of_a_row_comes_from_its_own_cell() -> None:
+    """Two cells side by side, one with a hundredfold error: rows up to the edge between them state that of their own.
+
+    The bundles of both planes have the same width, so the errors of the grid are those of the rows but for the gain of
+    the interpolation, which is that of a grid whose errors are all the same.
+    """
+    width, height, k = 24, 20, 2
+    fine = np.mgrid[: height * k, : width * k][1]
+    own = np.where(fine < width * k // 2, 1.0, 100.0)
+    row, column = np.mgrid[: height * k, : width * k].astype(float)
+    flat = np.stack([column, row], axis=-1) @ AFFINE.T
+    covariance = np.zeros((height, width, 10))
+    covariance[..., [0, 2, 4, 6, 7, 9]] = 1.0  # every ray crosses both planes alike
+    two = dataclasses.replace(
+        grid_of(k),
+        near=flat,
+        far=flat,
+        covariance=covariance,
+        cell=(fine >= width * k // 2).astype(np.int64),
+        microlenses=np.array([[0, 0, 0], [1, 0, 0]]),
+        centres_px=np.array([[width / 4 - 0.5, height / 2 - 0.5], [3 * width / 4 - 0.5, height / 2 - 0.5]]),
+        error_px=np.repeat(own[..., None], 2, axis=2),
+    )
+    even = dataclasses.replace(two, error_px=np.ones((*own.shape, 2)))
+    x = np.random.default_rng(2).uniform([3.0, 3.0], [20.0, 16.0], (200, 2))
+    points = np.column_stack([fine_from_image(x, k) @ AFFINE.T, np.zeros(len(x))])
+    found, reference = (correspond(flat, points, grid, np.eye(4), TruthSettings(filter="none")) for grid in (two, even))
+    assert len(found.found.point) > 150
+    np.testing.assert_array_equal(found.found.point, reference.found.point)
+    expected = reference.sigma_px * np.where(found.found.cell == 0, 1.0, 100.0)[:, None]
+    np.testing.assert_allclose(found.sigma_px, expected, rtol=1e-9)
+    near_the_edge = np.abs(found.found.x_px - (width - 1) / 2) < 1.0
+    assert np.isfinite(found.sigma_px[near_the_edge]).all() and near_the_edge.sum() > 5

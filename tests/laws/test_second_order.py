@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.test_truth import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
+from scipy.spatial.transform import Rotation
+from tolerances import ORDER
 
 from pipeline.camera.moments import COVARIANCE, WEIGHT
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.frames import rigid
 from pipeline.truth.position_image import crossing_share, on_target
 from pipeline.truth.second_order import correction
 
@@ -52,16 +55,31 @@ def test_on_an_untilted_plane_nothing_is_corrected():
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-9)
 
 
-def test_the_correction_is_the_finite_difference_of_the_hit():
-    """For two rays mirrored about their mean what is left falls with the fourth power of their distance."""
-    pose = rigs.facing(440.0, 35.0, 3.0, -2.0)
-    mean, deviation = np.array([2.0, -1.0, 5.0, 3.0]), np.array([0.3, -0.2, -0.4, 0.5])
-    left = []
-    for scale in (1.0, 0.5):
-        rays = mean + scale * np.stack([deviation, -deviation])
-        hits = on_target(rays[:, :2], rays[:, 2:], NEAR_MM, FAR_MM, pose)
-        share, _, way = crossing_share(mean[None, :2], mean[None, 2:], NEAR_MM, FAR_MM, pose)
-        covariance = np.outer(scale * deviation, scale * deviation)[np.triu_indices(4)]
-        middle = on_target(mean[None, :2], mean[None, 2:], NEAR_MM, FAR_MM, pose)
-        left.append(np.linalg.norm(hits.mean(axis=0) - (middle + correction(covariance[None], share, way, pose))[0]))
-    assert np.log2(left[0] / left[1]) == pytest.approx(4, abs=0.02)
+def turned(*angles_deg: float) -> np.ndarray:
+    """A target that looks at the camera, turned about x, then y, then z of the vision frame."""
+    turn = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
+    return rigid(turn @ np.diag([1.0, -1.0, -1.0]), [3.0, -2.0, 440.0])
+
+
+OBLIQUE = {"vertical": (0, 35, 0), "horizontal": (35, 0, 0), "both": (25, -30, 0), "both, rolled": (-30, 20, 70)}
+"""Axes about which targets are turned [deg]."""
+MEAN = np.array([2.0, -1.0, 5.0, 3.0])
+
+
+def left_mm(pose: np.ndarray, deviations: np.ndarray) -> float:
+    """What the correction leaves of the difference of the mean hit and the hit of the mean ray, of rays in pairs."""
+    rays = MEAN + np.concatenate([deviations, -deviations])
+    hits = on_target(rays[:, :2], rays[:, 2:], NEAR_MM, FAR_MM, pose)
+    share, _, way = crossing_share(MEAN[None, :2], MEAN[None, 2:], NEAR_MM, FAR_MM, pose)
+    covariance = (deviations.T @ deviations / len(deviations))[np.triu_indices(4)]
+    middle = on_target(MEAN[None, :2], MEAN[None, 2:], NEAR_MM, FAR_MM, pose)
+    return float(np.linalg.norm(hits.mean(axis=0) - (middle + correction(covariance[None], share, way, pose))[0]))
+
+
+@pytest.mark.parametrize("axes", OBLIQUE)
+@pytest.mark.parametrize("pairs", [1, 5])
+def test_the_correction_is_the_finite_difference_of_the_hit(axes: str, pairs: int) -> None:
+    """For rays in pairs mirrored about their mean what is left falls with the fourth power of their distances."""
+    pose, deviations = turned(*OBLIQUE[axes]), np.random.default_rng(8).normal(0, 0.3, (pairs, 4))
+    coarse, fine = left_mm(pose, deviations), left_mm(pose, deviations / 2)
+    assert np.log2(coarse / fine) == pytest.approx(4, abs=ORDER)

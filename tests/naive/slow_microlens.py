@@ -1,7 +1,8 @@
 """Rays through one microlens of any kind, the slow way: trial rays all over a wide square, one formula after the other.
 
-No bounds, no tables, no packets. Cells are what lies nearest to the vertex among its neighbours; spheres are met by the
-quadratic of their centre, conics by bisection; tilts are rotation matrices from SciPy.
+No bounds, no tables, no packets. Vertices are counted from the basis of CONVENTIONS.md; cells are what lies nearest to
+the vertex among its neighbours; spheres are met by the quadratic of their centre, conics by bisection; tilts are
+rotation matrices from SciPy.
 """
 
 import math
@@ -60,11 +61,42 @@ def rays_before(
     )
 
 
+HALF_TURN = Rotation.from_euler("z", 180, degrees=True)
+"""The sensor frame is the vision frame turned by 180 degrees about z."""
+
+
+def vertex(camera: Camera, k: int, l: int) -> np.ndarray:
+    """Vertex of microlens (k, l), (3,), vision frame [mm]."""
+    array, sensor = camera.microlenses, camera.sensor
+    assert array is not None
+    a, b = _basis(array)
+    in_plane = Rotation.from_euler("z", array.rotation_deg, degrees=True)
+    place = _tilt(array).apply(in_plane.apply([*(k * a + l * b), 0.0]))
+    place += [array.offset_x_mm - sensor.offset_x_mm, array.offset_y_mm - sensor.offset_y_mm, 0.0]
+    return HALF_TURN.apply(place) + np.array([0.0, 0.0, array.distance_mm - camera.sensor_distance_mm])
+
+
 def vision_from_array(array: MicrolensArray) -> np.ndarray:
-    """Rotation matrix; the sensor frame is the vision frame turned by 180 degrees about z."""
-    tilted = Rotation.from_euler("xy", [array.tilt_x_deg, array.tilt_y_deg], degrees=True)
-    half = Rotation.from_euler("z", 180, degrees=True)
-    return (half * tilted * half.inv()).as_matrix()
+    """Rotation matrix."""
+    return (HALF_TURN * _tilt(array) * HALF_TURN.inv()).as_matrix()
+
+
+def _tilt(array: MicrolensArray) -> Rotation:
+    """In the sensor frame: first about x, then about its y, which stays where it is."""
+    about_x, about_y = Rotation.from_rotvec([[array.tilt_x_deg, 0, 0], [0, array.tilt_y_deg, 0]], degrees=True)
+    return about_y * about_x
+
+
+def _basis(array: MicrolensArray) -> tuple[np.ndarray, np.ndarray]:
+    """From lens (0, 0) to (1, 0) and (0, 1), before the rotation [mm]."""
+    p, q, root = array.pitch_mm, array.cross_pitch_mm or array.pitch_mm, math.sqrt(3) / 2
+    basis = {
+        "hexagonal": ((p, 0), (p / 2, q * root)),
+        "hexagonal-columns": ((q * root, p / 2), (0, p)),
+        "square": ((p, 0), (0, q)),
+    }
+    a, b = basis[array.layout]
+    return np.array(a), np.array(b)
 
 
 def acceptance(camera: Camera, theta: np.ndarray) -> np.ndarray:
@@ -83,17 +115,10 @@ def in_aperture(array: MicrolensArray, points: np.ndarray) -> np.ndarray:
     """Whether points (n, 2) around a vertex, in the array's plane, lie in its aperture."""
     if array.disc_diameter_mm is not None:
         return np.hypot(*points.T) <= array.disc_diameter_mm / 2
-    p, q, root = array.pitch_mm, array.cross_pitch_mm or array.pitch_mm, math.sqrt(3) / 2
-    a, b = {
-        "hexagonal": ((p, 0), (p / 2, q * root)),
-        "hexagonal-columns": ((q * root, p / 2), (0, p)),
-        "square": ((p, 0), (0, q)),
-    }[array.layout]
+    a, b = _basis(array)
     angle = math.radians(array.rotation_deg)
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    others = [
-        turn @ (k * np.array(a) + l * np.array(b)) for k in (-2, -1, 0, 1, 2) for l in (-2, -1, 0, 1, 2) if k or l
-    ]
+    others = [turn @ (k * a + l * b) for k in (-2, -1, 0, 1, 2) for l in (-2, -1, 0, 1, 2) if k or l]
     own = np.hypot(*points.T)
     return np.all([own <= np.hypot(*(points - other).T) for other in others], axis=0)
 

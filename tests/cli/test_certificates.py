@@ -1,0 +1,34 @@
+"""Claim: `pipeline build` ends with 4 when a certificate failed, also with --quiet, and with 0 when all passed."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+@pytest.mark.parametrize(
+    ("passed", "code"), [((True,), 0), ((None,), 0), ((False,), 4), ((True, False), 4), ((False, True), 4)]
+)
+def test_the_exit_code_of_a_build_is_that_of_its_certificates(
+    passed: tuple[bool | None, ...], code: int, quiet: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A failed one is named however quiet the build shall be."""
+    cameras = {f"Camera{i}": certificate(state) for i, state in enumerate(passed)}
+    result = SimpleNamespace(exit_code=0, certificate=cameras, delivery=None)
+    monkeypatch.setattr("pipeline.tasks.build.build", lambda *_, **__: result)
+    found = CliRunner().invoke(app, ["build", "some.usda", *quiet])
+    assert found.exit_code == code
+    assert ("FAILED, a row differs" in found.output) == (False in passed)
+    if not quiet and True in passed:
+        assert "passed" in found.output
+
+
+def certificate(passed: bool | None) -> dict[str, Any]:
+    """Of a camera, as the manifest has it."""
+    figures = {"mean_px": 1e-4, "rms_px": 1e-4, "max_px": 2e-4}
+    head = {"claim_px": 1e-3, "rows": 64, "of": 100, **figures, "own_sigma_px": 1e-5, "by_distance_from_cell_edge": []}
+    return {**head, "passed": passed, "reason": None if passed else "a row differs"}

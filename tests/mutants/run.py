@@ -1,0 +1,85 @@
+"""Do the tests notice mistakes? `make mutants N=40 SEED=1`: break the program on purpose, one small mistake at a time.
+
+Mistakes are drawn from all that `mutations` knows in the rooms of optics, truth and targets, by the seed alone. Each is
+made in a copy of the tree, where the nearest tests of its room run until the first fails: those that reach the module
+through the fewest imports.
+A mistake that no test notices survives, and is printed with its line: README.md beside this file argues about each.
+
+Golden files are left out: they say that something changed, not that it is wrong.
+"""
+
+import argparse
+import itertools
+import os
+import random
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from mutants.mutations import mutants, parses
+from mutants.sandbox import ROOMS, ROOT, Sandbox, Site, Verdict
+
+
+def draw(rooms: list[str], count: int, seed: int, root: Path = ROOT) -> list[Site]:
+    """Mistakes of some rooms, without repetition; any one is as likely as another."""
+    files = [path.relative_to(root) for room in rooms for path in sorted((root / "pipeline" / room).rglob("*.py"))]
+    sites = [Site(file, mutant) for file in files for mutant in mutants((root / file).read_text(encoding="utf-8"))]
+    random.Random(seed).shuffle(sites)
+    return list(itertools.islice((site for site in sites if parses(site.mutant)), count))
+
+
+def judge_all(sites: list[Site], jobs: int, nearest: int) -> list[Verdict]:
+    """Verdicts in the order of the sites, printed as they come."""
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        idle: SimpleQueue[Sandbox] = SimpleQueue()
+        for job in range(jobs):
+            idle.put(Sandbox(Path(folder, str(job)), nearest))
+
+        def one(site: Site) -> Verdict:
+            sandbox = idle.get()
+            try:
+                verdict = sandbox.judge(site)
+            finally:
+                idle.put(sandbox)
+            print(_lines(verdict), flush=True)
+            return verdict
+
+        with ThreadPoolExecutor(jobs) as pool:
+            return list(pool.map(one, sites))
+
+
+def _lines(verdict: Verdict) -> str:
+    line, before, after = verdict.site.mutant.place
+    fate = f"killed by {verdict.noticed_by}" if verdict.noticed_by else "SURVIVED"
+    return f"{verdict.site.file}:{line}: {fate} ({verdict.seconds:.0f} s)\n    - {before}\n    + {after}"
+
+
+def main() -> int:
+    """Print a verdict per mistake, and how many survived."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--count", type=int, default=40, help="how many mistakes")
+    parser.add_argument("--seed", type=int, default=1, help="which ones")
+    parser.add_argument("--rooms", nargs="+", choices=ROOMS, default=list(ROOMS), help="where")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at a time")
+    parser.add_argument("--nearest", type=int, default=4, help="how many test files may notice each")
+    parser.add_argument("--only", metavar="FILE:LINE", nargs="+", help="of those drawn, only the ones in these places")
+    options = parser.parse_args()
+    start, sites = time.monotonic(), draw(options.rooms, options.count, options.seed)
+    if options.only:
+        sites = [site for site in sites if f"{site.file}:{site.mutant.place[0]}" in options.only]
+    verdicts = judge_all(sites, options.jobs, options.nearest)
+    survivors = [verdict for verdict in verdicts if not verdict.noticed_by]
+    minutes = (time.monotonic() - start) / 60
+    print(f"\n{len(verdicts)} mistakes, {len(verdicts) - len(survivors)} noticed, {len(survivors)} survived;", end=" ")
+    print(f"seed {options.seed}, {minutes:.0f} minutes. Survivors:")
+    for verdict in sorted(survivors, key=lambda one: (str(one.site.file), one.site.mutant.place)):
+        print(_lines(verdict))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,137 @@
+"""A copy of the tree in which mistakes are made, one at a time, and the tests that may notice them."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from mutants.imports import Imports, module_of
+from mutants.mutations import Mutant
+
+ROOT = Path(__file__).resolve().parents[2]
+OPTICS = ("optics", "naive/test_trace.py", "naive/test_aspheres.py", "laws/test_surfaces.py", "laws/test_apertures.py")
+CAMERA = (
+    *("camera", "laws/test_focus.py", "laws/test_f_numbers.py", "laws/test_limits.py", "laws/test_depth_of_field.py"),
+    *("laws/test_ideal_lens.py", "laws/test_travel.py", "laws/test_arrays.py", "laws/test_offsets.py"),
+    *("laws/test_microlenses.py", "laws/test_displacement.py", "laws/test_symmetry.py", "naive/test_bundle.py"),
+)
+TRUTH = (
+    *("laws/test_search.py", "laws/test_second_moments.py", "laws/test_second_order.py", "naive/test_quad_search.py"),
+    *("laws/test_truth.py", "laws/test_direct.py", "laws/test_hit_fraction.py", "laws/test_visibility.py"),
+    *("laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py", "naive/test_properties.py"),
+)
+ROOMS = {
+    "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
+    "camera": (*CAMERA, "naive/test_micro_light.py", "naive/test_microlenses.py", "laws/test_direct.py", "published"),
+    "truth": TRUTH,
+    "target": ("target", "naive/test_targets.py", "laws/test_visibility.py", "laws/test_methods.py"),
+}
+"""Tests of each room below `tests/`; of those equally near the first ones run first."""
+LIMIT_S = 900
+"""A mistake that makes the tests of its room take so long is noticed by whoever waits for them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A mistake and the file that it is made in, relative to the root."""
+
+    file: Path
+    mutant: Mutant
+
+    @property
+    def module(self) -> str:
+        """Dotted name."""
+        return ".".join(self.file.with_suffix("").parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What became of a mistake: the test that failed, or why none could; empty where it survived."""
+
+    site: Site
+    noticed_by: str
+    seconds: float
+
+
+class Sandbox:
+    """A copy of the tree, with kernels of its own.
+
+    Numba recompiles the kernels of a file that changed, not those of other files which call them: `jit.py` of the
+    copy takes the folder of compiled kernels as it is told, and what a mistake reaches is removed from it.
+    """
+
+    def __init__(self, folder: Path, nearest: int, root: Path = ROOT) -> None:
+        self.tree, self.kernels, self.nearest = folder / "tree", folder / "kernels", nearest
+        self.sound: set[str] = set()
+        tracked = subprocess.run(["git", "ls-files", "-z", "-co", "--exclude-standard"], cwd=root, capture_output=True)
+        for name in filter(None, tracked.stdout.decode().split("\0")):
+            if (root / name).is_file():
+                (self.tree / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(root / name, self.tree / name)
+        with (self.tree / "pipeline/jit.py").open("a", encoding="utf-8") as file:
+            file.write('\n\ndef cache_folder() -> Path:\n    return Path(os.environ["PIPELINE_JIT_CACHE"])\n')
+        self.imports = Imports(self.tree)
+
+    def judge(self, site: Site) -> Verdict:
+        """Make a mistake, run the tests of its room, and take it back."""
+        path, start = self.tree / site.file, time.monotonic()
+        original, stat = path.read_bytes(), path.stat()
+        kernels = self._kernels_without(site) if site.mutant.in_kernel else self.kernels
+        path.write_text(site.mutant.source, encoding="utf-8")
+        try:
+            noticed_by = self.tests(self.chosen(site), kernels)
+        finally:
+            path.write_bytes(original)
+            os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+        self._must_pass(noticed_by)
+        return Verdict(site, noticed_by, time.monotonic() - start)
+
+    def _must_pass(self, test: str) -> None:
+        """A test that fails without any mistake says nothing about one."""
+        if ".py" in test and test not in self.sound:
+            if self.tests([f"tests/{test}"], self.kernels):
+                raise SystemExit(f"tests/{test} fails without a mistake, too")
+            self.sound.add(test)
+
+    def chosen(self, site: Site) -> list[str]:
+        """Test files of the room that reach the module through the fewest imports, nearest first."""
+        away = self.imports.distances(site.module)
+        places = [self.tree / "tests" / name for name in ROOMS[site.file.parts[1]]]
+        files = [file for place in places for file in (sorted(place.rglob("test_*.py")) if place.is_dir() else [place])]
+        names = [str(file.relative_to(self.tree)) for file in files if file.name != "test_jit.py"]
+        reached = [name for name in names if module_of(name) in away]
+        return sorted(reached, key=lambda name: away[module_of(name)])[: self.nearest]
+
+    def tests(self, files: list[str], kernels: Path) -> str:
+        """The first test that fails, or the reason why tests could not run; empty where all pass."""
+        environment = os.environ | {
+            "PYTHONPATH": str(self.tree),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "PIPELINE_JIT_CACHE": str(kernels),
+            "PIPELINE_CACHE": str(self.tree.parent / "store"),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+        }
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", "-p", "no:cacheprovider"]
+        options = {"cwd": self.tree, "env": environment, "capture_output": True, "text": True, "timeout": LIMIT_S}
+        try:
+            found = subprocess.run([*command, *files], check=False, **options)
+        except subprocess.TimeoutExpired:
+            return f"time: {LIMIT_S} s"
+        if found.returncode == 0:
+            return ""
+        test = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(.*?)(?: - .*)?$", found.stdout, re.MULTILINE)
+        return test[1] if test else f"exit code {found.returncode}"
+
+    def _kernels_without(self, site: Site) -> Path:
+        """Compiled kernels that a mistake in a module cannot reach, in a folder of its own."""
+        folder = self.kernels.with_name("mutant_kernels")
+        shutil.rmtree(folder, ignore_errors=True)
+        reached = {name.split(".")[-1] for name in self.imports.distances(site.module)}
+        ignore = shutil.ignore_patterns(*(f"{name}.*" for name in reached))
+        if self.kernels.is_dir():
+            shutil.copytree(self.kernels, folder, ignore=ignore)
+        return folder

@@ -1,0 +1,132 @@
+"""Claim: the mutation run makes each mistake of its catalogue once, where one can be made and nowhere else, finds out
+which tests notice it, and takes it back.
+"""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from mutants.imports import Imports
+from mutants.mutations import mutants, parses
+from mutants.run import draw
+from mutants.sandbox import ROOMS, ROOT, Sandbox
+
+TOY = '''"""a + b in words"""
+from pipeline.jit import kernel
+
+LIMIT_MM = 2.0
+
+
+@kernel
+def middle(x_px: float, y_px: float) -> float:
+    """x - y"""
+    return (x_px - y_px) / 2
+
+
+def near(points, turn, width=3):
+    if width < 0:
+        raise ValueError(f"{width - 1} is below 0")
+    return turn @ points.T
+'''
+
+
+def changes(source: str) -> set[tuple[int, str]]:
+    """Lines with a mistake, numbered."""
+    return {(line, after) for line, _, after in (mutant.place for mutant in mutants(source) if parses(mutant))}
+
+
+def test_every_mistake_of_the_catalogue_is_made_once() -> None:
+    found = [mutant.place for mutant in mutants(TOY) if parses(mutant)]
+    assert sorted((line, after) for line, _, after in found) == sorted(
+        [
+            (4, "LIMIT_MM = 2.1"),
+            (10, "return ((x_px + y_px)) / 2"),
+            (10, "return (x_px) / 2"),
+            (10, "return ((x_px - y_px) * 2)"),
+            (10, "return (x_px - y_px) / 3"),
+            (10, "return (y_px - y_px) / 2"),
+            (10, "return (x_px - x_px) / 2"),
+            (13, "def near(points, turn, width=4):"),
+            (14, "if (width <= 0):"),
+            (14, "if (width > 0):"),
+            (14, "if width < 1:"),
+            (16, "return (points.T @ turn)"),
+            (16, "return turn @ points"),
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "mistakes"),
+    [
+        ("a = -b", {"a = b"}),
+        ("a = not b", {"a = b"}),
+        ("a = b and c", {"a = (b or c)"}),
+        ("a = b == c", {"a = (b != c)"}),
+        ("a = math.cos(b)", {"a = math.sin(b)"}),
+        ("a += b", {"a -= b"}),
+        ("a = b if c else d", {"a = (d if c else b)"}),
+        ("a = True", {"a = False"}),
+        ("a = b[1]", {"a = b[0]"}),
+        ("a = near", set()),
+        ("a = near_mm, far_mm", {"a = far_mm, far_mm", "a = near_mm, near_mm"}),
+        ("a = tilt_x_deg + tilt_y_deg", {"a = (tilt_x_deg - tilt_y_deg)", "a = tilt_x_deg"}),
+        ("raise ValueError(1)", set()),
+        ("assert a < 1", set()),
+        ('a = "x + 1"', set()),
+    ],
+)
+def test_lines_have_the_mistakes_that_people_make(line: str, mistakes: set[str]) -> None:
+    """Names are confused only with names that the module uses; messages and types are left alone."""
+    assert mistakes <= {after for _, after in changes(line)}
+    if not mistakes:
+        assert not changes(line)
+
+
+def test_what_numba_compiles_is_told_from_what_it_does_not() -> None:
+    """Kernels and constants, which kernels may have compiled in."""
+    lines = {mutant.place[0]: mutant.in_kernel for mutant in mutants(TOY)}
+    assert lines == {4: True, 10: True, 13: False, 14: False, 16: False}
+
+
+def test_the_seed_alone_decides_which_mistakes_are_drawn() -> None:
+    one, same, other = (draw(["optics"], 20, seed) for seed in (3, 3, 4))
+    assert one == same and one != other and len(one) == 20
+    assert draw(["optics"], 10, 3) == one[:10]  # a longer run begins with a shorter one
+
+
+def test_all_tests_of_the_rooms_exist_and_reach_what_they_shall_judge() -> None:
+    assert all((ROOT / "tests" / name).exists() for names in ROOMS.values() for name in names)
+    away = Imports(ROOT).distances("pipeline.truth.second_order")
+    assert away["laws.test_second_order"] == 1 and away["pipeline.tasks.truth"] == 1
+    assert "target.test_surfaces" not in away
+
+
+@pytest.fixture
+def toy(tmp_path: Path) -> Sandbox:
+    """A program of one function with a test that calls it with one value."""
+    root = tmp_path / "toy"
+    files = {
+        "pipeline/__init__.py": "",
+        "pipeline/optics/__init__.py": "",
+        "pipeline/jit.py": "import os\nfrom pathlib import Path\n",
+        "pipeline/optics/toy.py": "def half(x):\n    return x / 2 if x < 9 else 0\n",
+        "tests/optics/test_toy.py": "from pipeline.optics import toy\n\ndef test_it():\n    assert toy.half(4) == 2\n",
+    }
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    subprocess.run(["git", "init", "-q", str(root)], check=True)
+    return Sandbox(tmp_path / "sandbox", 4, root)
+
+
+def test_a_mistake_is_noticed_or_survives_and_is_taken_back(toy: Sandbox, tmp_path: Path) -> None:
+    """Only the test of 4 / 2 exists: a wrong branch for large numbers survives."""
+    sites = {site.mutant.place[2]: site for site in draw(["optics"], 99, 1, tmp_path / "toy")}
+    fates = {
+        "return (x * 2) if x < 9 else 0": "optics/test_toy.py::test_it",
+        "return x / 2 if x < 9 else 1": "",
+    }
+    for after, noticed_by in fates.items():
+        assert toy.judge(sites[after]).noticed_by == noticed_by
+    assert (toy.tree / "pipeline/optics/toy.py").read_text() == (tmp_path / "toy/pipeline/optics/toy.py").read_text()
