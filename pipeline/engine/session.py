@@ -19,6 +19,7 @@ from pipeline.engine.plan import PlannedTask, plan
 from pipeline.engine.project import Project, selection, tasks_of
 from pipeline.engine.result import Result
 from pipeline.engine.run import Outcome, run
+from pipeline.engine.seen import Seen
 from pipeline.engine.status import TaskStatus, status
 from pipeline.engine.store import DamagedBlob, Store, writable
 from pipeline.errors import EnvironmentFault, PipelineError
@@ -61,6 +62,7 @@ def build(
     limit_bytes = limit_from_environment()
     warn = _warner(emit)
     store = writable(store or Store(warn=warn))
+    Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     graph, forced = selection(project, force, until)
     emit(_begin(project, graph, _jobs(jobs)))
@@ -79,7 +81,15 @@ def build(
         nonlocal head, delivery
         if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
             head = {**head, **_findings(project, outcome, store)}
-            delivery = deliver(project.out, project.files, head, records=outcome.records, store=store, warn=warn)
+            delivery = deliver(
+                project.out,
+                project.files,
+                head,
+                records=outcome.records,
+                store=store,
+                warn=warn,
+                stage_id=project.stage_id,
+            )
 
     with store.in_use():
         outcome = run(graph, store, force=forced, engine=place(), **options)
@@ -133,7 +143,7 @@ def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any
     """What tasks found for the head of the manifest."""
 
     def content(task: str, output: str) -> Any:
-        return json.loads(store.blob(outcome.records[task]["outputs"][output]["sha256"]).read_bytes())
+        return json.loads(store.read(outcome.records[task]["outputs"][output]["sha256"]))
 
     return {key: {name: content(*place) for name, place in named.items()} for key, named in project.findings.items()}
 
@@ -156,7 +166,7 @@ def logs_of(project: Project, target: str, *, store: Store | None = None) -> lis
     """What is known of the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
     store = writable(store or Store())
     keys = _history(project, store)["keys"]
-    last = store.read_note("events", _history_name(project)) or {}
+    last = store.read_facts("events", _history_name(project))
     found = []
     for name in tasks_of(project, target):
         event = last.get(name, {})
@@ -182,9 +192,8 @@ def _history_name(project: Project) -> str:
 
 def _history(project: Project, store: Store) -> dict[str, Any]:
     """What the last builds of this stage into this folder left: `keys` by task and `peaks` of memory by kind."""
-    note = store.read_note("history", _history_name(project))
-    parts = {name: note.get(name) for name in ("keys", "peaks")} if isinstance(note, dict) else {}
-    return {name: parts[name] if isinstance(parts.get(name), dict) else {} for name in ("keys", "peaks")}
+    note = store.read_facts("history", _history_name(project))
+    return {name: note[name] if isinstance(note.get(name), dict) else {} for name in ("keys", "peaks")}
 
 
 def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str, Any], *, whole: bool) -> None:
@@ -230,7 +239,7 @@ def _recorded(on_event: Emit) -> tuple[Emit, Callable[[Store, str], None]]:
 
     def keep(store: Store, name: str) -> None:
         if ended:
-            store.write_note("events", name, {**(store.read_note("events", name) or {}), **ended})
+            store.write_note("events", name, {**store.read_facts("events", name), **ended})
 
     return emit, keep
 
