@@ -6,6 +6,7 @@ import os
 import random
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest
@@ -22,7 +23,7 @@ from pipeline.engine.run import Outcome, run
 from pipeline.engine.seen import Seen
 from pipeline.engine.status import TaskStatus, status
 from pipeline.engine.store import DamagedBlob, Store, writable
-from pipeline.errors import EnvironmentFault, PipelineError
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 
 
 def build(
@@ -58,6 +59,7 @@ def build(
     """
     start = time.perf_counter()
     manifest.read_of(project.out, project.head.get("stage"))
+    _require_apart(project)
     emit, keep_events = _recorded(on_event)
     limit_bytes = limit_from_environment()
     warn = _warner(emit)
@@ -100,6 +102,7 @@ def build(
             _fill_again_if_lost(fill, lambda: _take_over(outcome, run(graph, store, engine=place(), **options)), warn)
         except PipelineError as caught:
             error = caught
+    store.sweep()  # workers that were ended could not tidy up
     result = Result(
         stage=project.head.get("stage"),
         out=project.out.absolute(),
@@ -116,6 +119,22 @@ def build(
     emit({"event": "end", "summary": result.to_dict(), **result.ending()})
     keep_events(store, _history_name(project))
     return result
+
+
+def _require_apart(project: Project) -> None:
+    """Refuse an output folder that the stage itself lies in: a build delivers a `dataset.usda`, too.
+
+    Raises
+    ------
+    UsageError
+    """
+    out = Path(os.path.realpath(project.out))
+    inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
+    if inside:
+        raise UsageError(
+            f"the output folder {project.out} holds files that the stage is made of: {inside[0]}",
+            hint="choose another folder with -o, for example one inside it",
+        )
 
 
 def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None], warn: Callable[[str], None]) -> None:

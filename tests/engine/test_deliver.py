@@ -8,6 +8,7 @@ import shutil
 import socket
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from engine import toy
@@ -522,3 +523,22 @@ def test_what_is_delivered_is_hashed_while_it_is_copied(out, monkeypatch):
     result = build(toy.project(out), jobs=1)
     assert flips and result.exit_code == 0 and toy.executed(result) == {"rays/cam"}
     assert toy.contents(out) == right
+
+
+@pytest.mark.parametrize("out", [".", "..", "layers"])
+def test_an_output_folder_that_the_stage_lies_in_is_refused(tmp_path, monkeypatch, out):
+    """A build delivers a `dataset.usda`, too; the source would get another name, and then be overwritten."""
+    home = tmp_path / "project"
+    (home / "layers").mkdir(parents=True)
+    reads = (home / "dataset.usda", home / "layers/lens.usda")
+    for path in reads:
+        path.write_text("mine")
+    monkeypatch.chdir(home)
+    for place, allowed in ((out, False), (f"{out}/build", True)):
+        project = dataclasses.replace(toy.project(Path(place)), reads=reads)
+        if allowed:
+            assert build(project, jobs=1).exit_code == 0
+            continue
+        with pytest.raises(UsageError, match="files that the stage is made of"):
+            build(project, jobs=1)
+    assert {path.read_text() for path in reads} == {"mine"} and not list(tmp_path.rglob("*.kept*"))
