@@ -68,7 +68,9 @@ def write(path: Path, body: bytes, warn: Warn = say) -> None:
         The disk is full.
     """
     aside = _aside(path, "new")
-    with _kept(path.parent, len(body), warn):
+    with _folder_of(path, warn) as folder, _kept(path.parent, len(body), warn):
+        if folder is None and path.parent.is_dir():  # somebody else's
+            return
         try:
             aside.write_bytes(body + _TRAILER + _digest(path, body))
             aside.replace(path)
