@@ -26,12 +26,17 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 def cache_folder() -> Path:
     """Where compiled kernels are kept: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
 
-    Keyed by a digest of all sources that kernels reach: Numba's own cache does not notice that a callee in another file
-    changed, or a constant, which it compiles in.
+    Keyed by a digest of all sources that kernels reach: a callee in another file may change, or a constant, which is
+    compiled in.
     """
     home = os.environ.get("PIPELINE_JIT_CACHE")
     root = Path(home) if home else _user_cache() / "jit"
-    return root / _source_digest()
+    return root / _digest_of_this()
+
+
+@functools.cache
+def _digest_of_this() -> str:
+    return _source_digest()
 
 
 def _user_cache() -> Path:
@@ -76,9 +81,16 @@ class Kernel:
         """Numba's dispatcher of the function."""
         if self._compiled is None:
             with _LOCK:  # workers with several threads: one dispatcher, one compilation
-                options = {"cache": self._cache, "nogil": True, "error_model": "numpy"}
-                self._compiled = self._compiled or _numba().njit(**options)(self._function)
+                self._compiled = self._compiled or self._dispatcher()
         return self._compiled
+
+    def _dispatcher(self) -> Any:
+        dispatcher = _numba().njit(nogil=True, error_model="numpy")(self._function)
+        if self._cache:
+            from pipeline.kernel_cache import KernelCache
+
+            dispatcher._cache = KernelCache(self._function, cache_folder())  # where `cache=True` puts Numba's own
+        return dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
         return self.compiled(*arguments)
@@ -101,7 +113,6 @@ def fma(a: float, b: float, c: float) -> float:
 
 @functools.cache
 def _numba() -> Any:
-    os.environ["NUMBA_CACHE_DIR"] = str(cache_folder())  # must be set before Numba is imported
     import numba.extending
 
     double = numba.float64

@@ -5,13 +5,11 @@ Nothing here can make a result wrong: whatever is dropped or damaged is a miss a
 
 import os
 import re
-import shutil
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine import manifest
+from pipeline.engine import manifest, quarantine
 from pipeline.engine.files import is_unreadable, locked
 from pipeline.engine.store import Store
 from pipeline.engine.workspace import ABANDONED_S
@@ -48,13 +46,14 @@ class Contents:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collected:
-    """What a collection dropped, or would drop; sizes in bytes."""
+    """What a collection dropped, or would drop; sizes in bytes. `quarantined` are damaged entries."""
 
     records: int
     blobs: int
     bytes: int
     bytes_left: int
     limit_bytes: int
+    quarantined: int = 0
     busy: bool = False
 
     def to_dict(self) -> dict[str, Any]:
@@ -64,7 +63,7 @@ class Collected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """Entries that were read to the last byte, and the names of those that are not right.
+    """Entries that were read to the last byte, and the names of those that are not right or stood for a folder.
 
     Damaged and incomplete ones are in quarantine. What could not be read counts as damaged and stays where it is, like
     records that wait for it or for a store below.
@@ -99,15 +98,15 @@ def info(store: Store, limit_bytes: int | None = None) -> Contents:
     """What lies in a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     kept = _blobs_of(store, pinned_keys(store))
-    quarantine = list(_quarantined(store))
+    damaged = list(quarantine.entries(store.root))
     return Contents(
         records=sum(1 for _ in store.entries("record")),
         blobs=len(sizes),
         bytes=sum(sizes.values()),
         pinned_bytes=sum(sizes.get(name, 0) for name in kept),
         limit_bytes=limit_from_environment() if limit_bytes is None else limit_bytes,
-        quarantined=len(quarantine),
-        quarantine_bytes=sum(path.lstat().st_size for path in quarantine),
+        quarantined=len(damaged),
+        quarantine_bytes=sum(path.lstat().st_size for path in damaged),
     )
 
 
@@ -125,6 +124,7 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
         keys, blobs = _to_keep(store, sizes, limit_bytes)
         drop_records = [name for name, _ in store.entries("record") if name not in keys]
         drop_blobs = [name for name in sizes if name not in blobs]
+        damaged = sum(1 for _ in quarantine.entries(store.root))
         freed = sum(sizes[name] for name in drop_blobs)
         if not dry_run:
             _remove(store, drop_records, drop_blobs)
@@ -134,12 +134,13 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
         bytes=freed,
         bytes_left=sum(sizes.values()) - freed,
         limit_bytes=limit_bytes,
+        quarantined=damaged,
     )
 
 
 def check(store: Store) -> Checked:
     """Read every byte. Damaged entries go to quarantine; the next build makes them again."""
-    sizes, damaged, incomplete = 0, [], []
+    sizes, damaged, incomplete = 0, list(store.displaced), list[str]()
     unreadable: set[str] = set()
     blobs = list(store.entries("blob"))
     for name, facts in blobs:
@@ -166,8 +167,8 @@ def check(store: Store) -> Checked:
 def pinned_keys(store: Store) -> set[str]:
     """Keys of the last build of every output folder that is still there with its manifest."""
     keys: set[str] = set()
-    for path in sorted((store.root / "history").glob("*.json")):
-        note = store.read_note("history", path.stem)
+    for name in store.notes("history"):
+        note = store.read_note("history", name)
         try:
             if (Path(note["out"]) / manifest.NAME).is_file():
                 keys.update(note["keys"].values())
@@ -215,17 +216,11 @@ def _blobs_of(store: Store, keys: set[str]) -> set[str]:
     return {entry["sha256"] for record in records for entry in record["outputs"].values()}
 
 
-def _quarantined(store: Store) -> Iterator[Path]:
-    folder = store.root / "quarantine"
-    yield from folder.iterdir() if folder.is_dir() else ()
-
-
 def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
     for table, names in (("record", records), ("blob", blobs), ("log", records), ("spec", records), ("lock", records)):
         for name in names:
             _unlink(store, table, name)
-    for path in list(_quarantined(store)):
-        shutil.rmtree(path, ignore_errors=True) if path.is_dir() and not path.is_symlink() else path.unlink()
+    quarantine.empty(store.root)
     store.sweep(older_than_s=ABANDONED_S)
 
 

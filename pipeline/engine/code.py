@@ -54,7 +54,7 @@ _remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest o
 def remembering(store: Store) -> Iterator[None]:
     """Inside, only source files are parsed that no process with this store has parsed before."""
     note = f"code-{_reader()}"
-    known = store.read_note("index", note) or {}
+    known = store.read_facts("index", note)
     _remembered.update(known if len(known) < _MANY else {})
     before = len(_remembered)
     yield

@@ -1,8 +1,8 @@
 """Fill an output folder so that it holds exactly what the records say, touching only what differs.
 
-New files are first written aside, inside the folder; a full disk shows there, while the previous build is still whole.
-Then what others put in the way gets another name, the manifest goes, files are renamed into place, files no longer made
-go, and the manifest comes last.
+New files are first written aside, inside the folder, and hashed there; a full disk shows while the previous build is
+still whole. Then the manifest goes, files no longer made go, files are renamed into place, and the manifest comes last.
+Only bytes that we put there are ever removed or replaced: whatever else stands in the way gets another name.
 """
 
 import contextlib
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest
-from pipeline.engine.files import chosen_place, copy, locked_folder, machine_errors
+from pipeline.engine.files import chosen_place, locked_folder, machine_errors, read_regular
 from pipeline.engine.folder import ASIDE, Folder
 from pipeline.engine.seen import Seen, name_of
 from pipeline.engine.spec import Record
@@ -41,8 +41,9 @@ def deliver(
     records: Mapping[str, Record],
     store: Store,
     warn: Callable[[str], None] = lambda text: None,
+    stage_id: str = "",
 ) -> Delivery:
-    """Make `out` hold `files` and a manifest, and nothing of an earlier build.
+    """Make `out` hold `files` and a manifest, and nothing of an earlier build of the stage `stage_id`.
 
     Raises
     ------
@@ -62,10 +63,12 @@ def deliver(
         out.mkdir(parents=True, exist_ok=True)
     # The store's lock may reach other machines; the folder's own reaches builders with other stores.
     with store.single_flight(name_of(out)), locked_folder(out) as alone, _errors_told(out, goal):
-        there = manifest.read_of(out, head.get("stage"))
+        manifest.read_of(out, head.get("stage"))
+        seen = Seen(out, store, stage_id)
+        seen.require_same_stage()
         folder = Folder(out, warn)
         folder.remove_old_asides(alone=alone)  # also where nothing changes: a builder may have died after its last file
-        return _fill(folder, goal, there)
+        return _fill(folder, goal, seen)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,58 +80,61 @@ class _Goal:
     manifest: bytes
     store: Store
 
+    @property
+    def digests(self) -> dict[str, str]:
+        """Of all files but the manifest."""
+        return {path: entry["sha256"] for path, entry in self.entries.items()}
+
+    @property
+    def note(self) -> dict[str, str]:
+        """Of all files."""
+        return {**self.digests, manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
+
     def write(self, path: str, target: Path) -> None:
         """Write the bytes of a file to a new one."""
         source = self.files[path]
         if isinstance(source, bytes):
             target.write_bytes(source)
         else:
-            copy(self.store.blob(self.entries[path]["sha256"]), target)
+            self.store.copy_blob(self.entries[path]["sha256"], target)
 
 
-def _fill(folder: Folder, goal: _Goal, there: manifest.Manifest) -> Delivery:
-    seen, present = Seen(folder.out, goal.store), folder.present()
-    ours = {*there.files, *seen.ours}
+def _fill(folder: Folder, goal: _Goal, seen: Seen) -> Delivery:
+    present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
     # What is not present is missing, or lies behind a link to a folder: then it is not in this one.
-    entries = goal.entries
-    changed = [path for path in entries if path not in present or seen.digest(path) != entries[path]["sha256"]]
-    stale = sorted(present & ours - entries.keys())
-    foreign = sorted(present - ours - entries.keys())
+    changed = [path for path, digest in digests.items() if path not in present or seen.digest(path) != digest]
+    others = sorted(present - digests.keys())
+    stale = [path for path in others if seen.is_ours(path)]
+    foreign = [path for path in others if path not in stale]
     if foreign:
         shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
         folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
-    if changed or stale or there.data != goal.manifest:
-        _change(folder, seen, goal, changed=changed, stale=stale, ours=ours, others=present - ours)
-    seen.keep(entries)
+    if changed or stale or data != goal.manifest:
+        _change(folder, seen, goal, changed=changed, stale=stale)
+    seen.keep(goal.note)
     return Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
 
 
-def _change(
-    folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stale: list[str], ours: set[str], others: set[str]
-) -> None:
-    with folder.aside() as aside:
+def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
+    with folder.aside() as aside, folder.saying_what_was_kept():
         for number, path in enumerate(changed):
             goal.write(path, aside / str(number))
             seen.wrote(path, aside / str(number))
         (aside / manifest.NAME).write_bytes(goal.manifest)
-        # From `begin` on all paths count as ours, also after a crash: what is not has to be out of the way before.
-        if not seen.is_known and not _is_ours(manifest.read(folder.out), goal):
-            folder.clear(manifest.NAME, is_ours=False)
-        for path in filter(others.__contains__, changed):
-            folder.clear(path, is_ours=False)
-        seen.begin(ours | goal.entries.keys())
-        folder.clear(manifest.NAME, is_ours=True)
+        seen.begin(goal.note)
+        folder.clear(manifest.NAME, is_ours=_is_ours(folder.out, seen, goal))
         for path in stale:
             folder.remove(path)
         for number, path in enumerate(changed):
-            folder.place(aside / str(number), path, is_ours=path in ours)
+            folder.place(aside / str(number), path, is_ours=seen.is_ours(path))
             seen.placed(path)
         (aside / manifest.NAME).replace(folder.out / manifest.NAME)
 
 
-def _is_ours(there: manifest.Manifest, goal: _Goal) -> bool:
-    """Whether a manifest is one of ours, or one that was cut, of which nothing is lost."""
-    return bool(there.tasks) or (there.data is not None and goal.manifest.startswith(there.data))
+def _is_ours(out: Path, seen: Seen, goal: _Goal) -> bool:
+    """Whether a manifest is one that we wrote, or one that was cut, of which nothing is lost."""
+    data = read_regular(out / manifest.NAME)
+    return seen.is_ours(manifest.NAME) or (data is not None and goal.manifest.startswith(data))
 
 
 @contextlib.contextmanager

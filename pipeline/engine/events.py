@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from pipeline.engine.files import chosen_place
+from pipeline.errors import UsageError
+
+_HEAD = b'{"event": "'
 
 Event = dict[str, Any]
 Emit = Callable[[Event], None]
@@ -33,9 +36,19 @@ def fan_out(listeners: Iterable[Emit]) -> Emit:
 
 
 class EventFile:
-    """A file with one event per line, written as they come; made with the first event, not before."""
+    """A file with one event per line, written as they come; made with the first event, not before.
+
+    Raises
+    ------
+    UsageError
+        Something else lies there: it would be overwritten.
+    """
 
     def __init__(self, path: Path) -> None:
+        if not _HEAD.startswith(_beginning(path)):
+            raise UsageError(
+                f"{path} is there and holds no events of a build", hint="give --events a name that is free"
+            )
         self._path = path
         self._stream: TextIO | None = None
 
@@ -49,3 +62,14 @@ class EventFile:
         """Flush and close."""
         if self._stream is not None:
             self._stream.close()
+
+
+def _beginning(path: Path) -> bytes:
+    """The first bytes of a plain file; none of whatever else is there: nothing is lost in a pipe or a terminal."""
+    try:
+        if not path.is_file():
+            return b""
+        with path.open("rb") as stream:
+            return stream.read(len(_HEAD))
+    except OSError:
+        return b"it cannot be read, so it may be anything"

@@ -15,6 +15,7 @@ from pipeline.engine.files import digest_of
 from pipeline.engine.workspace import ABANDONED_S
 
 ASIDE = ".pipeline-"
+_MANY = 3  # warnings of one kind; the rest is counted
 _ASIDE_NAME = re.compile(rf"{re.escape(ASIDE)}(?P<host>.+)-[0-9a-f]{{32}}")
 
 
@@ -23,6 +24,7 @@ class Folder:
 
     def __init__(self, out: Path, warn: Callable[[str], None]) -> None:
         self.out, self.warn = out, warn
+        self._kept: list[tuple[Path, Path]] = []
 
     def present(self) -> set[str]:
         """Paths of all files but the manifest; what lies behind a link to a folder is not in this one."""
@@ -69,7 +71,21 @@ class Folder:
             names = (target.with_name(f"{target.name}.kept{number}") for number in range(1, 10_000))
             kept = next(name for name in names if not os.path.lexists(name))
             target.rename(kept)
-            self.warn(f"{target} was not made by this build and stood in the way; it is now {kept.name}")
+            self._kept.append((target, kept))
+
+    @contextlib.contextmanager
+    def saying_what_was_kept(self) -> Iterator[None]:
+        """Warn in the end, also after an error, of everything that got another name."""
+        try:
+            yield
+        finally:
+            for target, kept in self._kept[:_MANY]:
+                self.warn(f"{target} is not what a build put there, and stood in the way; it is now {kept.name}")
+            if more := self._kept[_MANY:]:
+                self.warn(
+                    f"{len(more)} other files in {self.out} stood in the way as well; they now end in .kept1 or so"
+                )
+            self._kept.clear()
 
     def remove(self, path: str) -> None:
         """Remove a file of ours, and the folders above it that are empty then."""

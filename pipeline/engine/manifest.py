@@ -41,7 +41,7 @@ def read(out: Path) -> Manifest:
         files, tasks = parsed["files"], parsed["tasks"]
         ours = parsed["format"] == FORMAT and all(DIGEST.fullmatch(entry["sha256"]) for entry in files.values())
         ours = ours and all(is_plain_path(path) for path in files) and isinstance(tasks, dict)
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Manifest(data=data)
     return Manifest(data=data, stage=parsed.get("stage"), files=files, tasks=tasks) if ours else Manifest(data=data)
 

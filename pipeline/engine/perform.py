@@ -43,10 +43,11 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
     dict
         `name`, `state` (executed, cached or failed), `seconds` and either `record` and `differs` (outputs that are not
         what the store already had for the key) or `error`, `log`, `machine` (whether the machine and not the task is
-        to blame), `damaged` (whether an input was found damaged), `memory` (whether there was too little of it).
+        to blame), `damaged` (whether an input was found damaged, or was written to while the task used it), `memory`
+        (whether there was too little of it).
     """
     key, start = spec["key"], time.perf_counter()
-    log = store.path("log", key)
+    log = store.file_for("log", key)
     try:
         with store.single_flight(key):
             record = None if spec.get("force") else store.record(key)  # somebody may have made it meanwhile
@@ -55,13 +56,13 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
             with _logging(log):
                 record, differs = _compute(spec, store, packages)
     except (Exception, SystemExit) as error:
-        expected = isinstance(error, EnvironmentFault)
+        expected = isinstance(error, EnvironmentFault | DamagedBlob)
         text = f"{error}\n" if expected else "".join(traceback.format_exception(error))
         _append(log, text)
         reply: dict[str, Any] = {"name": spec["name"], "state": "failed", "error": _tail(text), "log": str(log)}
         blame = {
-            "machine": isinstance(error, EnvironmentFault) or is_machines_fault(error),
-            "damaged": _lacks_inputs(spec, store),
+            "machine": expected or is_machines_fault(error),
+            "damaged": isinstance(error, DamagedBlob) or _lacks_inputs(spec, store),
             "memory": isinstance(error, MemoryError),
         }
         return {**reply, **blame, "seconds": round(time.perf_counter() - start, 4)}
@@ -82,7 +83,7 @@ def _lacks_inputs(spec: dict[str, Any], store: Store) -> bool:
 
 def failed(name: str, key: str, how: str, store: Store, seconds: float = 0.0) -> dict[str, Any]:
     """The reply for a task that was ended from outside: its worker died, or its time was up."""
-    log = store.path("log", key)
+    log = store.file_for("log", key)
     _append(log, f"{how}\n")
     reply: dict[str, Any] = {"name": name, "state": "failed", "error": how, "log": str(log)}
     return {**reply, "seconds": round(seconds, 4), "machine": False, "damaged": False, "memory": False}
@@ -102,12 +103,14 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
         role: {name: store.blob(digest) for name, digest in blobs.items()}
         for role, blobs in components["inputs"].items()
     }
+    looks = store.looks({digest for blobs in components["inputs"].values() for digest in blobs.values()})
     with _folder_for_outputs(store) as out:
         meter, start = PeakMeter(), time.perf_counter()
         # A copy, by the order of names: a task sees no order that its key does not know, and changes nobody's params.
         params = json.loads(json.dumps(components["params"], sort_keys=True))
         importlib.import_module(kind).run(params, inputs, out)
         _refuse_edited_code(kind)
+        store.confirm(looks)  # what the task has read since is what was verified before
         seconds = round(time.perf_counter() - start, 4)
         made_by: dict[str, Any] = {"seconds": seconds, "peak_bytes": meter.read_bytes()}
         outputs = {name: store.put_file(path) for name, path in _outputs(out)}

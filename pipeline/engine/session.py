@@ -6,6 +6,7 @@ import os
 import random
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest
@@ -19,9 +20,10 @@ from pipeline.engine.plan import PlannedTask, plan
 from pipeline.engine.project import Project, selection, tasks_of
 from pipeline.engine.result import Result
 from pipeline.engine.run import Outcome, run
+from pipeline.engine.seen import Seen
 from pipeline.engine.status import TaskStatus, status
 from pipeline.engine.store import DamagedBlob, Store, writable
-from pipeline.errors import EnvironmentFault, PipelineError
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 
 
 def build(
@@ -57,10 +59,12 @@ def build(
     """
     start = time.perf_counter()
     manifest.read_of(project.out, project.head.get("stage"))
+    _require_apart(project)
     emit, keep_events = _recorded(on_event)
     limit_bytes = limit_from_environment()
     warn = _warner(emit)
     store = writable(store or Store(warn=warn))
+    Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     graph, forced = selection(project, force, until)
     emit(_begin(project, graph, _jobs(jobs)))
@@ -79,7 +83,15 @@ def build(
         nonlocal head, delivery
         if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
             head = {**head, **_findings(project, outcome, store)}
-            delivery = deliver(project.out, project.files, head, records=outcome.records, store=store, warn=warn)
+            delivery = deliver(
+                project.out,
+                project.files,
+                head,
+                records=outcome.records,
+                store=store,
+                warn=warn,
+                stage_id=project.stage_id,
+            )
 
     with store.in_use():
         outcome = run(graph, store, force=forced, engine=place(), **options)
@@ -90,6 +102,7 @@ def build(
             _fill_again_if_lost(fill, lambda: _take_over(outcome, run(graph, store, engine=place(), **options)), warn)
         except PipelineError as caught:
             error = caught
+    store.sweep()  # workers that were ended could not tidy up
     result = Result(
         stage=project.head.get("stage"),
         out=project.out.absolute(),
@@ -106,6 +119,22 @@ def build(
     emit({"event": "end", "summary": result.to_dict(), **result.ending()})
     keep_events(store, _history_name(project))
     return result
+
+
+def _require_apart(project: Project) -> None:
+    """Refuse an output folder that the stage itself lies in: a build delivers a `dataset.usda`, too.
+
+    Raises
+    ------
+    UsageError
+    """
+    out = Path(os.path.realpath(project.out))
+    inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
+    if inside:
+        raise UsageError(
+            f"the output folder {project.out} holds files that the stage is made of: {inside[0]}",
+            hint="choose another folder with -o, for example one inside it",
+        )
 
 
 def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None], warn: Callable[[str], None]) -> None:
@@ -133,7 +162,7 @@ def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any
     """What tasks found for the head of the manifest."""
 
     def content(task: str, output: str) -> Any:
-        return json.loads(store.blob(outcome.records[task]["outputs"][output]["sha256"]).read_bytes())
+        return json.loads(store.read(outcome.records[task]["outputs"][output]["sha256"]))
 
     return {key: {name: content(*place) for name, place in named.items()} for key, named in project.findings.items()}
 
@@ -156,7 +185,7 @@ def logs_of(project: Project, target: str, *, store: Store | None = None) -> lis
     """What is known of the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
     store = writable(store or Store())
     keys = _history(project, store)["keys"]
-    last = store.read_note("events", _history_name(project)) or {}
+    last = store.read_facts("events", _history_name(project))
     found = []
     for name in tasks_of(project, target):
         event = last.get(name, {})
@@ -182,9 +211,8 @@ def _history_name(project: Project) -> str:
 
 def _history(project: Project, store: Store) -> dict[str, Any]:
     """What the last builds of this stage into this folder left: `keys` by task and `peaks` of memory by kind."""
-    note = store.read_note("history", _history_name(project))
-    parts = {name: note.get(name) for name in ("keys", "peaks")} if isinstance(note, dict) else {}
-    return {name: parts[name] if isinstance(parts.get(name), dict) else {} for name in ("keys", "peaks")}
+    note = store.read_facts("history", _history_name(project))
+    return {name: note[name] if isinstance(note.get(name), dict) else {} for name in ("keys", "peaks")}
 
 
 def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str, Any], *, whole: bool) -> None:
@@ -230,7 +258,7 @@ def _recorded(on_event: Emit) -> tuple[Emit, Callable[[Store, str], None]]:
 
     def keep(store: Store, name: str) -> None:
         if ended:
-            store.write_note("events", name, {**(store.read_note("events", name) or {}), **ended})
+            store.write_note("events", name, {**store.read_facts("events", name), **ended})
 
     return emit, keep
 

@@ -1,12 +1,12 @@
 """The store: bytes under their digest, and records of which bytes the task with a key made.
 
-    VERSION                      for people and tools
+    VERSION                      says that the folder is a store: one that holds anything and does not say so is refused
     below                        path of another store, whose results count as ours: see `writable`
     cas/sha256/ab/<digest>       a blob, mode 0444
     ac/v1/ab/<key>.json          a record, followed by a line with its own digest
     lock/ab/<key>                locked while somebody computes the key
     tmp/                         files being written
-    quarantine/                  what failed verification, for a person to look at
+    quarantine/                  what failed verification or stood in the way, for a person to look at
     gc.lock                      shared by builders, exclusive for the collector
     logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
     history/  events/  index/    last keys and events per output folder, what sources say; hints that may be deleted
@@ -21,12 +21,12 @@ import hashlib
 import json
 import os
 import stat
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from pipeline.engine import quarantine
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import (
     Signature,
@@ -39,20 +39,23 @@ from pipeline.engine.files import (
     read_regular,
     signature,
 )
+from pipeline.engine.sealed import seal, unseal
+from pipeline.engine.structure import TABLES, VERSION, is_folder, is_store, misplaced, require_store
 from pipeline.engine.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
 
 _BELOW = "below"
-_TRAILER = b"\n#sha256="
 _FORMAT = 1
-_TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 Entry = dict[str, Any]
 
 
 class DamagedBlob(Exception):
-    """A blob is gone, or is not what its name says; building again heals it."""
+    """A blob is gone, is not what its name says, or was written to while it was used; building again heals it."""
+
+    def __init__(self, digest: str, how: str = "is gone or damaged") -> None:
+        super().__init__(f"{digest} {how} in the store")
 
 
 def default_root() -> Path:
@@ -68,8 +71,8 @@ def writable(store: "Store") -> "Store":
     name = hashlib.sha256(os.fsencode(store.root)).hexdigest()[:16]
     private = _user_cache() / "above" / name
     with machine_errors("make a store for", private):
-        private.mkdir(parents=True, exist_ok=True)
-        (private / _BELOW).write_bytes(os.fsencode(store.root))
+        above = Store(private, warn=store.warn)
+        above.put_above(store.root)
     store.warn(f"the store {store.root} may only be read; what is new goes to {private}")
     return Store(private, warn=store.warn)
 
@@ -90,7 +93,13 @@ class Store:
         Gets one sentence about every damaged entry and every key that gave two results.
     """
 
-    def __init__(self, root: str | Path | None = None, *, warn: Callable[[str], None] = lambda text: None) -> None:
+    def __init__(
+        self,
+        root: str | Path | None = None,
+        *,
+        warn: Callable[[str], None] = lambda text: None,
+        above: tuple[str, ...] = (),
+    ) -> None:
         self.root = Path(root or default_root()).absolute()
         self.warn = warn
         self.counts: Counter[str] = Counter()
@@ -98,12 +107,39 @@ class Store:
         self._workspace = Workspace(self.root / "tmp")
         if self.root.exists() and not self.root.is_dir():
             raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
-        if not (self.root / "VERSION").is_file():
-            with chosen_place("make the store", self.root):
+        with chosen_place("make the store", self.root):
+            if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
-                self._write(self.root / "VERSION", b"1\n")
-        below = read_regular(self.root / _BELOW)
-        self._below = Store(os.fsdecode(below), warn=warn) if below and Path(os.fsdecode(below)).is_dir() else None
+            require_store(self.root)
+        self.displaced = self._mend()
+        if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
+            with chosen_place("make the store", self.root):
+                self._write(self.root / "VERSION", VERSION)
+        self._below = self._open_below((*above, os.path.realpath(self.root)))
+
+    def _mend(self) -> tuple[str, ...]:
+        """Move whatever took the place of a folder of the store to quarantine; names of what there was."""
+        found = tuple(misplaced(self.root))
+        for path in found:
+            self._quarantine(path)
+        return tuple(path.relative_to(self.root).as_posix() for path in found)
+
+    def _open_below(self, above: tuple[str, ...]) -> "Store | None":
+        """The store whose results count as ours, if there is one and it is another one."""
+        named = os.fsdecode(read_regular(self.root / _BELOW) or b"")
+        if not named or not is_folder(Path(named)):  # none, or away just now
+            return None
+        if os.path.realpath(named) == above[-1]:
+            self._quarantine(self.root / _BELOW)
+            return None
+        if os.path.realpath(named) in above or not is_store(Path(named)):
+            self.warn(f"{self.root / _BELOW} names {named}, which is no store below this one; it is left out")
+            return None
+        return Store(named, warn=self.warn, above=above)
+
+    def put_above(self, root: Path) -> None:
+        """Let the results of another store count as ours, from the next time that this one is opened."""
+        self._write(self.root / _BELOW, os.fsencode(root))
 
     def path(self, table: str, name: str) -> Path:
         """Where an entry lives. Only digests get in, so no path leads outside."""
@@ -113,7 +149,7 @@ class Store:
         """The same as text, for look-ups: thousands of them, and a `Path` takes longer than the look."""
         if not DIGEST.fullmatch(name):
             raise ValueError(f"not a digest: {name!r}")
-        return f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
+        return f"{self.root}/{TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
     # Blobs
 
@@ -157,6 +193,56 @@ class Store:
             return self._below.blob(digest)
         raise DamagedBlob(digest)
 
+    def looks(self, digests: Iterable[str]) -> dict[str, Signature]:
+        """How blobs looked when they were verified: for `confirm`."""
+        below = self._below.looks(digests) if self._below is not None else {}
+        return {digest: self._verified.get(digest, below.get(digest, [])) for digest in digests}
+
+    def confirm(self, looks: dict[str, Signature]) -> None:
+        """Hash blobs once more, and require that nobody wrote to them since they looked like this.
+
+        Raises
+        ------
+        DamagedBlob
+            Whoever has used their bytes meanwhile may have used others.
+        """
+        for digest, before in looks.items():
+            self._forget(digest)
+            self.blob(digest)
+            if self.looks([digest])[digest] != before:
+                raise DamagedBlob(digest, "was written to while it was used")
+
+    def read(self, digest: str) -> bytes:
+        """The bytes of a blob; what is hashed is what is given.
+
+        Raises
+        ------
+        DamagedBlob
+        """
+        data = read_regular(self.blob(digest))
+        if data is None or hashlib.sha256(data).hexdigest() != digest:
+            self._forget(digest)
+            raise DamagedBlob(digest)
+        return data
+
+    def copy_blob(self, digest: str, target: Path) -> None:
+        """Copy a blob to a new file; the bytes that arrive are hashed.
+
+        Raises
+        ------
+        DamagedBlob
+        """
+        copy(self.blob(digest), target)
+        if digest_of(target) != digest:
+            self._forget(digest)
+            raise DamagedBlob(digest)
+
+    def _forget(self, digest: str) -> None:
+        """Look at a blob anew the next time, however it looks."""
+        self._verified.pop(digest, None)
+        if self._below is not None:
+            self._below._forget(digest)
+
     def is_whole(self, entry: Entry) -> bool:
         """Whether the store holds exactly these bytes; anything else under their name goes to quarantine."""
         return self._holds(entry) or (self._below is not None and self._below.is_whole(entry))
@@ -189,9 +275,9 @@ class Store:
                 self.counts["nondeterministic"] += 1
                 self.warn(f"NON-DETERMINISM: {key[:12]} gave other bytes than before; the first ones stay")
             return kept
-        body = json.dumps({**record, "key": key, "format": _FORMAT}, sort_keys=True).encode()
-        self._write(self.path("record", key), _sealed(body))
-        parsed: dict[str, Any] = json.loads(body)
+        sealed = seal({**record, "key": key, "format": _FORMAT})
+        self._write(self.path("record", key), sealed)
+        parsed: dict[str, Any] = unseal(sealed)
         return parsed
 
     def record(self, key: str) -> dict[str, Any] | None:
@@ -236,24 +322,26 @@ class Store:
     def write_note(self, folder: str, name: str, note: Any) -> None:
         """Keep plain data in `history` or `index`. A store that cannot be written goes without."""
         with contextlib.suppress(OSError):
-            self._write(self.root / folder / f"{name}.json", _sealed(json.dumps(note, sort_keys=True).encode()))
+            self._write(self.root / folder / f"{name}.json", seal(note))
 
     def read_note(self, folder: str, name: str) -> Any:
         """What `write_note` kept; None if it is not there or damaged."""
-        body = _unsealed(read_regular(self.root / folder / f"{name}.json"))
-        return None if body is None else json.loads(body)
+        note = unseal(read_regular(self.root / folder / f"{name}.json"))
+        return self._below.read_note(folder, name) if note is None and self._below is not None else note
 
-    def note_time_ns(self, folder: str, name: str) -> int:
-        """When a note was written, by the file system's clock; 0 if there is none."""
-        try:
-            return (self.root / folder / f"{name}.json").stat().st_mtime_ns
-        except OSError:
-            return 0
+    def read_facts(self, folder: str, name: str) -> dict[str, Any]:
+        """The same for a note that is a dict; empty if there is none."""
+        note = self.read_note(folder, name)
+        return note if isinstance(note, dict) else {}
+
+    def notes(self, folder: str) -> list[str]:
+        """Names of all notes in a folder."""
+        return sorted(path.stem for path in (self.root / folder).glob("*.json"))
 
     @contextlib.contextmanager
     def single_flight(self, key: str) -> Iterator[bool]:
         """Hold the lock of a key, so that two builders compute it once."""
-        with locked(self.path("lock", key)) as held:
+        with locked(self.file_for("lock", key)) as held:
             yield held
 
     @contextlib.contextmanager
@@ -262,9 +350,20 @@ class Store:
         with locked(self.root / "gc.lock", timeout_s=60.0, shared=True) as held:
             yield held
 
+    def file_for(self, table: str, name: str) -> Path:
+        """Where a lock or a log is, or will be; whatever else stands there goes out of the way."""
+        path = self.path(table, name)
+        if is_no_file(path):
+            self._quarantine(path)
+        return path
+
     def new_path(self) -> Path:
         """A path on the store's file system for this process alone; what is left there is removed later."""
-        return self._workspace.new_path()
+        try:
+            return self._workspace.new_path()
+        except (FileExistsError, NotADirectoryError):
+            self._mend()
+            return self._workspace.new_path()
 
     def sweep(self, older_than_s: float | None = None) -> int:
         """Remove what dead processes left in `tmp`; see `workspace.sweep`."""
@@ -273,7 +372,7 @@ class Store:
     def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
         """Name and facts of every entry of a table, sorted by name; what is not named like one is passed over."""
         suffix = _SUFFIXES.get(table, "")
-        for folder in sorted((self.root / _TABLES[table]).glob("[0-9a-f][0-9a-f]")):
+        for folder in filter(Path.is_dir, sorted((self.root / TABLES[table]).glob("[0-9a-f][0-9a-f]"))):
             with os.scandir(folder) as found:
                 for entry in sorted(found, key=lambda entry: entry.name):
                     name = entry.name.removesuffix(suffix)
@@ -291,42 +390,33 @@ class Store:
         self._keep(aside, final)
 
     def _keep(self, aside: Path, final: Path) -> None:
-        final.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            final.parent.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            self._mend()
+            final.parent.mkdir(parents=True, exist_ok=True)
         aside.chmod(0o444)
+        if final.is_dir() and not final.is_symlink():  # nothing else has to give way: a rename replaces it
+            self._quarantine(final)
         aside.replace(final)
 
     def _quarantine(self, path: Path) -> None:
-        """Move a damaged entry out of the way, if there is one and we may."""
+        """Move what is damaged or stands in the way out of it, if it is there and we may."""
         if not os.path.lexists(path):
             return
         self.counts["damaged"] += 1
-        self.warn(f"damaged entry of the store, moved to quarantine: {path}")
-        with contextlib.suppress(OSError):  # a read-only store keeps it
-            (self.root / "quarantine").mkdir(exist_ok=True)
-            path.rename(self.root / "quarantine" / f"{time.time_ns()}-{path.name}")
-
-
-def _sealed(body: bytes) -> bytes:
-    """A text and the line with its own digest."""
-    return body + _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
-
-
-def _unsealed(raw: bytes | None) -> bytes | None:
-    """The text that `_sealed` closed; None if a byte is missing or another."""
-    body, _, tail = (raw or b"").rpartition(_TRAILER)
-    return body if tail == hashlib.sha256(body).hexdigest().encode() + b"\n" else None
+        moved = quarantine.put_away(self.root, path)
+        done = "moved to quarantine" if moved else "which cannot be moved away"
+        self.warn(f"damaged entry of the store, {done}: {path}")
 
 
 def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
     """Bytes as a record; None unless checksum, format and key are right."""
-    body = _unsealed(raw)
-    if body is None:
-        return None
+    record = unseal(raw)
     try:
-        record: dict[str, Any] = json.loads(body)
         whole = record["format"] == _FORMAT and record["key"] == key
         entries = record["outputs"].values()
         whole = whole and all(DIGEST.fullmatch(e["sha256"]) and isinstance(e["size"], int) for e in entries)
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (KeyError, TypeError, AttributeError):
         return None
     return record if whole else None

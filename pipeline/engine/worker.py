@@ -45,7 +45,7 @@ def main() -> None:
     store.replies = replies
     while True:
         spec = json.loads(lines.get())
-        with _descriptors_in(store.path("log", spec["key"])):
+        with _descriptors_in(store.file_for("log", spec["key"])):
             reply = perform(spec, store, packages)
         _send(replies, json.dumps({**reply, "warnings": warnings}).encode() + b"\n")
         warnings.clear()

@@ -1,6 +1,7 @@
 """Where this process writes before it renames: a folder of its own in the store, locked for as long as it lives."""
 
 import os
+import re
 import shutil
 import socket
 import time
@@ -12,6 +13,13 @@ from pipeline.engine.files import try_lock
 
 ABANDONED_S = 86400.0
 """Files being written by other machines are theirs for a day: no lock of theirs may reach here [s]."""
+
+_NAME = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")  # names of machines may hold dashes
+
+
+def is_workspace(name: str) -> bool:
+    """Whether a folder in `tmp/` is named as ours are: `<machine>-<pid>-<32 hex digits>`. No other one is touched."""
+    return _NAME.fullmatch(name) is not None
 
 
 class Workspace:
@@ -30,18 +38,19 @@ class Workspace:
 
 
 def sweep(tmp: Path, older_than_s: float | None = None) -> int:
-    """Remove folders whose process is dead, and count them.
+    """Remove folders whose process is dead, and count them. What is not named as ours are is somebody else's and stays.
 
     The kernel's locks say who lives, no clock and no pid. Where several machines share the store their locks may not
     reach here, so folders of other machines stay unless they are older than asked.
     """
     swept = 0
     for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
-        handle = _open_folder(folder)
-        if handle is None:
+        match = _NAME.fullmatch(folder.name)
+        handle = _open_folder(folder) if match else None
+        if match is None or handle is None:
             continue
         age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
-        is_ours = folder.name.rsplit("-", 2)[0] == socket.gethostname()  # names of machines may hold dashes
+        is_ours = match["host"] == socket.gethostname()
         if not is_ours and (older_than_s is None or age_s < older_than_s):
             os.close(handle)
             continue

@@ -1,6 +1,6 @@
 """Build a dataset: the way from a stage to its output folder."""
 
-import contextlib
+import platform
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from pipeline.engine.libraries import installed_version, machine
 from pipeline.engine.project import Project
 from pipeline.engine.result import Result
 from pipeline.engine.store import Store
+from pipeline.kernel_files import make_folder, read, say, write
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
@@ -135,6 +136,11 @@ def build(
     StageError
         The stage does not pass `check`; then nothing is written.
     """
+    listener = on_event or silent
+
+    def warn(text: str) -> None:
+        listener({"event": "warning", "text": text})
+
     return session.build(
         project(path, out, allow_roots, untrusted=untrusted),
         jobs=jobs,
@@ -145,8 +151,8 @@ def build(
         timeout_s=timeout_s,
         check_percent=check_percent,
         engine=_cluster(engine, timeout_s) if engine else None,
-        on_event=on_event or silent,
-        prepare=compile_once,
+        on_event=listener,
+        prepare=lambda: compile_once(warn),
     )
 
 
@@ -156,21 +162,36 @@ def _cluster(where: str, timeout_s: float | None) -> Callable[[Store, tuple[str,
     return engine_of(where, timeout_s)
 
 
-def compile_once() -> None:
-    """Compile all kernels, before several workers would each do it; a mark beside them says that they are there.
+def compile_once(warn: Callable[[str], None] = say) -> None:
+    """Compile all kernels that are not there and whole, before several workers would each do it.
 
-    The mark is a hint: who misses a kernel compiles it. Builders that start together wait for the first one.
+    A list beside them says which there are. Builders that start together wait for the first one.
+
+    Raises
+    ------
+    EnvironmentFault
+        The disk is full.
     """
     from pipeline.jit import cache_folder
 
     folder = cache_folder()
-    mark = folder / f"all-{machine()}-numba-{installed_version('numba')}"
-    if mark.exists():
+    listed = folder / f"all-{machine()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
+    if _are_whole(listed, warn):
         return
+    make_folder(folder, warn)
     with locked(folder / "lock"):
-        if not mark.exists():
+        if not _are_whole(listed, warn):
+            from pipeline import kernel_cache
             from pipeline.tasks.compile import compile_kernels
 
             compile_kernels()
-            with contextlib.suppress(OSError):  # a cache that cannot be written: every process compiles
-                mark.touch()
+            write(listed, "\n".join(sorted(kernel_cache.used)).encode(), warn)
+
+
+def _are_whole(listed: Path, warn: Callable[[str], None]) -> bool:
+    """Whether all kernels of a list can be read; those that cannot be are named and removed."""
+    names = read(listed, warn)
+    if names is None:
+        return False
+    bad = [name for name in names.decode().split() if read(listed.with_name(name), warn) is None]
+    return not bad

@@ -57,6 +57,8 @@ def gc(
         return
     verb = "would drop" if dry_run else "dropped"
     say(f"{verb} {done.records:,} tasks and {done.blobs:,} files, {human(done.bytes)}; {human(done.bytes_left)} stay")
+    if done.quarantined:
+        say(f"{verb} {done.quarantined:,} damaged entries from quarantine")
 
 
 @cache.command()

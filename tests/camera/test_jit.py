@@ -1,8 +1,19 @@
-"""Compiled kernels are kept under a digest of all sources that can change them."""
+"""Compiled kernels are kept under a digest of all sources that can change them, and used only if they are whole."""
 
+import errno
+import os
+import pickle
+import threading
+from pathlib import Path
+
+import numba
 import pytest
 
+from pipeline import kernel_files
+from pipeline.errors import EnvironmentFault
 from pipeline.jit import _source_digest
+from pipeline.kernel_cache import KernelCache
+from pipeline.tasks.build import compile_once
 
 SOURCES = {
     "room/__init__.py": "LAST = 3",
@@ -36,3 +47,189 @@ def test_comments_and_modules_that_no_kernel_reaches_do_not_count(package):
     (package / "apart.py").write_text("Y = 2", encoding="utf-8")
     (package / "units.py").write_text("# a remark\nMM = 1", encoding="utf-8")
     assert _source_digest(package) == before
+
+
+def twice(x):
+    """What is compiled here."""
+    return 2.0 * x
+
+
+class Bomb:
+    """Unpickling it makes a file."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+@pytest.fixture
+def said(monkeypatch):
+    """Warnings of this test."""
+    monkeypatch.setattr(kernel_files, "_said", found := set())
+    return found
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Where the kernels of this test are kept."""
+    return tmp_path / "jit"
+
+
+def compiled(folder):
+    """Call the kernel as a fresh process would; whether its code came from the folder."""
+    dispatcher = numba.njit(twice)
+    dispatcher._cache = KernelCache(twice, folder)
+    assert dispatcher(4.0) == 8.0
+    return bool(dispatcher.stats.cache_hits)
+
+
+def other_types(path):
+    """Leave a right file under a name that it does not belong to."""
+    dispatcher = numba.njit(twice)
+    dispatcher._cache = KernelCache(twice, path.parent)
+    dispatcher(4)
+    other = next(file for file in path.parent.iterdir() if file != path)
+    other.replace(path)
+
+
+DAMAGE = {
+    "empty": lambda path: path.write_bytes(b""),
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-1]),
+    "cut in the middle": lambda path: path.write_bytes(path.read_bytes()[:1000]),
+    "zeros": lambda path: path.write_bytes(bytes(path.stat().st_size)),
+    "a flipped bit": lambda path: path.write_bytes(b"\x81" + path.read_bytes()[1:]),
+    "of other types": other_types,
+    "a pickle": lambda path: path.write_bytes(pickle.dumps(Bomb(path.parent / "executed"))),
+    "a folder": lambda path: (path.unlink(), path.mkdir(), (path / "thesis").touch()),
+    "a link": lambda path: (path.rename(path.with_name("there")), path.symlink_to("there")),
+    "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_kernel_is_compiled_again_once_and_never_executed(folder, said, damage):
+    assert not compiled(folder) and compiled(folder) and not said
+    (path,) = folder.iterdir()
+    DAMAGE[damage](path)
+    assert not compiled(folder)
+    assert [str(path) in text and "compiled again" in text for text in said] == [True]
+    assert compiled(folder) and len(said) == 1
+    assert not (folder / "executed").exists()
+
+
+def test_a_kernel_that_is_whole_and_cannot_be_loaded_is_compiled_again(folder, said):
+    """As after an update of a library that calls itself by the same version."""
+    compiled(folder)
+    (path,) = folder.iterdir()
+    kernel_files.write(path, pickle.dumps(("something", "else")))
+    assert not compiled(folder) and "cannot be used" in str(said) and compiled(folder)
+
+
+def test_a_flipped_bit_anywhere_is_noticed(tmp_path, said):
+    path = tmp_path / "k"
+    kernel_files.write(path, b"kernel")
+    whole = path.read_bytes()
+    for number in range(8 * len(whole)):
+        flipped = bytearray(whole)
+        flipped[number // 8] ^= 1 << number % 8
+        path.write_bytes(flipped)
+        assert kernel_files.read(path) is None
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        assert kernel_files.read(path) is None
+    path.write_bytes(whole)
+    assert kernel_files.read(path) == b"kernel"
+
+
+def test_kernels_in_a_folder_that_others_may_write_to_are_not_used(folder, said):
+    """They are pickles: reading one is executing it."""
+    compiled(folder)
+    folder.chmod(0o777)
+    assert not compiled(folder) and "was no folder for you alone" in str(said)
+    assert folder.stat().st_mode & 0o777 == 0o700 and compiled(folder)
+
+
+def test_kernels_in_a_folder_of_somebody_else_are_not_used(folder, said, monkeypatch):
+    compiled(folder)
+    if os.geteuid() == 0:
+        os.chown(folder, 12345, -1)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    assert not compiled(folder) and not compiled(folder)
+    assert len(said) == 1 and "others than you" in str(said)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_file_in_the_place_of_the_folder_gets_another_name(folder, said):
+    folder.write_text("mine")
+    assert not compiled(folder) and compiled(folder)
+    assert [path.read_text() for path in folder.parent.glob("jit.*.damaged")] == ["mine"]
+
+
+def failing(error):
+    """A disk that takes nothing."""
+
+    def fail(self, data):
+        raise OSError(error, os.strerror(error))
+
+    return fail
+
+
+def test_a_full_disk_is_an_error_of_the_machine(folder, said, monkeypatch):
+    monkeypatch.setattr(Path, "write_bytes", failing(errno.ENOSPC))
+    with pytest.raises(EnvironmentFault, match=r"cannot keep compiled kernels in .*No space left") as caught:
+        compiled(folder)
+    assert "PIPELINE_JIT_CACHE" in caught.value.hint and not list(folder.iterdir())
+
+
+def test_a_folder_that_cannot_be_written_is_only_slower(folder, said, monkeypatch):
+    monkeypatch.setattr(Path, "write_bytes", failing(errno.EROFS))
+    assert not compiled(folder) and not compiled(folder)
+    assert len(said) == 1 and "every process compiles them" in str(said)
+
+
+def test_processes_that_compile_at_once_do_not_disturb_one_another(tmp_path, said):
+    path, bodies, stop = tmp_path / "k", [bytes([n]) * 50_000 for n in range(4)], threading.Event()
+
+    def writing(body):
+        while not stop.is_set():
+            kernel_files.write(path, body)
+
+    threads = [threading.Thread(target=writing, args=(body,)) for body in bodies]
+    for thread in threads:
+        thread.start()
+    found = [kernel_files.read(path) for _ in range(300)]
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert {*found} - {None} <= {*bodies} and None not in found[50:] and not said
+    assert [file.name for file in tmp_path.iterdir()] == ["k"]
+
+
+def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatch):
+    from pipeline import kernel_cache
+    from pipeline.jit import cache_folder
+
+    monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path))
+    monkeypatch.setattr(kernel_cache, "used", {"a", "b"})
+    calls, said = [], []
+
+    def compile_kernels():
+        calls.append(1)
+        for name in "ab":
+            kernel_files.write(cache_folder() / name, name.encode())
+
+    monkeypatch.setattr("pipeline.tasks.compile.compile_kernels", compile_kernels)
+    compile_once(said.append)
+    compile_once(said.append)
+    assert len(calls) == 1 and not said
+    (cache_folder() / "b").write_bytes(b"")
+    compile_once(said.append)
+    compile_once(said.append)
+    assert len(calls) == 2 and len(said) == 1 and str(cache_folder() / "b") in said[0]
+    (cache_folder() / "a").unlink()
+    compile_once(said.append)
+    assert len(calls) == 3

@@ -190,6 +190,23 @@ def test_events_that_cannot_be_written_end_with_5_before_anything_runs(pipeline,
     assert not (cache / "cas").exists()
 
 
+def test_events_do_not_overwrite_a_file_of_the_user(pipeline, stage, tmp_path):
+    text = (tmp_path / stage()).read_text()
+    code, _, log = pipeline("build", stage(), "-j1", "--events", "s.json")
+    assert code == 2 and "s.json is there and holds no events" in log
+    assert (tmp_path / "s.json").read_text() == text
+    for _ in range(2):  # an older one of ours may be overwritten
+        assert pipeline("build", stage(), "-j1", "--events", "e.jsonl")[0] == 0
+
+
+def test_a_store_in_a_folder_of_the_user_is_refused_with_the_way_out(pipeline, stage, cache):
+    (cache / "tmp/experiment").mkdir(parents=True)
+    for arguments in (("build", stage(), "-j1"), ("cache", "gc"), ("cache", "fsck")):
+        code, _, log = pipeline(*arguments)
+        assert code == 5 and "set PIPELINE_CACHE to a folder that is new or empty" in log
+    assert [path.name for path in cache.rglob("*")] == ["tmp", "experiment"]
+
+
 def test_a_wrong_limit_of_the_store_is_told_before_anything_runs(pipeline, stage, cache, monkeypatch):
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "lots")
     code, _, log = pipeline("build", stage(), "-j1")

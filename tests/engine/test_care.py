@@ -160,7 +160,7 @@ def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine
 
 @pytest.mark.parametrize("machine", ["elsewhere", f"{socket.gethostname()}-gpu"])
 def test_files_being_written_on_other_machines_are_left_alone_for_a_day(store, machine):
-    folder = store.root / "tmp" / f"{machine}-1-abc"
+    folder = store.root / "tmp" / f"{machine}-1-{32 * 'a'}"
     folder.mkdir(parents=True)
     assert sweep(store.root / "tmp") == sweep(store.root / "tmp", 86400.0) == 0
     os.utime(folder, (0, 0))

@@ -1,17 +1,20 @@
 """The output folder: complete or without manifest, repaired without running, other people's files left alone."""
 
+import dataclasses
+import hashlib
 import json
 import os
 import shutil
 import socket
 import threading
 import time
+from pathlib import Path
 
 import pytest
 from engine import toy
 
-from pipeline.engine import deliver as module
 from pipeline.engine import manifest, seen
+from pipeline.engine import store as store_module
 from pipeline.engine.files import locked_folder
 from pipeline.engine.folder import Folder
 from pipeline.engine.seen import Seen
@@ -50,8 +53,8 @@ def test_files_are_copies_and_not_links(out):
 
 
 @pytest.mark.parametrize("name", ["frames/0000/cam/image.txt", "dataset.usda", "manifest.json"])
-def test_missing_and_altered_files_come_back_without_running(out, name):
-    right = toy.contents(out)
+def test_missing_files_come_back_and_altered_ones_are_kept_aside(out, name):
+    right, said = toy.contents(out), []
     (out / name).unlink()
     assert build(toy.project(out), jobs=1).executed == 0
     assert toy.contents(out) == right
@@ -60,8 +63,9 @@ def test_missing_and_altered_files_come_back_without_running(out, name):
     times = (out / name).stat()
     (out / name).write_bytes(altered)
     os.utime(out / name, ns=(times.st_atime_ns, times.st_mtime_ns))  # as if nothing had happened
-    assert build(toy.project(out), jobs=1).executed == 0
-    assert toy.contents(out) == right
+    assert build(toy.project(out), jobs=1, on_event=said.append).executed == 0
+    assert toy.contents(out) == {**right, f"{name}.kept1": bytes(altered)}
+    assert any(f"{name.rpartition('/')[2]}.kept1" in event.get("text", "") for event in said)
 
 
 def test_a_touched_file_with_the_same_bytes_stays(out):
@@ -128,7 +132,7 @@ def test_an_interrupted_delivery_leaves_no_manifest_or_the_whole_previous_build(
 
     with monkeypatch.context() as patch:
         if place == "copy":
-            patch.setattr(module, "copy", killed)
+            patch.setattr(store_module, "copy", killed)
         else:
             patch.setattr(Folder, "place", killed)
         with pytest.raises(Killed):
@@ -157,7 +161,7 @@ def test_a_full_disk_leaves_the_previous_build_whole(out, monkeypatch):
     def full(source, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(module, "copy", full)
+    monkeypatch.setattr(store_module, "copy", full)
     result = build(toy.project(out, power=9.0), jobs=1)
     assert result.exit_code == 5 and "bytes free" in str(result.error)
     assert toy.snapshot(out) == before
@@ -225,14 +229,14 @@ def test_a_foreign_manifest_is_kept_under_another_name(tmp_path):
     assert any("manifest.json.kept1" in event.get("text", "") for event in events)
 
 
-def test_a_damaged_manifest_is_replaced_even_if_the_note_in_the_store_is_damaged_too(out, cache):
+def test_a_damaged_manifest_is_kept_aside_if_the_note_in_the_store_is_damaged_too(out, cache):
     right = toy.contents(out)
     for path in [out / "manifest.json", *(cache / "index").iterdir()]:
         whole = path.read_bytes()
         path.unlink()
         path.write_bytes(whole[1:])
     assert build(toy.project(out), jobs=1).exit_code == 0
-    assert toy.contents(out) == right
+    assert toy.contents(out) == {**right, "manifest.json.kept1": right["manifest.json"][1:]}
 
 
 def test_a_cut_manifest_is_replaced_in_a_folder_that_the_store_does_not_know(out, tmp_path):
@@ -351,7 +355,8 @@ def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, m
     codes.append(build(project, store=store, jobs=1).exit_code)
     second.join()
     fresh = build(toy.project(tmp_path / "fresh", power=9.0), jobs=1)
-    assert codes == [0, 0] and toy.contents(out) == toy.contents(fresh.out)
+    ours = {name: data for name, data in toy.contents(out).items() if ".kept" not in name}  # the other store's files
+    assert codes == [0, 0] and ours == toy.contents(fresh.out)
 
 
 def test_the_lock_of_a_folder_leaves_nothing_in_it(tmp_path):
@@ -415,3 +420,125 @@ def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
     monkeypatch.setattr(Folder, "place", place)
     result = build(toy.project(out), jobs=1)
     assert result.exit_code == 5 and "changed while files were put there" in str(result.error)
+
+
+def test_a_folder_that_was_deleted_and_used_for_something_else_keeps_that(out):
+    shutil.rmtree(out)
+    out.mkdir()
+    (out / "dataset.usda").write_text("mine")
+    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert (out / "dataset.usda.kept1").read_text() == "mine"
+
+
+def test_a_manifest_from_elsewhere_makes_nothing_ours(tmp_path):
+    """Anybody can write one, or a downloaded folder brings it along."""
+    out = tmp_path / "out"
+    out.mkdir()
+    data = b"years of work"
+    (out / "thesis.txt").write_bytes(data)
+    facts = {"sha256": hashlib.sha256(data).hexdigest(), "size": len(data)}
+    listed = json.dumps({"format": 1, "stage": None, "tasks": {}, "files": {"thesis.txt": facts}})
+    (out / "manifest.json").write_text(listed)
+    result = build(toy.project(out), jobs=1)
+    assert result.delivery.foreign == ("thesis.txt",) and result.delivery.removed == ()
+    assert (out / "thesis.txt").read_bytes() == data and (out / "manifest.json.kept1").read_text() == listed
+
+
+def test_a_doctored_manifest_of_ours_makes_nothing_ours(out):
+    (out / "thesis.txt").write_text("years of work")
+    facts = json.loads((out / "manifest.json").read_text())
+    digest = hashlib.sha256(b"years of work").hexdigest()
+    facts["files"]["thesis.txt"] = {"sha256": digest, "size": 13}
+    (out / "manifest.json").write_text(json.dumps(facts))
+    assert build(toy.project(out), jobs=1).delivery.removed == ()
+    assert (out / "thesis.txt").read_text() == "years of work"
+
+
+def test_a_file_that_was_annotated_and_is_no_longer_made_stays(out):
+    path = out / "frames/0001/cam/image.txt"
+    path.write_text(path.read_text() + "blurred, do not use")
+    result = build(toy.project(out, poses=toy.POSES[:1]), jobs=1)
+    assert result.delivery.foreign == ("frames/0001/cam/image.txt",) and "do not use" in path.read_text()
+
+
+@pytest.mark.parametrize("how", ["moved", "copied"])
+def test_a_folder_that_was_moved_or_copied_is_ours_still(out, tmp_path, how):
+    """The store wrote that very manifest: nothing in it needs to be kept aside."""
+    there = tmp_path / "elsewhere"
+    out.rename(there) if how == "moved" else shutil.copytree(out, there)
+    result = build(toy.project(there, power=9.0, poses=toy.POSES[:1]), jobs=1)
+    assert result.delivery.removed == ("frames/0001/cam/image.txt",)
+    assert not list(there.rglob("*.kept*")) and result.delivery.foreign == ()
+
+
+def test_many_files_in_the_way_are_counted_and_not_listed(tmp_path):
+    out, said = tmp_path / "out", []
+    for name in toy.project(out).files:
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text("mine")
+    build(toy.project(out), jobs=1, on_event=said.append)
+    texts = [event["text"] for event in said if event["event"] == "warning"]
+    assert len(texts) == 4 and texts[-1].startswith("3 other files") and len(list(out.rglob("*.kept1"))) == 6
+
+
+def test_two_datasets_of_one_name_do_not_share_an_output_folder(tmp_path):
+    """A copied example: file and prim have the same names, and so has the default output folder."""
+    out, stages = tmp_path / "build", [tmp_path / name / "dataset.usda" for name in "ab"]
+    for stage in stages:
+        stage.parent.mkdir()
+        stage.touch()
+    first, second = (dataclasses.replace(toy.project(out), stage_id=str(stage)) for stage in stages)
+    build(first, jobs=1)
+    before = toy.snapshot(out)
+    with pytest.raises(UsageError, match=r"another stage: .*/a/dataset.usda, not .*/b/dataset.usda"):
+        build(second, jobs=1)
+    assert toy.snapshot(out) == before
+    stages[0].unlink()  # moved, then: the same dataset in another place
+    assert build(second, jobs=1).exit_code == 0
+
+
+def test_a_deleted_output_folder_is_free_for_another_dataset(tmp_path):
+    out, stage = tmp_path / "out", tmp_path / "a.usda"
+    stage.touch()
+    build(dataclasses.replace(toy.project(out), stage_id=str(stage)), jobs=1)
+    shutil.rmtree(out)
+    assert build(toy.project(out), jobs=1).exit_code == 0
+
+
+def test_what_is_delivered_is_hashed_while_it_is_copied(out, monkeypatch):
+    """A bit that flips between the look at a blob and its copy does not arrive."""
+    right = toy.contents(out)
+    (out / "cameras/cam/near.bin").unlink()
+    real, flips = store_module.copy, []
+
+    def flipping(source, target):
+        if not flips:
+            flips.append(source)
+            data = source.read_bytes()
+            source.chmod(0o644)
+            source.write_bytes(bytes([data[0] ^ 1]) + data[1:])
+        real(source, target)
+
+    monkeypatch.setattr(store_module, "copy", flipping)
+    result = build(toy.project(out), jobs=1)
+    assert flips and result.exit_code == 0 and toy.executed(result) == {"rays/cam"}
+    assert toy.contents(out) == right
+
+
+@pytest.mark.parametrize("out", [".", "..", "layers"])
+def test_an_output_folder_that_the_stage_lies_in_is_refused(tmp_path, monkeypatch, out):
+    """A build delivers a `dataset.usda`, too; the source would get another name, and then be overwritten."""
+    home = tmp_path / "project"
+    (home / "layers").mkdir(parents=True)
+    reads = (home / "dataset.usda", home / "layers/lens.usda")
+    for path in reads:
+        path.write_text("mine")
+    monkeypatch.chdir(home)
+    for place, allowed in ((out, False), (f"{out}/build", True)):
+        project = dataclasses.replace(toy.project(Path(place)), reads=reads)
+        if allowed:
+            assert build(project, jobs=1).exit_code == 0
+            continue
+        with pytest.raises(UsageError, match="files that the stage is made of"):
+            build(project, jobs=1)
+    assert {path.read_text() for path in reads} == {"mine"} and not list(tmp_path.rglob("*.kept*"))

@@ -134,16 +134,16 @@ def test_a_library_that_is_not_installed_is_an_error_of_the_machine(kit):
 def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_path):
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
     (kit / "tasks" / "lens.py").write_text("import networkx\n")
-    keys = {Specs(Store(tmp_path)).of(graph["lens"], {}).key}
+    keys = {Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key}
     with monkeypatch.context() as patch:
         patch.setattr("sys.version_info", types.SimpleNamespace(major=3, minor=99))
-        keys.add(Specs(Store(tmp_path)).of(graph["lens"], {}).key)
+        keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
         patch.setattr("pipeline.engine.libraries.installed_version", lambda name: "0.0.1")
-        keys.add(Specs(Store(tmp_path)).of(graph["lens"], {}).key)
+        keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
         patch.setattr("pipeline.engine.code.machine", lambda: "z80")
-        keys.add(Specs(Store(tmp_path)).of(graph["lens"], {}).key)
+        keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     assert len(keys) == 4
 
 
@@ -195,7 +195,7 @@ def test_a_misspelt_task_gets_a_hint(tmp_path):
 
 
 def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path, monkeypatch):
-    store, parsed = Store(tmp_path), []
+    store, parsed = Store(tmp_path / "store"), []
     parse = code._parsed
     monkeypatch.setattr(
         code, "_parsed", lambda tree, name, is_package: parsed.append(name) or parse(tree, name, is_package)

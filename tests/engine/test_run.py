@@ -7,6 +7,7 @@ from engine import toy
 
 from pipeline.engine.run import run
 from pipeline.engine.session import build
+from pipeline.engine.store import DamagedBlob
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -234,3 +235,35 @@ def run(params, inputs, out):
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}), ("other", "other", {"flag": "flag"}, {"lens": "lens"}))
     outcome = run(graph, store)
     assert {name: result.state for name, result in outcome.results.items()} == {"lens": "executed", "other": "executed"}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("put_back", [False, True])
+def test_a_bit_that_flips_between_the_look_at_an_input_and_its_use_is_noticed(tmp_path, store, jobs, put_back):
+    """Else a wrong result would stand under a right key for ever."""
+    (tmp_path / "tries").mkdir()
+    params = {"folder": str(tmp_path / "tries"), "times": 1, "put_back": put_back}
+    lens = ("lens", "lens", {"power": 4.0})
+    graph = toy.graph_of(lens, ("meddled", "meddled", params, {"lens": "lens"}))
+    outcome = run(graph, store, jobs=jobs)
+    assert outcome.results["meddled"].state == "executed" and outcome.results["lens"].state == "executed"
+    right = outcome.records["lens"]["outputs"]["lens.txt"]
+    assert outcome.records["meddled"]["outputs"]["read.txt"] == right == store.put_bytes(b"8")
+
+
+def test_a_task_whose_inputs_change_again_and_again_fails_and_says_why(tmp_path, store):
+    (tmp_path / "tries").mkdir()
+    params = {"folder": str(tmp_path / "tries"), "times": 9, "put_back": True}
+    graph = toy.graph_of(("lens", "lens", {"power": 4.0}), ("meddled", "meddled", params, {"lens": "lens"}))
+    failed = run(graph, store).results["meddled"]
+    assert failed.state == "failed" and failed.machine
+    assert "was written to while it was used" in failed.error and "Traceback" not in failed.error
+
+
+def test_a_blob_whose_bytes_rot_without_a_trace_is_noticed(tmp_path, store, monkeypatch):
+    """As by a bad disk, or through a mapping: no time of the file changes."""
+    digest = store.put_bytes(b"right")["sha256"]
+    looks = store.looks([digest])
+    monkeypatch.setattr("pipeline.engine.store.digest_of", lambda path: "0" * 64)
+    with pytest.raises(DamagedBlob):
+        store.confirm(looks)

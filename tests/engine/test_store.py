@@ -1,18 +1,25 @@
 """The store gives the right bytes or a miss, whatever happened to its files."""
 
 import errno
+import hashlib
 import os
 import random
+import shutil
+import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from engine import toy
 
-from pipeline.engine.care import check
+from pipeline.engine import manifest
+from pipeline.engine.care import check, collect, info
 from pipeline.engine.session import build
 from pipeline.engine.store import DamagedBlob, Store
+from pipeline.engine.structure import VERSION
 from pipeline.engine.workspace import sweep
+from pipeline.errors import EnvironmentFault
 
 KEY = "ab" * 32
 
@@ -188,3 +195,134 @@ def test_a_store_that_may_only_be_read_gets_a_private_one_on_top(tmp_path, kit, 
     record.chmod(0o644)
     record.write_bytes(b"damaged")
     assert len(again()) == 1 and again() == set()
+
+
+def test_a_folder_that_holds_anything_else_is_no_store(tmp_path):
+    """The user's own `tmp/` and `quarantine/` would be swept and emptied."""
+    root = tmp_path / "scratch"
+    for name in ("tmp/experiment", "quarantine", f"tmp/{socket.gethostname()}-backup-2026"):
+        (root / name).mkdir(parents=True)
+        (root / name / "data").write_text("precious")
+    before = toy.snapshot(root)
+    with pytest.raises(EnvironmentFault, match="holds quarantine, tmp, and no VERSION of ours"):
+        Store(root)
+    assert toy.snapshot(root) == before
+
+
+@pytest.mark.parametrize("said", ["1.2.3", "plenoptic-pipeline store 2", ""])
+def test_a_version_of_something_else_makes_no_store(tmp_path, said):
+    root = tmp_path / "project"
+    root.mkdir()
+    (root / "VERSION").write_text(said)
+    (root / "thesis.tex").touch()
+    with pytest.raises(EnvironmentFault):
+        Store(root)
+
+
+@pytest.mark.parametrize("left", [(), ("lost+found",), (f"tmp/machine-1-{32 * 'a'}",)])
+def test_an_empty_folder_or_one_that_was_hardly_begun_becomes_a_store(tmp_path, left):
+    root = tmp_path / "empty"
+    root.mkdir()
+    for name in left:
+        (root / name).mkdir(parents=True)
+    Store(root).put_bytes(b"x")
+    assert Store(root).size() == 1
+
+
+def test_only_names_of_our_own_form_are_collected(store, cache):
+    """In a store, too, anybody may have put something."""
+    mine = [f"tmp/{socket.gethostname()}-backup-2026/f", "tmp/experiment/f", "quarantine/q", "quarantine/1-notes/f"]
+    kept = f"quarantine/1-{64 * 'a'}/f"  # something full in the place of an entry
+    for name in (*mine, kept):
+        (cache / name).parent.mkdir(parents=True, exist_ok=True)
+        (cache / name).write_text("precious")
+        os.utime((cache / name).parent, (0, 0))
+    damaged = [f"quarantine/1-{64 * 'b'}", f"quarantine/2-{64 * 'c'}.json"]
+    for name in damaged:
+        (cache / name).touch()
+    assert info(store).quarantined == 3 and collect(store, 0, dry_run=True).quarantined == 3
+    Store(cache).sweep()
+    collect(store, 0)
+    assert all((cache / name).read_text() == "precious" for name in (*mine, kept))
+    assert not any((cache / name).exists() for name in damaged)
+
+
+FOLDERS = ["cas", "cas/sha256", "ac/v1", "lock", "tmp", "logs", "history", "index", "quarantine"]
+FILES = ["VERSION", "gc.lock"]
+
+
+@pytest.mark.parametrize("how", ["file", "dangling link"])
+@pytest.mark.parametrize("name", [*FOLDERS, "shards"])
+def test_a_store_with_something_in_the_place_of_a_folder_heals_and_says_so(tmp_path, cache, name, how):
+    right = toy.contents(build(toy.project(tmp_path / "right"), jobs=1).out)
+    tables = [cache / table for table in ("cas/sha256", "ac/v1", "lock")]
+    for path in [shard for table in tables for shard in table.iterdir()] if name == "shards" else [cache / name]:
+        shutil.rmtree(path, ignore_errors=True)
+        path.write_text("x") if how == "file" else path.symlink_to("/nonexistent")
+    said = []
+    assert build(toy.project(tmp_path / "out"), store=Store(cache, warn=said.append), jobs=2).exit_code == 0
+    assert any("quarantine" in text and name.rstrip("s") in text for text in said) or name == "shards"
+    assert said and toy.contents(tmp_path / "out") == right
+    found = check(Store(cache))
+    assert found.damaged == found.incomplete == ()
+    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_store_with_a_folder_in_the_place_of_a_file_heals(tmp_path, cache, name):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    (cache / name).unlink()
+    (cache / name).mkdir()
+    (cache / name / "thesis.tex").write_text("years of work")
+    assert name in check(Store(cache)).damaged and (cache / "VERSION").is_file()
+    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+    assert not collect(Store(cache), 0).busy
+    assert [path.read_text() for path in cache.rglob("thesis.tex")] == ["years of work"]
+
+
+@pytest.mark.parametrize("table", ["lock", "log"])
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
+def test_what_stands_in_the_place_of_a_lock_or_a_log_goes_out_of_the_way(tmp_path, cache, table, make):
+    first = build(toy.project(tmp_path / "out"), jobs=1)
+    for path in (cache / "ac").rglob("*.json"):
+        path.unlink()
+    for task in first.tasks:
+        path = Store(cache).path(table, task.key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
+        make(path)
+    again = build(toy.project(tmp_path / "out"), jobs=1)
+    assert again.executed == 5 and again.exit_code == 0
+
+
+def test_a_store_that_lost_its_version_is_a_store_still(tmp_path, cache):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    for said in (None, b"", b"\0" * 27, b"1\n"):
+        (cache / "VERSION").unlink()
+        if said is not None:
+            (cache / "VERSION").write_bytes(said)
+        assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+        assert (cache / "VERSION").read_bytes() == VERSION
+
+
+def test_stores_below_that_go_round_in_a_circle_are_left_out(tmp_path):
+    said = []
+    for name, below in (("a", "a"), ("b", "c"), ("c", "b"), ("d", "home")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "below").write_text(str(tmp_path / below))
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home/thesis.tex").touch()
+    for name in "abd":
+        Store(tmp_path / name, warn=said.append).put_bytes(b"x")
+    assert len(said) == 3 and not (tmp_path / "a/below").exists()
+    assert [path.name for path in (tmp_path / "home").iterdir()] == ["thesis.tex"]
+
+
+def test_a_record_that_nests_too_deeply_is_a_miss(tmp_path, store, record):
+    body = b"[" * 200_000
+    path = store.path("record", KEY)
+    path.unlink()
+    path.write_bytes(body + b"\n#sha256=" + hashlib.sha256(body).hexdigest().encode() + b"\n")
+    assert store.record(KEY) is None and not path.exists()
+    (tmp_path / "manifest.json").write_bytes(body)
+    assert manifest.read(tmp_path).files == {}

@@ -161,3 +161,8 @@ def test_a_builder_killed_at_any_time_leaves_nothing_wrong(tmp_path, cache, kit)
     assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "fresh_out")
     assert not [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
     assert len(list((cache / "tmp").iterdir())) <= 1
+
+
+def test_ended_workers_leave_nothing_in_the_store(tmp_path, cache):
+    assert build(toy.project(tmp_path / "out"), jobs=2).exit_code == 0
+    assert not list((cache / "tmp").iterdir())

@@ -16,6 +16,12 @@ from pathlib import Path
 
 import numpy as np
 from faults.shim import fail_at, in_fork, kill_at
+from faults.untrusted import (
+    damaged_kernels,
+    flips_after_verification,
+    something_in_the_place_of_folders,
+    things_of_somebody_else,
+)
 from faults.workbench import STAGE, Row, Workbench, entries
 
 from pipeline.engine import manifest
@@ -533,7 +539,11 @@ FAULTS = (
     lambda bench: errors_of_the_system(bench, "R24", "I/O error (EIO), once", errno.EIO, for_good=False, most=2),
     lambda bench: errors_of_the_system(bench, "R24", "too many open files", errno.EMFILE, for_good=False, most=2),
     lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=2),
+    damaged_kernels,
+    something_in_the_place_of_folders,
+    flips_after_verification,
+    things_of_somebody_else,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20)
+SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20, 21, 22, 23, 24)
 """Rows that the tests do too, by number; the others start processes that load everything again."""

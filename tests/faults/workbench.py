@@ -76,12 +76,14 @@ class Workbench:
         options = {"on_event": on_event} if on_event else {}
         return build(self.at(place), store=Store(place / "store"), jobs=jobs, **options)
 
-    def build_in_fork(self, place: Path, act=None) -> int:
-        """The same in a fork, with a fault; gives its exit code."""
+    def build_in_fork(self, place: Path, act=None, meanwhile=None) -> int:
+        """The same in a fork, with a fault at a step, or one that `meanwhile` arms; gives its exit code."""
 
         def work() -> int:
             if act is not None:
                 self.shim.arm(place, act)
+            if meanwhile is not None:
+                meanwhile()
             try:
                 return self.build(place).exit_code
             except PipelineError as error:

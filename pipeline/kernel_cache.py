@@ -1,0 +1,71 @@
+"""Where Numba looks for compiled code: a file for each kernel and types, named by all that decides what is in it.
+
+Numba's own cache believes whatever it finds: a file that lost its end breaks every build for ever, and one that
+somebody else wrote is executed. This one does for a dispatcher what `numba.core.caching.FunctionCache` does.
+"""
+
+import hashlib
+import pickle
+import sys
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+
+from pipeline import kernel_files
+
+used: set[str] = set()
+"""Names of files that this process has read or written."""
+
+
+class KernelCache:
+    """The compiled code of a kernel, in a folder for all kernels of the same sources."""
+
+    def __init__(self, function: Any, folder: Path) -> None:
+        self._name, self._folder = f"{function.__module__}.{function.__qualname__}", folder
+        kernel_files.make_folder(folder)
+
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        return str(self._folder)
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Compiled code for types of arguments; None if it has to be compiled."""
+        target.refresh()
+        path = self._path(signature, target.codegen())
+        data = kernel_files.read(path)
+        if data is None:
+            return None
+        try:
+            compiled = CompileResult._rebuild(target, *pickle.loads(data))
+        except Exception as error:  # whole, but written by something that calls itself as this one
+            kernel_files.discard(path, f"cannot be used ({type(error).__name__}: {error})")
+            return None
+        used.add(path.name)
+        return compiled
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Keep compiled code.
+
+        Raises
+        ------
+        EnvironmentFault
+            The disk is full.
+        """
+        if compiled.lifted or compiled.library.has_dynamic_globals:
+            raise TypeError(f"{self._name} holds addresses of this process, so its compiled code cannot be kept")
+        path = self._path(signature, compiled.codegen)
+        kernel_files.write(path, dumps(compiled._reduce()))
+        used.add(path.name)
+
+    def flush(self) -> None:
+        """Nothing kept is ever stale: other sources have another folder."""
+
+    def _path(self, signature: Any, codegen: Any) -> Path:
+        types, _ = normalize_signature(signature)
+        decides = repr((self._name, str(types), codegen.magic_tuple(), numba.__version__, sys.version))
+        return self._folder / f"{self._name}-{hashlib.sha256(decides.encode()).hexdigest()[:32]}"

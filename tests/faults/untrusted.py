@@ -1,0 +1,191 @@
+"""Faults beside the entries of the store: things of others, kernels, and bytes that change after they were verified.
+
+Every function does one row of the table, as in `catalogue`.
+"""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from faults.workbench import STAGE, Row, Workbench
+
+from pipeline import kernel_files
+from pipeline.engine import store as store_module
+from pipeline.engine.care import check, collect
+from pipeline.engine.store import Store
+from pipeline.errors import EnvironmentFault
+from pipeline.jit import cache_folder
+
+_FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "index", "quarantine")
+_FILES = ("VERSION", "gc.lock")
+
+
+def damaged_kernels(bench: Workbench) -> Row:
+    """Every state of every kernel is noticed before it is unpickled; in the whole run, builds compile them again."""
+    row = Row("R25", "kernel cache: empty, cut, zeros, swapped, flipped, a folder")
+    folder = bench.new_place() / "jit" / cache_folder().name
+    shutil.copytree(cache_folder(), folder)
+    kernels = sorted(path for path in folder.iterdir() if path.stat().st_size)
+    for number, path in enumerate(kernels):
+        whole = path.read_bytes()
+        flips = [_flipped(bench, whole) for _ in range(24 if bench.whole else 2)]
+        for data in (
+            b"",
+            whole[:-1],
+            whole[: len(whole) // 2],
+            bytes(len(whole)),
+            kernels[number - 1].read_bytes(),
+            *flips,
+        ):
+            path.write_bytes(data)
+            said: list[str] = []
+            row.tried += 1
+            row.wrong += kernel_files.read(path, said.append) is not None or str(path) not in said[0]
+        path.write_bytes(whole)
+        row.wrong += kernel_files.read(path) is None
+    small = sorted(kernels, key=lambda path: path.stat().st_size)[:3]  # they compile fast
+    for path in small if bench.whole else ():
+        for damage in (lambda path: path.write_bytes(b""), lambda path: (path.unlink(), path.mkdir())):
+            damage(path)
+            codes = [_command(bench, folder.parent, path, said) for said in (True, False)]
+            row.tried += 1
+            row.wrong += codes != [0, 0]
+    return row
+
+
+def _command(bench: Workbench, kernels: Path, damaged: Path, is_said: bool) -> int:
+    """A cold build by a process that has loaded nothing; 0 if it is right, and says what was damaged just this once."""
+    place = bench.new_place()
+    settings = {**os.environ, "PIPELINE_JIT_CACHE": str(kernels), "PIPELINE_CACHE": str(place / "store")}
+    command = [sys.executable, "-m", "pipeline.cli", "build", str(STAGE), "-j1", "-o", str(place / "out")]
+    done = subprocess.run(command, env=settings, capture_output=True, text=True, check=False)
+    right = (damaged.name in done.stderr) == is_said and "Traceback" not in done.stderr
+    return done.returncode if right and not bench.differs(place) else 99
+
+
+def something_in_the_place_of_folders(bench: Workbench) -> Row:
+    row = Row("R26", "a file or dangling link where the store has a folder, a folder where it has a file")
+    makers = {"file": lambda path: path.write_text("x"), "link": lambda path: path.symlink_to("/nonexistent")}
+    shards = [
+        path.relative_to(bench.folder / "right/store")
+        for table in ("cas/sha256", "ac/v1", "lock")
+        for path in sorted((bench.folder / "right/store" / table).iterdir())
+    ]
+    cases = [(name, maker) for name in (*_FOLDERS, *shards) for maker in makers.values()]
+    cases += [(name, Path.mkdir) for name in _FILES]
+    for number in bench.some(len(cases), 4):
+        name, make = cases[number - 1]
+        for heal in (None, check):
+            place = bench.new_place(built=True)
+            shutil.rmtree(place / "out")
+            path = place / "store" / name
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+            make(path)
+            row.tried += 1
+            if heal is not None:
+                row.wrong += str(name) not in heal(Store(place / "store")).damaged
+                row.bad += bool(heal(Store(place / "store")).damaged)
+            bench.judge(row, place, meanwhile=False)
+    return row
+
+
+def flips_after_verification(bench: Workbench) -> Row:
+    """One bit of an input, after it was hashed and before the task opens it; and of a result, before it is copied."""
+    row = Row("R27", "a bit that flips between the look at a blob and its use, by a task or a delivery")
+    tasks, files = len(bench.project.graph), len(bench.project.files)
+    for number in bench.some(tasks, 3):
+        place = bench.new_place()
+        row.tried += 1
+        row.wrong += bench.build_in_fork(place, meanwhile=_flipping(bench, "looks", number)) != 0 or bench.differs(
+            place
+        )
+        bench.judge(row, place)
+    for number in bench.some(files, 2):
+        place = bench.new_place(built=True)
+        shutil.rmtree(place / "out")
+        row.tried += 1
+        row.wrong += bench.build_in_fork(place, meanwhile=_flipping(bench, "copy", number)) != 0 or bench.differs(place)
+        bench.judge(row, place)
+    return row
+
+
+def _flipping(bench: Workbench, what: str, number: int) -> Callable[[], None]:
+    """Makes the n-th task with inputs, or the n-th copy, meet another byte; size and mtime stay."""
+    chance, calls = bench.chance.random(), []
+
+    def flip(path: Path) -> None:
+        whole, times = bytearray(path.read_bytes()), path.stat()
+        whole[int(chance * len(whole))] ^= 1
+        path.chmod(0o644)
+        path.write_bytes(whole)
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+    def looks(self: Store, digests: set[str], real=Store.looks) -> dict:
+        found = real(self, digests)
+        if digests and isinstance(digests, set):  # before the task runs, not when it has ended
+            calls.append(1)
+            if len(calls) == number:
+                flip(self.path("blob", max(digests)))
+        return found
+
+    def copy(source: Path, target: Path, real=store_module.copy) -> None:
+        calls.append(1)
+        if len(calls) == number:
+            flip(source)
+        real(source, target)
+
+    def arm() -> None:
+        if what == "looks":
+            Store.looks = looks
+        else:
+            store_module.copy = copy
+
+    return arm
+
+
+def things_of_somebody_else(bench: Workbench) -> Row:
+    row = Row("R28", "files of others in the output folder and in the store: all are kept")
+    names = sorted([*bench.project.files, "manifest.json"])
+    for number in bench.some(len(names), 3):
+        name = names[number - 1]
+        for emptied in (False, True):
+            place = bench.new_place(built=True)
+            if emptied:
+                shutil.rmtree(place / "out")
+            (place / "out" / name).parent.mkdir(parents=True, exist_ok=True)
+            (place / "out" / name).write_text("years of work")
+            row.tried += 1
+            row.wrong += bench.build_in_fork(place) != 0
+            kept = place / "out" / f"{name}.kept1"
+            row.wrong += not kept.is_file() or kept.read_text() != "years of work"
+            kept.unlink(missing_ok=True)
+            bench.judge(row, place)
+    place = bench.new_place(built=True)
+    mine = [f"tmp/{socket.gethostname()}-backup-2026/f", "tmp/experiment/f", "quarantine/q", "notes.txt"]
+    for path in [place / "store" / name for name in mine]:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("years of work")
+        os.utime(path.parent, (0, 0))
+    row.wrong += bench.build_in_fork(place) != 0
+    collect(Store(place / "store"), 0)
+    row.tried += len(mine)
+    row.wrong += sum((place / "store" / name).read_text() != "years of work" for name in mine)
+    (place / "store/VERSION").unlink()
+    row.tried += 1
+    try:
+        Store(place / "store")  # it holds notes.txt, and does not say that it is a store
+        row.wrong += 1
+    except EnvironmentFault:
+        row.failed += 1
+    shutil.rmtree(place)
+    return row
+
+
+def _flipped(bench: Workbench, whole: bytes) -> bytes:
+    data = bytearray(whole)
+    data[bench.chance.randrange(len(data))] ^= 1 << bench.chance.randrange(8)
+    return bytes(data)
