@@ -193,8 +193,12 @@ class Ending:
         if self._end["checked"]:
             different = sum(bool(task.get("differs")) for task in whole["tasks"])
             yield f"{len(self._end['checked'])} tasks computed twice, {different} with other bytes"
-        if not self._end["delivered"]:
-            yield f"{whole['out']} was not touched"
+        if self._end["untouched"]:
+            yield f"{whole['out']} was not touched: {self._end['untouched']}"
+        if partial := self._end["partial"]:
+            count = len(partial["files"])
+            state = "its manifest holds" if partial["finished"] else "without TARGET the rest follows, and manifest.json"
+            yield f"{count} file{'s' * (count != 1)} of {whole['out']} delivered; {state}"
 
 
 def human(size: float) -> str:

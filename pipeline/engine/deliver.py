@@ -3,12 +3,15 @@
 New files are first written aside, inside the folder; a full disk shows there, while the previous build is still whole.
 Then what others put in the way gets another name, the manifest goes, files are renamed into place, files no longer made
 go, and the manifest comes last.
+
+A partial delivery puts some of the files there and removes none. A manifest that agrees with them stays; one that does
+not goes, because the folder is then no longer the build that it describes. A partial delivery never makes one.
 """
 
 import contextlib
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +29,17 @@ Source = bytes | tuple[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delivery:
-    """What changed in the folder; paths are posix and relative."""
+    """What changed in the folder; paths are posix and relative.
+
+    `asked` are the files that a partial delivery put or found there; None after a whole one. `finished` says whether the
+    folder has a manifest now.
+    """
 
     written: tuple[str, ...] = ()
     removed: tuple[str, ...] = ()
     foreign: tuple[str, ...] = ()
+    asked: tuple[str, ...] | None = None
+    finished: bool = True
 
 
 def deliver(
@@ -41,8 +50,9 @@ def deliver(
     records: Mapping[str, Record],
     store: Store,
     warn: Callable[[str], None] = lambda text: None,
+    whole: bool = True,
 ) -> Delivery:
-    """Make `out` hold `files` and a manifest, and nothing of an earlier build.
+    """Make `out` hold `files` and a manifest, and nothing of an earlier build; if not `whole`, `files` and no more.
 
     Raises
     ------
@@ -63,6 +73,8 @@ def deliver(
     # The store's lock may reach other machines; the folder's own reaches builders with other stores.
     with store.single_flight(name_of(out)), locked_folder(out) as alone, _errors_told(out, goal):
         there = manifest.read_of(out, head.get("stage"))
+        if not whole:
+            goal = replace(goal, whole=False, manifest=there.data if _agrees(there, entries) else None)
         folder = Folder(out, warn)
         folder.remove_old_asides(alone=alone)  # also where nothing changes: a builder may have died after its last file
         return _fill(folder, goal, there)
@@ -70,12 +82,13 @@ def deliver(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Goal:
-    """What a folder shall hold, and the store that has it."""
+    """What a folder shall hold, and the store that has it. If it is not `whole`, other files of ours may stay."""
 
     files: Mapping[str, Source]
     entries: dict[str, dict[str, Any]]
-    manifest: bytes
+    manifest: bytes | None
     store: Store
+    whole: bool = True
 
     def write(self, path: str, target: Path) -> None:
         """Write the bytes of a file to a new one."""
@@ -92,15 +105,16 @@ def _fill(folder: Folder, goal: _Goal, there: manifest.Manifest) -> Delivery:
     # What is not present is missing, or lies behind a link to a folder: then it is not in this one.
     entries = goal.entries
     changed = [path for path in entries if path not in present or seen.digest(path) != entries[path]["sha256"]]
-    stale = sorted(present & ours - entries.keys())
-    foreign = sorted(present - ours - entries.keys())
+    stale = sorted(present & ours - entries.keys()) if goal.whole else []
+    foreign = sorted(present - ours - entries.keys()) if goal.whole else []
     if foreign:
         shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
         folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
     if changed or stale or there.data != goal.manifest:
         _change(folder, seen, goal, changed=changed, stale=stale, ours=ours, others=present - ours)
-    seen.keep(entries)
-    return Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
+    seen.keep(entries, others=() if goal.whole else ours - entries.keys())
+    changes = Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
+    return changes if goal.whole else replace(changes, asked=tuple(entries), finished=goal.manifest is not None)
 
 
 def _change(
@@ -110,7 +124,8 @@ def _change(
         for number, path in enumerate(changed):
             goal.write(path, aside / str(number))
             seen.wrote(path, aside / str(number))
-        (aside / manifest.NAME).write_bytes(goal.manifest)
+        if goal.manifest is not None:
+            (aside / manifest.NAME).write_bytes(goal.manifest)
         # From `begin` on all paths count as ours, also after a crash: what is not has to be out of the way before.
         if not seen.is_known and not _is_ours(manifest.read(folder.out), goal):
             folder.clear(manifest.NAME, is_ours=False)
@@ -123,12 +138,18 @@ def _change(
         for number, path in enumerate(changed):
             folder.place(aside / str(number), path, is_ours=path in ours)
             seen.placed(path)
-        (aside / manifest.NAME).replace(folder.out / manifest.NAME)
+        if goal.manifest is not None:
+            (aside / manifest.NAME).replace(folder.out / manifest.NAME)
+
+
+def _agrees(there: manifest.Manifest, entries: Mapping[str, Any]) -> bool:
+    """Whether a manifest says of these files what they shall be."""
+    return all(there.files.get(path) == entry for path, entry in entries.items())
 
 
 def _is_ours(there: manifest.Manifest, goal: _Goal) -> bool:
     """Whether a manifest is one of ours, or one that was cut, of which nothing is lost."""
-    return bool(there.tasks) or (there.data is not None and goal.manifest.startswith(there.data))
+    return bool(there.tasks) or (there.data is not None and (goal.manifest or b"").startswith(there.data))
 
 
 @contextlib.contextmanager

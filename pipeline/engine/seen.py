@@ -33,6 +33,7 @@ class Seen:
         self._out, self._store = out, store
         self.is_known = store.note_time_ns("index", name_of(out)) > 0
         self._note: dict[str, Any] = store.read_note("index", name_of(out)) or {}
+        self._before: dict[str, Any] = self._note.get("looks", {})
         self.ours = set(filter(manifest.is_plain_path, self._note.get("ours", [])))
         self._settled_ns = time.time_ns() - _CLOCK_TICK_NS
         self._certain: dict[str, Signature] = {}
@@ -64,12 +65,16 @@ class Seen:
         """Files are about to be put into place: no looks count until `keep`."""
         self._write({"looks": {}, "ours": sorted(ours)})
 
-    def keep(self, entries: Mapping[str, Mapping[str, Any]]) -> None:
-        """Remember that the folder holds these files, and the looks of those that nobody has touched meanwhile."""
+    def keep(self, entries: Mapping[str, Mapping[str, Any]], others: Iterable[str] = ()) -> None:
+        """Remember that the folder holds these files, and the looks of those that nobody has touched meanwhile.
+
+        `others` are files of ours that a partial delivery left alone: they stay ours, with the looks known before.
+        """
         now = {path: signature(os.lstat(f"{self._out}/{path}")) for path in entries}
         certain = {path: looks for path, looks in now.items() if looks == self._certain.get(path)}
         known = {path: [looks, entries[path]["sha256"]] for path, looks in certain.items()}
-        self._write({"looks": known, "ours": sorted(entries)})
+        known |= {path: self._before[path] for path in others if path in self._before}
+        self._write({"looks": known, "ours": sorted({*entries, *others})})
 
     def _write(self, note: dict[str, Any]) -> None:
         if note != self._note:

@@ -46,12 +46,11 @@ def build(
     quiet: Annotated[int, typer.Option("--quiet", "-q", count=True, help="Say less.")] = 0,
 ) -> None:
     """Run what is missing and fill the output folder; the second time nothing runs."""
-    last = [*(until or ()), *(targets or ())]
     if dry_run:
-        print_plan(stage, out, allow_root, force, last, as_json=as_json, untrusted=untrusted)
+        print_plan(stage, out, allow_root, force, until, targets, as_json=as_json, untrusted=untrusted)
         return
     arguments: dict[str, Any] = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or ()}
-    arguments |= {"until": last, "retries": retries, "timeout_s": timeout, "check_percent": check_determinism}
+    arguments |= {"until": until or (), "targets": targets or (), "retries": retries, "timeout_s": timeout, "check_percent": check_determinism}
     arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted, "engine": engine}
     again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
     try:
@@ -63,7 +62,8 @@ def build(
     if as_json:
         say_json(result.to_dict())
     elif result.delivery is not None:
-        say(str(result.out))
+        for file in ("",) if result.delivery.asked is None else result.delivery.asked:
+            say(str(result.out / file))
     is_quiet = quiet > verbose
     raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=is_quiet) else 0))
 
@@ -136,6 +136,7 @@ def print_plan(
     allow_root: list[Path] | None,
     force: list[str] | None,
     until: list[str] | None,
+    targets: list[str] | None = None,
     *,
     as_json: bool,
     specs: Path | None = None,
@@ -147,7 +148,7 @@ def print_plan(
     from pipeline.engine.single import write_specs
 
     project = project_of(stage, out, allow_root, untrusted)
-    tasks = plan_of(project, force=force or (), until=until or ())
+    tasks = plan_of(project, force=force or (), until=until or (), targets=targets or ())
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
     if as_json:
