@@ -197,7 +197,8 @@ class Ending:
             yield f"{whole['out']} was not touched: {self._end['untouched']}"
         if partial := self._end["partial"]:
             count = len(partial["files"])
-            state = "its manifest holds" if partial["finished"] else "without TARGET the rest follows, and manifest.json"
+            whole_one = "a build without TARGET brings the rest and a manifest"
+            state = "its manifest still holds" if partial["finished"] else whole_one
             yield f"{count} file{'s' * (count != 1)} of {whole['out']} delivered; {state}"
 
 

@@ -10,8 +10,9 @@ _LONGEST = 200
 def nearest(name: str, choices: Iterable[str]) -> str | None:
     """The choice nearest to a name, or None if all are far.
 
-    A name that only lacks its namespace means the choice that ends with it. Otherwise what differs after the namespaces
-    that both share may need one edit in three letters, at least one: `plen:image:bits` is not near `plen:image:fNumbers`.
+    A name that only lacks its namespace means the choice that ends with it. Otherwise what differs after the
+    namespaces that both share may need one edit in three letters, at least one: `plen:image:bits` is not near
+    `plen:image:fNumbers`.
     """
     choices = sorted(set(choices))
     if within := [choice for choice in choices if choice.endswith((f":{name}", f"/{name}"))]:

@@ -31,8 +31,8 @@ Source = bytes | tuple[str, str]
 class Delivery:
     """What changed in the folder; paths are posix and relative.
 
-    `asked` are the files that a partial delivery put or found there; None after a whole one. `finished` says whether the
-    folder has a manifest now.
+    `asked` are the files that a partial delivery put or found there; None after a whole one. `finished` says whether
+    the folder has a manifest now.
     """
 
     written: tuple[str, ...] = ()

@@ -116,8 +116,8 @@ def selection(
 def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
     """Files and tasks that a target means.
 
-    A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern of
-    files. Zeros before a frame number may be left out.
+    A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
+    of files. Zeros before a frame number may be left out.
 
     Raises
     ------
@@ -157,7 +157,8 @@ def _nothing_meant(project: Project, target: str, path: str, error: UsageError) 
     if Path(target).is_file():
         hint = "another output folder is named by -o"
         return UsageError(f"no task makes {target} in the output folder {project.out}", hint=hint)
-    named = [parts[: parts.index(target) + 1] for parts in (name.split("/") for name in project.graph) if target in parts]
+    split = [name.split("/") for name in project.graph]
+    named = [parts[: parts.index(target) + 1] for parts in split if target in parts]
     folders = {parent.as_posix() for name in project.files for parent in Path(name).parents} - {"."}
     if named:
         first = sorted({"/".join(parts) for parts in named})

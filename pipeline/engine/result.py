@@ -97,7 +97,7 @@ class Result:
             return "the build was interrupted; build again, and it goes on from here"
         if self.failures:
             return "files come when every task is done; mend what failed and build again"
-        return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file, a folder or a task's"
+        return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file"
 
     def ending(self) -> dict[str, Any]:
         """What the event `end` says beside the summary."""

@@ -50,7 +50,13 @@ def build(
         print_plan(stage, out, allow_root, force, until, targets, as_json=as_json, untrusted=untrusted)
         return
     arguments: dict[str, Any] = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or ()}
-    arguments |= {"until": until or (), "targets": targets or (), "retries": retries, "timeout_s": timeout, "check_percent": check_determinism}
+    arguments |= {
+        "until": until or (),
+        "targets": targets or (),
+        "retries": retries,
+        "timeout_s": timeout,
+        "check_percent": check_determinism,
+    }
     arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted, "engine": engine}
     again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
     try:
