@@ -68,6 +68,11 @@ class StageError(UsageError):
         self.problems = list(problems)
         super().__init__("\n".join(map(str, self.problems)))
 
+    @property
+    def told(self) -> str:
+        """As the command prints it: every problem says itself whether it is an error."""
+        return str(self)
+
 
 def shown_path(path: str | Path) -> str:
     """A path as messages print it: relative to the working directory when below it."""
