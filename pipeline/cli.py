@@ -188,16 +188,40 @@ def plugin_path() -> None:
 
 @imports.command("lens", cls=Verb)
 def import_lens(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Zemax .zmx, CODE V .seq, pbrt .dat, Blender .csv.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Zemax .zmx, CODE V .seq, pbrt .dat; a table .csv, .tsv, .txt, also of the Blender add-on.",
+        ),
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
     ] = None,
-    spacing: Annotated[Spacing | None, typer.Option(help="Where a pbrt table has its thicknesses.")] = None,
+    spacing: Annotated[
+        Spacing | None, typer.Option(metavar="before|after", help="Where a pbrt table has its thicknesses.")
+    ] = None,
+    f_number: Annotated[
+        float | None,
+        typer.Option("--f-number", metavar="N", help="Of a table without semi-diameters: F-number at infinity."),
+    ] = None,
+    half_field: Annotated[
+        float | None,
+        typer.Option(
+            "--half-field", metavar="DEGREES", help="Of a table without semi-diameters: largest angle from the axis."
+        ),
+    ] = None,
 ) -> None:
-    """Write the lens of another program's file as a stage, and say what could not be kept."""
+    """Write the lens of another program's file, or of a table, as a stage, and say what could not be kept.
+
+    A table has a header and a row per surface, from the scene to the sensor, separated by commas, semicolons or tabs:
+    surface, radius, thickness, nd (or glass), vd, semi_diameter (or diameter), conic, A4, A6 … One row says "stop".
+    Semi-diameters that are missing are computed from --f-number and --half-field. docs/lenses.md has all names.
+    """
     from pipeline.importing import import_lens
 
-    _deliver(import_lens(file, spacing.value if spacing else None), out)
+    asked = {"f_number": f_number, "half_field_deg": half_field}
+    _deliver(import_lens(file, spacing.value if spacing else None, **asked), out)
 
 
 @imports.command("camera", cls=Verb)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable
+from difflib import SequenceMatcher
 
 _LONGEST = 200
 """Names beyond this length are not compared: the time goes with the square of it."""
@@ -20,8 +21,10 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
     if len(name) > _LONGEST:
         return None
     counted = [(_edits(*_tails(name, choice)), choice) for choice in choices if len(choice) <= _LONGEST]
-    near = [(edits, choice) for edits, choice in counted if edits is not None]
-    return min(near)[1] if near else None
+    near = [
+        (edits, -SequenceMatcher(None, name, choice).ratio(), choice) for edits, choice in counted if edits is not None
+    ]
+    return min(near)[2] if near else None
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
