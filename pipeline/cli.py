@@ -17,22 +17,30 @@ import typer
 from pipeline.errors import PipelineError, UsageError
 from pipeline.verbs import building, graph, tasks, watch
 from pipeline.verbs.cache import cache
-from pipeline.verbs.terminal import Json, ReaderGone, Roots, Untrusted, note, say
+from pipeline.verbs.terminal import (
+    CHECKING,
+    OUTPUT,
+    Json,
+    ReaderGone,
+    Roots,
+    StageOrPart,
+    Untrusted,
+    Verb,
+    library_file,
+    new_family,
+    note,
+    number_of,
+    say,
+)
 
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
+app = new_family(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
 )
 
-imports = typer.Typer(no_args_is_help=True, help="Turn files of other programs into stages.")
-app.add_typer(imports, name="import")
-app.add_typer(cache, name="cache")
+imports = new_family(help="Turn files of other programs into stages.")
 
-for verb in (building.build, building.plan, building.explain, building.status, graph.graph, tasks.logs, watch.watch):
-    app.command()(verb)
-app.command("run-task")(tasks.run_task)
+WRITE, BUILD, LOOK, CARE = "Before a build", "Build", "What was done, and why", "Care"
+"""Panels of `pipeline --help`, in this order."""
 
 
 class Spacing(StrEnum):
@@ -44,16 +52,20 @@ class Spacing(StrEnum):
 
 @app.callback(invoke_without_command=True)
 def pipeline(
-    version: Annotated[bool, typer.Option("--version", help="Versions and plug-in path.", is_eager=True)] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print versions and the plug-in path.", is_eager=True)
+    ] = False,
 ) -> None:
     if version:
         _print_version()
         raise typer.Exit
 
 
-@app.command()
 def check(
-    stages: Annotated[list[Path], typer.Argument(metavar="STAGE...", help="Stages to check.")],
+    stages: Annotated[
+        list[Path],
+        typer.Argument(metavar="STAGE", help="Datasets, rigs, lenses or targets to check.", callback=library_file),
+    ],
     as_json: Json = False,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
@@ -70,7 +82,8 @@ def check(
     else:
         for text in texts:
             say(text)
-        note(f"{len(stages)} checked: {errors} errors, {len(rows) - errors} warnings")
+        counts = f"{number_of(errors, 'error')}, {number_of(len(rows) - errors, 'warning')}"
+        note(f"{number_of(len(stages), 'stage')} checked: {counts}")
     if not (errors or untrusted):
         from pipeline.scene.fix import said_of
 
@@ -92,14 +105,19 @@ def _problems(path: Path, allow_roots: tuple[Path, ...], untrusted: bool) -> lis
     return [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in problems]
 
 
-@app.command()
 def show(
-    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a rig or a lens alone.")],
-    camera: Annotated[str | None, typer.Argument(metavar="[CAMERA]", help="Only that of this name.")] = None,
+    stage: StageOrPart,
+    camera: Annotated[str | None, typer.Argument(metavar="CAMERA", help="Only that of this name.")] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object: what camera.json says, and curves.")
+        bool,
+        typer.Option(
+            "--json", rich_help_panel=OUTPUT, help="Print one JSON object: what camera.json says, and curves."
+        ),
     ] = False,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.svg", help="Draw the lens and its rays.")] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw the lens and its rays."),
+    ] = None,
     allow_root: Roots = None,
 ) -> None:
     """Say what a camera or a lens does: focal lengths, pupils, focus, depth of field, real rays over the field."""
@@ -119,12 +137,19 @@ def show(
         note(f"wrote {plot}")
 
 
-@app.command("target")
 def print_target(
-    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A dataset, or a file of stages/targets.")],
-    target: Annotated[str | None, typer.Argument(metavar="[TARGET]", help="Its name, if there are several.")] = None,
-    svg: Annotated[Path | None, typer.Option("--svg", metavar="FILE.svg", help="Write it in true size.")] = None,
-    pdf: Annotated[Path | None, typer.Option("--pdf", metavar="FILE.pdf", help="Write it in true size.")] = None,
+    stage: StageOrPart,
+    target: Annotated[
+        str | None, typer.Argument(metavar="TARGET", help="Name of the target, if there are several.")
+    ] = None,
+    svg: Annotated[
+        Path | None,
+        typer.Option("--svg", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw it in true size, as SVG."),
+    ] = None,
+    pdf: Annotated[
+        Path | None,
+        typer.Option("--pdf", metavar="FILE.pdf", rich_help_panel=OUTPUT, help="Draw it in true size, as PDF."),
+    ] = None,
     allow_root: Roots = None,
 ) -> None:
     """Say what a target is, its points and ids; print it in true size."""
@@ -143,10 +168,11 @@ def print_target(
             note(f"wrote {path}")
 
 
-@app.command()
 def verify(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")],
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Which rows are drawn.")] = 1,
+    seed: Annotated[
+        int, typer.Option("--seed", metavar="N", min=0, rich_help_panel=CHECKING, help="Which rows are drawn.")
+    ] = 1,
     as_json: Json = False,
 ) -> None:
     """Derive a sample of the ground truth again, from the output folder alone; exit with 4 if it disagrees."""
@@ -162,7 +188,6 @@ def verify(
     raise typer.Exit(0 if verdict.agrees else 4)
 
 
-@app.command("plugin-path")
 def plugin_path() -> None:
     """Print the USD plug-in folder and the folder of shipped stages, for other programs."""
     from pipeline.share import share
@@ -171,21 +196,45 @@ def plugin_path() -> None:
     say(str(share("stages")))
 
 
-@imports.command("lens")
+@imports.command("lens", cls=Verb)
 def import_lens(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Zemax .zmx, CODE V .seq, pbrt .dat, Blender .csv.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Zemax .zmx, CODE V .seq, pbrt .dat; a table .csv, .tsv, .txt, also of the Blender add-on.",
+        ),
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
     ] = None,
-    spacing: Annotated[Spacing | None, typer.Option(help="Where a pbrt table has its thicknesses.")] = None,
+    spacing: Annotated[
+        Spacing | None, typer.Option(metavar="before|after", help="Where a pbrt table has its thicknesses.")
+    ] = None,
+    f_number: Annotated[
+        float | None,
+        typer.Option("--f-number", metavar="N", help="Of a table without semi-diameters: F-number at infinity."),
+    ] = None,
+    half_field: Annotated[
+        float | None,
+        typer.Option(
+            "--half-field", metavar="DEGREES", help="Of a table without semi-diameters: largest angle from the axis."
+        ),
+    ] = None,
 ) -> None:
-    """Write the lens of another program's file as a stage, and say what could not be kept."""
+    """Write the lens of another program's file, or of a table, as a stage, and say what could not be kept.
+
+    A table has a header and a row per surface, from the scene to the sensor, separated by commas, semicolons or tabs:
+    surface, radius, thickness, nd (or glass), vd, semi_diameter (or diameter), conic, A4, A6 … One row says "stop".
+    Semi-diameters that are missing are computed from --f-number and --half-field. docs/lenses.md has all names.
+    """
     from pipeline.importing import import_lens
 
-    _deliver(import_lens(file, spacing.value if spacing else None), out)
+    asked = {"f_number": f_number, "half_field_deg": half_field}
+    _deliver(import_lens(file, spacing.value if spacing else None, **asked), out)
 
 
-@imports.command("camera")
+@imports.command("camera", cls=Verb)
 def import_camera(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Blender add-on .csv, libpleno .js.")],
     out: Annotated[
@@ -217,6 +266,27 @@ def _deliver(imported: Any, out: Path | None) -> None:
     raise typer.Exit(2 if any(problem.is_error for problem in problems) else 0)
 
 
+_VERBS = (
+    (WRITE, "check", check),
+    (WRITE, "show", show),
+    (WRITE, "target", print_target),
+    (BUILD, "build", building.build),
+    (BUILD, "plan", building.plan),
+    (BUILD, "watch", watch.watch),
+    (BUILD, "run-task", tasks.run_task),
+    (LOOK, "status", building.status),
+    (LOOK, "explain", building.explain),
+    (LOOK, "graph", graph.graph),
+    (LOOK, "logs", tasks.logs),
+    (LOOK, "verify", verify),
+    (CARE, "plugin-path", plugin_path),
+)
+for _panel, _name, _verb in _VERBS:
+    app.command(_name, cls=Verb, rich_help_panel=_panel)(_verb)
+app.add_typer(imports, name="import", rich_help_panel=WRITE)
+app.add_typer(cache, name="cache", rich_help_panel=CARE)
+
+
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     from pipeline.engine.perform import ONE_THREAD
@@ -243,7 +313,7 @@ def _exit_code() -> int:
         note("interrupted")
         return 130
     except PipelineError as error:
-        note(f"error: {error}")
+        note(error.told)
         return error.exit_code
     except Exception as error:
         if hasattr(error, "show") and hasattr(error, "exit_code"):  # wrong usage, found by the option parser

@@ -22,6 +22,11 @@ class PipelineError(Exception):
         self.what = what
         self.hint = hint
 
+    @property
+    def told(self) -> str:
+        """As the command prints it."""
+        return f"error: {self}"
+
     def __str__(self) -> str:
         return f"{self.what}\n    hint: {self.hint}" if self.hint else self.what
 

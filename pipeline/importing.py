@@ -33,15 +33,15 @@ class Imported:
     warnings: tuple[str, ...]
 
 
-def import_lens(path: Path, spacing: str | None = None) -> Imported:
-    """The lens of a file as a stage of its own.
+def import_lens(path: Path, spacing: str | None = None, **beam: float | None) -> Imported:
+    """The lens of a file as a stage of its own; arguments as of `read_lens`.
 
     Raises
     ------
     UnreadableLens
         The file cannot be read, or its lens cannot be represented.
     """
-    lens = read_lens(path, spacing)
+    lens = read_lens(path, spacing, **beam)
     try:
         text = lens_text(replace(lens, provenance=(*lens.provenance, *_losses(lens.lost))))
     except PrescriptionError as error:

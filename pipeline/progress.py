@@ -193,8 +193,13 @@ class Ending:
         if self._end["checked"]:
             different = sum(bool(task.get("differs")) for task in whole["tasks"])
             yield f"{len(self._end['checked'])} tasks computed twice, {different} with other bytes"
-        if not self._end["delivered"]:
-            yield f"{whole['out']} was not touched"
+        if self._end["untouched"]:
+            yield f"{whole['out']} was not touched: {self._end['untouched']}"
+        if partial := self._end["partial"]:
+            count = len(partial["files"])
+            whole_one = "a build without TARGET brings the rest and a manifest"
+            state = "its manifest still holds" if partial["finished"] else whole_one
+            yield f"{count} file{'s' * (count != 1)} of {whole['out']} delivered; {state}"
 
 
 def human(size: float) -> str:

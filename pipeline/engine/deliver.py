@@ -3,12 +3,15 @@
 New files are first written aside, inside the folder, and hashed there; a full disk shows while the previous build is
 still whole. Then the manifest goes, files no longer made go, files are renamed into place, and the manifest comes last.
 Only bytes that we put there are ever removed or replaced: whatever else stands in the way gets another name.
+
+A partial delivery puts some of the files there and removes none. A manifest that agrees with them stays; one that does
+not goes, because the folder is then no longer the build that it describes. A partial delivery never makes one.
 """
 
 import contextlib
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +29,17 @@ Source = bytes | tuple[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delivery:
-    """What changed in the folder; paths are posix and relative."""
+    """What changed in the folder; paths are posix and relative.
+
+    `asked` are the files that a partial delivery put or found there; None after a whole one. `finished` says whether
+    the folder has a manifest now.
+    """
 
     written: tuple[str, ...] = ()
     removed: tuple[str, ...] = ()
     foreign: tuple[str, ...] = ()
+    asked: tuple[str, ...] | None = None
+    finished: bool = True
 
 
 def deliver(
@@ -42,8 +51,11 @@ def deliver(
     store: Store,
     warn: Callable[[str], None] = lambda text: None,
     stage_id: str = "",
+    whole: bool = True,
 ) -> Delivery:
     """Make `out` hold `files` and a manifest, and nothing of an earlier build of the stage `stage_id`.
+
+    If the delivery is not `whole`, put `files` there and leave the rest.
 
     Raises
     ------
@@ -63,7 +75,9 @@ def deliver(
         out.mkdir(parents=True, exist_ok=True)
     # The store's lock may reach other machines; the folder's own reaches builders with other stores.
     with store.single_flight(name_of(out)), locked_folder(out) as alone, _errors_told(out, goal):
-        manifest.read_of(out, head.get("stage"))
+        there = manifest.read_of(out, head.get("stage"))
+        if not whole:
+            goal = replace(goal, whole=False, manifest=there.data if _agrees(there, entries) else None)
         seen = Seen(out, store, stage_id)
         seen.require_same_stage()
         folder = Folder(out, warn)
@@ -73,12 +87,13 @@ def deliver(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Goal:
-    """What a folder shall hold, and the store that has it."""
+    """What a folder shall hold, and the store that has it. If it is not `whole`, other files of ours may stay."""
 
     files: Mapping[str, Source]
     entries: dict[str, dict[str, Any]]
-    manifest: bytes
+    manifest: bytes | None
     store: Store
+    whole: bool = True
 
     @property
     def digests(self) -> dict[str, str]:
@@ -87,8 +102,9 @@ class _Goal:
 
     @property
     def note(self) -> dict[str, str]:
-        """Of all files."""
-        return {**self.digests, manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
+        """Of all files, with the manifest if there shall be one."""
+        own = {} if self.manifest is None else {manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
+        return {**self.digests, **own}
 
     def write(self, path: str, target: Path) -> None:
         """Write the bytes of a file to a new one."""
@@ -103,7 +119,7 @@ def _fill(folder: Folder, goal: _Goal, seen: Seen) -> Delivery:
     present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
     # What is not present is missing, or lies behind a link to a folder: then it is not in this one.
     changed = [path for path, digest in digests.items() if path not in present or seen.digest(path) != digest]
-    others = sorted(present - digests.keys())
+    others = sorted(present - digests.keys()) if goal.whole else []
     stale = [path for path in others if seen.is_ours(path)]
     foreign = [path for path in others if path not in stale]
     if foreign:
@@ -111,8 +127,9 @@ def _fill(folder: Folder, goal: _Goal, seen: Seen) -> Delivery:
         folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
     if changed or stale or data != goal.manifest:
         _change(folder, seen, goal, changed=changed, stale=stale)
-    seen.keep(goal.note)
-    return Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
+    seen.keep(goal.note, whole=goal.whole)
+    changes = Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
+    return changes if goal.whole else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
 
 
 def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
@@ -120,7 +137,8 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
         for number, path in enumerate(changed):
             goal.write(path, aside / str(number))
             seen.wrote(path, aside / str(number))
-        (aside / manifest.NAME).write_bytes(goal.manifest)
+        if goal.manifest is not None:
+            (aside / manifest.NAME).write_bytes(goal.manifest)
         seen.begin(goal.note)
         folder.clear(manifest.NAME, is_ours=_is_ours(folder.out, seen, goal))
         for path in stale:
@@ -128,13 +146,19 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
         for number, path in enumerate(changed):
             folder.place(aside / str(number), path, is_ours=seen.is_ours(path))
             seen.placed(path)
-        (aside / manifest.NAME).replace(folder.out / manifest.NAME)
+        if goal.manifest is not None:
+            (aside / manifest.NAME).replace(folder.out / manifest.NAME)
+
+
+def _agrees(there: manifest.Manifest, entries: Mapping[str, Any]) -> bool:
+    """Whether a manifest says of these files what they shall be."""
+    return all(there.files.get(path) == entry for path, entry in entries.items())
 
 
 def _is_ours(out: Path, seen: Seen, goal: _Goal) -> bool:
     """Whether a manifest is one that we wrote, or one that was cut, of which nothing is lost."""
     data = read_regular(out / manifest.NAME)
-    return seen.is_ours(manifest.NAME) or (data is not None and goal.manifest.startswith(data))
+    return seen.is_ours(manifest.NAME) or (data is not None and (goal.manifest or b"").startswith(data))
 
 
 @contextlib.contextmanager

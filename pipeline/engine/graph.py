@@ -1,6 +1,6 @@
 """The graph of tasks. The only module that knows networkx."""
 
-import difflib
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -11,6 +11,7 @@ import networkx as nx
 from pipeline.engine.code import check_kind
 from pipeline.engine.digest import canonical
 from pipeline.errors import UsageError
+from pipeline.spelling import nearest
 
 TASKS = ("pipeline.tasks",)
 
@@ -122,6 +123,8 @@ class TaskGraph:
     def select(self, pattern: str) -> list[str]:
         """Tasks meant by a name, by a wildcard pattern, or by the beginning of names up to a slash.
 
+        Zeros before a number may be left out: `image/2` means `image/0002`.
+
         Raises
         ------
         UsageError
@@ -129,7 +132,21 @@ class TaskGraph:
         """
         found = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
         if not found:
-            near = difflib.get_close_matches(pattern, list(self), n=1)
-            hint = f"did you mean {near[0]!r}?" if near else "`pipeline plan` lists the tasks"
+            found = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
+        if not found:
+            near = nearest(pattern, {*self, *_beginnings(self)})
+            hint = f"did you mean {near!r}?" if near else "`pipeline status` lists the tasks"
             raise UsageError(f"no task is named {pattern!r}", hint=hint)
         return found
+
+
+def unpadded(name: str) -> str:
+    """A name or path without the zeros before its numbers, so that `truth/2` and `truth/0002` are the same."""
+    return re.sub(r"(?<![^/])0+(?=\d+(/|$))", "", name)
+
+
+def _beginnings(names: Iterable[str]) -> Iterator[str]:
+    """What names of tasks begin with, up to a slash."""
+    for name in names:
+        while name := name.rpartition("/")[0]:
+            yield name

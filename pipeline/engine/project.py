@@ -3,12 +3,14 @@
 import base64
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.deliver import Source
-from pipeline.engine.graph import TASKS, TaskGraph
+from pipeline.engine.graph import TASKS, TaskGraph, unpadded
 from pipeline.errors import UsageError
+from pipeline.spelling import nearest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,29 +83,86 @@ def project_from_plain(plain: dict[str, Any], packages: tuple[str, ...] = TASKS)
     )
 
 
+def files_of(project: Project, target: str) -> list[str]:
+    """Files of the output folder that a target means; of tasks all that they make, which may be none."""
+    return _meant(project, target)[0]
+
+
 def tasks_of(project: Project, target: str) -> list[str]:
-    """Tasks meant by a task name or pattern, or by the path of a file below (or in) the output folder."""
-    path = Path(target)
-    if path.is_absolute() and path.is_relative_to(project.out.absolute()):
-        target = path.relative_to(project.out.absolute()).as_posix()
-    elif path.is_relative_to(project.out):
-        target = path.relative_to(project.out).as_posix()
-    source = project.files.get(target)
-    if isinstance(source, bytes):
-        raise UsageError(f"{target} is written from the stage itself, no task makes it")
-    if source is not None:
-        return [source[0]]
-    try:
-        return project.graph.select(target)
-    except UsageError:
-        if path.is_file():
-            hint = "another output folder is named by -o"
-            raise UsageError(f"no task makes {target} in the output folder {project.out}", hint=hint) from None
-        raise
+    """Tasks that a target means.
+
+    Raises
+    ------
+    UsageError
+        None: it means nothing, or files that are written from the stage itself.
+    """
+    files, tasks = _meant(project, target)
+    if not tasks:
+        raise UsageError(f"{files[0]} is written from the stage itself, no task makes it")
+    return tasks
 
 
-def selection(project: Project, force: Iterable[str], until: Iterable[str]) -> tuple[TaskGraph, set[str]]:
-    """The part of the graph up to some tasks (all of it, if none are named), and the tasks that are forced."""
+def selection(
+    project: Project, force: Iterable[str] = (), until: Iterable[str] = (), targets: Iterable[str] = ()
+) -> tuple[TaskGraph, set[str]]:
+    """The part of the graph up to some tasks (all of it, if nothing is named), and the tasks that are forced."""
     forced = {name for target in force for name in tasks_of(project, target)}
-    last = [name for target in until for name in tasks_of(project, target)]
-    return (project.graph.up_to(last) if last else project.graph), forced
+    last = {name for target in until for name in tasks_of(project, target)}
+    wanted = [_meant(project, target)[1] for target in targets]
+    last |= {name for tasks in wanted for name in tasks}
+    return (project.graph.up_to(last) if last or wanted else project.graph), forced
+
+
+def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
+    """Files and tasks that a target means.
+
+    A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
+    of files. Zeros before a frame number may be left out.
+
+    Raises
+    ------
+    UsageError
+        It means nothing.
+    """
+    path = _below_out(project, target)
+    files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]
+    if not files:
+        try:
+            tasks = project.graph.select(target)
+        except UsageError as error:
+            files = [name for name in project.files if fnmatchcase(name, path)]
+            if not files:
+                raise _nothing_meant(project, target, path, error) from None
+        else:
+            wanted = set(tasks)
+            return [name for name in project.files if _maker(project, name) in wanted], tasks
+    made_by = dict.fromkeys(_maker(project, name) for name in files)
+    return files, [name for name in made_by if name is not None]
+
+
+def _below_out(project: Project, target: str) -> str:
+    """A path relative to the output folder, if it is one below it; else as it is."""
+    path = Path(target)
+    out = project.out.absolute() if path.is_absolute() else project.out
+    return (path.relative_to(out) if path.is_relative_to(out) else path).as_posix()
+
+
+def _maker(project: Project, file: str) -> str | None:
+    """The task that makes a file; None if it is written from the stage itself."""
+    source = project.files[file]
+    return None if isinstance(source, bytes) else source[0]
+
+
+def _nothing_meant(project: Project, target: str, path: str, error: UsageError) -> UsageError:
+    if Path(target).is_file():
+        hint = "another output folder is named by -o"
+        return UsageError(f"no task makes {target} in the output folder {project.out}", hint=hint)
+    split = [name.split("/") for name in project.graph]
+    named = [parts[: parts.index(target) + 1] for parts in split if target in parts]
+    folders = {parent.as_posix() for name in project.files for parent in Path(name).parents} - {"."}
+    if named:
+        first = sorted({"/".join(parts) for parts in named})
+        return UsageError(error.what, hint=f"there are {', '.join(first[:6])}{' …' if len(first) > 6 else ''}")
+    if near := nearest(path, {*project.files, *folders, *project.graph}):
+        return UsageError(f"neither a task nor a file is named {target!r}", hint=f"did you mean {near!r}?")
+    return error

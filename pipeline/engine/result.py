@@ -22,7 +22,7 @@ class Result:
     store, store_bytes : Path, int
         Where the results are kept, and the size of all that is kept there.
     delivery : Delivery or None
-        Changes in the output folder; None if it was not touched because something failed or only part was built.
+        Changes in the output folder; None if it was not touched, see `untouched`.
     interrupted : int or None
         Exit code of the signal that ended the build, if one did.
     error : PipelineError or None
@@ -88,15 +88,34 @@ class Result:
             return self.error.exit_code
         return 1 if self.failures else 4 if self.different else 0
 
+    @property
+    def untouched(self) -> str | None:
+        """Why the output folder was not touched, and what to do; None if it was."""
+        if self.delivery is not None or self.error is not None:
+            return None
+        if self.interrupted is not None:
+            return "the build was interrupted; build again, and it goes on from here"
+        if self.failures:
+            return "files come when every task is done; mend what failed and build again"
+        return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file"
+
     def ending(self) -> dict[str, Any]:
         """What the event `end` says beside the summary."""
-        touched = self.delivery is not None
-        facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": touched}
+        facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": self.delivery is not None}
+        facts |= {"untouched": self.untouched, "partial": self._partial()}
         return {**facts, "exit_code": self.exit_code, "checked": list(self.checked)}
+
+    def _partial(self) -> dict[str, Any] | None:
+        """What a partial delivery put where; None after a whole one."""
+        if self.delivery is None or self.delivery.asked is None:
+            return None
+        return {"files": list(self.delivery.asked), "finished": self.delivery.finished}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, as in outputs of `build --json`."""
         counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
         whole = {**head, "certificate": self.certificate, "tasks": [task.to_dict() for task in self.tasks]}
+        if self.delivery is not None and self.delivery.asked is not None:
+            whole["files"] = list(self.delivery.asked)
         return whole if self.error is None else {**whole, "error": str(self.error)}

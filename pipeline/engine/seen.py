@@ -40,6 +40,7 @@ class Seen:
         self._out, self._store, self._stage = out, store, stage_id
         self._note = store.read_facts("index", name_of(out))
         self._looks: dict[str, Signature] = self._note.get("looks", {})
+        self._before = self._looks
         self.ours = _delivered(self._note) or _delivered(_moved_here(out, store))
         self._settled_ns = time.time_ns() - _CLOCK_TICK_NS
         self._certain: dict[str, Signature] = {}
@@ -100,11 +101,19 @@ class Seen:
             both[path] = list(dict.fromkeys([*both.get(path, []), *before]))
         self._write({"looks": {}, "ours": both})
 
-    def keep(self, digests: Mapping[str, str]) -> None:
-        """Remember that the folder holds these bytes, and the looks of files that nobody has touched meanwhile."""
+    def keep(self, digests: Mapping[str, str], *, whole: bool = True) -> None:
+        """Remember that the folder holds these bytes, and the looks of files that nobody has touched meanwhile.
+
+        After a partial delivery, not `whole`, other files of ours but the manifest stay ours, as they looked before.
+        """
         now = {path: signature(os.lstat(f"{self._out}/{path}")) for path in digests}
         looks = {path: seen for path, seen in now.items() if seen == self._certain.get(path)}
-        self._write({"looks": looks, "ours": {path: [digest] for path, digest in digests.items()}})
+        ours = {path: [digest] for path, digest in digests.items()}
+        if not whole:
+            rest = {path: known for path, known in self.ours.items() if path not in {*digests, manifest.NAME}}
+            ours |= rest
+            looks |= {path: seen for path, seen in self._before.items() if path in rest}
+        self._write({"looks": looks, "ours": ours})
 
     def _write(self, note: dict[str, Any]) -> None:
         note["stage"] = self._stage

@@ -17,7 +17,7 @@ from pipeline.engine.engines import Engine
 from pipeline.engine.events import Emit, Event, silent
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.plan import PlannedTask, plan
-from pipeline.engine.project import Project, selection, tasks_of
+from pipeline.engine.project import Project, files_of, selection, tasks_of
 from pipeline.engine.result import Result
 from pipeline.engine.run import Outcome, run
 from pipeline.engine.seen import Seen
@@ -34,6 +34,7 @@ def build(
     keep_going: bool = False,
     force: Iterable[str] = (),
     until: Iterable[str] = (),
+    targets: Iterable[str] = (),
     retries: int = 0,
     timeout_s: float | None = None,
     check_percent: float = 0.0,
@@ -50,6 +51,8 @@ def build(
     force, until : iterable of str
         Tasks (names, patterns, or paths of files in the output folder) that run in any case; the last ones to run.
         As long as only a part of the dataset is made, the output folder is left alone.
+    targets : iterable of str
+        The same, or files that no task makes: what they need runs, and their files alone go to the output folder.
     retries, timeout_s :
         See `run.run`.
     check_percent : float
@@ -66,7 +69,9 @@ def build(
     store = writable(store or Store(warn=warn))
     Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
-    graph, forced = selection(project, force, until)
+    targets = tuple(targets)
+    graph, forced = selection(project, force, until, targets)
+    wanted = {path: project.files[path] for target in targets for path in files_of(project, target)}
     emit(_begin(project, graph, _jobs(jobs)))
     history = _history(project, store)
     options: dict[str, Any] = {"jobs": _jobs(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
@@ -81,17 +86,15 @@ def build(
 
     def fill() -> None:
         nonlocal head, delivery
-        if len(outcome.records) == len(project.graph) and outcome.interrupted is None:
+        if len(outcome.records) < len(graph) or outcome.interrupted is not None:
+            return
+        places: dict[str, Any] = {"records": outcome.records, "store": store, "warn": warn}
+        places["stage_id"] = project.stage_id
+        if targets:
+            delivery = deliver(project.out, wanted, head, **places, whole=False) if wanted else None
+        elif len(graph) == len(project.graph):
             head = {**head, **_findings(project, outcome, store)}
-            delivery = deliver(
-                project.out,
-                project.files,
-                head,
-                records=outcome.records,
-                store=store,
-                warn=warn,
-                stage_id=project.stage_id,
-            )
+            delivery = deliver(project.out, project.files, head, **places)
 
     with store.in_use():
         outcome = run(graph, store, force=forced, engine=place(), **options)
@@ -168,11 +171,16 @@ def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any
 
 
 def plan_of(
-    project: Project, *, store: Store | None = None, force: Iterable[str] = (), until: Iterable[str] = ()
+    project: Project,
+    *,
+    store: Store | None = None,
+    force: Iterable[str] = (),
+    until: Iterable[str] = (),
+    targets: Iterable[str] = (),
 ) -> list[PlannedTask]:
     """What `build` would do with the same arguments."""
     store = writable(store or Store())
-    graph, forced = selection(project, force, until)
+    graph, forced = selection(project, force, until, targets)
     return plan(graph, store, _history(project, store)["keys"], force=forced)
 
 

@@ -79,7 +79,7 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     for name in named:
         if name != "!resetXformStack!" and not prim.HasProperty(name):
             # USD raises later, when somebody asks for the transform.
-            hint = did_you_mean(name, prim.GetPropertyNames())
+            hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
             message = f'xformOpOrder names "{name}", which does not exist'
             yield problem(order, "missing-xform-op", message, hint=hint)
     for attribute in prim.GetAuthoredAttributes():

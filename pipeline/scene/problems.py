@@ -1,12 +1,14 @@
 """What can be wrong with a stage, as data and as text."""
 
-import difflib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import UsageError
+from pipeline.spelling import did_you_mean
+
+__all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +68,11 @@ class StageError(UsageError):
         self.problems = list(problems)
         super().__init__("\n".join(map(str, self.problems)))
 
+    @property
+    def told(self) -> str:
+        """As the command prints it: every problem says itself whether it is an error."""
+        return str(self)
+
 
 def shown_path(path: str | Path) -> str:
     """A path as messages print it: relative to the working directory when below it."""
@@ -74,11 +81,3 @@ def shown_path(path: str | Path) -> str:
         return path.relative_to(Path.cwd()).as_posix()
     except ValueError:
         return path.as_posix()
-
-
-def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
-    """A hint for a name that lacks its namespace or is misspelt."""
-    choices = sorted(choices)
-    best = [choice for choice in choices if choice.endswith(":" + name)]
-    best = best or difflib.get_close_matches(name, choices, n=1, cutoff=0.7)
-    return f'did you mean "{best[0]}"?' if best else None

@@ -89,6 +89,7 @@ def build(
     keep_going: bool = False,
     force: Iterable[str] = (),
     until: Iterable[str] = (),
+    targets: Iterable[str] = (),
     retries: int = 0,
     timeout_s: float | None = None,
     check_percent: float = 0.0,
@@ -110,7 +111,9 @@ def build(
     keep_going : bool
         Go on with what does not depend on a task that failed.
     force, until : iterable of str
-        Tasks to run in any case; tasks after which to stop.
+        Tasks to run in any case; tasks after which to stop, with nothing delivered.
+    targets : iterable of str
+        Tasks, or files and folders of the output folder: what they need runs, and their files alone are delivered.
     retries : int
         How often a task that failed is tried again.
     timeout_s : float, optional
@@ -147,6 +150,7 @@ def build(
         keep_going=keep_going,
         force=force,
         until=until,
+        targets=targets,
         retries=retries,
         timeout_s=timeout_s,
         check_percent=check_percent,

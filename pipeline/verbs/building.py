@@ -7,51 +7,162 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.errors import PipelineError, UsageError
-from pipeline.verbs.terminal import Json, Out, Roots, Stage, Untrusted, note, say, say_json
+from pipeline.verbs.terminal import (
+    CHECKING,
+    OUTPUT,
+    RUNNING,
+    Jobs,
+    Json,
+    Out,
+    Roots,
+    Stage,
+    Untrusted,
+    note,
+    say,
+    say_json,
+)
 
-Force = Annotated[list[str] | None, typer.Option("--force", "-f", metavar="TASK", help="Run this task in any case.")]
-Until = Annotated[list[str] | None, typer.Option("--until", metavar="TASK", help="Run this task and what it needs.")]
+Force = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--force",
+        "-f",
+        metavar="TASK",
+        rich_help_panel=RUNNING,
+        help="Run this task again although its result is there.",
+    ),
+]
+Until = Annotated[
+    list[str] | None,
+    typer.Option("--until", metavar="TASK", rich_help_panel=RUNNING, help="Run up to this task, into the store alone."),
+]
 Specs = Annotated[
-    Path | None, typer.Option("--specs", metavar="DIR", help="Write what can run now, for `run-task`: 0.json, 1.json …")
+    Path | None,
+    typer.Option(
+        "--specs",
+        metavar="DIR",
+        rich_help_panel=OUTPUT,
+        help="Write a file for `run-task` of every task that can run now: 0.json, 1.json …",
+    ),
+]
+
+
+def names_of(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Tasks and files of the stage that was typed, for completion in a shell."""
+    try:
+        stage = project_of(ctx.params["stage"], ctx.params.get("out"), ctx.params.get("allow_root"))
+    except (PipelineError, KeyError, TypeError):
+        return []  # a shell has no place for messages
+    return [name for name in [*stage.graph, *stage.files] if name.startswith(incomplete)]
+
+
+Target = Annotated[
+    str,
+    typer.Argument(metavar="TARGET", help="A task, or a file or folder of OUT.", autocompletion=names_of),
+]
+Targets = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="TARGET",
+        help="Files or folders of OUT, or tasks: only these are made and delivered. By default the whole dataset.",
+        autocompletion=names_of,
+    ),
 ]
 
 
 def build(
     stage: Stage,
-    targets: Annotated[
-        list[str] | None, typer.Argument(metavar="[TARGET]...", help="Tasks or files; default: all.")
-    ] = None,
+    targets: Targets = None,
     out: Out = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Processes [one per core].")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would run.")] = False,
-    keep_going: Annotated[bool, typer.Option("--keep-going", "-k", help="Go on after a failure.")] = False,
+    as_json: Json = False,
+    events: Annotated[
+        Path | None,
+        typer.Option(
+            "--events", metavar="FILE", rich_help_panel=OUTPUT, help="Write what happens to this file, as JSON lines."
+        ),
+    ] = None,
+    verbose: Annotated[
+        int,
+        typer.Option(
+            "--verbose",
+            "-v",
+            count=True,
+            show_default=False,
+            rich_help_panel=OUTPUT,
+            help="Name tasks also when they start.",
+        ),
+    ] = 0,
+    quiet: Annotated[
+        int,
+        typer.Option(
+            "--quiet", "-q", count=True, show_default=False, rich_help_panel=OUTPUT, help="Only failures and warnings."
+        ),
+    ] = 0,
+    jobs: Jobs = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", "-n", rich_help_panel=RUNNING, help="Only say what would run.")
+    ] = False,
+    keep_going: Annotated[
+        bool,
+        typer.Option("--keep-going", "-k", rich_help_panel=RUNNING, help="After a failure go on with what can go on."),
+    ] = False,
     force: Force = None,
     until: Until = None,
-    retries: Annotated[int, typer.Option("--retries", min=0, help="Try a task that failed again, so often.")] = 0,
+    retries: Annotated[
+        int,
+        typer.Option(
+            "--retries",
+            metavar="N",
+            min=0,
+            rich_help_panel=RUNNING,
+            help="How often a task that failed is tried again.",
+        ),
+    ] = 0,
     timeout: Annotated[
-        float | None, typer.Option("--timeout", metavar="SECONDS", min=0.001, help="End a task that takes longer.")
+        float | None,
+        typer.Option(
+            "--timeout",
+            metavar="SECONDS",
+            min=0.001,
+            rich_help_panel=RUNNING,
+            help="A task that takes longer is ended and has failed.",
+        ),
     ] = None,
     engine: Annotated[
-        str | None, typer.Option("--engine", metavar="dask:WHERE", help="A Dask scheduler: its address or its file.")
+        str | None,
+        typer.Option(
+            "--engine",
+            metavar="dask:WHERE",
+            rich_help_panel=RUNNING,
+            help="Run tasks on a Dask cluster: the address of its scheduler, or its file.",
+        ),
     ] = None,
     check_determinism: Annotated[
         float,
-        typer.Option("--check-determinism", metavar="PERCENT", min=0, max=100, help="Compute so many tasks twice."),
+        typer.Option(
+            "--check-determinism",
+            metavar="PERCENT",
+            min=0,
+            max=100,
+            rich_help_panel=CHECKING,
+            help="Compute this share of the tasks twice, and compare their bytes.",
+        ),
     ] = 0,
-    as_json: Json = False,
-    events: Annotated[Path | None, typer.Option("--events", metavar="FILE", help="Write events as JSON lines.")] = None,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
-    verbose: Annotated[int, typer.Option("--verbose", "-v", count=True, help="Say more.")] = 0,
-    quiet: Annotated[int, typer.Option("--quiet", "-q", count=True, help="Say less.")] = 0,
 ) -> None:
     """Run what is missing and fill the output folder; the second time nothing runs."""
-    last = [*(until or ()), *(targets or ())]
     if dry_run:
-        print_plan(stage, out, allow_root, force, last, as_json=as_json, untrusted=untrusted)
+        print_plan(stage, out, allow_root, force, until, targets, as_json=as_json, untrusted=untrusted)
         return
     arguments: dict[str, Any] = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or ()}
-    arguments |= {"until": last, "retries": retries, "timeout_s": timeout, "check_percent": check_determinism}
+    arguments |= {
+        "until": until or (),
+        "targets": targets or (),
+        "retries": retries,
+        "timeout_s": timeout,
+        "check_percent": check_determinism,
+    }
     arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted, "engine": engine}
     again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
     try:
@@ -63,7 +174,8 @@ def build(
     if as_json:
         say_json(result.to_dict())
     elif result.delivery is not None:
-        say(str(result.out))
+        for file in ("",) if result.delivery.asked is None else result.delivery.asked:
+            say(str(result.out / file))
     is_quiet = quiet > verbose
     raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=is_quiet) else 0))
 
@@ -73,7 +185,10 @@ def plan(
     out: Out = None,
     force: Force = None,
     until: Until = None,
-    exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit with 3 if there is work to do.")] = False,
+    exit_code: Annotated[
+        bool,
+        typer.Option("--exit-code", rich_help_panel=OUTPUT, help="Exit with 3 if there is work to do."),
+    ] = False,
     specs: Specs = None,
     as_json: Json = False,
     allow_root: Roots = None,
@@ -86,7 +201,7 @@ def plan(
 
 def explain(
     stage: Stage,
-    target: Annotated[str, typer.Argument(metavar="TASK|FILE", help="A task, or a file of the output folder.")],
+    target: Target,
     out: Out = None,
     as_json: Json = False,
     allow_root: Roots = None,
@@ -136,6 +251,7 @@ def print_plan(
     allow_root: list[Path] | None,
     force: list[str] | None,
     until: list[str] | None,
+    targets: list[str] | None = None,
     *,
     as_json: bool,
     specs: Path | None = None,
@@ -147,7 +263,7 @@ def print_plan(
     from pipeline.engine.single import write_specs
 
     project = project_of(stage, out, allow_root, untrusted)
-    tasks = plan_of(project, force=force or (), until=until or ())
+    tasks = plan_of(project, force=force or (), until=until or (), targets=targets or ())
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
     if as_json:

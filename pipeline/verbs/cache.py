@@ -5,12 +5,12 @@ from typing import Annotated
 import typer
 
 from pipeline.progress import human
-from pipeline.verbs.terminal import Json, note, say, say_json
+from pipeline.verbs.terminal import Json, Verb, new_family, note, say, say_json
 
-cache = typer.Typer(no_args_is_help=True, help="Care of the store of results: $PIPELINE_CACHE.")
+cache = new_family(help="Look at and clean the store of results, $PIPELINE_CACHE.")
 
 
-@cache.command()
+@cache.command(cls=Verb)
 def path() -> None:
     """Print the folder of the store."""
     from pipeline.engine.store import default_root
@@ -18,7 +18,7 @@ def path() -> None:
     say(str(default_root().absolute()))
 
 
-@cache.command()
+@cache.command(cls=Verb)
 def info(as_json: Json = False) -> None:
     """Say how much lies in the store, and how much of it finished builds hold."""
     from pipeline.engine.care import info as contents_of
@@ -36,7 +36,7 @@ def info(as_json: Json = False) -> None:
     say(f"quarantine  {found.quarantined:,} damaged entries, {human(found.quarantine_bytes)}")
 
 
-@cache.command()
+@cache.command(cls=Verb)
 def gc(
     size: Annotated[str | None, typer.Option("--size", metavar="SIZE", help="Keep this much, e.g. 20G.")] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would go.")] = False,
@@ -61,7 +61,7 @@ def gc(
         say(f"{verb} {done.quarantined:,} damaged entries from quarantine")
 
 
-@cache.command()
+@cache.command(cls=Verb)
 def fsck(as_json: Json = False) -> None:
     """Read every byte of the store; damaged entries go to quarantine. Exit with 4 if there were any."""
     from pipeline.engine.care import check

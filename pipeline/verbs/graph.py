@@ -8,7 +8,7 @@ import typer
 
 from pipeline.errors import UsageError
 from pipeline.verbs.building import project_of
-from pipeline.verbs.terminal import Out, Roots, Stage, note, say, say_json
+from pipeline.verbs.terminal import OUTPUT, Out, Roots, Stage, note, say, say_json
 
 
 class Format(StrEnum):
@@ -21,9 +21,17 @@ class Format(StrEnum):
 
 def graph(
     stage: Stage,
-    form: Annotated[Format, typer.Option("--format", help="As text.")] = Format.MERMAID,
-    picture: Annotated[Path | None, typer.Option("--picture", metavar="FILE.svg", help="Draw it instead.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="Every task, and not one node for all frames.")] = False,
+    form: Annotated[
+        Format, typer.Option("--format", rich_help_panel=OUTPUT, help="How it is printed.")
+    ] = Format.MERMAID,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw it to this file instead."),
+    ] = None,
+    every: Annotated[
+        bool,
+        typer.Option("--all", rich_help_panel=OUTPUT, help="Show every task, and not one node for all frames."),
+    ] = False,
     out: Out = None,
     allow_root: Roots = None,
 ) -> None:

@@ -6,13 +6,18 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.progress import human
-from pipeline.verbs.building import project_of
-from pipeline.verbs.terminal import Json, Out, Roots, Stage, note, say, say_json
+from pipeline.verbs.building import Target, project_of
+from pipeline.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
 
 
 def run_task(
-    specs: Annotated[list[Path], typer.Argument(metavar="SPEC.json...", help="Written by plan --specs, or a failure.")],
-    force: Annotated[bool, typer.Option("--force", "-f", help="Compute although the result is there.")] = False,
+    specs: Annotated[
+        list[Path], typer.Argument(metavar="SPEC.json", help="Written by `plan --specs`, or after a failure.")
+    ],
+    force: Annotated[
+        bool,
+        typer.Option("--force", "-f", rich_help_panel=RUNNING, help="Compute although the result is there."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Run single tasks from their files, in this process: to repeat a failure, or in an array of a batch system."""
@@ -40,7 +45,7 @@ def run_task(
 
 def logs(
     stage: Stage,
-    target: Annotated[str, typer.Argument(metavar="TASK|FILE", help="A task, or a file of the output folder.")],
+    target: Target,
     out: Out = None,
     as_json: Json = False,
     allow_root: Roots = None,

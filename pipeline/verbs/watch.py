@@ -12,11 +12,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from pipeline.verbs.terminal import Out, Roots, Stage, note
+from pipeline.verbs.terminal import Jobs, Out, Roots, Stage, note
 
 _LOOK_S = 0.15
 _QUIET_S = 0.3
@@ -28,7 +25,7 @@ Looks = dict[Path, tuple[int, int] | None]
 def watch(
     stage: Stage,
     out: Out = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Processes [one per core].")] = None,
+    jobs: Jobs = None,
     allow_root: Roots = None,
 ) -> None:
     """Build, and build again on every edit of the stage, its layers or the code; Ctrl-C ends it."""

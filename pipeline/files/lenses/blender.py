@@ -15,6 +15,12 @@ from pipeline.optics.printed import PrintedLens, PrintedSurface
 _COLUMNS = ("radius", "thickness", "material", "index", "v-no", "sa")
 
 
+def is_blender(lines: list[str]) -> bool:
+    """Whether a file begins as the add-on writes it: a lens table or a camera."""
+    header = [cell.strip().lower() for cell in lines[0].split(";")] if lines else []
+    return tuple(header[: len(_COLUMNS)]) == _COLUMNS or any(line.startswith(("prop_", "objective_")) for line in lines)
+
+
 def read_blender(path: str | Path) -> PrintedLens:
     """A lens from a CSV file of the add-on.
 

@@ -58,15 +58,19 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
     shown = ", ".join(map(str, unknown))
     if (beam.pupil is None and beam.f_number is None) or not fields:
         reason = f"surfaces {shown} have no semi-diameter, and the file has no pupil and field to compute them from"
-        raise UnreadableLens(path, reason, hint="write clear apertures, or pupil diameter and field angles")
+        hint = "write clear apertures, or pupil diameter and field angles"
+        if Path(path).suffix.lower() in (".csv", ".tsv", ".txt"):
+            hint = "write clear apertures, or give --f-number N and --half-field DEGREES to compute them"
+        raise UnreadableLens(path, reason, hint=hint)
     try:
         pupil_mm = beam.pupil * unit_mm if beam.pupil is not None else _efl_mm(lens) / (beam.f_number or 1)
         found = with_clear_apertures(lens, pupil_mm, fields)
     except PrescriptionError as error:
         raise UnreadableLens(path, error.what, hint=error.hint) from None
+    vignetted = " with its vignetting factors" if beam.is_vignetted else ""
     what = (
-        f"surfaces {shown} have no semi-diameter; written is what the beam with its vignetting factors needs, to first"
-        f" order (entrance pupil {pupil_mm:g} mm, half field {max(abs(one.angle_deg) for one in fields):g} degrees)"
+        f"surfaces {shown} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
+        f" (entrance pupil {pupil_mm:g} mm, half field {max(abs(one.angle_deg) for one in fields):g} degrees)"
     )
     return replace(found, lost=(*found.lost, Lost(what=what)))
 

@@ -1,0 +1,58 @@
+"""What a misspelt name most likely means."""
+
+import re
+from collections.abc import Iterable
+from difflib import SequenceMatcher
+
+_LONGEST = 200
+"""Names beyond this length are not compared: the time goes with the square of it."""
+
+
+def nearest(name: str, choices: Iterable[str]) -> str | None:
+    """The choice nearest to a name, or None if all are far.
+
+    A name that only lacks its namespace means the choice that ends with it. Otherwise what differs after the
+    namespaces that both share may need one edit in three letters, at least one: `plen:image:bits` is not near
+    `plen:image:fNumbers`.
+    """
+    choices = sorted(set(choices))
+    if within := [choice for choice in choices if choice.endswith((f":{name}", f"/{name}"))]:
+        return within[0]
+    if len(name) > _LONGEST:
+        return None
+    counted = [(_edits(*_tails(name, choice)), choice) for choice in choices if len(choice) <= _LONGEST]
+    near = [
+        (edits, -SequenceMatcher(None, name, choice).ratio(), choice) for edits, choice in counted if edits is not None
+    ]
+    return min(near)[2] if near else None
+
+
+def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
+    """A hint for a misspelt name, or None."""
+    best = nearest(name, choices)
+    return f'did you mean "{best}"?' if best else None
+
+
+def _tails(name: str, choice: str) -> tuple[str, str]:
+    """Two names without the namespaces, or folders, that both begin with."""
+    ours, theirs = (re.split(r"(?<=[:/])", text) for text in (name, choice))
+    while len(ours) > 1 and len(theirs) > 1 and ours[0] == theirs[0]:
+        ours, theirs = ours[1:], theirs[1:]
+    return "".join(ours).casefold(), "".join(theirs).casefold()
+
+
+def _edits(a: str, b: str) -> int | None:
+    """Letters to insert, remove, replace or swap with the next one until `a` is `b`; None if that is too many."""
+    most = max(1, max(len(a), len(b)) // 3)
+    if abs(len(a) - len(b)) > most:
+        return None
+    before: list[int] = []
+    row = list(range(len(b) + 1))
+    for i, letter in enumerate(a, 1):
+        last, row, before_last = row, [i], before
+        for j, other in enumerate(b, 1):
+            row.append(min(last[j] + 1, row[j - 1] + 1, last[j - 1] + (letter != other)))
+            if i > 1 and j > 1 and letter == b[j - 2] and a[i - 2] == other:
+                row[j] = min(row[j], before_last[j - 2] + 1)
+        before = last
+    return row[-1] if row[-1] <= most else None

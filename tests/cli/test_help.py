@@ -1,0 +1,68 @@
+"""`--help` of every verb says all that its source says, and is asked for by -h as well."""
+
+import subprocess
+import sys
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from pipeline import cli
+
+ROOT = typer.main.get_command(cli.app)
+
+
+def verbs(command=ROOT, path=()):
+    """Every verb and group, with the words that call it."""
+    yield path, command
+    for name, below in getattr(command, "commands", {}).items():
+        yield from verbs(below, (*path, name))
+
+
+def words(text):
+    """Text without frames and line breaks."""
+    return " ".join("".join(" " if letter in "│╭╮╰╯─" else letter for letter in text).split())
+
+
+@pytest.mark.parametrize(
+    ("path", "command"),
+    list(verbs()),
+    ids=lambda value: " ".join(value) or "pipeline" if isinstance(value, tuple) else "",
+)
+def test_help_shows_every_word_of_its_source_and_no_type_where_no_value_is_expected(path, command):
+    runner = CliRunner(env={"COLUMNS": "1000", "TERMINAL_WIDTH": "1000"})
+    shown = words(runner.invoke(cli.app, [*path, "-h"]).output)
+    assert shown == words(runner.invoke(cli.app, [*path, "--help"]).output)
+    assert words(command.help) in shown
+    for parameter in command.params:
+        assert words(parameter.help) in shown, parameter.name
+    assert "<bool>" not in shown and "[[" not in shown
+    for name in getattr(command, "commands", {}):
+        assert f" {name} " in shown
+
+
+def test_options_of_a_build_stand_in_panels_by_what_they_are_about():
+    shown = CliRunner(env={"COLUMNS": "120"}).invoke(cli.app, ["build", "--help"]).output
+    titles = ["Arguments", "Options", "Output", "Running", "Checking results", "Reading the stage"]
+    places = [shown.index(f"─ {title} ─") for title in titles]
+    assert places == sorted(places)
+    assert places[2] < shown.index("--json") < places[3] < shown.index("--jobs") < places[4]
+
+
+def test_a_shell_completes_verbs_and_the_tasks_and_files_of_a_stage():
+    from pipeline.verbs.building import names_of
+
+    assert "--install-completion" in CliRunner(env={"COLUMNS": "120"}).invoke(cli.app, ["-h"]).output
+    context = typer.Context(ROOT)
+    context.params = {"stage": "tests/data/tiny_conventional/dataset.usda"}
+    assert names_of(context, "first_order/") == ["first_order/Rig.Camera"]
+    assert "cameras/Rig.Camera/white.png" in names_of(context, "cameras/")
+    context.params = {"stage": "nowhere.usda"}
+    assert names_of(context, "") == []
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys; from pipeline import cli; sys.argv[1:] = ['-h']\n"
+    code += "try:\n cli.main()\nexcept SystemExit: print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not {"numpy", "pxr", "networkx", "numba"} & set(output.splitlines()[-1].split())

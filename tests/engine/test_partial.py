@@ -1,0 +1,131 @@
+"""A part of a dataset on request: its files arrive, and no manifest ever says more than the folder holds."""
+
+import json
+
+import pytest
+from engine import toy
+
+from pipeline.engine.session import build, status_of
+from pipeline.errors import UsageError
+
+IMAGE = "frames/0001/cam/image.txt"
+MOVED = [toy.POSES[0], [[9.0, 0.0], [0.0, 1.0]]]
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "out"
+
+
+def part(out, *targets, **changes):
+    return build(toy.project(out, **changes), jobs=1, targets=targets)
+
+
+@pytest.mark.parametrize(
+    ("target", "files"),
+    [
+        (IMAGE, {IMAGE}),
+        ("frames/1/cam/image.txt", {IMAGE}),
+        ("frames/0001", {IMAGE}),
+        ("image/cam/1", {IMAGE}),
+        ("frames/*.txt", {"frames/0000/cam/image.txt", IMAGE}),
+        ("rays", {"cameras/cam/near.bin", "cameras/cam/far.bin"}),
+        ("dataset.usda", {"dataset.usda"}),
+    ],
+)
+def test_exactly_the_files_asked_for_arrive_and_no_manifest(out, target, files):
+    result = part(out, target)
+    assert set(toy.contents(out)) == files == set(result.delivery.asked)
+    assert result.exit_code == 0 and not result.delivery.finished
+
+
+def test_only_what_a_file_needs_runs(out):
+    assert toy.executed(part(out, IMAGE)) == {"lens", "rays/cam", "image/cam/0001"}
+    assert toy.executed(part(out, "dataset.usda")) == set()
+
+
+def test_parts_add_up_and_the_whole_build_takes_them_over(out, tmp_path):
+    part(out, "image")
+    part(out, "rays", "dataset.usda")
+    before = toy.snapshot(out)
+    assert len(before) == 5
+    result = build(toy.project(out), jobs=1)
+    assert result.delivery.written == ("report/index.html",) and result.delivery.foreign == ()
+    assert {name: facts for name, facts in toy.snapshot(out).items() if name in before} == before
+    assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "at once"), jobs=1).out)
+
+
+def test_a_part_of_a_finished_build_leaves_all_as_it_is(out):
+    build(toy.project(out), jobs=1)
+    before = toy.snapshot(out)
+    result = part(out, IMAGE)
+    assert result.delivery.finished and toy.snapshot(out) == before
+    (out / IMAGE).unlink()
+    part(out, IMAGE)
+    assert toy.contents(out) == {name: facts[0] for name, facts in before.items()}
+
+
+def test_an_edited_part_takes_the_manifest_away_and_nothing_else(out, tmp_path):
+    build(toy.project(out), jobs=1)
+    before = toy.contents(out)
+    result = part(out, IMAGE, poses=MOVED)
+    assert result.delivery.written == (IMAGE,) and result.delivery.removed == () and not result.delivery.finished
+    after = toy.contents(out)
+    assert after.keys() == before.keys() - {"manifest.json"}
+    assert [name for name in after if after[name] != before[name]] == [IMAGE]
+    assert {task.state for task in status_of(toy.project(out, poses=MOVED))} == {"missing"}
+    build(toy.project(out, poses=MOVED), jobs=1)
+    assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "new", poses=MOVED), jobs=1).out)
+
+
+def test_files_of_a_former_build_stay_ours_through_a_part(out):
+    build(toy.project(out), jobs=1)
+    part(out, "frames/0000", poses=[MOVED[1]])
+    assert (out / IMAGE).exists()
+    result = build(toy.project(out, poses=[MOVED[1]]), jobs=1)
+    assert result.delivery.removed == (IMAGE,) and result.delivery.foreign == ()
+
+
+def test_a_manifest_of_others_and_their_files_are_kept(out):
+    out.mkdir()
+    (out / "manifest.json").write_text('{"mine": 1}')
+    (out / "notes.txt").write_text("mine")
+    part(out, IMAGE)
+    assert {path.read_text() for path in out.glob("manifest.json*")} == {'{"mine": 1}'}
+    assert not (out / "manifest.json").exists() and (out / "notes.txt").read_text() == "mine"
+
+
+def test_a_folder_of_another_stage_is_refused(out):
+    build(toy.project(out, stage="other"), jobs=1)
+    before = toy.snapshot(out)
+    with pytest.raises(UsageError, match="another stage"):
+        part(out, IMAGE)
+    assert toy.snapshot(out) == before
+
+
+def test_nothing_arrives_from_tasks_without_files_or_after_a_failure_and_the_reason_is_said(out, tmp_path):
+    assert "FILE" in part(out, "lens").untouched
+    extra = [["fail", "fail", {"flag": str(tmp_path / "flag")}]]
+    failed = part(out, "fail", "dataset.usda", extra=extra)
+    assert failed.exit_code == 1 and "mend what failed" in failed.untouched
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("target", "hint"),
+    [
+        ("frames/0001/cam/imgae.txt", f"did you mean {IMAGE!r}?"),
+        ("rays/can", "did you mean 'rays/cam'?"),
+        ("cam", "there are image/cam, rays/cam"),
+        ("something/else", "`pipeline status` lists the tasks"),
+    ],
+)
+def test_what_means_nothing_is_told_with_what_is_near(out, target, hint):
+    with pytest.raises(UsageError) as error:
+        part(out, target)
+    assert error.value.hint == hint
+
+
+def test_the_summary_names_the_files(out):
+    assert json.loads(json.dumps(part(out, IMAGE).to_dict()))["files"] == [IMAGE]
+    assert "files" not in build(toy.project(out), jobs=1).to_dict()
