@@ -141,7 +141,7 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
             (aside / manifest.NAME).write_bytes(goal.manifest)
         seen.begin(goal.note)
         folder.clear(manifest.NAME, is_ours=_is_ours(folder.out, seen, goal))
-        for path in stale:
+        for path in filter(seen.is_ours, stale):  # maybe somebody has written to it meanwhile
             folder.remove(path)
         for number, path in enumerate(changed):
             folder.place(aside / str(number), path, is_ours=seen.is_ours(path))

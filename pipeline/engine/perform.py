@@ -99,18 +99,18 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
     kind = components["kind"]
     check_kind(kind, packages)
     _refuse_other_code(kind, components, store)
+    read = {digest: store.verified(digest) for blobs in components["inputs"].values() for digest in blobs.values()}
     inputs = {
-        role: {name: store.blob(digest) for name, digest in blobs.items()}
+        role: {name: read[digest].path for name, digest in blobs.items()}
         for role, blobs in components["inputs"].items()
     }
-    looks = store.looks({digest for blobs in components["inputs"].values() for digest in blobs.values()})
     with _folder_for_outputs(store) as out:
         meter, start = PeakMeter(), time.perf_counter()
         # A copy, by the order of names: a task sees no order that its key does not know, and changes nobody's params.
         params = json.loads(json.dumps(components["params"], sort_keys=True))
         importlib.import_module(kind).run(params, inputs, out)
         _refuse_edited_code(kind)
-        store.confirm(looks)  # what the task has read since is what was verified before
+        store.confirm(read.values())  # what the task has read since is what was verified before
         seconds = round(time.perf_counter() - start, 4)
         made_by: dict[str, Any] = {"seconds": seconds, "peak_bytes": meter.read_bytes()}
         outputs = {name: store.put_file(path) for name, path in _outputs(out)}

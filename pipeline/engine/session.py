@@ -136,7 +136,7 @@ def _require_apart(project: Project) -> None:
     if inside:
         raise UsageError(
             f"the output folder {project.out} holds files that the stage is made of: {inside[0]}",
-            hint="choose another folder with -o, for example one inside it",
+            hint="choose another folder with -o, for example -o build",
         )
 
 

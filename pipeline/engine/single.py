@@ -57,7 +57,7 @@ def _read(path: Path) -> dict[str, Any]:
         whole = whole and all(DIGEST.fullmatch(digest) for digest in digests)
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}", hint=hint) from error
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise UsageError(f"{path} is not the spec of a task", hint=hint) from None
     if not whole:
         raise UsageError(f"{path} is not the spec of a task", hint=hint)

@@ -9,7 +9,8 @@
     quarantine/                  what failed verification or stood in the way, for a person to look at
     gc.lock                      shared by builders, exclusive for the collector
     logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
-    history/  events/  index/    last keys and events per output folder, what sources say; hints that may be deleted
+    history/  events/  index/    last keys and events per output folder, the bytes that we put there, what sources say:
+                                 without them nothing is wrong, but no file of an output folder is known to be ours
 
 Two promises: a record that `record` gives has complete blobs, and a reader gets the right bytes or a miss, never wrong
 bytes and never an exception because an entry is damaged. Only what was seen to be wrong goes to quarantine; what cannot
@@ -21,32 +22,27 @@ import hashlib
 import json
 import os
 import stat
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine import quarantine
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import (
     Signature,
-    chosen_place,
     copy,
     digest_of,
     is_no_file,
-    locked,
     machine_errors,
     read_regular,
     signature,
 )
 from pipeline.engine.sealed import seal, unseal
-from pipeline.engine.structure import TABLES, VERSION, is_folder, is_store, misplaced, require_store
-from pipeline.engine.workspace import Workspace, sweep
-from pipeline.errors import EnvironmentFault
+from pipeline.engine.store_folder import StoreFolder
+from pipeline.engine.structure import is_folder, is_store
 
 _BELOW = "below"
 _FORMAT = 1
-_SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 Entry = dict[str, Any]
 
@@ -56,6 +52,15 @@ class DamagedBlob(Exception):
 
     def __init__(self, digest: str, how: str = "is gone or damaged") -> None:
         super().__init__(f"{digest} {how} in the store")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verified:
+    """A blob that was hashed, and how it looked before."""
+
+    digest: str
+    path: Path
+    looks: Signature
 
 
 def default_root() -> Path:
@@ -82,7 +87,7 @@ def _user_cache() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline"
 
 
-class Store:
+class Store(StoreFolder):
     """A store on a plain file system; many processes may use one at the same time.
 
     Parameters
@@ -100,29 +105,9 @@ class Store:
         warn: Callable[[str], None] = lambda text: None,
         above: tuple[str, ...] = (),
     ) -> None:
-        self.root = Path(root or default_root()).absolute()
-        self.warn = warn
-        self.counts: Counter[str] = Counter()
+        super().__init__(Path(root or default_root()).absolute(), warn)
         self._verified: dict[str, Signature] = {}
-        self._workspace = Workspace(self.root / "tmp")
-        if self.root.exists() and not self.root.is_dir():
-            raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
-        with chosen_place("make the store", self.root):
-            if not self.root.is_dir():
-                self.root.mkdir(parents=True, exist_ok=True)
-            require_store(self.root)
-        self.displaced = self._mend()
-        if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
-            with chosen_place("make the store", self.root):
-                self._write(self.root / "VERSION", VERSION)
         self._below = self._open_below((*above, os.path.realpath(self.root)))
-
-    def _mend(self) -> tuple[str, ...]:
-        """Move whatever took the place of a folder of the store to quarantine; names of what there was."""
-        found = tuple(misplaced(self.root))
-        for path in found:
-            self._quarantine(path)
-        return tuple(path.relative_to(self.root).as_posix() for path in found)
 
     def _open_below(self, above: tuple[str, ...]) -> "Store | None":
         """The store whose results count as ours, if there is one and it is another one."""
@@ -140,16 +125,6 @@ class Store:
     def put_above(self, root: Path) -> None:
         """Let the results of another store count as ours, from the next time that this one is opened."""
         self._write(self.root / _BELOW, os.fsencode(root))
-
-    def path(self, table: str, name: str) -> Path:
-        """Where an entry lives. Only digests get in, so no path leads outside."""
-        return Path(self._at(table, name))
-
-    def _at(self, table: str, name: str) -> str:
-        """The same as text, for look-ups: thousands of them, and a `Path` takes longer than the look."""
-        if not DIGEST.fullmatch(name):
-            raise ValueError(f"not a digest: {name!r}")
-        return f"{self.root}/{TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
     # Blobs
 
@@ -193,12 +168,17 @@ class Store:
             return self._below.blob(digest)
         raise DamagedBlob(digest)
 
-    def looks(self, digests: Iterable[str]) -> dict[str, Signature]:
-        """How blobs looked when they were verified: for `confirm`."""
-        below = self._below.looks(digests) if self._below is not None else {}
-        return {digest: self._verified.get(digest, below.get(digest, [])) for digest in digests}
+    def verified(self, digest: str) -> "Verified":
+        """A blob as `blob` gives it, and how it looked: for `confirm`.
 
-    def confirm(self, looks: dict[str, Signature]) -> None:
+        Raises
+        ------
+        DamagedBlob
+        """
+        path = self.blob(digest)
+        return Verified(digest=digest, path=path, looks=self._looks_of(digest))
+
+    def confirm(self, blobs: Iterable["Verified"]) -> None:
         """Hash blobs once more, and require that nobody wrote to them since they looked like this.
 
         Raises
@@ -206,11 +186,11 @@ class Store:
         DamagedBlob
             Whoever has used their bytes meanwhile may have used others.
         """
-        for digest, before in looks.items():
-            self._forget(digest)
-            self.blob(digest)
-            if self.looks([digest])[digest] != before:
-                raise DamagedBlob(digest, "was written to while it was used")
+        for blob in blobs:
+            if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.looks:
+                self._forget(blob.digest)
+                self.blob(blob.digest)
+                raise DamagedBlob(blob.digest, "was written to while it was used")
 
     def read(self, digest: str) -> bytes:
         """The bytes of a blob; what is hashed is what is given.
@@ -236,6 +216,11 @@ class Store:
         if digest_of(target) != digest:
             self._forget(digest)
             raise DamagedBlob(digest)
+
+    def _looks_of(self, digest: str) -> Signature:
+        if digest in self._verified or self._below is None:
+            return self._verified.get(digest, [])
+        return self._below._looks_of(digest)
 
     def _forget(self, digest: str) -> None:
         """Look at a blob anew the next time, however it looks."""
@@ -264,6 +249,10 @@ class Store:
         elif found is not None:  # None says nothing about its bytes: they cannot be read just now
             self._quarantine(Path(path))
         return found == digest
+
+    def size(self) -> int:
+        """Bytes of all blobs."""
+        return sum(facts.st_size for _, facts in self.entries("blob"))
 
     # Records
 
@@ -337,77 +326,6 @@ class Store:
     def notes(self, folder: str) -> list[str]:
         """Names of all notes in a folder."""
         return sorted(path.stem for path in (self.root / folder).glob("*.json"))
-
-    @contextlib.contextmanager
-    def single_flight(self, key: str) -> Iterator[bool]:
-        """Hold the lock of a key, so that two builders compute it once."""
-        with locked(self.file_for("lock", key)) as held:
-            yield held
-
-    @contextlib.contextmanager
-    def in_use(self) -> Iterator[bool]:
-        """While this is open nothing is collected, by anybody."""
-        with locked(self.root / "gc.lock", timeout_s=60.0, shared=True) as held:
-            yield held
-
-    def file_for(self, table: str, name: str) -> Path:
-        """Where a lock or a log is, or will be; whatever else stands there goes out of the way."""
-        path = self.path(table, name)
-        if is_no_file(path):
-            self._quarantine(path)
-        return path
-
-    def new_path(self) -> Path:
-        """A path on the store's file system for this process alone; what is left there is removed later."""
-        try:
-            return self._workspace.new_path()
-        except (FileExistsError, NotADirectoryError):
-            self._mend()
-            return self._workspace.new_path()
-
-    def sweep(self, older_than_s: float | None = None) -> int:
-        """Remove what dead processes left in `tmp`; see `workspace.sweep`."""
-        return sweep(self.root / "tmp", older_than_s)
-
-    def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
-        """Name and facts of every entry of a table, sorted by name; what is not named like one is passed over."""
-        suffix = _SUFFIXES.get(table, "")
-        for folder in filter(Path.is_dir, sorted((self.root / TABLES[table]).glob("[0-9a-f][0-9a-f]"))):
-            with os.scandir(folder) as found:
-                for entry in sorted(found, key=lambda entry: entry.name):
-                    name = entry.name.removesuffix(suffix)
-                    with contextlib.suppress(FileNotFoundError):  # somebody else's quarantine
-                        if DIGEST.fullmatch(name):
-                            yield name, entry.stat(follow_symlinks=False)
-
-    def size(self) -> int:
-        """Bytes of all blobs."""
-        return sum(facts.st_size for _, facts in self.entries("blob"))
-
-    def _write(self, final: Path, data: bytes) -> None:
-        aside = self.new_path()
-        aside.write_bytes(data)
-        self._keep(aside, final)
-
-    def _keep(self, aside: Path, final: Path) -> None:
-        try:
-            final.parent.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            self._mend()
-            final.parent.mkdir(parents=True, exist_ok=True)
-        aside.chmod(0o444)
-        if final.is_dir() and not final.is_symlink():  # nothing else has to give way: a rename replaces it
-            self._quarantine(final)
-        aside.replace(final)
-
-    def _quarantine(self, path: Path) -> None:
-        """Move what is damaged or stands in the way out of it, if it is there and we may."""
-        if not os.path.lexists(path):
-            return
-        self.counts["damaged"] += 1
-        moved = quarantine.put_away(self.root, path)
-        done = "moved to quarantine" if moved else "which cannot be moved away"
-        self.warn(f"damaged entry of the store, {done}: {path}")
 
 
 def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:

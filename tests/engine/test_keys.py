@@ -214,7 +214,7 @@ def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path,
     (kit / "physics.py").write_text("def doubled(x):\n    return x + x\n")
     edited, modules = in_a_new_process()
     assert edited["code"] != fresh["code"] and modules == ["toykit.physics"]
-    note = next((tmp_path / "index").glob("code-*.json"))
+    note = next((tmp_path / "store/index").glob("code-*.json"))
     note.chmod(0o644)
     note.write_bytes(note.read_bytes().replace(b"toykit.physics", b"toykit.physicz"))
     assert in_a_new_process() == (edited, all_modules)

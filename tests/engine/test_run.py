@@ -263,7 +263,7 @@ def test_a_task_whose_inputs_change_again_and_again_fails_and_says_why(tmp_path,
 def test_a_blob_whose_bytes_rot_without_a_trace_is_noticed(tmp_path, store, monkeypatch):
     """As by a bad disk, or through a mapping: no time of the file changes."""
     digest = store.put_bytes(b"right")["sha256"]
-    looks = store.looks([digest])
+    blob = store.verified(digest)
     monkeypatch.setattr("pipeline.engine.store.digest_of", lambda path: "0" * 64)
     with pytest.raises(DamagedBlob):
-        store.confirm(looks)
+        store.confirm([blob])

@@ -68,7 +68,7 @@ def _command(bench: Workbench, kernels: Path, damaged: Path, is_said: bool) -> i
 
 
 def something_in_the_place_of_folders(bench: Workbench) -> Row:
-    row = Row("R26", "a file or dangling link where the store has a folder, a folder where it has a file")
+    row = Row("R26", "a file or link where the store has a folder, or the reverse")
     makers = {"file": lambda path: path.write_text("x"), "link": lambda path: path.symlink_to("/nonexistent")}
     shards = [
         path.relative_to(bench.folder / "right/store")
@@ -95,12 +95,12 @@ def something_in_the_place_of_folders(bench: Workbench) -> Row:
 
 def flips_after_verification(bench: Workbench) -> Row:
     """One bit of an input, after it was hashed and before the task opens it; and of a result, before it is copied."""
-    row = Row("R27", "a bit that flips between the look at a blob and its use, by a task or a delivery")
+    row = Row("R27", "a bit that flips between the look at a blob and its use")
     tasks, files = len(bench.project.graph), len(bench.project.files)
     for number in bench.some(tasks, 3):
         place = bench.new_place()
         row.tried += 1
-        row.wrong += bench.build_in_fork(place, meanwhile=_flipping(bench, "looks", number)) != 0 or bench.differs(
+        row.wrong += bench.build_in_fork(place, meanwhile=_flipping(bench, "input", number)) != 0 or bench.differs(
             place
         )
         bench.judge(row, place)
@@ -114,7 +114,7 @@ def flips_after_verification(bench: Workbench) -> Row:
 
 
 def _flipping(bench: Workbench, what: str, number: int) -> Callable[[], None]:
-    """Makes the n-th task with inputs, or the n-th copy, meet another byte; size and mtime stay."""
+    """Makes the n-th input of a task, or the n-th copy, meet another byte; size and mtime stay."""
     chance, calls = bench.chance.random(), []
 
     def flip(path: Path) -> None:
@@ -124,12 +124,11 @@ def _flipping(bench: Workbench, what: str, number: int) -> Callable[[], None]:
         path.write_bytes(whole)
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
 
-    def looks(self: Store, digests: set[str], real=Store.looks) -> dict:
-        found = real(self, digests)
-        if digests and isinstance(digests, set):  # before the task runs, not when it has ended
-            calls.append(1)
-            if len(calls) == number:
-                flip(self.path("blob", max(digests)))
+    def verified(self: Store, digest: str, real=Store.verified):
+        found = real(self, digest)
+        calls.append(1)
+        if len(calls) == number:
+            flip(found.path)
         return found
 
     def copy(source: Path, target: Path, real=store_module.copy) -> None:
@@ -139,8 +138,8 @@ def _flipping(bench: Workbench, what: str, number: int) -> Callable[[], None]:
         real(source, target)
 
     def arm() -> None:
-        if what == "looks":
-            Store.looks = looks
+        if what == "input":
+            Store.verified = verified
         else:
             store_module.copy = copy
 
