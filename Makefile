@@ -10,6 +10,8 @@ NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt inst
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
+	@echo "Open build/02_plenoptic/frames/0002/Rig.Camera/image.png: a board through microlenses"
+	@echo "Open build/02_plenoptic/cameras/Rig.Camera/white.png: a white scene, one disc per microlens"
 
 test: $(STAMP)
 	$(MAKE) -j2 lint warm

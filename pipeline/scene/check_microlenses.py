@@ -95,6 +95,10 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
             message = f"{count} microlens types on a {where} lattice, and no rule which lens has which"
             known = "1 type" if square else "1 type, and 3"
             hint = f"there are rules for {known}; else write plen:typeTable and plen:typePeriod"
+            if count == 2:
+                table, period = ("[0, 1, 1, 0]", "(2, 2)") if square else ("[0, 1]", "(1, 2)")
+                how = "a checkerboard" if square else "rows in turn"
+                hint += f", for {how} plen:typeTable = {table} and plen:typePeriod = {period}"
             yield problem(array.GetAttribute(name), "microlens-types", message, hint=hint)
         return
     (along, across), values = read(array, "plen:typePeriod") or (0, 0), read(array, "plen:typeTable")

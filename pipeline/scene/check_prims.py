@@ -31,8 +31,14 @@ def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
         if not prim.IsPseudoRoot() and _is_dangling(prim):
             siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
             message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
-            yield problem(prim, "over-without-def", message, hint=did_you_mean(prim.GetName(), siblings))
+            hint = did_you_mean(prim.GetName(), siblings) or _those_there(prim.GetParent(), siblings)
+            yield problem(prim, "over-without-def", message, hint=hint)
             prims.PruneChildren()
+
+
+def _those_there(parent: Usd.Prim, names: list[str]) -> str | None:
+    where = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
+    return f"{where} there are {', '.join(names[:20])}{' …' if len(names) > 20 else ''}" if names else None
 
 
 def _is_dangling(prim: Usd.Prim) -> bool:
@@ -82,11 +88,25 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
             hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
             message = f'xformOpOrder names "{name}", which does not exist'
             yield problem(order, "missing-xform-op", message, hint=hint)
-    for attribute in prim.GetAuthoredAttributes():
-        name = attribute.GetName()
-        if name.startswith("xformOp:") and name not in named:
-            message = f'"{name}" stands in no xformOpOrder, so it moves nothing'
-            yield problem(attribute, "unused-xform-op", message, hint=f'add it: xformOpOrder = ["{name}"]')
+    ops = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("xformOp:")]
+    unused = [attribute for attribute in ops if attribute.GetName() not in named]
+    if unused:
+        names = ", ".join(f'"{attribute.GetName()}"' for attribute in unused)
+        whole = ", ".join(f'"{name}"' for name in [*named, *_in_usual_order(unused)])
+        stand, move = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
+        hint = f"write uniform token[] xformOpOrder = [{whole}]" + ("; the last one acts first" if len(ops) > 1 else "")
+        message = f"{names} {stand} in no xformOpOrder, so {move} nothing"
+        yield problem(unused[0], "unused-xform-op", message, hint=hint)
+
+
+def _in_usual_order(ops: list[Usd.Attribute]) -> list[str]:
+    """Names of operations with translations before rotations before scales, as most programs write them."""
+    ranks = ("xformOp:translate", "xformOp:orient", "xformOp:rotate", "xformOp:scale")
+
+    def rank(name: str) -> int:
+        return next((i for i, start in enumerate(ranks) if name.startswith(start)), len(ranks))
+
+    return sorted((op.GetName() for op in ops), key=rank)
 
 
 def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:

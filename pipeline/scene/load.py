@@ -10,6 +10,7 @@ from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_layers import used_layers
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.flatten import flattened
+from pipeline.scene.hints import without_followers
 from pipeline.scene.opening import open_stage
 from pipeline.scene.prescan import refusals
 from pipeline.scene.problems import Problem, StageError, shown_path
@@ -70,7 +71,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
         return Loaded(dataset=None, problems=problems, flattened="")
     try:
         stage, problems = open_stage(path)
-        problems += check(stage, roots)
+        problems = without_followers(problems + check(stage, roots))
     except StageError as error:
         return Loaded(dataset=None, problems=error.problems, flattened="")
     loaded = Loaded(dataset=None, problems=problems, flattened="")

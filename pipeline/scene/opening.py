@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pxr import Pcp, Tf, Usd, UsdUtils
 
+from pipeline.scene.hints import of_missing_asset, of_syntax
 from pipeline.scene.lines import line_of, text_map
 from pipeline.scene.problems import Problem, StageError, shown_path
 
@@ -55,14 +56,15 @@ def _from_exception(exception: Tf.ErrorException, path: Path) -> list[Problem]:
 
 
 def _syntax_problem(match: re.Match[str], hint: str | None = None) -> Problem:
+    message, mend = of_syntax(match["file"], int(match["line"]), match["message"])
     return Problem(
         code="usd-syntax",
-        message=match["message"],
+        message=message,
         file=shown_path(match["file"]),
         line=int(match["line"]),
         column=int(match["column"]),
         at=match["at"],
-        hint=hint,
+        hint="; ".join(filter(None, (mend, hint))) or None,
     )
 
 
@@ -76,6 +78,8 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     if inner := _SYNTAX.search(reason.rstrip(".\n ")):
         return _syntax_problem(inner, f"the file is used by {shown_path(layer)} <{path}>")
     hint = _FORWARD_SLASHES if "\\" in text else None
+    if hint is None and isinstance(error, Pcp.ErrorInvalidAssetPath) and (asset := re.search(r"@([^@]+)@", text)):
+        hint = of_missing_asset(_as_written(asset[1], layer), layer)
     if text.startswith("Cycle detected"):
         text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
     message, _, _ = text.partition(" introduced by ")
@@ -84,6 +88,12 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     opens = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
     line = (None if opens else _line_of_asset(layer, str(error))) or line_of(layer, path)
     return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
+
+
+def _as_written(asset: str, layer: str) -> str:
+    """An asset path as the layer mentions it; messages hold some of them resolved."""
+    name = asset.rpartition("/")[2]
+    return next((one for one in text_map(layer).assets if one.rpartition("/")[2] == name), asset)
 
 
 def _site(error: Pcp.ErrorBase) -> tuple[str, str]:

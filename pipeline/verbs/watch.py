@@ -46,7 +46,7 @@ def watch(
                 _end(process)
             files = set(looks)
             _wait_for_quiet(files)
-            note(f"changed: {', '.join(map(str, changed[:3]))}{' …' if len(changed) > 3 else ''}")
+            note(f"changed: {', '.join(map(_shown, changed[:3]))}{' …' if len(changed) > 3 else ''}")
 
 
 def _start(arguments: list[str]) -> "subprocess.Popen[bytes]":
@@ -63,7 +63,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 def _near(stage: Path) -> set[Path]:
     """What is looked at as long as no build has said what it reads."""
     code = Path(__file__).parents[1]
-    return {stage, *stage.absolute().parent.glob("*.usd*"), *code.rglob("*.py")}
+    return {stage.resolve(), *stage.resolve().parent.glob("*.usd*"), *code.rglob("*.py")}
 
 
 def _read_files(events: Path) -> set[Path]:
@@ -71,7 +71,7 @@ def _read_files(events: Path) -> set[Path]:
     try:
         with events.open(encoding="utf-8") as stream:
             first = json.loads(stream.readline())
-        return {Path(path) for path in first["reads"]}
+        return {Path(path).resolve() for path in first["reads"]}
     except (OSError, ValueError, KeyError):
         return set()
 
@@ -91,6 +91,12 @@ def _looks(files: set[Path]) -> Looks:
 def _changed(before: Looks) -> list[Path]:
     now = _looks(set(before))
     return [path for path, look in before.items() if now[path] != look]
+
+
+def _shown(path: Path) -> str:
+    """A path as it was typed, as far as it lies below the working directory."""
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def _wait_for_quiet(files: set[Path]) -> None:

@@ -339,7 +339,7 @@ def test_blender_takes_the_second_of_two_air_rows_for_the_stop(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("radius;", "r;", "a.csv:1: the first line must be"),
+        ("radius;", "r;", "a.csv: 0 rows are marked as the aperture stop"),
         (";80;air", ";80;Air", "a.csv: has no stop"),
         ("1.5168", "", "a.csv:2: glass BK7 has no index"),
         ("50;4", "50;four", 'a.csv:2: "thickness" must be a number, not "four"'),

@@ -1,0 +1,92 @@
+"""One mistake gives one message with a way out, and no others that only follow from it."""
+
+import pytest
+
+from pipeline.scene.load import load
+from pipeline.spelling import did_you_mean
+
+HEAD = """#usda 1.0
+(
+    defaultPrim = "Mine"
+    endTimeCode = 1
+    metersPerUnit = 0.001
+    startTimeCode = 1
+    upAxis = "Y"
+)
+def PlenDataset "Mine"
+{
+"""
+LENS = """    rel plen:cameras = </Mine/Cam>
+    def Camera "Cam" (prepend apiSchemas = ["PlenCameraAPI"])
+    {
+        rel plen:camera:lens = </Mine/Lens>
+    }
+    def "Lens" (prepend references = @lenses/FILE.usda@)
+    {
+        over "PRIM"
+        {
+            uniform double plen:semiDiameter = 4
+        }
+    }
+"""
+
+
+def problems(tmp_path, body):
+    (tmp_path / "s.usda").write_text(HEAD + body + "}\n")
+    return load(tmp_path / "s.usda").problems
+
+
+@pytest.mark.parametrize(
+    ("body", "hint"),
+    [
+        ('    over "Stop" { uniform double plen:semiDiameter = 4 }\n', "closing brace"),
+        ("    uniform double plen:background = 0,5\n", "decimals with a point"),
+        ("    uniform double plen:background = 6um\n", "without a unit"),
+        ("    rel plen:targets = [</Mine/A>, </Mine/A>]\n", "remove one"),
+    ],
+)
+def test_what_usd_cannot_parse_comes_with_a_way_to_mend_it(tmp_path, body, hint):
+    (one,) = problems(tmp_path, body)
+    assert (one.code, one.line) == ("usd-syntax", 11) and hint in one.hint
+
+
+def test_a_target_named_twice_is_told_in_plain_words(tmp_path):
+    (one,) = problems(tmp_path, "    rel plen:targets = [</Mine/A>, </Mine/B>, </Mine/A>]\n")
+    assert one.message == '"plen:targets" names </Mine/A> twice'
+
+
+def test_a_missing_file_is_one_error_with_the_nearest_name_and_the_folders_that_were_searched(tmp_path):
+    found = problems(tmp_path, LENS.replace("FILE", "double_gauss_50mm_cannon").replace("PRIM", "Stop"))
+    missing = next(one for one in found if one.code == "usd-invalid-asset-path")
+    assert missing.hint.startswith("did you mean @lenses/double_gauss_50mm_canon.usda@? searched: ")
+    assert str(tmp_path) in missing.hint and missing.hint.endswith("stages")
+    assert not {one.code for one in found} & {"over-without-def", "wrong-target"}
+    assert not any("Lens" in (one.at or "") for one in found if one is not missing)
+
+
+def test_an_over_without_a_near_name_says_which_there_are(tmp_path):
+    found = problems(tmp_path, LENS.replace("FILE", "cooke_triplet_50mm").replace("PRIM", "Aperture"))
+    over = next(one for one in found if one.code == "over-without-def")
+    assert over.hint == "below </Mine/Lens> there are S1, S2, S3, Stop, S5, S6"
+
+
+def test_operations_in_no_order_are_one_problem_with_one_order_that_holds_all(tmp_path):
+    body = "    double3 xformOp:translate = (0, 0, 1)\n    float3 xformOp:rotateXYZ = (0, 0, 1)\n"
+    found = [one for one in problems(tmp_path, f'    def Xform "A"\n    {{\n{body}    }}\n') if "xform" in one.code]
+    (one,) = found
+    assert '["xformOp:translate", "xformOp:rotateXYZ"]' in one.hint and "last one acts first" in one.hint
+
+
+@pytest.mark.parametrize(
+    ("name", "choices", "meant"),
+    [
+        ("plen:image:bits", ["plen:image:fNumbers", "plen:image:samples"], None),
+        ("plen:image:noise", ["plen:image:samples", "plen:image:fNumbers"], None),
+        ("plen:camera:wavelengths", ["plen:camera:wavelength"], "plen:camera:wavelength"),
+        ("radius", ["plen:radius", "plen:radii"], "plen:radius"),
+        ("plen:raduis", ["plen:radius", "plen:rows"], "plen:radius"),
+        ("x" * 100_000, ["x" * 99_999], None),
+    ],
+)
+def test_only_a_near_name_is_suggested(name, choices, meant):
+    assert did_you_mean(name, choices) == (meant and f'did you mean "{meant}"?')
