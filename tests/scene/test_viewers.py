@@ -13,7 +13,10 @@ import pytest
 
 from pipeline.camera.focus import focused
 from pipeline.scene.load import load
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.lines import Lines
 from pipeline.target.preview import preview_faces
+from pipeline.target.target import Target
 from pipeline.tasks.build import project
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,6 +134,7 @@ def test_a_charuco_board_has_a_preview_and_metres_are_metres(stage, tmp_path):
     assert slope == pytest.approx(4.0 / 121.7263, rel=1e-5)  # the principal distance that `show` prints
 
 
+LINES = Lines(columns=400, rows=300, spacing_mm=1.0, width_mm=0.5)
 FLAT = [
     *("aprilgrid_6x6", "charuco_8x5", "checkerboard_4x7", "circles_7x5", "circles_asymmetric_4x11", "deltille_7x5"),
     *("lines_7x5", "siemens_star_36", "slanted_edge_5deg", "stars_7x5"),
@@ -166,6 +170,15 @@ def test_preview_faces_of_other_shapes_lie_on_the_surface_and_look_outwards(name
     for point, axes in list(zip(points.position_mm, points.axes, strict=True))[::7]:
         nearest = np.argmin(np.linalg.norm(corners.mean(axis=1) - point, axis=1) + 1e3 * (normals @ axes[:, 2] < 0.9))
         assert abs((point - corners[nearest].mean(axis=0)) @ normals[nearest]) < 0.05
+
+
+@pytest.mark.parametrize("pattern", [Checkerboard(columns=3001, rows=2000, square_mm=1.0), LINES])
+def test_a_pattern_beyond_all_measure_is_a_blank_sheet_in_true_size(pattern):
+    faces = preview_faces(Target(pattern))
+
+    assert len(faces.faces) == 1 and faces.radiance.tolist() == [0.5]
+    half = pattern.drawing.half_x_mm, pattern.drawing.half_y_mm, 0.0
+    assert np.allclose(faces.points_mm.max(axis=0), half, rtol=1e-12)
 
 
 def test_a_mesh_named_preview_that_stands_in_the_way_is_left_alone(stage):
