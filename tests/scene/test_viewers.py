@@ -197,3 +197,20 @@ def test_what_the_source_says_of_a_pinhole_gives_way_to_the_lens_but_for_the_cli
 
     assert re.findall(r"float focalLength = (.*)", text) == ["1217.2632"]
     assert re.findall(r"clippingRange = (.*)", text) == ["(7, 8000)"]
+
+
+def test_instances_are_written_out_so_that_what_is_delivered_builds_again(stage, tmp_path):
+    plain = stage(('over "Camera"\n        {', 'over "Spare"\n        {'), ('over "Spare"', 'def Scope "Spare"'))
+    text = plain.read_text(encoding="utf-8").replace("            uniform int plen:truth:supersampling = 4\n", "")
+    plain.write_text(text, encoding="utf-8")
+    instanced = tmp_path / "instanced.usda"
+    made = text.replace("        prepend references", "        instanceable = true\n        prepend references")
+    instanced.write_text(made.replace('def Scope "Spare"\n        {\n        }', ""), encoding="utf-8")
+    loaded = load(instanced)
+    (tmp_path / "delivered.usda").write_text(loaded.flattened, encoding="utf-8")
+    again = load(tmp_path / "delivered.usda")
+
+    assert made.count("instanceable") == 2
+    assert loaded.dataset == again.dataset == load(plain).dataset
+    assert (again.problems, again.flattened) == ([], loaded.flattened)
+    assert re.findall(r"float focalLength = (.*)", again.flattened) == ["1217.2632"]
