@@ -16,6 +16,7 @@ _TOLERANCE_MM = 1e-12
 _ACCEPTED_MM = 1e-9
 _DIFFERENCE_MM = 1e-4
 _HALVINGS = 10
+_TRIED, _BISECTIONS = 401, 60
 
 
 def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
@@ -133,7 +134,8 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray
     -------
     (m,) float64
         Height of the crossing, on the side given by its sign; the secant method ends when the ray meets the stop
-        within 1e-12 mm of its centre, or when it stops improving. [mm]
+        within 1e-12 mm of its centre, or when it stops improving. Where it fails, as behind fisheyes, the crossing is
+        bisected between rays that pass the stop on either side. [mm]
 
     Raises
     ------
@@ -151,10 +153,35 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray
         following = np.where(done, newer, newer - miss_newer / np.where(slope == 0, 1.0, slope))
         older, miss_older = newer, miss_newer
         newer, miss_newer = following, _stop_height(rear, plane_mm, heights, following)
+    missed = ~(np.abs(miss_newer) < _ACCEPTED_MM)
+    if missed.any():
+        planes = np.broadcast_to(plane_mm, heights.shape)[missed]
+        newer[missed] = _bisected(rear, planes, heights[missed])
+        miss_newer[missed] = _stop_height(rear, planes, heights[missed], newer[missed])
     if not np.all(np.abs(miss_newer) < _ACCEPTED_MM):
         worst = float(heights[np.argmax(~(np.abs(miss_newer) < _ACCEPTED_MM))])
         raise CameraError(f"no ray from {worst} mm off the axis reaches the centre of the aperture stop")
     return newer
+
+
+def _bisected(rear: np.ndarray, planes_mm: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Crossings by bisection, (m,); of several the one nearest to the axis, NaN for none up to twice the height."""
+    result = np.full(len(heights), np.nan)
+    for i, (plane_mm, height) in enumerate(zip(planes_mm, heights, strict=True)):
+        tried = height * np.linspace(-2, 2, _TRIED)
+        miss = _stop_height(rear, plane_mm, np.full(_TRIED, height), tried)
+        turns = np.flatnonzero((miss[:-1] < 0) != (miss[1:] < 0))
+        turns = turns[np.isfinite(miss[turns]) & np.isfinite(miss[turns + 1])]
+        if not turns.size:
+            continue
+        first = turns[np.argmin(np.abs(tried[turns]))]
+        low, high, is_rising = tried[first], tried[first + 1], miss[first] < 0
+        for _ in range(_BISECTIONS):
+            middle = (low + high) / 2
+            is_below = bool(_stop_height(rear, plane_mm, np.array([height]), np.array([middle]))[0] < 0) == is_rising
+            low, high = (middle, high) if is_below else (low, middle)
+        result[i] = (low + high) / 2
+    return result
 
 
 def _stop_height(

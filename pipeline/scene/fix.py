@@ -11,6 +11,7 @@ from pxr import Sdf, Tf, Usd
 
 from pipeline.errors import UsageError
 from pipeline.scene.check_prims import all_prims
+from pipeline.scene.flatten import write_out_instances
 from pipeline.scene.for_viewers import fallback_types, pinhole, view_of
 from pipeline.scene.lines import text_map
 from pipeline.scene.opening import open_stage
@@ -47,7 +48,8 @@ class Lacking:
 
 
 def lacking(stage: Usd.Stage) -> Lacking:
-    """Look at a stage that passed the checks."""
+    """Look at a stage that passed the checks; its instances are written out."""
+    write_out_instances(stage)
     layer, lines, wrong = stage.GetRootLayer(), dict[str, list[str]](), list[str]()
     used = {prim.GetTypeName() for prim in all_prims(stage)}
     said = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}

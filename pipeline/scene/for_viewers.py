@@ -44,10 +44,10 @@ def show_in_viewers(
     add_fallback_types(layer)
     unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
     for camera in cameras:
-        _write_camera(_spec(layer, camera.prim_path), camera, unit_mm)
+        _write_camera(layer.GetPrimAtPath(camera.prim_path), camera, unit_mm)
     for target in targets:
         if f"{target.prim_path}/{PREVIEW}" not in kept and isinstance(target.target, Target):
-            _write_preview(_spec(layer, target.prim_path), target.target, unit_mm)
+            _write_preview(layer.GetPrimAtPath(target.prim_path), target.target, unit_mm)
 
 
 def add_fallback_types(layer: Sdf.Layer) -> None:
@@ -116,7 +116,7 @@ def _write_preview(prim: Sdf.PrimSpec, target: Target, unit_mm: float) -> None:
     """The mesh of a target in the place of one of that name; anything else that has its name stays."""
     faces = preview_faces(target)
     points = faces.points_mm / unit_mm
-    if prim.instanceable or not np.abs(points).max() < _LARGEST:
+    if not np.abs(points).max() < _LARGEST:
         return
     if PREVIEW in prim.nameChildren:
         if prim.nameChildren[PREVIEW].typeName != "Mesh":
@@ -150,10 +150,3 @@ def _write(prim: Sdf.PrimSpec, attributes: Attributes) -> None:
         if name in prim.properties:
             del prim.properties[name]
         Sdf.AttributeSpec(prim, name, kind).default = value
-
-
-def _spec(layer: Sdf.Layer, path: str) -> Sdf.PrimSpec:
-    """Where a flattened layer says what the prim at a path is: there, or in the prototype of its instance."""
-    if found := layer.GetPrimAtPath(path):
-        return found
-    return Usd.Stage.Open(layer).GetPrimAtPath(path).GetPrimInPrototype().GetPrimStack()[-1]

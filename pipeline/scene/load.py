@@ -9,7 +9,7 @@ from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_layers import used_layers
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
-from pipeline.scene.flatten import flattened
+from pipeline.scene.flatten import flattened, write_out_instances
 from pipeline.scene.hints import without_followers
 from pipeline.scene.opening import open_stage
 from pipeline.scene.prescan import refusals
@@ -77,6 +77,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
     loaded = Loaded(dataset=None, problems=problems, flattened="")
     if loaded.errors:
         return loaded
+    write_out_instances(stage)
     root = find_dataset(stage)
     dataset = read_dataset(root) if root else None
     cameras, targets = read_camera_entries(stage), read_target_entries(stage)

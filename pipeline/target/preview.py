@@ -61,8 +61,11 @@ def preview_faces(target: Target) -> PreviewFaces:
 def _faces(patch: Patch) -> PreviewFaces:
     """One piece, in its own frame."""
     black, white = patch.colours
-    x, y = _lines(patch.drawing, 0), _lines(patch.drawing, 1)
-    if len(x) * len(y) > _MOST_CELLS or len(patch.drawing.shapes) > _MOST_SHAPES:
+    too_fine = _is_too_fine(patch.drawing)
+    if not too_fine:
+        x, y = _lines(patch.drawing, 0), _lines(patch.drawing, 1)
+        too_fine = len(x) * len(y) > _MOST_CELLS
+    if too_fine:
         x, y = (half * np.array([-1.0, 1.0]) for half in (patch.drawing.half_x_mm, patch.drawing.half_y_mm))
         light = np.full((1, 1), (black + white) / 2)
     else:
@@ -83,11 +86,15 @@ def _faces(patch: Patch) -> PreviewFaces:
     return PreviewFaces(_placed(patch, xy), faces.reshape(-1, 4), colours)
 
 
+def _is_too_fine(drawing: Drawing) -> bool:
+    """Whether a drawing certainly has more than is shown."""
+    checks = sum((one.columns + 1) * (one.rows + 1) for one in drawing.shapes if isinstance(one, Checks))
+    return checks > _MOST_CELLS or len(drawing.shapes) > _MOST_SHAPES
+
+
 def _lines(drawing: Drawing, axis: int) -> np.ndarray:
     """Where cells begin and end along x (0) or y (1), both edges of the sheet included, (n,)."""
     half = (drawing.half_x_mm, drawing.half_y_mm)[axis]
-    if len(drawing.shapes) > _MOST_SHAPES:
-        return half * np.array([-1.0, 1.0])
     found = [np.array([-half, half]), *(_lines_of(shape, axis) for shape in drawing.shapes)]
     lines = np.clip(np.concatenate(found), -half, half)
     _, first = np.unique((lines / half).round(_SAME), return_index=True)

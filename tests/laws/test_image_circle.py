@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.chief import chief_slopes
 from pipeline.camera.curves import field_curves
 from pipeline.camera.pupil import passes
-from pipeline.optics.table import towards_scene
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import VERTEX, towards_scene
 from pipeline.report import text
 from pipeline.report.drawing import bundle
 from pipeline.scene.load import load
@@ -40,6 +42,19 @@ def light_from(camera: Camera, height_mm: float) -> int:
     aim = np.random.default_rng(3).uniform(-reach, reach, (200_000, 2))
     start = np.tile([height_mm, 0.0, -camera.sensor_distance_mm], (len(aim), 1))
     return int(passes(table, start, aim).sum())
+
+
+@pytest.mark.parametrize("height_mm", [61.5, 100.0, 150.0])
+def test_the_chief_ray_of_a_fisheye_is_found_wherever_there_is_one(height_mm):
+    """Of 171 degrees: the ray that is found, traced by itself, meets the centre of the stop."""
+    table = towards_scene(load(LENSES / "fisheye_100mm_miyamoto.usda").lens.prescription)
+    stop_row = int(np.argmin(np.abs(table[:, VERTEX])))
+    position = np.array([[height_mm, 0.0, -601.0]])
+    slope = chief_slopes(table, stop_row, position)[0]
+    direction = np.array([[*slope, 1.0]]) / np.linalg.norm([*slope, 1.0])
+    trace_rays(table[: stop_row + 1], position, direction, np.ones(1))
+
+    assert np.abs(position).max() < 1e-9
 
 
 def test_the_table_ends_where_random_rays_end(fisheye, circle_mm):

@@ -13,7 +13,10 @@ import pytest
 
 from pipeline.camera.focus import focused
 from pipeline.scene.load import load
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.lines import Lines
 from pipeline.target.preview import preview_faces
+from pipeline.target.target import Target
 from pipeline.tasks.build import project
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,6 +134,7 @@ def test_a_charuco_board_has_a_preview_and_metres_are_metres(stage, tmp_path):
     assert slope == pytest.approx(4.0 / 121.7263, rel=1e-5)  # the principal distance that `show` prints
 
 
+LINES = Lines(columns=400, rows=300, spacing_mm=1.0, width_mm=0.5)
 FLAT = [
     *("aprilgrid_6x6", "charuco_8x5", "checkerboard_4x7", "circles_7x5", "circles_asymmetric_4x11", "deltille_7x5"),
     *("lines_7x5", "siemens_star_36", "slanted_edge_5deg", "stars_7x5"),
@@ -168,6 +172,15 @@ def test_preview_faces_of_other_shapes_lie_on_the_surface_and_look_outwards(name
         assert abs((point - corners[nearest].mean(axis=0)) @ normals[nearest]) < 0.05
 
 
+@pytest.mark.parametrize("pattern", [Checkerboard(columns=3001, rows=2000, square_mm=1.0), LINES])
+def test_a_pattern_beyond_all_measure_is_a_blank_sheet_in_true_size(pattern):
+    faces = preview_faces(Target(pattern))
+
+    assert len(faces.faces) == 1 and faces.radiance.tolist() == [0.5]
+    half = pattern.drawing.half_x_mm, pattern.drawing.half_y_mm, 0.0
+    assert np.allclose(faces.points_mm.max(axis=0), half, rtol=1e-12)
+
+
 def test_a_mesh_named_preview_that_stands_in_the_way_is_left_alone(stage):
     """As an occluder it is part of the dataset."""
     path = stage(("rel plen:targets", "rel plen:occluders = </Mine/Board/Preview>\n    rel plen:targets"))
@@ -184,3 +197,20 @@ def test_what_the_source_says_of_a_pinhole_gives_way_to_the_lens_but_for_the_cli
 
     assert re.findall(r"float focalLength = (.*)", text) == ["1217.2632"]
     assert re.findall(r"clippingRange = (.*)", text) == ["(7, 8000)"]
+
+
+def test_instances_are_written_out_so_that_what_is_delivered_builds_again(stage, tmp_path):
+    plain = stage(('over "Camera"\n        {', 'over "Spare"\n        {'), ('over "Spare"', 'def Scope "Spare"'))
+    text = plain.read_text(encoding="utf-8").replace("            uniform int plen:truth:supersampling = 4\n", "")
+    plain.write_text(text, encoding="utf-8")
+    instanced = tmp_path / "instanced.usda"
+    made = text.replace("        prepend references", "        instanceable = true\n        prepend references")
+    instanced.write_text(made.replace('def Scope "Spare"\n        {\n        }', ""), encoding="utf-8")
+    loaded = load(instanced)
+    (tmp_path / "delivered.usda").write_text(loaded.flattened, encoding="utf-8")
+    again = load(tmp_path / "delivered.usda")
+
+    assert made.count("instanceable") == 2
+    assert loaded.dataset == again.dataset == load(plain).dataset
+    assert (again.problems, again.flattened) == ([], loaded.flattened)
+    assert re.findall(r"float focalLength = (.*)", again.flattened) == ["1217.2632"]
