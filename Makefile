@@ -37,7 +37,7 @@ faults: $(STAMP)
 # Small mistakes made on purpose, N of them: which do the tests notice? About an hour of two cores for forty.
 N ?= 40
 SEED ?= 1
-mutants: $(STAMP)
+mutants: $(STAMP) warm
 	$(BIN)/python tests/mutants/run.py --count $(N) --seed $(SEED)
 
 bench: $(STAMP)
