@@ -25,7 +25,8 @@ CAMERA = (
 TRUTH = (
     *("laws/test_search.py", "laws/test_second_moments.py", "laws/test_second_order.py", "naive/test_quad_search.py"),
     *("laws/test_truth.py", "laws/test_direct.py", "laws/test_hit_fraction.py", "laws/test_visibility.py"),
-    *("laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py", "naive/test_properties.py"),
+    *("laws/test_corner_image.py", "laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py"),
+    "naive/test_properties.py",
 )
 ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
