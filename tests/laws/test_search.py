@@ -228,7 +228,7 @@ def test_the_error_of_a_row_comes_from_its_own_cell() -> None:
 
 
 def test_a_surface_through_sixteen_values_is_exact_where_they_exist_and_abstains_elsewhere() -> None:
-    """A quadratic J in two cells, more wide than high: solutions to rounding in quads that a whole ring of their own cell
+    """A quadratic J in two cells: solutions to rounding in quads that a whole ring of values of their own cell
     surrounds, none in the outermost quads along each border and along the edge between the cells."""
     height, width, edge = 9, 14, 8
     row, column = np.mgrid[:height, :width].astype(float)
