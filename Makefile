@@ -34,7 +34,7 @@ lint: $(STAMP)
 faults: $(STAMP)
 	$(BIN)/python tests/faults/run.py
 
-# Small mistakes made on purpose, N of them: which do the tests notice? Forty take two cores less than an hour.
+# Small mistakes made on purpose, N of them: which do the tests notice? Forty should take two cores less than an hour.
 N ?= 40
 SEED ?= 1
 mutants: $(STAMP) warm
