@@ -10,7 +10,7 @@ from laws import rigs
 from tolerances import HALF_PIXEL_PX
 
 from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth import search
+from pipeline.truth import quadratic, search
 from pipeline.truth.correspond import correspond, find
 from pipeline.truth.grid import RayGrid, fine_from_image
 from pipeline.truth.position_image import on_target
@@ -225,3 +225,26 @@ def test_the_error_of_a_row_comes_from_its_own_cell() -> None:
     np.testing.assert_allclose(found.sigma_px, expected, rtol=1e-9)
     near_the_edge = np.abs(found.found.x_px - (width - 1) / 2) < 1.0
     assert np.isfinite(found.sigma_px[near_the_edge]).all() and near_the_edge.sum() > 5
+
+
+def test_a_surface_through_sixteen_values_is_exact_where_they_exist_and_abstains_elsewhere() -> None:
+    """A quadratic J in two cells: solutions to rounding in quads that a whole ring of values of their own cell
+    surrounds, none in the outermost quads along each border and along the edge between the cells."""
+    height, width, edge = 9, 14, 8
+    row, column = np.mgrid[:height, :width].astype(float)
+    cell = (np.arange(width)[None] >= edge) * np.ones((height, 1), np.int64)
+
+    def j(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        bent = np.array([[0.004, -0.003, 0.002], [-0.002, 0.005, 0.003]])
+        return np.stack([x, y], axis=-1) @ AFFINE.T + np.stack([x * x, x * y, y * y], axis=-1) @ bent.T
+
+    quads = np.stack(np.meshgrid(np.arange(width - 1), np.arange(height - 1)), axis=-1).reshape(-1, 2)
+    quads = quads[quads[:, 0] != edge - 1]  # a quad lies in one cell
+    inside = np.random.default_rng(4).uniform(0.1, 0.9, quads.shape)
+    fit = quadratic.solve(j(column, row), cell, quads, j(*(quads + inside).T))
+    i, k = quads.T
+    whole = (i > 0) & (i < width - 2) & (k > 0) & (k < height - 2) & (i != edge - 2) & (i != edge)
+    assert 20 < whole.sum() < len(quads) - 20
+    np.testing.assert_array_equal(~np.isnan(fit.error), whole)
+    found = np.stack([fit.column, fit.row], axis=1)[whole]
+    np.testing.assert_allclose(found, (quads + inside)[whole], rtol=0, atol=HALF_PIXEL_PX)

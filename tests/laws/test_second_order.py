@@ -11,8 +11,9 @@ from pipeline.camera.moments import COVARIANCE, WEIGHT
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.frames import rigid
+from pipeline.truth.grid import RayGrid
 from pipeline.truth.position_image import crossing_share, on_target
-from pipeline.truth.second_order import correction
+from pipeline.truth.second_order import corrected, correction
 
 STEP_MM = 0.05
 
@@ -83,3 +84,40 @@ def test_the_correction_is_the_finite_difference_of_the_hit(axes: str, pairs: in
     pose, deviations = turned(*OBLIQUE[axes]), np.random.default_rng(8).normal(0, 0.3, (pairs, 4))
     coarse, fine = left_mm(pose, deviations), left_mm(pose, deviations / 2)
     assert np.log2(coarse / fine) == pytest.approx(4, abs=ORDER)
+
+
+@pytest.mark.parametrize("supersampling", [1, 2])
+def test_rays_that_start_on_squares_add_the_covariance_of_the_square(supersampling: int) -> None:
+    """Both planes see the sensor affinely and without blur: the mean hit of a whole square, summed over its points, is
+    approached with the fourth power of its size on the planes."""
+    pose, k = turned(25, -30, 40), supersampling
+    row, column = (np.mgrid[: 6 * k, : 6 * k] - 2.5 * k).astype(float)
+    node, weight = np.polynomial.legendre.leggauss(4)
+    offset, share = (
+        np.stack(np.meshgrid(node / 2, node / 2), axis=-1).reshape(-1, 2),
+        np.outer(weight, weight).ravel() / 4,
+    )
+    left = []
+    for scale in (1.0, 0.5):
+        near, far = scale * np.array([[0.9, 0.2], [-0.1, 0.7]]), scale * np.array([[-0.8, 0.3], [0.4, -1.1]])
+        middle = np.stack([column, row], axis=-1)
+        grid = RayGrid(
+            supersampling=k,
+            near_mm=NEAR_MM,
+            far_mm=FAR_MM,
+            near=middle @ near.T,
+            far=middle @ far.T,
+            covariance=np.zeros((6, 6, 10)),
+            hit_fraction=np.ones((6 * k, 6 * k)),
+            error_px=np.zeros((6 * k, 6 * k, 2)),
+            cell=np.zeros((6 * k, 6 * k), np.int64),
+            microlenses=np.zeros((1, 3), np.int64),
+            centres_px=None,
+            square_steps=1.0,
+        )
+        flat = on_target(grid.near, grid.far, NEAR_MM, FAR_MM, pose)
+        points = middle[2, 3] + offset
+        whole = share @ on_target(points @ near.T, points @ far.T, NEAR_MM, FAR_MM, pose)
+        left.append(np.linalg.norm(corrected(flat, grid, pose)[2, 3] - whole))
+        assert left[-1] < 0.01 * np.linalg.norm(flat[2, 3] - whole)
+    assert np.log2(left[0] / left[1]) == pytest.approx(4, abs=0.1)

@@ -13,7 +13,6 @@ import itertools
 import os
 import random
 import sys
-import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -22,6 +21,9 @@ from queue import SimpleQueue
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from mutants.mutations import mutants, parses
 from mutants.sandbox import ROOMS, ROOT, Sandbox, Site, Verdict
+
+FOLDER = ROOT / "build" / "mutants"
+"""Copies of the tree, one per job."""
 
 
 def draw(rooms: list[str], count: int, seed: int, root: Path = ROOT) -> list[Site]:
@@ -33,23 +35,22 @@ def draw(rooms: list[str], count: int, seed: int, root: Path = ROOT) -> list[Sit
 
 
 def judge_all(sites: list[Site], jobs: int, nearest: int) -> list[Verdict]:
-    """Verdicts in the order of the sites, printed as they come."""
-    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        idle: SimpleQueue[Sandbox] = SimpleQueue()
-        for job in range(jobs):
-            idle.put(Sandbox(Path(folder, str(job)), nearest))
+    """Verdicts, printed as they come; first on mistakes for which no kernel needs to be compiled again."""
+    idle: SimpleQueue[Sandbox] = SimpleQueue()
+    for job in range(jobs):
+        idle.put(Sandbox(FOLDER / str(job), nearest))
 
-        def one(site: Site) -> Verdict:
-            sandbox = idle.get()
-            try:
-                verdict = sandbox.judge(site)
-            finally:
-                idle.put(sandbox)
-            print(_lines(verdict), flush=True)
-            return verdict
+    def one(site: Site) -> Verdict:
+        sandbox = idle.get()
+        try:
+            verdict = sandbox.judge(site)
+        finally:
+            idle.put(sandbox)
+        print(_lines(verdict), flush=True)
+        return verdict
 
-        with ThreadPoolExecutor(jobs) as pool:
-            return list(pool.map(one, sites))
+    with ThreadPoolExecutor(jobs) as pool:
+        return list(pool.map(one, sorted(sites, key=lambda site: site.mutant.in_kernel)))
 
 
 def _lines(verdict: Verdict) -> str:

@@ -1,5 +1,6 @@
 """A copy of the tree in which mistakes are made, one at a time, and the tests that may notice them."""
 
+import hashlib
 import os
 import re
 import shutil
@@ -12,6 +13,8 @@ from pathlib import Path
 from mutants.imports import Imports, module_of
 from mutants.mutations import Mutant
 
+from pipeline.jit import cache_folder
+
 ROOT = Path(__file__).resolve().parents[2]
 OPTICS = ("optics", "naive/test_trace.py", "naive/test_aspheres.py", "laws/test_surfaces.py", "laws/test_apertures.py")
 CAMERA = (
@@ -22,7 +25,8 @@ CAMERA = (
 TRUTH = (
     *("laws/test_search.py", "laws/test_second_moments.py", "laws/test_second_order.py", "naive/test_quad_search.py"),
     *("laws/test_truth.py", "laws/test_direct.py", "laws/test_hit_fraction.py", "laws/test_visibility.py"),
-    *("laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py", "naive/test_properties.py"),
+    *("laws/test_corner_image.py", "laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py"),
+    "naive/test_properties.py",
 )
 ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
@@ -58,15 +62,16 @@ class Verdict:
 
 
 class Sandbox:
-    """A copy of the tree, with kernels of its own.
+    """A copy of the tree, and of the kernels that are compiled for it.
 
     Numba recompiles the kernels of a file that changed, not those of other files which call them: `jit.py` of the
     copy takes the folder of compiled kernels as it is told, and what a mistake reaches is removed from it.
     """
 
     def __init__(self, folder: Path, nearest: int, root: Path = ROOT) -> None:
-        self.tree, self.kernels, self.nearest = folder / "tree", folder / "kernels", nearest
+        self.tree, self.nearest = folder / "tree", nearest
         self.sound: set[str] = set()
+        shutil.rmtree(self.tree, ignore_errors=True)
         tracked = subprocess.run(["git", "ls-files", "-z", "-co", "--exclude-standard"], cwd=root, capture_output=True)
         for name in filter(None, tracked.stdout.decode().split("\0")):
             if (root / name).is_file():
@@ -75,6 +80,19 @@ class Sandbox:
         with (self.tree / "pipeline/jit.py").open("a", encoding="utf-8") as file:
             file.write('\n\ndef cache_folder() -> Path:\n    return Path(os.environ["PIPELINE_JIT_CACHE"])\n')
         self.imports = Imports(self.tree)
+        self.kernels = folder / "kernels"
+        shutil.rmtree(self.kernels, ignore_errors=True)
+        self._borrow_kernels(root)
+
+    def _borrow_kernels(self, root: Path) -> None:
+        """Take what is compiled for the checkout: Numba keeps it under a digest of the sources' folder."""
+        for room in filter(Path.is_dir, (self.tree / "pipeline").iterdir()):
+            theirs, ours = (
+                f"{room.name}_{hashlib.sha1(str(path).encode()).hexdigest()}"
+                for path in (root / "pipeline" / room.name, room)
+            )
+            if (cache_folder() / theirs).is_dir():
+                shutil.copytree(cache_folder() / theirs, self.kernels / ours)
 
     def judge(self, site: Site) -> Verdict:
         """Make a mistake, run the tests of its room, and take it back."""
@@ -128,7 +146,7 @@ class Sandbox:
 
     def _kernels_without(self, site: Site) -> Path:
         """Compiled kernels that a mistake in a module cannot reach, in a folder of its own."""
-        folder = self.kernels.with_name("mutant_kernels")
+        folder = self.kernels.with_name("kernels_of_mutant")
         shutil.rmtree(folder, ignore_errors=True)
         reached = {name.split(".")[-1] for name in self.imports.distances(site.module)}
         ignore = shutil.ignore_patterns(*(f"{name}.*" for name in reached))

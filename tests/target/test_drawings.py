@@ -8,6 +8,7 @@ from pipeline.target.charuco import Charuco
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.target.circles import CircleGrid
 from pipeline.target.deltille import Deltille
+from pipeline.target.drawing import Checks, Disc, Drawing, Polygon, Spokes
 from pipeline.target.errors import TargetError
 from pipeline.target.lines import Lines, SlantedEdge
 from pipeline.target.stars import SiemensStar, Stars
@@ -129,3 +130,22 @@ def test_ids_go_from_the_top_left_to_the_right_except_kalibrs_that_go_up() -> No
 def test_what_cannot_be_is_refused(make, words) -> None:
     with pytest.raises(TargetError, match=words):
         make()
+
+
+SHAPES = {
+    "polygon": Polygon(corners=((-8.0, -3.0), (7.5, -11.0), (2.0, 14.0))),
+    "disc": Disc(x=1.0, y=-2.0, radius=8.5),
+    "spokes": Spokes(x=-1.0, y=3.0, inner=1.0, outer=9.0, count=5, phase=0.2),
+    "checks, high": Checks(columns=1, rows=6, square=4.3),
+    "checks, wide": Checks(columns=5, rows=2, square=3.1),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_shape_looks_the_same_alone_and_among_many(shape: str) -> None:
+    """On a sheet with forty specks in its corner, whose grid of bins is finer than the shape: up to its last edge."""
+    specks = [Disc(x=-18.0 + 0.05 * i, y=19.0, radius=0.01) for i in range(40)]
+    x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-19.7, 19.7, 301), np.linspace(-18.7, 18.3, 301)))
+    alone, among = (Drawing(20.0, 20.0, shapes) for shapes in ([SHAPES[shape]], [*specks, SHAPES[shape]]))
+    assert 0.02 < np.mean(alone.whiteness(x, y) == 0) < 0.6
+    np.testing.assert_array_equal(among.whiteness(x, y), alone.whiteness(x, y))
