@@ -51,12 +51,13 @@ class Problem:
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        text = f"{place or '<stage>'}: {self.severity}: {self.message} [{self.code}]"
+        lines = [f"{place or '<stage>'}: {self.severity}: {self.message} [{self.code}]"]
         if self.at:
-            text += f"\n    at <{self.at}>"
+            lines.append(f"    at <{self.at}>")
         if self.hint:
-            text += f"\n    hint: {self.hint}"
-        return text
+            lines.append(f"    hint: {self.hint}")
+        # Names and paths of a stage may hold anything, escape sequences of terminals included.
+        return "\n".join(map(printable, lines))
 
 
 class StageError(UsageError):
@@ -76,9 +77,20 @@ def shown_path(path: str | Path) -> str:
         return path.as_posix()
 
 
+def printable(text: str) -> str:
+    """A text in which control characters, line breaks included, are written as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shortened(text: str) -> str:
+    """A text of a stage as messages quote it: its first hundred characters."""
+    return text if len(text) <= 100 else f"{text[:100]}…"
+
+
 def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
     """A hint for a name that lacks its namespace or is misspelt."""
     choices = sorted(choices)
     best = [choice for choice in choices if choice.endswith(":" + name)]
-    best = best or difflib.get_close_matches(name, choices, n=1, cutoff=0.7)
+    if not best and len(name) <= 200:  # comparing texts takes the square of their length
+        best = difflib.get_close_matches(name, choices, n=1, cutoff=0.7)
     return f'did you mean "{best[0]}"?' if best else None
