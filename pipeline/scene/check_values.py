@@ -91,7 +91,7 @@ def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> I
 
 def _check_texts(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
     """Names and tokens end up in reports, tables and terminals: none is longer than a line or holds control codes."""
-    if not attribute.GetTypeName().scalarType.type.typeName in ("string", "TfToken"):
+    if attribute.GetTypeName().scalarType.type.typeName not in ("string", "TfToken"):
         return
     for text in [value] if isinstance(value, str) else value:
         if len(text) > LONGEST_TEXT:
