@@ -10,9 +10,8 @@ from pxr import Sdf, Usd
 from pipeline.scene.lines import line_of
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean, shortened, shown_path
-from pipeline.scene.values import Range, Rule, numbers, plain, rule_of
+from pipeline.scene.values import LONGEST_TEXT, Range, Rule, bad_text, numbers, plain, rule_of
 
-LONGEST_TEXT = 1000
 _NAMED = 5  # of several wrong values of one attribute
 
 _NO_TILT = ((0.0, 0.0),)
@@ -90,18 +89,15 @@ def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> I
 
 
 def _check_texts(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
-    """Names and tokens end up in reports, tables and terminals: none is longer than a line or holds control codes."""
-    if attribute.GetTypeName().scalarType.type.typeName not in ("string", "TfToken"):
+    text = bad_text(value)
+    if text is None:
         return
-    for text in [value] if isinstance(value, str) else value:
-        if len(text) > LONGEST_TEXT:
-            message = f'"{attribute.GetName()}" holds a text of {len(text)} characters: {shortened(text)}'
-            yield problem(attribute, "text", message, hint=f"{LONGEST_TEXT} are the most", time=time)
-            return
-        if not text.isprintable():
-            message = f'"{attribute.GetName()}" holds characters that cannot be printed: {shortened(text)}'
-            yield problem(attribute, "text", message, hint="remove line breaks, tabs and control characters", time=time)
-            return
+    if len(text) > LONGEST_TEXT:
+        what, hint = f"a text of {len(text):,} characters", f"{LONGEST_TEXT:,} are the most"
+    else:
+        what, hint = "characters that cannot be printed", "remove line breaks, tabs and control characters"
+    message = f'"{attribute.GetName()}" holds {what}: {shortened(text)}'
+    yield problem(attribute, "text", message, hint=hint, time=time)
 
 
 def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, span: Range | None) -> Iterator[Problem]:

@@ -8,6 +8,8 @@ from typing import Any
 
 from pipeline.errors import UsageError
 
+_LONGEST_LINE = 1000
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
@@ -57,7 +59,7 @@ class Problem:
         if self.hint:
             lines.append(f"    hint: {self.hint}")
         # Names and paths of a stage may hold anything, escape sequences of terminals included.
-        return "\n".join(map(printable, lines))
+        return "\n".join(printable(shortened(line, _LONGEST_LINE)) for line in lines)
 
 
 class StageError(UsageError):
@@ -82,9 +84,9 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def shortened(text: str) -> str:
-    """A text of a stage as messages quote it: its first hundred characters."""
-    return text if len(text) <= 100 else f"{text[:100]}…"
+def shortened(text: str, most: int = 100) -> str:
+    """A text of a stage as messages quote it: its first characters."""
+    return text if len(text) <= most else f"{text[:most]}…"
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str | None:

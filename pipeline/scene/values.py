@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Plug, Sdf, Tf, Usd
+from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
 
 from pipeline.errors import PipelineError
 from pipeline.scene.register import PLUGIN_NAME
@@ -119,14 +119,23 @@ def numbers(value: Any) -> np.ndarray:
         return np.zeros(0)
 
 
+LONGEST_TEXT = 1000
+
+
+def bad_text(value: Any) -> str | None:
+    """The first text of a value that is too long or cannot be printed: it would end up in tables and terminals."""
+    texts = [value] if isinstance(value, str) else value if isinstance(value, Vt.TokenArray | Vt.StringArray) else ()
+    return next((text for text in texts if len(text) > LONGEST_TEXT or not text.isprintable()), None)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
     """What the schemas say about the values of an attribute.
 
     Attributes
     ----------
-    type_name : Sdf.ValueTypeName or None
-        Of its values; None: any.
+    kind : type or None
+        Python's type of a value as USD gives it; None: any.
     span : Range or None
         Of every number.
     entries : (int, int) or None
@@ -135,18 +144,22 @@ class Rule:
         Allowed ones; empty: all.
     """
 
-    type_name: Sdf.ValueTypeName | None = None
+    kind: type | None = None
     span: Range | None = None
     entries: tuple[int, int] | None = None
     tokens: frozenset[str] = frozenset()
 
     def holds(self, value: Any) -> bool:
-        """Whether a value of USD is of the type, of the length and in the range."""
-        if self.type_name and type(value) is not type(self.type_name.defaultValue):
+        """Whether a value of USD is of the type, of the length, in the range, and its texts are fit to be shown."""
+        if self.kind and type(value) is not self.kind:
             return False
+        if isinstance(value, float | int):  # most are: a plain comparison takes no array
+            return isinstance(value, bool) or bool(self.span.holds(value) if self.span else math.isfinite(value))
         if self.entries and not self.entries[0] <= len(value) <= self.entries[1]:
             return False
         if self.tokens and not self.tokens.issuperset([value] if isinstance(value, str) else value):
+            return False
+        if bad_text(value) is not None:
             return False
         found = numbers(value)
         return bool(np.all(self.span.holds(found) if self.span else np.isfinite(found)))
@@ -171,7 +184,7 @@ def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
     is_ours = name.startswith("plen:")
     tokens = definition.GetPropertyMetadata(name, "allowedTokens") or []
     return Rule(
-        type_name=attribute.GetTypeName(),
+        kind=type(attribute.GetTypeName().defaultValue),
         span=range_of(text) if is_ours else FOREIGN.get(name),
         entries=entries_of(text) if is_ours else None,
         tokens=frozenset(tokens),

@@ -56,7 +56,6 @@ EXPRESSIONS = {
 }
 
 
-
 # Ends the wait of whoever opens one of the FIFOs, and leaves a note.
 WATCH = """
 import os, stat, sys, time

@@ -62,9 +62,7 @@ def test_value_clips_are_refused(tmp_path):
     )
     clips += "        }\n    }\n)\n{\n}\n"
     (tmp_path / "s.usda").write_text(HEAD.format(more="") + clips)
-    assert [problem.code for problem in load(tmp_path / "s.usda").problems] == [
-        "not-yet-supported"
-    ]
+    assert [problem.code for problem in load(tmp_path / "s.usda").problems] == ["not-yet-supported"]
 
 
 @pytest.mark.parametrize("name", ["../evil.usda", "/etc/evil.usda", "C:/evil.usda"])
