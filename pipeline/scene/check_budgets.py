@@ -41,7 +41,8 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
             yield over
         else:
             file = root.GetStage().GetRootLayer().realPath
-            yield replace(over, file=shown_path(file), line=line_of_metadata(file, "endTimeCode"))
+            line = line_of_metadata(file, "endTimeCode")
+            yield replace(over, file=shown_path(file), line=line, at=str(root.GetPath()))
 
 
 def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:

@@ -127,15 +127,15 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
     """F-numbers of white images that stand twice, or that the lens cannot open to."""
     attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
-    repeated = [f_number for f_number, count in Counter(f_numbers).items() if count > 1]
-    if repeated:
-        message = f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once'
-        yield problem(attribute, "repeated-f-number", message)
     for f_number in dict.fromkeys(f_numbers):
         try:
             stopped_down(record, f_number)
         except CameraError as error:
             yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
+    repeated = [f_number for f_number, count in Counter(f_numbers).items() if count > 1]
+    if repeated:
+        message = f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once'
+        yield problem(attribute, "repeated-f-number", message)
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:

@@ -28,7 +28,8 @@ _NUMBERS = {
 
 def check_layers(stage: Usd.Stage) -> list[Problem]:
     """Problems of the layers themselves."""
-    return [*_check_root(stage), *_check_numbers(stage), *_check_alike(stage), *_check_repeated(stage)]
+    numbers = list(_check_numbers(stage))
+    return [*_check_root(stage), *(numbers or _check_alike(stage)), *_check_repeated(stage)]
 
 
 def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:

@@ -49,10 +49,9 @@ class Tally:
         kinds = ("traceback", "hang", "memory", "place", "non-finite")
         bad = ", ".join(f"{len(self.wrong.get(kind, []))} {kind}" for kind in kinds)
         ends = "".join(f"\n    {text}" for text in sorted(self.ends))
-        return (
-            f"{self.tried} hostile values: {self.refused} refused, {self.accepted} accepted;"
-            f" of these {self.built} built, {self.failed_clearly} failed;\n    slowest check {self.slowest_s:.1f} s; wrong: {bad}{ends}"
-        )
+        became = f"{self.built} built, {self.failed_clearly} failed"
+        values = f"{self.tried} hostile values: {self.refused} refused, {self.accepted} accepted; of these {became}"
+        return f"{values}\n    slowest check {self.slowest_s:.1f} s; wrong: {bad}{ends}"
 
 
 def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
