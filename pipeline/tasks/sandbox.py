@@ -96,7 +96,7 @@ def _ask(question: dict[str, Any]) -> dict[str, Any]:
     return answer
 
 
-_HINT = f"--untrusted allows {MEMORY_BYTES // 2**30} GiB and {CPU_S} s of computing; without it only docs/limits.md bounds it"
+_HINT = f"--untrusted allows {MEMORY_BYTES // 2**30} GiB and {CPU_S} s of computing; see docs/limits.md"
 
 
 def _texts(paths: Iterable[str | Path]) -> list[str]:
