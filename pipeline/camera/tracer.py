@@ -1,5 +1,6 @@
 """A camera made ready for the kernels: its surfaces, outlines and microlenses as arrays, all in the vision frame."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.camera import kernels
-from pipeline.camera.camera import REPLICAS, Camera
+from pipeline.camera.camera import REPLICAS, Camera, CameraError
 from pipeline.camera.lattice import Lattice, cell, lattice
 from pipeline.camera.moments import COLUMNS, WEIGHT
 from pipeline.camera.mosaic import Microlenses, is_plain, microlenses
@@ -164,14 +165,27 @@ class Tracer:
 
     @cached_property
     def reference_weight_sr(self) -> float:
-        """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or mm^2]."""
+        """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or mm^2].
+
+        Raises
+        ------
+        CameraError
+            Nothing leaves there, so that no irradiance can be relative to it.
+        """
         lens, position = NO_MICROLENS, np.zeros((1, 2))
         if self.lattice is not None:
             lens = int(np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[0])
             position = self.vertices_mm[[lens]]
         planes = parallel_planes(1.0, 2.0)
         rows = self.moments(position, np.array([lens]), planes, REFERENCE_SAMPLES, np.array([[-1, -1]]))
-        return float(rows[0, WEIGHT])
+        weight = float(rows[0, WEIGHT])
+        if not 0 < weight < math.inf:
+            where = "the sensor on the axis" if self.lattice is None else "the middle of the microlens in the middle"
+            hint = (
+                "is an aperture too small or decentred, a surface tilted too far, or a distance in other units than mm?"
+            )
+            raise CameraError(f"no light passes the lens from {where}", hint=hint)
+        return weight
 
 
 def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:

@@ -74,6 +74,8 @@ def read_json(path: str | Path) -> Any:
         raise DamagedFile(path, f"not JSON ({error.msg})", line=error.lineno) from error
     except ValueError as error:
         raise DamagedFile(path, f"not JSON ({error})") from error
+    except RecursionError as error:
+        raise DamagedFile(path, "JSON nested too deeply") from error
 
 
 def _refuse_constant(name: str) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 from numpy.lib import format as npy
@@ -36,7 +37,7 @@ def read_npy(path: str | Path) -> np.ndarray:
             version = npy.read_magic(stream)
             read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
             shape, _, dtype = read_header(stream, max_header_size=_HEADER_BYTES)
-        except (ValueError, KeyError, OSError, SyntaxError, TypeError) as error:
+        except (ValueError, KeyError, OSError, SyntaxError, TypeError, TokenError) as error:
             raise DamagedFile(path, f"not a readable .npy file ({error})") from error
         if dtype.hasobject:
             raise DamagedFile(path, "it holds objects, not numbers")

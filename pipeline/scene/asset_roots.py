@@ -10,6 +10,7 @@ from pathlib import Path
 from pxr import Ar, Sdf, Tf, Usd
 
 from pipeline.scene.check_layers import used_layers
+from pipeline.scene.layer_files import real_path
 from pipeline.scene.lines import text_map
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, shown_path
@@ -26,16 +27,16 @@ def allowed_roots(stage_file: Path, more: Iterable[str | Path] = ()) -> list[Pat
     The project that holds the stage (nearest ancestor with pyproject.toml, pipeline.toml or .git, else the stage's own
     folder), the shipped library, and what the caller adds.
     """
-    folder = stage_file.resolve().parent
+    folder = real_path(stage_file).parent
     project = next(
         (up for up in (folder, *folder.parents) if any((up / mark).exists() for mark in _PROJECT_MARKS)), folder
     )
-    return [project, Path(library_path()).resolve(), *(Path(root).resolve() for root in more)]
+    return [project, real_path(library_path()), *map(real_path, more)]
 
 
 def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
     """Whether the file itself, links followed, lies below one of the roots."""
-    real = Path(path).resolve()
+    real = real_path(path)
     return any(real.is_relative_to(root) for root in roots)
 
 
@@ -54,7 +55,7 @@ def outside(file: str, roots: list[Path], user: str, asset: str | None = None) -
         return None
     return Problem(
         code="asset-outside",
-        message=f"{shown_path(Path(file).resolve())} lies outside the folders that a stage may read",
+        message=f"{shown_path(real_path(file))} lies outside the folders that a stage may read",
         file=shown_path(user),
         line=text_map(user).assets.get(asset or "", 1),
         hint=HINT,

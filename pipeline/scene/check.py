@@ -10,6 +10,7 @@ from pathlib import Path
 from pxr import Usd
 
 from pipeline.scene.asset_roots import check_assets, check_used
+from pipeline.scene.check_budgets import check_budgets
 from pipeline.scene.check_camera import check_camera, check_sensor
 from pipeline.scene.check_dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check_focus import check_planes
@@ -49,6 +50,8 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     prims = all_prims(stage)
     for prim in prims:
         found += [*check_prim(prim), *check_properties(prim)]
+    if over := [one for prim in _parts(prims) for one in check_budgets(prim)]:
+        return list(dict.fromkeys([*found, *over]))  # what follows makes points, poses and lattices
     for prim in _parts(prims):
         found += _check_whole(prim)
     found += check_only_dataset(stage)

@@ -9,7 +9,7 @@ from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.check_focus import check_focus, check_request
 from pipeline.scene.check_glass import check_wavelength
-from pipeline.scene.check_microlenses import check_microlens_glass
+from pipeline.scene.check_microlenses import check_microlens_glass, check_near_microlenses
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem
 from pipeline.scene.reading import ACCEPTANCE_VALUES, read_prescription
@@ -34,6 +34,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     if array:
         yield from check_microlens_glass(camera, array)
+        yield from check_near_microlenses(camera, array)
     prescription = _prescription(camera, lens)
     if prescription:
         yield from _check_behind_lens(camera, prescription)

@@ -1,15 +1,20 @@
 """A dataset as a whole: its frames, its names, what it holds."""
 
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator
 
 from pxr import Usd
 
 from pipeline.scene.check_occluders import check_occluders
+from pipeline.scene.lines import line_of_metadata
 from pipeline.scene.places import problem
-from pipeline.scene.problems import Problem, shown_path
-from pipeline.scene.reading import camera_name, frame_numbers
+from pipeline.scene.problems import Problem, shortened, shown_path
+from pipeline.scene.reading import LAST_FRAME, camera_name, frame_numbers
 from pipeline.scene.values import read, targets
+
+LONGEST_NAME = 200
+"""Bytes in the name of a camera or target: file systems take 255, and suffixes are appended."""
 
 
 def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
@@ -59,20 +64,23 @@ def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
-    frames = read(root, "plen:frames") or ()
-    for number, count in Counter(frames).items():
-        if count > 1:
-            message = f'"plen:frames" lists frame {number} more than once'
-            yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
+    repeated = [number for number, count in Counter(read(root, "plen:frames") or ()).items() if count > 1]
+    if repeated:
+        more = f", and {len(repeated) - 1} others," if len(repeated) > 1 else ""
+        message = f'"plen:frames" lists frame {repeated[0]}{more} more than once'
+        yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
     if not frame_numbers(root):
         stage = root.GetStage()
         message = "the dataset has no frames"
         both = all(stage.HasAuthoredMetadata(key) for key in ("startTimeCode", "endTimeCode"))
+        if both and not max(abs(stage.GetStartTimeCode()), abs(stage.GetEndTimeCode())) <= LAST_FRAME:
+            return  # reported as out of range
         if both:
             message += f": startTimeCode is {stage.GetStartTimeCode():g}, endTimeCode {stage.GetEndTimeCode():g}"
         hint = "set startTimeCode and endTimeCode to integers, or list plen:frames"
-        file = shown_path(stage.GetRootLayer().realPath)
-        yield Problem(code="no-frames", message=message, file=file, line=1, at=str(root.GetPath()), hint=hint)
+        file = stage.GetRootLayer().realPath
+        line, file = line_of_metadata(file, "endTimeCode"), shown_path(file)
+        yield Problem(code="no-frames", message=message, file=file, line=line, at=str(root.GetPath()), hint=hint)
 
 
 def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
@@ -80,9 +88,13 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
     named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
     seen: dict[tuple[str, str], str] = {}
     for name, prim, what in named:
-        # Names become files, and some file systems do not tell Rig from rig.
-        key = (what, name.casefold())
+        # Names become files, and some file systems do not tell Rig from rig, or one spelling of an umlaut from another.
+        key = (what, unicodedata.normalize("NFC", name).casefold())
         if key in seen:
             message = f'two {what} would share the name "{name}": <{seen[key]}> and <{prim.GetPath()}>'
             yield problem(prim, "name-collision", message, hint="rename one of the prims")
         seen.setdefault(key, str(prim.GetPath()))
+        if len(name.encode()) > LONGEST_NAME:
+            message = f"the name of one of the {what}, {shortened(name)}, has {len(name.encode())} bytes"
+            hint = f"names become files and folders: {LONGEST_NAME} bytes are the most"
+            yield problem(prim, "long-name", message, hint=hint)

@@ -1,6 +1,6 @@
 """What a camera is asked to focus: whether it can, and what its microlenses then see sharp."""
 
-import math
+from collections import Counter
 from collections.abc import Iterator
 
 from pxr import Usd
@@ -125,19 +125,17 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    """F-numbers of white images that the lens cannot open to, or that stand twice."""
-    attribute, known = camera.GetAttribute(_F_NUMBERS), set[float]()
-    for f_number in read(camera, _F_NUMBERS) or ():
-        if not 0 < f_number < math.inf:
-            return  # reported as out of range
+    """F-numbers of white images that stand twice, or that the lens cannot open to."""
+    attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
+    for f_number in dict.fromkeys(f_numbers):
         try:
             stopped_down(record, f_number)
         except CameraError as error:
             yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
-        if f_number in known:
-            message = f'"{_F_NUMBERS}" lists F/{f_number:g} more than once'
-            yield problem(attribute, "repeated-f-number", message)
-        known.add(f_number)
+    repeated = [f_number for f_number, count in Counter(f_numbers).items() if count > 1]
+    if repeated:
+        message = f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once'
+        yield problem(attribute, "repeated-f-number", message)
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:

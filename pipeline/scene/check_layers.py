@@ -4,8 +4,10 @@ from collections.abc import Iterator
 
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.scene.lines import text_map
+from pipeline.scene.lines import line_of_metadata, text_map
 from pipeline.scene.problems import Problem, shown_path
+from pipeline.scene.reading import LAST_FRAME
+from pipeline.scene.values import Range
 
 # Layer metadata, its fallback, and what USD does when layers disagree.
 _ALIKE = (
@@ -15,9 +17,19 @@ _ALIKE = (
 )
 
 
+# Layer metadata that must be numbers of a sane size: nanometres to kilometres, frames, frames per second.
+_NUMBERS = {
+    "metersPerUnit": Range(low=1e-9, high=1e3),
+    "startTimeCode": Range(low=-LAST_FRAME, high=LAST_FRAME),
+    "endTimeCode": Range(low=-LAST_FRAME, high=LAST_FRAME),
+    "timeCodesPerSecond": Range(low=1e-6, high=1e9),
+}
+
+
 def check_layers(stage: Usd.Stage) -> list[Problem]:
     """Problems of the layers themselves."""
-    return [*_check_root(stage), *_check_alike(stage), *_check_repeated(stage)]
+    numbers = list(_check_numbers(stage))
+    return [*_check_root(stage), *(numbers or _check_alike(stage)), *_check_repeated(stage)]
 
 
 def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
@@ -36,6 +48,17 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
         message = "the stage does not set upAxis"
         hint = 'write upAxis = "Y"'
         yield Problem(severity="warning", code="up-axis", message=message, file=file, line=1, hint=hint)
+
+
+def _check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
+    for layer in used_layers(stage):
+        for key, span in _NUMBERS.items():
+            value = _info(layer, key, None)
+            if value is not None and not span.holds(value):
+                file, line = layer.realPath, line_of_metadata(layer.realPath, key)
+                yield Problem(
+                    code="out-of-range", message=f"{key} = {value} is outside {span}", file=shown_path(file), line=line
+                )
 
 
 def _check_alike(stage: Usd.Stage) -> Iterator[Problem]:

@@ -17,6 +17,8 @@ from pipeline.scene.values import UnreadableValue, read
 
 # Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
+_STEEPEST = 10.0
+"""Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
 _THIN = 1 / 200
 """Least thickness of an element at its rim over its diameter without a warning: the thinnest of the published lenses in
 the library is 1/130."""
@@ -34,6 +36,7 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     for prim in prims:
         yield from _check_aperture(prim)
         yield from _check_shape(prim)
+        yield from _check_steep(prim)
     for front, behind in pairwise(prims):
         yield from _check_in_air(front, behind)
         crossing = list(_check_crossing(front, behind))
@@ -125,6 +128,20 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
             yield problem(prim.GetAttribute("plen:focalLength"), "ideal-lens", error.what, hint=error.hint)
         elif "obstruction" in error.what:
             yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
+
+
+def _check_steep(prim: Usd.Prim) -> Iterator[Problem]:
+    """An asphere that no lens can be: at its rim it stands further from its vertex than any real one."""
+    surface = _surface(prim)
+    if surface is None:
+        return
+    sag, most = surface.sag_mm(surface.semi_diameter_mm), _STEEPEST * surface.semi_diameter_mm
+    if not abs(sag) <= most:
+        message = (
+            f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {surface.semi_diameter_mm:g} mm"
+        )
+        hint = "are conic and coefficients those of millimetres, and in the right order?"
+        yield problem(prim, "sag", message, hint=hint)
 
 
 def _check_in_air(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:

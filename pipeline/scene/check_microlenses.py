@@ -17,6 +17,9 @@ _ANY_DISTANCE_MM = 1.0
 _NOMINAL = 0.01
 """Largest relative deviation of a focal length from that of the faces without a warning."""
 
+_NEAREST = 0.1
+"""Least distance of the microlenses from the sensor over their pitch: in air no lens is faster than f/0.5."""
+
 _NEEDS = {
     "thin": ("plen:focalLengths",),
     "two-plane": ("plen:focalLengths", "plen:index", "plen:thickness"),
@@ -48,6 +51,15 @@ def check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
     else:
         if record.model == "refractive":
             yield from _check_nominal(array, record.focal_lengths_mm)
+
+
+def check_near_microlenses(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem]:
+    """Microlenses so near to the sensor that light would have to leave them sideways."""
+    distance_mm, pitch_mm = read(camera, "plen:camera:microlensDistance"), read(array, "plen:pitch")
+    if distance_mm is not None and pitch_mm is not None and distance_mm < _NEAREST * pitch_mm:
+        message = f"microlenses of pitch {pitch_mm:g} mm stand only {distance_mm:g} mm before the sensor"
+        hint = f"at least {_NEAREST:g} of the pitch; is one of both in other units than mm?"
+        yield problem(camera.GetAttribute("plen:camera:microlensDistance"), "near-microlenses", message, hint=hint)
 
 
 def check_microlens_glass(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem]:

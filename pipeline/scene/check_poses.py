@@ -33,13 +33,14 @@ _RIGID = 1e-9
 
 def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     """Problems of the poses of a dataset whose prims are in order."""
-    frames = frame_numbers(root)
+    frames = tuple(frame_numbers(root))
     cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
     boards = targets(root, "plen:targets", "PlenTarget")
     occluders = targets(root, "plen:occluders", "Mesh")
     moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders] for link in ancestry(prim)))
     found = [bad for link in moved for bad in _check_link(link, frames)]
-    found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames) if not _has_error(found)]
+    if not _has_error(found):
+        found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
     yield from found
     if not _has_error(found):
         hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]

@@ -7,9 +7,10 @@ from pxr import Sdf, Usd, UsdGeom
 from pipeline.scene.check_values import authored_values, check_attribute, check_value
 from pipeline.scene.places import problem, specs
 from pipeline.scene.problems import Problem, did_you_mean
-from pipeline.scene.values import schema_facts, target_paths
+from pipeline.scene.values import FOREIGN, Rule, schema_facts, target_paths
 
 # Anyone may add properties here, on any prim.
+_MOVES = Rule(span=FOREIGN["xformOp"])
 _FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 
 
@@ -20,7 +21,7 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     for prop in prim.GetAuthoredProperties():
         if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
             for time, value in authored_values(prop):
-                yield from check_value(prop, value, time)
+                yield from check_value(prop, value, time, _MOVES)
         elif prop.GetName() not in known:
             yield from _check_unknown(prop, known)
         elif wrong := _wrong_kind(prop, definition):

@@ -4,12 +4,15 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 from pxr import Sdf, Usd
 
 from pipeline.scene.lines import line_of
 from pipeline.scene.places import problem
-from pipeline.scene.problems import Problem, did_you_mean, shown_path
-from pipeline.scene.values import numbers, plain, range_of
+from pipeline.scene.problems import Problem, did_you_mean, shortened, shown_path
+from pipeline.scene.values import LONGEST_TEXT, Range, Rule, bad_text, numbers, plain, rule_of
+
+_NAMED = 5  # of several wrong values of one attribute
 
 _NO_TILT = ((0.0, 0.0),)
 # What the schemas allow and the pipeline builds today, with the prim type in front where it depends on that. Attributes
@@ -28,19 +31,27 @@ def check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) ->
     name = attribute.GetName()
     if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
         yield problem(attribute, "uniform-animated", f'"{name}" is uniform and cannot have time samples')
+    rule = rule_of(attribute.GetPrim(), name)
     for time, value in authored_values(attribute):
-        bad = list(check_value(attribute, value, time)) or list(_check_tokens(attribute, value, time))
+        bad = list(check_value(attribute, value, time, rule)) or list(_check_tokens(attribute, value, time))
         yield from bad or _check_supported(attribute, value, time)
 
 
-def check_value(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
-    """A value as USD gives it: of the type that the attribute claims, finite and in range."""
-    wanted = attribute.GetTypeName()
+def check_value(
+    attribute: Usd.Attribute, value: Any, time: float | None, rule: Rule | None = None
+) -> Iterator[Problem]:
+    """A value as USD gives it: of the type that the attribute claims, of the right length, finite and in range."""
+    name, wanted = attribute.GetName(), attribute.GetTypeName()
     if type(value) is not type(wanted.defaultValue):
-        message = f'"{attribute.GetName()}" must hold a {wanted}, not {value}'
+        message = f'"{name}" must hold a {wanted}, not {shortened(str(value))}'
         yield problem(attribute, "wrong-type", message, time=time)
-    elif not isinstance(value, Sdf.AssetPath | Sdf.AssetPathArray):
-        yield from _check_numbers(attribute, plain(value), time)
+    elif rule and rule.entries and not rule.entries[0] <= len(value) <= rule.entries[1]:
+        fewest, most = rule.entries
+        message = f'"{name}" has {len(value)} entries, and not {fewest} to {most}'
+        yield problem(attribute, "entries", message, time=time)
+    else:
+        yield from _check_texts(attribute, value, time)
+        yield from _check_numbers(attribute, value, time, rule.span if rule else None)
 
 
 def authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, Any]]:
@@ -69,27 +80,39 @@ def _check_written_type(attribute: Usd.Attribute, wanted: Sdf.ValueTypeName) -> 
 
 def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
     allowed = list(attribute.GetMetadata("allowedTokens") or [])
-    for token in ([value] if isinstance(value, str) else value) if allowed else []:
-        if token not in allowed:
-            choices = f"allowed: {', '.join(allowed)}"
-            guess = did_you_mean(token, allowed)
-            message = f'"{token}" is not a value of "{attribute.GetName()}"'
-            yield problem(attribute, "bad-token", message, hint=f"{guess} {choices}" if guess else choices, time=time)
+    wrong = dict.fromkeys([value] if isinstance(value, str) else value) if allowed else {}
+    for token in [token for token in wrong if token not in allowed][:_NAMED]:
+        choices = f"allowed: {', '.join(allowed)}"
+        guess = did_you_mean(token, allowed)
+        message = f'"{shortened(token)}" is not a value of "{attribute.GetName()}"'
+        yield problem(attribute, "bad-token", message, hint=f"{guess} {choices}" if guess else choices, time=time)
 
 
-def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+def _check_texts(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+    text = bad_text(value)
+    if text is None:
+        return
+    if len(text) > LONGEST_TEXT:
+        what, hint = f"a text of {len(text):,} characters", f"{LONGEST_TEXT:,} are the most"
+    else:
+        what, hint = "characters that cannot be printed", "remove line breaks, tabs and control characters"
+    message = f'"{attribute.GetName()}" holds {what}: {shortened(text)}'
+    yield problem(attribute, "text", message, hint=hint, time=time)
+
+
+def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, span: Range | None) -> Iterator[Problem]:
     """The first number of a value that is not finite, or not in the range that its documentation states."""
-    name = attribute.GetName()
-    span = range_of(attribute.GetDocumentation()) if name.startswith("plen:") else None
-    for number in numbers(value):
-        if span and span.holds(number):
-            continue
-        if not math.isfinite(number):
-            yield problem(attribute, "not-finite", f'"{name}" is not a finite number: {number}', time=time)
-            return
-        if span:
-            yield problem(attribute, "out-of-range", f'"{name}" = {number} is outside {span}', time=time)
-            return
+    name, found = attribute.GetName(), numbers(value)
+    outside = np.flatnonzero(~(span.holds(found) if span else np.isfinite(found)))
+    if not len(outside):
+        return
+    number = float(found[outside[0]])
+    if not math.isfinite(number):
+        yield problem(attribute, "not-finite", f'"{name}" is not a finite number: {number}', time=time)
+    else:
+        is_int = attribute.GetTypeName().scalarType == Sdf.ValueTypeNames.Int
+        message = f'"{name}" = {int(number) if is_int else number} is outside {span}'
+        yield problem(attribute, "out-of-range", message, time=time)
 
 
 def _check_supported(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:

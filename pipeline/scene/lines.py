@@ -42,12 +42,15 @@ class TextMap:
         Line of the first mention of each asset path.
     bodies : dict
         Where in the text, as a number of characters, the "{" of each prim ends; of "" the "(" of the layer's metadata.
+    metadata : dict
+        Line of what is set for the whole layer.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
     repeated: list[tuple[str, str, int]] = field(default_factory=list)
     assets: dict[str, int] = field(default_factory=dict)
     bodies: dict[str, int] = field(default_factory=dict)
+    metadata: dict[str, int] = field(default_factory=dict)
 
 
 def line_of(file: str | Path, spec_path: str) -> int | None:
@@ -55,6 +58,11 @@ def line_of(file: str | Path, spec_path: str) -> int | None:
     lines = text_map(file).lines
     without_sample = re.sub(r"\[[^\]]*\]$", "", spec_path)
     return lines.get(spec_path) or lines.get(without_sample) or lines.get(without_sample.split(".")[0])
+
+
+def line_of_metadata(file: str | Path, key: str) -> int:
+    """1-based line where a .usda file sets something for the whole layer; 1 if it is not found."""
+    return text_map(file).metadata.get(key, 1)
 
 
 def sample_key(time: float) -> str:
@@ -166,6 +174,8 @@ class _Scanner:
 
     def _property(self) -> None:
         path = self._path()
+        if self.stack == [None] and self.words:
+            self.map.metadata.setdefault(*self.words[-1])
         if len(self.words) < 2 or not path:
             return
         name, line = self.words[-1]

@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pxr import Tf
+
 from pipeline.scene.asset_roots import allowed_roots, file_of
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
@@ -11,9 +13,10 @@ from pipeline.scene.check_layers import used_layers
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.flatten import flattened, write_out_instances
 from pipeline.scene.hints import without_followers
+from pipeline.scene.layer_files import real_path
 from pipeline.scene.opening import open_stage
 from pipeline.scene.prescan import refusals
-from pipeline.scene.problems import Problem, StageError, shown_path
+from pipeline.scene.problems import Problem, StageError, shortened, shown_path
 from pipeline.scene.reading import read_camera_entries, read_dataset, read_lens_entry
 from pipeline.scene.reading_targets import read_target_entries
 
@@ -54,7 +57,7 @@ class Loaded:
         return [problem for problem in self.problems if problem.is_error]
 
 
-def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted: bool = False) -> Loaded:
+def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
     """Open, check and read a stage; never raises for what is wrong with it.
 
     Parameters
@@ -63,17 +66,23 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
         A dataset, or any part of one: a lens, a rig.
     allow_roots : iterable of str or Path
         Folders that the stage may read from, besides its project and the shipped library.
-    untrusted : bool
-        Files are also of a sane size and kind before USD opens them.
     """
-    roots = allowed_roots(Path(path), allow_roots)
-    if problems := refusals(Path(path), roots, untrusted=untrusted):
-        return Loaded(dataset=None, problems=problems, flattened="")
     try:
-        stage, problems = open_stage(path)
-        problems = without_followers(problems + check(stage, roots))
+        return _loaded(Path(path), allowed_roots(Path(path), allow_roots))
     except StageError as error:
         return Loaded(dataset=None, problems=error.problems, flattened="")
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
+        # Bytes of a binary layer that USD's own checks let pass; whatever touches them raises.
+        message = f"the stage, or a layer of it, is damaged: {_reason(error)}"
+        found = Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)
+        return Loaded(dataset=None, problems=[found], flattened="")
+
+
+def _loaded(path: Path, roots: list[Path]) -> Loaded:
+    if problems := refusals(path, roots):
+        return Loaded(dataset=None, problems=problems, flattened="")
+    stage, problems = open_stage(path)
+    problems = without_followers(problems + check(stage, roots))
     loaded = Loaded(dataset=None, problems=problems, flattened="")
     if loaded.errors:
         return loaded
@@ -91,6 +100,12 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
         targets=targets,
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
     )
+
+
+def _reason(error: Exception) -> str:
+    """What USD, or the decoder of texts, says first."""
+    said = [one.commentary for one in error.args if hasattr(one, "commentary")]
+    return shortened((said or [str(error)])[0].strip())
 
 
 def open_dataset(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Dataset:
@@ -111,5 +126,5 @@ def require_dataset(loaded: Loaded, path: str | Path) -> Dataset:
     if loaded.errors:
         raise StageError(loaded.problems)
     hint = "make a PlenDataset the default prim"
-    file = shown_path(Path(path).resolve())
+    file = shown_path(real_path(path))
     raise StageError([Problem(code="no-dataset", message="the stage holds no dataset", file=file, line=1, hint=hint)])

@@ -11,12 +11,11 @@ from pathlib import Path
 
 from pxr import Ar, Sdf, Tf, UsdUtils
 
+from pipeline.limits import how_to_raise, limits
 from pipeline.scene.asset_roots import file_of, outside
-from pipeline.scene.layer_files import check_layer_file
+from pipeline.scene.layer_files import check_layer_file, is_plain_file, real_path
 from pipeline.scene.lines import line_of, text_map
 from pipeline.scene.problems import Problem, shown_path
-
-MAX_LAYERS = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,44 +32,39 @@ class _Mention:
         """Whether USD computes the path, of variables that other layers may set."""
         return bool(Sdf.VariableExpression.IsExpression(self.asset or ""))
 
-    def problem(self, code: str, message: str) -> Problem:
+    def problem(self, code: str, message: str, hint: str | None = None) -> Problem:
         """A problem at the line that mentions it."""
         line = text_map(self.user).assets.get(self.asset or "", 1)
-        return Problem(code=code, message=message, file=shown_path(self.user), line=line)
+        return Problem(code=code, message=message, file=shown_path(self.user), line=line, hint=hint)
 
 
-def refusals(path: Path, roots: list[Path], *, untrusted: bool) -> list[Problem]:
-    """Why a stage must not even be composed; empty if it may.
-
-    Parameters
-    ----------
-    untrusted : bool
-        Also ask whether the files are of a sane size and kind, before anything reads in them.
-    """
-    root = path.resolve().as_posix()
+def refusals(path: Path, roots: list[Path]) -> list[Problem]:
+    """Why a stage must not even be composed; empty if it may."""
+    root = real_path(path).as_posix()
     # As USD does when it opens the stage: names without ./ are also looked for beside the root layer.
     context = Ar.GetResolver().CreateDefaultContextForAsset(root)
     # What opening a layer has to say, it says again when the stage is opened.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         with Ar.ResolverContextBinder(context):
-            return _refusals(_Mention(root, root), roots, untrusted)
+            return _refusals(_Mention(root, root), roots)
     finally:
         delegate.TakeUncoalescedDiagnostics()
         del delegate
 
 
-def _refusals(root: _Mention, roots: list[Path], untrusted: bool) -> list[Problem]:
+def _refusals(root: _Mention, roots: list[Path]) -> list[Problem]:
     found: list[Problem] = []
     seen: set[tuple[str, bool]] = set()
-    todo = [root]
+    todo, most = [root], limits().layers
     while todo:
         mention = todo.pop()
         if (mention.identifier, mention.is_layer) in seen:
             continue
         seen.add((mention.identifier, mention.is_layer))
-        if untrusted and len(seen) > MAX_LAYERS:
-            return [root.problem("too-many-layers", f"more than {MAX_LAYERS} layers")]
+        if len(seen) > most:
+            hint = how_to_raise("layers", 10 * most)
+            return [root.problem("too-many-layers", f"the stage names more than {most:,} layers", hint)]
         if mention.is_expression:
             message = f"@{mention.asset}@: expressions in asset paths are not supported yet"
             found.append(mention.problem("not-yet-supported", message))
@@ -79,7 +73,7 @@ def _refusals(root: _Mention, roots: list[Path], untrusted: bool) -> list[Proble
         file = Ar.GetResolver().Resolve(file_of(mention.identifier)).GetPathString()
         if not file:
             continue  # USD finds nothing either, and says so with its place
-        problems = list(_check_file(file, mention, roots, untrusted))
+        problems = list(_check_file(file, mention, roots))
         if not problems and mention.is_layer and (layer := _opened(mention.identifier)):
             problems = list(_check_clips(layer))
             todo += _mentions(layer)
@@ -87,12 +81,12 @@ def _refusals(root: _Mention, roots: list[Path], untrusted: bool) -> list[Proble
     return list(dict.fromkeys(found))
 
 
-def _check_file(file: str, mention: _Mention, roots: list[Path], untrusted: bool) -> Iterator[Problem]:
+def _check_file(file: str, mention: _Mention, roots: list[Path]) -> Iterator[Problem]:
     if problem := outside(file, roots, mention.user, mention.asset):
         yield problem
-    elif not Path(file).is_file():
+    elif not is_plain_file(file):
         yield mention.problem("file-kind", f"{shown_path(file)} is not a plain file")
-    elif untrusted:
+    else:
         yield from check_layer_file(Path(file))
 
 

@@ -10,6 +10,8 @@ from pipeline.spelling import did_you_mean
 
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
+_LONGEST_LINE = 1000
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
@@ -53,12 +55,13 @@ class Problem:
 
     def __str__(self) -> str:
         place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        text = f"{place or '<stage>'}: {self.severity}: {self.message} [{self.code}]"
+        lines = [f"{place or '<stage>'}: {self.severity}: {self.message} [{self.code}]"]
         if self.at:
-            text += f"\n    at <{self.at}>"
+            lines.append(f"    at <{self.at}>")
         if self.hint:
-            text += f"\n    hint: {self.hint}"
-        return text
+            lines.append(f"    hint: {self.hint}")
+        # Names and paths of a stage may hold anything, escape sequences of terminals included.
+        return "\n".join(printable(shortened(line, _LONGEST_LINE)) for line in lines)
 
 
 class StageError(UsageError):
@@ -81,3 +84,13 @@ def shown_path(path: str | Path) -> str:
         return path.relative_to(Path.cwd()).as_posix()
     except ValueError:
         return path.as_posix()
+
+
+def printable(text: str) -> str:
+    """A text in which control characters, line breaks included, are written as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shortened(text: str, most: int = 100) -> str:
+    """A text of a stage as messages quote it: its first characters."""
+    return text if len(text) <= most else f"{text[:most]}…"

@@ -19,6 +19,9 @@ from pipeline.scene.reading_targets import read_target_entry
 from pipeline.scene.values import UnreadableValue, need, read, target, targets
 from pipeline.units import mm_per_unit
 
+LAST_FRAME = 1_000_000_000
+"""Time codes beyond this, or below its negative, are no frames."""
+
 _TRUTH = {
     "method": "plen:truth:method",
     "search": "plen:truth:search",
@@ -65,7 +68,7 @@ def read_dataset(root: Usd.Prim) -> Dataset:
     )
 
 
-def frame_numbers(root: Usd.Prim) -> tuple[int, ...]:
+def frame_numbers(root: Usd.Prim) -> Sequence[int]:
     """Time codes of a dataset, in the order in which they are built; empty if the stage names none."""
     frames = read(root, "plen:frames")
     if frames:
@@ -74,9 +77,9 @@ def frame_numbers(root: Usd.Prim) -> tuple[int, ...]:
     if not (stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")):
         return ()
     start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    if not (start.is_integer() and end.is_integer()):
+    if not (start.is_integer() and end.is_integer() and max(abs(start), abs(end)) <= LAST_FRAME):
         return ()
-    return tuple(range(int(start), int(end) + 1))
+    return range(int(start), int(end) + 1)  # a list would be made before anybody asks how long it is
 
 
 def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:

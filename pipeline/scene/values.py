@@ -1,15 +1,20 @@
 """Values of prims as Python's own, and what the schemas say about them."""
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
 
-from pxr import Gf, Plug, Sdf, Tf, Usd
+import numpy as np
+from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
 
 from pipeline.errors import PipelineError
 from pipeline.scene.register import PLUGIN_NAME
 
-_RANGE = re.compile(r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])(, not 0)?\s*$", re.MULTILINE)
+_RANGE = re.compile(
+    r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
+)
+_ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
 # All our attributes are uniform, and time samples on them are errors: every time gives the same value.
 _ANY_TIME = 0.0
 
@@ -20,24 +25,47 @@ class UnreadableValue(PipelineError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """An interval, as the line `Range:` of an attribute's documentation says it."""
+    """An interval, as the line `Range:` of an attribute's documentation says it.
+
+    Attributes
+    ----------
+    low, high : float
+        Its ends.
+    low_open, high_open : bool
+        Whether an end itself is outside.
+    or_inf : bool
+        Whether infinity is allowed, besides.
+    gap : float
+        Numbers nearer to zero than this are outside.
+    """
 
     low: float
     high: float
-    low_open: bool
-    high_open: bool
-    not_zero: bool
+    low_open: bool = False
+    high_open: bool = False
+    or_inf: bool = False
+    gap: float = 0.0
 
-    def holds(self, number: float) -> bool:
-        """Whether a number lies inside; NaN never does."""
+    def holds(self, number: Any) -> Any:
+        """Whether a number lies inside, or each of an array; NaN never does."""
         above = number > self.low if self.low_open else number >= self.low
         below = number < self.high if self.high_open else number <= self.high
-        return above and below and not (self.not_zero and number == 0)
+        inside = above & below & (abs(number) >= self.gap)
+        return inside | (number == math.inf) if self.or_inf else inside
 
     def __str__(self) -> str:
         brackets = "[("[self.low_open], "])"[self.high_open]
-        not_zero = ", not 0" if self.not_zero else ""
-        return f"{brackets[0]}{self.low:g}, {self.high:g}{brackets[1]}{not_zero}"
+        or_inf = " or inf" if self.or_inf else ""
+        gap = f", not in (-{self.gap:g}, {self.gap:g})" if self.gap else ""
+        return f"{brackets[0]}{self.low:.10g}, {self.high:.10g}{brackets[1]}{or_inf}{gap}"
+
+
+FOREIGN = {
+    "points": Range(low=-1e9, high=1e9),
+    "primvars:displayColor": Range(low=0.0, high=1e6),
+    "xformOp": Range(low=-1e9, high=1e9),
+}
+"""Ranges of attributes of USD that are read: vertices in the unit of the stage, and everything that moves a prim."""
 
 
 def range_of(documentation: str) -> Range | None:
@@ -45,10 +73,21 @@ def range_of(documentation: str) -> Range | None:
     match = _RANGE.search(documentation)
     if not match:
         return None
-    opening, low, high, closing, not_zero = match.groups()
+    opening, low, high, closing, or_inf, gap = match.groups()
     return Range(
-        low=float(low), high=float(high), low_open=opening == "(", high_open=closing == ")", not_zero=bool(not_zero)
+        low=float(low),
+        high=float(high),
+        low_open=opening == "(",
+        high_open=closing == ")",
+        or_inf=bool(or_inf),
+        gap=float(gap or 0),
     )
+
+
+def entries_of(documentation: str) -> tuple[int, int] | None:
+    """How few and how many entries an array may have, as its documentation states; None if it states nothing."""
+    match = _ENTRIES.search(documentation)
+    return (int(match[1]), int(match[2])) if match else None
 
 
 def plain(value: Any) -> Any:
@@ -67,26 +106,103 @@ def plain(value: Any) -> Any:
     return tuple(plain(item) for item in value)
 
 
-def numbers(value: Any) -> list[float]:
-    """All numbers in a plain value, empty for tokens, strings and flags."""
-    if isinstance(value, bool):
-        return []
-    if isinstance(value, int | float):
-        return [value]
-    if isinstance(value, tuple):
-        return [number for item in value for number in numbers(item)]
-    return []
+def numbers(value: Any) -> np.ndarray:
+    """All numbers in a value of USD in one row, (n,); none for tokens, strings, flags and assets."""
+    if value is None or isinstance(value, bool | str | Sdf.AssetPath | Sdf.AssetPathArray):
+        return np.zeros(0)
+    if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
+        return np.array(plain(value))
+    try:
+        found = np.asarray(value)
+        return np.asarray(found if found.dtype.kind in "iuf" else plain(value), dtype=np.float64).ravel()
+    except (TypeError, ValueError):  # an array of texts, or what has no numbers at all
+        return np.zeros(0)
+
+
+LONGEST_TEXT = 1000
+
+
+def bad_text(value: Any) -> str | None:
+    """The first text of a value that is too long or cannot be printed: it would end up in tables and terminals."""
+    texts = [value] if isinstance(value, str) else value if isinstance(value, Vt.TokenArray | Vt.StringArray) else ()
+    return next((text for text in texts if len(text) > LONGEST_TEXT or not text.isprintable()), None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """What the schemas say about the values of an attribute.
+
+    Attributes
+    ----------
+    kind : type or None
+        Python's type of a value as USD gives it; None: any.
+    span : Range or None
+        Of every number.
+    entries : (int, int) or None
+        Fewest and most entries of an array.
+    tokens : frozenset of str
+        Allowed ones; empty: all.
+    """
+
+    kind: type | None = None
+    span: Range | None = None
+    entries: tuple[int, int] | None = None
+    tokens: frozenset[str] = frozenset()
+
+    def holds(self, value: Any) -> bool:
+        """Whether a value of USD is of the type, of the length, in the range, and its texts are fit to be shown."""
+        if self.kind and type(value) is not self.kind:
+            return False
+        if isinstance(value, float | int):  # most are: a plain comparison takes no array
+            return isinstance(value, bool) or bool(self.span.holds(value) if self.span else math.isfinite(value))
+        if self.entries and not self.entries[0] <= len(value) <= self.entries[1]:
+            return False
+        if self.tokens and not self.tokens.issuperset([value] if isinstance(value, str) else value):
+            return False
+        if bad_text(value) is not None:
+            return False
+        found = numbers(value)
+        return bool(np.all(self.span.holds(found) if self.span else np.isfinite(found)))
+
+
+_RULES: dict[tuple[str, tuple[str, ...], str], Rule | None] = {}
+
+
+def rule_of(prim: Usd.Prim, name: str) -> Rule | None:
+    """The rule of an attribute; None if no schema of the prim has it."""
+    key = (str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas()), name)
+    if key not in _RULES:
+        _RULES[key] = _rule(prim.GetPrimDefinition(), name)
+    return _RULES[key]
+
+
+def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
+    attribute = definition.GetAttributeDefinition(name)
+    if not attribute:
+        return None
+    text = definition.GetPropertyMetadata(name, "documentation") or ""
+    is_ours = name.startswith("plen:")
+    tokens = definition.GetPropertyMetadata(name, "allowedTokens") or []
+    return Rule(
+        kind=type(attribute.GetTypeName().defaultValue),
+        span=range_of(text) if is_ours else FOREIGN.get(name),
+        entries=entries_of(text) if is_ours else None,
+        tokens=frozenset(tokens),
+    )
 
 
 def read(prim: Usd.Prim, name: str) -> Any:
-    """Value of one of our attributes, fallback included; None without one or with one of a wrong type."""
-    attribute = prim.GetAttribute(name)
-    definition = prim.GetPrimDefinition().GetAttributeDefinition(name)
-    if not attribute or not definition:
+    """Value of an attribute, fallback included; None without one, or with one that the rule of its schema excludes.
+
+    Nothing that computes meets a value that is not finite, out of range, or no token of its list: the checks of
+    values name it, and all else takes it as missing.
+    """
+    attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
+    if not attribute or not rule:
         return None
     value = attribute.Get(_ANY_TIME)
     # A wrongly typed opinion wins in USD, although the attribute claims the type of the schema.
-    return plain(value) if type(value) is type(definition.GetTypeName().defaultValue) else None
+    return plain(value) if value is not None and rule.holds(value) else None
 
 
 def need(prim: Usd.Prim, name: str) -> Any:

@@ -4,7 +4,7 @@ from typing import Any
 
 from pxr import Gf, Sdf, Vt
 
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
+from pipeline.camera.camera import Camera, CameraError, MicrolensArray, Sensor
 from pipeline.camera.printed import PrintedCamera
 from pipeline.camera.viewfinder import viewfinder
 from pipeline.optics.printed import prescription_of
@@ -71,13 +71,14 @@ def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) ->
 def _write_sensor(prim: Sdf.PrimSpec, sensor: Sensor) -> None:
     _write_offset(prim, sensor.offset_x_mm, sensor.offset_y_mm)
     _author(prim, "plen:pixelPitch", Sdf.ValueTypeNames.Double, sensor.pitch_mm)
-    _author(prim, "plen:resolution", Sdf.ValueTypeNames.Int2, Gf.Vec2i(sensor.width_px, sensor.height_px))
+    resolution = _int(sensor.width_px, "pixels in a row"), _int(sensor.height_px, "rows of pixels")
+    _author(prim, "plen:resolution", Sdf.ValueTypeNames.Int2, Gf.Vec2i(*resolution))
 
 
 def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
     for name, count in (("columns", array.columns), ("rows", array.rows)):
         if count is not None:
-            _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Int, count)
+            _author(prim, f"plen:{name}", Sdf.ValueTypeNames.Int, _int(count, f"{name} of microlenses"))
     _author(prim, "plen:focalLengths", Sdf.ValueTypeNames.DoubleArray, Vt.DoubleArray(array.focal_lengths_mm))
     _author(prim, "plen:layout", Sdf.ValueTypeNames.Token, array.layout)
     _write_offset(prim, array.offset_x_mm, array.offset_y_mm)
@@ -102,6 +103,12 @@ def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
 def _write_offset(prim: Sdf.PrimSpec, x_mm: float, y_mm: float) -> None:
     if x_mm or y_mm:
         _author(prim, "plen:offset", Sdf.ValueTypeNames.Double2, Gf.Vec2d(x_mm, y_mm))
+
+
+def _int(count: int, what: str) -> int:
+    if abs(count) >= 2**31:
+        raise CameraError(f"{count} {what} are more than a stage can hold")
+    return count
 
 
 def _author(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any) -> None:

@@ -1,6 +1,7 @@
 """Cameras of other programs become rigs that do what their files say, and name what they cannot keep."""
 
 import json
+import math
 from pathlib import Path
 
 import cv2
@@ -198,14 +199,23 @@ def test_the_microlenses_of_libpleno_stand_where_its_own_model_has_them(geometry
         (libpleno(main_lens={"f": "x"}), "a.js: lacks something or has no number there"),
         (libpleno(mla={"focal_lengths": [], "mesh": libpleno()["mla"]["mesh"]}), "a.js: its array has 0 types"),
         (libpleno(mla={"mesh": {"geometry": "3"}}), "a.js: its microlenses have the geometry 3, and not 0, 1 or 2"),
+        (libpleno(sensor=libpleno()["sensor"] | {"width": math.inf}), "a.js: lacks something or has no number there"),
+        (libpleno(main_lens={"f": "100", "aperture": "0"}), "a.js: lacks something or has no number there"),
     ],
 )
 def test_cameras_of_libpleno_that_cannot_be_represented_are_refused(file, said, tmp_path):
     assert refused(tmp_path, "a.js", json.dumps(file)).startswith(said)
 
 
+def test_a_camera_with_more_pixels_than_a_stage_can_count_is_refused(tmp_path):
+    (tmp_path / "a.js").write_text(json.dumps(libpleno(sensor=libpleno()["sensor"] | {"width": "3000000000"})))
+    with pytest.raises(UnreadableLens, match="3000000000 pixels in a row are more than a stage can hold"):
+        import_camera(tmp_path / "a.js")
+
+
 def test_other_files_are_refused(tmp_path):
     assert refused(tmp_path, "a.js", "{").startswith("a.js:1: is no JSON")
+    assert refused(tmp_path, "a.js", "[" * 100_000).startswith("a.js: is JSON nested deeper")
     assert "known are .csv" in refused(tmp_path, "a.zmx", "x")
     assert "--lens is for" in refused(tmp_path, "a.js", "{}", lens=tmp_path / "table.csv")
     assert refused(tmp_path, "none.csv", "radius;thickness\n").startswith("none.csv: ")

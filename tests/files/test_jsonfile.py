@@ -56,7 +56,13 @@ def test_what_json_cannot_hold_is_refused(tmp_path: Path, value: object) -> None
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(b'{\n"a": 1,\n', r"x\.json:\d: not JSON"), (b"\xff", "not JSON"), (b'{"a": NaN}', "NaN"), (b"", "not JSON")],
+    [
+        (b'{\n"a": 1,\n', r"x\.json:\d: not JSON"),
+        (b"\xff", "not JSON"),
+        (b'{"a": NaN}', "NaN"),
+        (b"", "not JSON"),
+        (b"[" * 100_000, "deeply"),
+    ],
 )
 def test_damage_is_named(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "x.json").write_bytes(content)

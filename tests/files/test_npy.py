@@ -1,5 +1,6 @@
 """Arrays between tasks: the right numbers or DamagedFile, and nothing allocated on a header's word."""
 
+import contextlib
 import time
 
 import numpy as np
@@ -38,6 +39,16 @@ def test_a_file_cut_at_any_byte_is_damaged(array):
         array.write_bytes(whole[:size])
         with pytest.raises(DamagedFile):
             read_npy(array)
+
+
+@pytest.mark.filterwarnings("ignore:invalid escape")
+def test_a_header_with_any_byte_changed_is_damaged_or_means_another_array(array):
+    whole = bytearray(array.read_bytes())
+    for place in range(10, 70):
+        for byte in b"('\"{\\":
+            array.write_bytes(whole[:place] + bytes([byte]) + whole[place + 1 :])
+            with contextlib.suppress(DamagedFile):
+                assert read_npy(array).size == 12
 
 
 @pytest.mark.parametrize("shape", [(10**6, 10**6), (-1, 12), (2**62, 8)])

@@ -55,8 +55,6 @@ EXPRESSIONS = {
     "choice": '`if(true, "{outside}/secret.usda", "")`',
 }
 
-both = pytest.mark.parametrize("untrusted", [True, False])
-
 
 # Ends the wait of whoever opens one of the FIFOs, and leaves a note.
 WATCH = """
@@ -105,64 +103,58 @@ def stage(folder, asset, arc="sublayer"):
     return path
 
 
-def codes(path, untrusted):
-    return [problem.code for problem in load(path, untrusted=untrusted).problems]
+def codes(path):
+    return [problem.code for problem in load(path).problems]
 
 
-@both
 @pytest.mark.parametrize("arc", ARCS)
 @pytest.mark.parametrize("spelling", SPELLINGS)
-def test_no_arc_opens_a_file_outside(places, spelling, arc, untrusted):
+def test_no_arc_opens_a_file_outside(places, spelling, arc):
     project, outside = places
     path = stage(project, SPELLINGS[spelling].format(outside=outside), arc)
 
-    (problem,) = load(path, untrusted=untrusted).problems
+    (problem,) = load(path).problems
 
     assert (problem.code, problem.file) == ("asset-outside", str(path))
     assert "@" in path.read_text().splitlines()[problem.line - 1]
     assert "--allow-root" in problem.hint
 
 
-@both
 @pytest.mark.parametrize("arc", ARCS)
 @pytest.mark.parametrize("spelling", EXPRESSIONS)
-def test_expressions_in_asset_paths_are_not_supported(places, spelling, arc, untrusted):
+def test_expressions_in_asset_paths_are_not_supported(places, spelling, arc):
     project, outside = places
     path = stage(project, EXPRESSIONS[spelling].format(outside=outside), arc)
 
-    assert codes(path, untrusted) == ["not-yet-supported"]
+    assert codes(path) == ["not-yet-supported"]
 
 
-@both
 @pytest.mark.parametrize("name", ["link.usda", "link.usda:SDF_FORMAT_ARGS:a=b", "link.usdz[in.usda]"])
-def test_names_that_usd_finds_beside_the_root_layer_are_found_there(places, name, untrusted):
+def test_names_that_usd_finds_beside_the_root_layer_are_found_there(places, name):
     """A layer in another folder names it without ./ and has no such neighbour."""
     project, _ = places
     stage(project / "sub", name)
 
-    assert codes(stage(project, "./sub/s.usda"), untrusted) == ["asset-outside"]
+    assert codes(stage(project, "./sub/s.usda")) == ["asset-outside"]
 
 
-@both
 @pytest.mark.parametrize("name", ["{outside}/secret.usda", "{outside}/secret.usdz[in.usda]"])
-def test_layers_in_a_package_are_followed_out_of_it(places, name, untrusted):
+def test_layers_in_a_package_are_followed_out_of_it(places, name):
     project, outside = places
     package(project / "p.usdz", stage(project, name.format(outside=outside)).read_text())
 
-    assert codes(stage(project, "./p.usdz[in.usda]"), untrusted) == ["asset-outside"]
+    assert codes(stage(project, "./p.usdz[in.usda]")) == ["asset-outside"]
 
 
-@both
-def test_a_member_that_is_a_value_and_a_layer_is_followed(places, untrusted):
+def test_a_member_that_is_a_value_and_a_layer_is_followed(places):
     project, outside = places
     package(project / "p.usdz", stage(project, f"{outside}/secret.usda").read_text())
     path = stage(project, "./p.usdz[in.usda]")
     path.write_text(path.read_text() + 'def "A"\n{\n    custom asset x = @./p.usdz[in.usda]@\n}\n')
 
-    assert codes(path, untrusted) == ["asset-outside"]
+    assert codes(path) == ["asset-outside"]
 
 
-@both
 @pytest.mark.parametrize(
     "statement",
     [
@@ -172,19 +164,18 @@ def test_a_member_that_is_a_value_and_a_layer_is_followed(places, untrusted):
         'def "A" (\n    customData = {\n        asset x = @OUT@\n    }\n)\n{\n}\n',
     ],
 )
-def test_asset_values_open_no_package_outside(places, statement, untrusted):
+def test_asset_values_open_no_package_outside(places, statement):
     """USD looks for the member as soon as somebody asks for the value."""
     project, _ = places
     path = project / "s.usda"
     path.write_text(HEAD.format(more="") + statement.replace("OUT", "./link.usdz[x.png]"))
-    assert codes(path, untrusted) == ["asset-outside"]
+    assert codes(path) == ["asset-outside"]
 
     path.write_text(HEAD.format(more="") + statement.replace("OUT", '`"./link.usdz[x.png]"`'))
-    assert codes(path, untrusted) == ["not-yet-supported"]
+    assert codes(path) == ["not-yet-supported"]
 
 
-@both
-def test_a_file_outside_is_not_quoted(places, untrusted):
+def test_a_file_outside_is_not_quoted(places):
     """Neither as a line that does not parse, nor as units that disagree."""
     project, outside = places
     (outside / "secret.usda").unlink()
@@ -192,7 +183,7 @@ def test_a_file_outside_is_not_quoted(places, untrusted):
         (outside / "secret.usda").write_text(text)
         for spelling in (*SPELLINGS.values(), *EXPRESSIONS.values()):
             if "usdz" not in spelling:
-                loaded = load(stage(project, spelling.format(outside=outside)), untrusted=untrusted)
+                loaded = load(stage(project, spelling.format(outside=outside)))
                 assert loaded.flattened == ""
                 assert [one for one in map(str, loaded.problems) if "TOPSECRET" in one or "0.4242" in one] == []
     rows = problems_of_untrusted(stage(project, "../outside/secret.usda"), ())
@@ -217,28 +208,25 @@ def test_a_composed_stage_tells_each_layer_from_outside(places, spelling):
     assert check_used(composed, allowed_roots(path, [outside])) == []
 
 
-@both
-def test_a_file_with_the_name_of_a_member_is_not_read_for_it(places, untrusted):
+def test_a_file_with_the_name_of_a_member_is_not_read_for_it(places):
     """Lines are looked up in the text of a layer, and statements that stand there twice."""
     project, outside = places
     (outside / "twice.usda").write_text(PART.replace("{\n}", "{\n    double a = 1\n    double a = 1\n}"))
     (project / "p.usdz[in.usda]").symlink_to(outside / "twice.usda")
     package(project / "p.usdz", PART)
 
-    assert load(stage(project, "./p.usdz[in.usda]"), untrusted=untrusted).problems == []
+    assert load(stage(project, "./p.usdz[in.usda]")).problems == []
 
 
-@both
-def test_an_asset_path_does_not_pass_for_a_place_in_a_message(places, untrusted):
+def test_an_asset_path_does_not_pass_for_a_place_in_a_message(places):
     project, outside = places
     name = f"@@./nowhere introduced by @{outside}/other.usda@</A>@@"
 
-    (problem,) = load(stage(project, name, "reference"), untrusted=untrusted).problems
+    (problem,) = load(stage(project, name, "reference")).problems
 
     assert problem.file == str(project / "s.usda")
 
 
-@both
 @pytest.mark.parametrize("arc", ARCS)
 @pytest.mark.parametrize(
     "asset",
@@ -254,13 +242,13 @@ def test_an_asset_path_does_not_pass_for_a_place_in_a_message(places, untrusted)
         "./y[1]/p.usdz[in.usda]",
     ],
 )
-def test_files_inside_may_be_named_in_every_way(places, asset, arc, untrusted):
+def test_files_inside_may_be_named_in_every_way(places, asset, arc):
     project, _ = places
     (project / "part.usda").write_text(PART)
     (project / "y[1]").symlink_to(project)
     package(project / "p.usdz", PART)
 
-    loaded = load(stage(project, asset, arc), untrusted=untrusted)
+    loaded = load(stage(project, asset, arc))
 
     assert loaded.problems == []
     assert all(file.is_file() for file in loaded.files)
@@ -272,39 +260,37 @@ def test_headers_of_the_package_around_a_member_are_looked_at(places, asset):
     project, _ = places
     with zipfile.ZipFile(project / "p.usdz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("in.usda", PART)
-    assert codes(stage(project, asset), untrusted=True) == ["package"]
+    assert codes(stage(project, asset)) == ["package"]
 
     (project / "p.usdz").write_bytes(b"PK")
     os.truncate(project / "p.usdz", 2**40)  # sparse
-    assert codes(stage(project, asset), untrusted=True) == ["file-size"]
+    assert codes(stage(project, asset)) == ["file-size"]
 
     (project / "p.usdz").unlink()
     os.mkfifo(project / "p.usdz")
-    assert codes(stage(project, asset), untrusted=True) == ["file-kind"]
+    assert codes(stage(project, asset)) == ["file-kind"]
 
 
-@both
-def test_a_search_path_leads_to_the_library_and_to_what_is_allowed(places, untrusted):
+def test_a_search_path_leads_to_the_library_and_to_what_is_allowed(places):
     project, outside = places
-    assert codes(stage(project, "lenses/double_gauss_100mm_tronnier.usda"), untrusted) == []
+    assert codes(stage(project, "lenses/double_gauss_100mm_tronnier.usda")) == []
     try:
         Ar.DefaultResolver.SetDefaultSearchPath([library_path(), str(outside)])
         for name in ("secret.usda", "secret.usda:SDF_FORMAT_ARGS:a=b", "secret.usdz[in.usda]"):
-            assert codes(stage(project, name), untrusted) == ["asset-outside"]
+            assert codes(stage(project, name)) == ["asset-outside"]
         (outside / "part.usda").write_text(PART)
-        assert load(stage(project, "part.usda"), [outside], untrusted=untrusted).problems == []
+        assert load(stage(project, "part.usda"), [outside]).problems == []
     finally:
         register()
 
 
-@both
-def test_every_file_outside_is_told_at_once(places, untrusted):
+def test_every_file_outside_is_told_at_once(places):
     project, _ = places
     path = project / "s.usda"
     more = "    subLayers = [\n        @./link.usda@,\n        @../outside/secret.usdz@\n    ]\n"
     path.write_text(HEAD.format(more=more))
 
-    problems = load(path, untrusted=untrusted).problems
+    problems = load(path).problems
 
     assert sorted((problem.code, problem.line) for problem in problems) == [("asset-outside", 7), ("asset-outside", 8)]
 

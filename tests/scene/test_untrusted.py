@@ -21,7 +21,7 @@ BODY = 'def Xform "A" (\n    prepend references = @{asset}@\n)\n{{\n}}\n'
 
 def codes(path, *roots):
     """Codes of the problems of an untrusted stage, found in this process."""
-    return [problem.code for problem in load(path, roots, untrusted=True).problems]
+    return [problem.code for problem in load(path, roots).problems]
 
 
 def test_a_good_stage_gives_the_same_project_through_the_sandbox(tmp_path):
@@ -56,16 +56,13 @@ def test_sublayers_and_layers_of_layers_are_followed(tmp_path):
     assert "asset-outside" not in codes(inside / "s.usda", tmp_path)
 
 
-@pytest.mark.parametrize("untrusted", [True, False])
-def test_value_clips_are_refused(tmp_path, untrusted):
+def test_value_clips_are_refused(tmp_path):
     clips = (
         'def Xform "A" (\n    clips = {\n        dictionary x = {\n            asset[] assetPaths = [@/etc/passwd@]\n'
     )
     clips += "        }\n    }\n)\n{\n}\n"
     (tmp_path / "s.usda").write_text(HEAD.format(more="") + clips)
-    assert [problem.code for problem in load(tmp_path / "s.usda", untrusted=untrusted).problems] == [
-        "not-yet-supported"
-    ]
+    assert [problem.code for problem in load(tmp_path / "s.usda").problems] == ["not-yet-supported"]
 
 
 @pytest.mark.parametrize("name", ["../evil.usda", "/etc/evil.usda", "C:/evil.usda"])

@@ -34,6 +34,8 @@ def read_libpleno(path: str | Path) -> PrintedCamera:
         file = json.loads("\n".join(read_lines(path)))
     except json.JSONDecodeError as error:
         raise UnreadableLens(path, f"is no JSON: {error.msg}", line=error.lineno) from None
+    except RecursionError:
+        raise UnreadableLens(path, "is JSON nested deeper than any camera") from None
     if not isinstance(file, dict) or not {"main_lens", "sensor"} <= file.keys():
         raise UnreadableLens(path, "is no camera of libpleno: it has no main_lens and sensor")
     if "mla" not in file:
@@ -41,7 +43,7 @@ def read_libpleno(path: str | Path) -> PrintedCamera:
         raise UnreadableLens(path, reason, hint="import the intrinsics.js that the calibration writes")
     try:
         return _camera(path, file)
-    except (KeyError, IndexError, TypeError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, ArithmeticError) as error:
         raise UnreadableLens(path, f"lacks something or has no number there: {error}") from None
     except CameraError as error:
         raise UnreadableLens(path, error.what, hint=error.hint) from None

@@ -1,0 +1,84 @@
+"""How large a dataset may be, asked before anything is allocated for it; see docs/limits.md."""
+
+import difflib
+import os
+from dataclasses import dataclass, fields
+
+from pipeline.errors import UsageError
+
+VARIABLE = "PIPELINE_LIMITS"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """The most that a dataset may ask for.
+
+    The paper's rig, 6576 x 4384 pixels at K = 4, takes half of `pixels` and `rays`.
+
+    Attributes
+    ----------
+    frames : int
+        Frames of a dataset times its cameras.
+    pixels : int
+        Fine pixels of a camera: width times height, times K^2 where position images are traced.
+    rays : int
+        Rays of one image of a camera, or of its bundles.
+    microlenses : int
+        Of an array, counted in the square that holds it however it is turned.
+    points : int
+        Points of a target, on all its faces or steps.
+    triangles : int
+        Of one mesh.
+    f_numbers : int
+        Further white images of a camera.
+    layers : int
+        Files that a stage is composed of.
+    layer_bytes : int
+        Of one of these files.
+    """
+
+    frames: int = 5_000
+    pixels: int = 1_000_000_000
+    rays: int = 1_000_000_000_000
+    microlenses: int = 4_000_000
+    points: int = 200_000
+    triangles: int = 1_000_000
+    f_numbers: int = 100
+    layers: int = 1_000
+    layer_bytes: int = 256 * 2**20
+
+
+def limits() -> Limits:
+    """The usual limits, raised or lowered by the environment: `PIPELINE_LIMITS="frames=2e4,rays=1e13"`.
+
+    Raises
+    ------
+    UsageError
+        The variable names no limit, or holds no number.
+    """
+    raised = {}
+    for item in filter(None, (part.strip() for part in os.environ.get(VARIABLE, "").split(","))):
+        name, _, text = item.partition("=")
+        raised[_name(name.strip(), item)] = _count(text, item)
+    return Limits(**raised)
+
+
+def how_to_raise(name: str, count: float) -> str:
+    """The hint of an error that a limit makes: what to set so that a count passes."""
+    return f'{VARIABLE}="{name}={count:.0f}" in the environment allows it, if memory, disk and time suffice'
+
+
+def _name(name: str, item: str) -> str:
+    known = [field.name for field in fields(Limits)]
+    if name in known:
+        return name
+    guess = difflib.get_close_matches(name, known, n=1)
+    hint = f'did you mean "{guess[0]}"?' if guess else f"limits are: {', '.join(known)}"
+    raise UsageError(f'{VARIABLE}: "{item}" names no limit', hint=hint)
+
+
+def _count(text: str, item: str) -> int:
+    try:
+        return int(float(text))
+    except (ValueError, OverflowError):
+        raise UsageError(f'{VARIABLE}: "{item}" holds no number', hint='write for example "frames=20000"') from None

@@ -1,0 +1,260 @@
+"""Small scenes in which every attribute of the schemas means something: 12 x 8 pixels, one frame, few rays."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from pxr import Gf, Sdf, Usd
+
+BASE = """#usda 1.0
+(
+    defaultPrim = "Scene"
+    doc = "A scene for hostile values."
+    endTimeCode = 1
+    metersPerUnit = 0.001
+    startTimeCode = 1
+    timeCodesPerSecond = 24
+    upAxis = "Y"
+)
+
+def PlenDataset "Scene"
+{
+    rel plen:cameras = </Scene/Camera>
+    rel plen:occluders = </Scene/Screen>
+    rel plen:targets = </Scene/Board>
+
+    def Camera "Camera" (
+        prepend apiSchemas = ["PlenCameraAPI"]
+    )
+    {
+        rel plen:camera:lens = </Scene/Lens>
+        rel plen:camera:sensor = </Scene/Sensor>
+        uniform double plen:camera:sensorDistance = 53.4
+        uniform int plen:image:samples = 4
+        uniform double plen:truth:accuracy = 0.05
+        uniform int plen:truth:samples = 16
+    }
+
+    def PlenLens "Lens"
+    {
+        uniform token[] plen:surfaceOrder = ["Front", "Back", "Stop"]
+
+        def PlenSurface "Front"
+        {
+            uniform double plen:index = 1.5168
+            uniform double plen:radius = 51.68
+            uniform double plen:semiDiameter = 8
+            uniform double plen:thickness = 4
+        }
+
+        def PlenSurface "Back"
+        {
+            uniform double plen:radius = -51.68
+            uniform double plen:semiDiameter = 8
+            uniform double plen:thickness = 2
+        }
+
+        def PlenSurface "Stop"
+        {
+            uniform bool plen:isStop = 1
+            uniform double plen:semiDiameter = 3
+        }
+
+        def PlenLensGroup "Group"
+        {
+            uniform token[] plen:surfaces = ["Front", "Back"]
+        }
+    }
+
+    def PlenSensor "Sensor"
+    {
+        uniform double plen:pixelPitch = 0.3
+        uniform int2 plen:resolution = (12, 8)
+    }
+
+    def PlenMicrolensArray "Array"
+    {
+        uniform double[] plen:focalLengths = [1.25]
+        uniform double plen:height = 0.6
+        uniform double plen:pitch = 0.167
+        uniform double plen:width = 0.8
+    }
+
+    def PlenCheckerboard "Board"
+    {
+        uniform int plen:columns = 3
+        uniform int plen:rows = 2
+        uniform double plen:squareSize = 4
+        double3 xformOp:translate = (0, 0, -500)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+    def Mesh "Screen" (
+        prepend apiSchemas = ["PlenOccluderAPI"]
+    )
+    {
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points = [(4, 0, 0), (9, 0, 0), (4, 9, 0)]
+        uniform token subdivisionScheme = "none"
+        double3 xformOp:translate = (0, 0, -300)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene and the attributes that it is there for.
+
+    Attributes
+    ----------
+    edits : dict
+        (prim below /Scene, attribute) -> value, on top of BASE.
+    kind : str
+        Prim type of "Board", with values of its own.
+    whole : tuple of str
+        Prims of which every attribute is tried, not the edited ones alone.
+    """
+
+    edits: dict[tuple[str, str], Any] = field(default_factory=dict)
+    kind: str = "PlenCheckerboard"
+    whole: tuple[str, ...] = ()
+
+    def stage(self) -> Usd.Stage:
+        """The scene, in memory."""
+        layer = Sdf.Layer.CreateAnonymous(".usda")
+        layer.ImportFromString(BASE)
+        board = layer.GetPrimAtPath("/Scene/Board")
+        if self.kind != board.typeName:
+            board.typeName = self.kind
+            for name in [prop.name for prop in board.properties if prop.name.startswith("plen:")]:
+                del board.properties[name]
+        stage = Usd.Stage.Open(layer)
+        for (at, name), value in self.edits.items():
+            put(stage, at, name, value)
+        return stage
+
+    def tried(self) -> list[tuple[str, str]]:
+        """Pairs of a prim and one of its properties that this scene is there for."""
+        stage, found = self.stage(), dict.fromkeys(self.edits)
+        for at in self.whole:
+            names = path_of(stage, at).GetPrimDefinition().GetPropertyNames()
+            found |= dict.fromkeys((at, name) for name in names if name.startswith("plen:"))
+        return list(found)
+
+
+def path_of(stage: Usd.Stage, at: str) -> Usd.Prim:
+    """A prim by its path below /Scene."""
+    return stage.GetPrimAtPath(f"/Scene/{at}".rstrip("/"))
+
+
+def put(stage: Usd.Stage, at: str, name: str, value: Any) -> None:
+    """Author one property; None blocks it, a list of Sdf.Path is for relationships."""
+    prim = path_of(stage, at)
+    if relationship := prim.GetRelationship(name):
+        relationship.SetTargets(value)
+    elif value is None:
+        prim.GetAttribute(name).Block()
+    else:
+        prim.GetAttribute(name).Set(value)
+
+
+def _of(at: str, **values: Any) -> dict[tuple[str, str], Any]:
+    return {(at, f"plen:{name.replace('__', ':')}"): value for name, value in values.items()}
+
+
+def _shape(shape: str, **values: Any) -> dict[tuple[str, str], Any]:
+    return _of("Board", shape=shape) | {("Board", f"plen:shape:{name}"): value for name, value in values.items()}
+
+
+_SINGLET = {("Lens", "plen:indexSource"): "catalogue", ("Lens/Front", "plen:glass"): "schott:N-BK7"}
+_THREE = {("Array", "plen:focalLengths"): [1.2, 1.25, 1.3]}
+_PLENOPTIC = {
+    ("Camera", "plen:camera:microlenses"): [Sdf.Path("/Scene/Array")],
+    ("Camera", "plen:camera:microlensDistance"): 1.5,
+    ("Camera", "plen:camera:sensorDistance"): 62.4,
+    ("Sensor", "plen:pixelPitch"): 0.05,
+}
+_FACES = _of("Array", model="refractive", index=1.5, thickness=0.1, frontRadii=[0.7], rearRadii=[-5.0])
+
+SCENES: dict[str, Scene] = {
+    "conventional": Scene(
+        whole=("", "Camera", "Lens", "Lens/Front", "Lens/Stop", "Lens/Group", "Sensor", "Board", "Screen")
+    ),
+    "plenoptic": Scene(_PLENOPTIC, whole=("Array",)),
+    "focus": Scene(
+        _of("Camera", camera__focusDistance=500.0, camera__focusGroups=["Group"])
+        | _of("Lens/Group", pivot=1.0, decentre=(0.1, 0.0), tilt=(0.1, 0.0))
+    ),
+    "focused": Scene({("Camera", "plen:camera:sensorDistance"): None} | _of("Camera", camera__focusDistance=500.0)),
+    "matched": Scene(
+        _PLENOPTIC
+        | {("Camera", "plen:camera:sensorDistance"): None}
+        | _of("Camera", camera__focusDistance=500.0, camera__stopMatch="microlenses", camera__focusType=0)
+    ),
+    "planes": Scene(_of("Camera", camera__near=400.0, camera__far=600.0, truth__columns=["chief", "saddle"])),
+    "two-plane method": Scene(_of("Camera", truth__method="two-plane", truth__search="nearest")),
+    "direct method": Scene(_of("Camera", truth__method="direct", truth__accuracy=0.01)),
+    "image method": Scene(_of("Camera", truth__method="image", truth__extent="full", truth__footprint="pixel")),
+    "white images": Scene(_PLENOPTIC | _of("Camera", image__fNumbers=[16.0])),
+    "catalogue": Scene(_SINGLET | {("Lens/Front", "plen:abbe"): 64.17}),
+    "ideal": Scene(_of("Lens/Stop", focalLength=5000.0)),
+    "asphere": Scene(_of("Lens/Front", conic=-0.1, evenCoefficients=[0.0, 1e-6], oddCoefficients=[1e-6])),
+    "annular": Scene(_of("Lens/Stop", apertureShape="annular", innerSemiDiameter=1.0)),
+    "rectangular": Scene(_of("Lens/Stop", apertureShape="rectangular", halfWidths=(2.0, 2.0), apertureRotation=5.0)),
+    "polygonal": Scene(_of("Lens/Stop", apertureShape="polygonal", blades=5)),
+    "cosine": Scene(_of("Sensor", acceptance="cosine", acceptancePower=2.0)),
+    "cone": Scene(_of("Sensor", acceptance="cone", acceptanceHalfAngle=20.0, acceptanceRollOff=2.0)),
+    "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),
+    "three types": Scene(_PLENOPTIC | _THREE | _of("Array", typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))),
+    "plates": Scene(_PLENOPTIC | _of("Array", model="two-plane", index=1.5, thickness=0.1)),
+    "faces": Scene(_PLENOPTIC | _FACES | _of("Array", frontConics=[-0.1], rearConics=[-0.1])),
+    "glass of faces": Scene(_PLENOPTIC | _FACES | _of("Array", index=None, glass="schott:N-BK7")),
+    "discs": Scene(_PLENOPTIC | _of("Array", aperture="disc", discDiameter=0.15)),
+    "warped": Scene(_shape("warped", deflection=(0.2, 0.1))),
+    "height map": Scene(_shape("heightMap", resolution=Gf.Vec2i(2, 2), heights=[0.0, 0.1, 0.0, 0.1])),
+    "cylinder": Scene(_shape("cylinder", radius=30.0)),
+    "cube": Scene(_shape("cube", edge=30.0)),
+    "stairs": Scene(_shape("stairs", steps=2, depth=2.0)),
+    "charuco": Scene(_of("Board", columns=3, rows=2, squareSize=4.0, markerSize=3.0), "PlenCharuco", ("Board",)),
+    "tags": Scene(_of("Board", columns=2, rows=2, tagSize=5.0), "PlenAprilGrid", ("Board",)),
+    "circles": Scene(_of("Board", columns=3, rows=3, spacing=4.0, diameter=2.0), "PlenCircleGrid", ("Board",)),
+    "triangles": Scene(_of("Board", columns=3, rows=2, edgeLength=4.0), "PlenDeltille", ("Board",)),
+    "stars": Scene(_of("Board", columns=3, rows=2, spacing=5.0, diameter=4.0), "PlenStars", ("Board",)),
+    "siemens": Scene(_of("Board", spokes=6, diameter=15.0), "PlenSiemensStar", ("Board",)),
+    "edge": Scene(_of("Board", width=20.0, height=15.0), "PlenSlantedEdge", ("Board",)),
+    "lines": Scene(_of("Board", columns=2, rows=2, spacing=5.0, lineWidth=1.0), "PlenLines", ("Board",)),
+}
+
+FOREIGN: dict[str, tuple[tuple[str, str], ...]] = {
+    "Camera": (
+        ("horizontalAperture", "float"),
+        ("verticalAperture", "float"),
+        ("horizontalApertureOffset", "float"),
+        ("focalLength", "float"),
+        ("clippingRange", "float2"),
+        ("visibility", "token"),
+    ),
+    "Screen": (
+        ("points", "point3f[]"),
+        ("faceVertexCounts", "int[]"),
+        ("faceVertexIndices", "int[]"),
+        ("holeIndices", "int[]"),
+        ("orientation", "token"),
+        ("primvars:displayColor", "color3f[]"),
+        ("extent", "float3[]"),
+        ("visibility", "token"),
+    ),
+}
+"""Attributes of USD's own types that a stage of ours uses."""
+
+XFORM_OPS = {
+    "xformOp:translate": "double3",
+    "xformOp:rotateXYZ": "double3",
+    "xformOp:rotateZ": "double",
+    "xformOp:scale": "double3",
+    "xformOp:orient": "quatd",
+    "xformOp:transform": "matrix4d",
+}
+METADATA = ("startTimeCode", "endTimeCode", "metersPerUnit", "timeCodesPerSecond", "framesPerSecond")

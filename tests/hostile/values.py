@@ -1,0 +1,164 @@
+"""Every attribute of the schemas, and of USD what is used of it, with every hostile value of its type."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from hostile.scenes import FOREIGN, METADATA, SCENES, XFORM_OPS, path_of, put
+from pxr import Sdf, Usd, Vt
+
+from pipeline.scene.values import range_of
+
+FLOATS = (0.0, -0.0, 5e-324, 1e-30, -1.0, -1e-9, 1e9, 1e155, -1e155, 1.7e308, math.inf, -math.inf, math.nan)
+INTS = (0, -1, 1, 7, 65536, 2**31 - 1, -(2**31))
+LONG = "n" * 100_000
+TEXTS = ("", "bogus", LONG, "a\x1b[31m\x07\r\nb", "\u202eabc", "Ünïcode", "../../x", "%s{}")
+LENGTHS = (0, 1, 2, 1_000, 100_000)
+NOWHERE = [Sdf.Path("/Nowhere")]
+LINKS = (
+    [],
+    NOWHERE,
+    [Sdf.Path("/Scene")],
+    [Sdf.Path("/Scene/Board"), Sdf.Path("/Scene/Board")],
+    [Sdf.Path("/Scene/Camera"), Sdf.Path("/Scene/Board"), Sdf.Path("/Scene/Screen")],
+    [Sdf.Path("/Scene/Board.plen:white")],
+    [Sdf.Path(f"/Scene/N{number}") for number in range(1000)],
+)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One property of one scene with one hostile value."""
+
+    scene: str
+    at: str
+    name: str
+    type_name: str
+    value: Any
+
+    def text(self) -> str:
+        """The stage, as usda."""
+        if self.type_name == "metadata":
+            return _with_metadata(SCENES[self.scene].stage(), self.name, self.value)
+        stage = SCENES[self.scene].stage()
+        prim = path_of(stage, self.at)
+        if self.type_name == "rel":
+            put(stage, self.at, self.name, self.value)
+        else:
+            attribute = prim.GetAttribute(self.name)
+            if not attribute or self.type_name == "wrong":
+                kind = Sdf.ValueTypeNames.String if self.type_name == "wrong" else _type(self.type_name)
+                spec = stage.GetRootLayer().GetPrimAtPath(prim.GetPath())
+                if self.name in spec.properties:
+                    del spec.properties[self.name]
+                Sdf.AttributeSpec(spec, self.name, kind).default = self.value
+            else:
+                attribute.Set(self.value)
+            if self.name.startswith("xformOp:"):
+                prim.GetAttribute("xformOpOrder").Set(["xformOp:translate", *{self.name} - {"xformOp:translate"}])
+        return stage.GetRootLayer().ExportToString()
+
+    def __str__(self) -> str:
+        shown = repr(self.value)
+        return f"{self.scene}: {self.at}.{self.name} = {shown if len(shown) < 60 else shown[:60] + '…'}"
+
+
+def attempts() -> list[Attempt]:
+    """All of them, in the same order at every run."""
+    found = [one for name in SCENES for one in _of_scene(name)]
+    for at, attributes in FOREIGN.items():
+        found += [Attempt("conventional", at, name, kind, v) for name, kind in attributes for v in values(kind)]
+    for at in ("Board", "Camera", "Screen"):
+        found += [Attempt("conventional", at, name, kind, v) for name, kind in XFORM_OPS.items() for v in values(kind)]
+        for order in ([], ["xformOp:translate"] * 2, ["!invert!xformOp:translate"], ["bogus"], [LONG], ["a"] * 1000):
+            found.append(Attempt("conventional", at, "xformOpOrder", "token[]", order))
+    for key in METADATA:
+        texts = [repr(number) for number in FLOATS] + ["2000000000", "1.5", '"text"', "None"]
+        found += [Attempt("conventional", "", key, "metadata", text) for text in texts]
+    for key in ("upAxis", "defaultPrim", "doc", "comment"):
+        found += [Attempt("conventional", "", key, "metadata", _quoted(text)) for text in TEXTS]
+    return found
+
+
+def _of_scene(scene: str) -> Iterator[Attempt]:
+    stage = SCENES[scene].stage()
+    for at, name in SCENES[scene].tried():
+        prim = path_of(stage, at)
+        definition = prim.GetPrimDefinition()
+        attribute = definition.GetAttributeDefinition(name)
+        if not attribute:
+            yield from (Attempt(scene, at, name, "rel", link) for link in LINKS)
+            continue
+        kind = str(attribute.GetTypeName())
+        doc = definition.GetPropertyMetadata(name, "documentation") or ""
+        tokens = definition.GetPropertyMetadata(name, "allowedTokens") or ()
+        for value in [*values(kind, doc, prim.GetAttribute(name).Get(1)), *_tokens(kind, tokens)]:
+            yield Attempt(scene, at, name, kind, value)
+        yield Attempt(scene, at, name, "wrong", "a text")
+
+
+def values(kind: str, doc: str = "", usual: Any = None) -> list[Any]:
+    """Hostile values of a type: of numbers also the ends of their range, of arrays many lengths."""
+    scalar, is_array = kind.removesuffix("[]"), kind.endswith("[]")
+    ends = _ends(doc, scalar)
+    items = [_item(scalar, number) for number in [*_numbers(scalar), *ends]]
+    if not is_array:
+        return items
+    good = usual[0] if usual else items[-1] if ends else _item(scalar, 1)
+    if scalar in ("token", "string"):
+        lists: list[list[Any]] = [[f"n{i}" for i in range(length)] for length in LENGTHS]
+        return [*lists, ["same"] * 3, *([text] for text in TEXTS)]
+    lists = [[good] * length for length in LENGTHS]
+    lists += [[*list(usual)[1:], item] if usual else [item] for item in items]
+    return [_type(kind).type.pythonClass(found) for found in lists]
+
+
+def _numbers(scalar: str) -> tuple[Any, ...]:
+    if scalar in ("token", "string"):
+        return TEXTS
+    return (False, True) if scalar == "bool" else INTS if scalar.startswith("int") else FLOATS
+
+
+def _ends(doc: str, scalar: str) -> list[float]:
+    """Both ends of a documented range, the numbers next to zero that it allows, and those just inside open ends."""
+    span = range_of(doc)
+    if span is None:
+        return []
+    low = math.nextafter(span.low, math.inf) if span.low_open else span.low
+    high = math.nextafter(span.high, -math.inf) if span.high_open else span.high
+    found = [low, high, *([span.gap, -span.gap] if span.gap else [])]
+    return [int(number) for number in found] if scalar.startswith("int") else found
+
+
+def _item(scalar: str, number: Any) -> Any:
+    """A value whose every number is the one given."""
+    if scalar in ("token", "string", "bool", "int", "double", "float"):
+        return number
+    kind = _type(scalar).type.pythonClass
+    if scalar == "quatd":
+        return kind(number, number, number, number)
+    if scalar == "matrix4d":
+        return kind(*[number] * 16)
+    return kind(*[number] * {"2": 2, "3": 3}[next(c for c in scalar if c in "23")])
+
+
+def _tokens(kind: str, tokens: Any) -> list[Any]:
+    if not kind.endswith("[]"):
+        return list(tokens)
+    return [Vt.TokenArray([token]) for token in tokens] + ([Vt.TokenArray(list(tokens) * 2)] if tokens else [])
+
+
+def _type(name: str) -> Sdf.ValueTypeName:
+    return Sdf.ValueTypeNames.Find(name)
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace("\r\n", "\\n") + '"'
+
+
+def _with_metadata(stage: Usd.Stage, key: str, written: str) -> str:
+    """The stage with one line of its metadata as text: USD itself would refuse to author some."""
+    lines = stage.GetRootLayer().ExportToString().split("\n")
+    kept = [line for line in lines if not line.startswith(f"    {key} =")]
+    return "\n".join([*kept[:2], f"    {key} = {written}", *kept[2:]])
