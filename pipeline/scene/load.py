@@ -8,6 +8,7 @@ from pipeline.scene.asset_roots import allowed_roots, file_of
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_layers import used_layers
+from pipeline.scene.check_seen import check_seen
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.flatten import flattened
 from pipeline.scene.opening import open_stage
@@ -53,7 +54,9 @@ class Loaded:
         return [problem for problem in self.problems if problem.is_error]
 
 
-def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted: bool = False) -> Loaded:
+def load(
+    path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted: bool = False, look: bool = False
+) -> Loaded:
     """Open, check and read a stage; never raises for what is wrong with it.
 
     Parameters
@@ -64,6 +67,8 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
         Folders that the stage may read from, besides its project and the shipped library.
     untrusted : bool
         Files are also of a sane size and kind before USD opens them.
+    look : bool
+        Also trace some rays to say what a camera does not see, and parts that hardly belong together: `pipeline check`.
     """
     roots = allowed_roots(Path(path), allow_roots)
     if problems := refusals(Path(path), roots, untrusted=untrusted):
@@ -77,8 +82,11 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, untrusted:
     if loaded.errors:
         return loaded
     root = find_dataset(stage)
+    dataset = read_dataset(root) if root else None
+    if look and dataset:
+        problems += check_seen(stage, dataset)
     return Loaded(
-        dataset=read_dataset(root) if root else None,
+        dataset=dataset,
         problems=problems,
         flattened=flattened(stage),
         cameras=read_camera_entries(stage),
