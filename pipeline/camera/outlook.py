@@ -58,7 +58,7 @@ class Outlook:
 
 
 def outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
-    """What becomes of points (poses, n, 3) whose tangent planes have the normals `front` (poses, n, 3), vision frame."""
+    """What becomes of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
     lens, shape, points = first_order(camera.prescription), points_mm.shape[:2], points_mm.reshape(-1, 3)
     tracer, table = Tracer(camera), towards_sensor(camera.prescription)
     blur, lit, inside = _light(tracer, table, points, _fan(lens))

@@ -17,7 +17,7 @@ _ALIKE = (
 
 def check_layers(stage: Usd.Stage) -> list[Problem]:
     """Problems of the layers themselves."""
-    return [*_check_root(stage), *_check_alike(stage), *_check_repeated(stage)]
+    return [*_check_root(stage), *_check_alike(stage), *_check_repeated(stage), *_check_cut(stage)]
 
 
 def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
@@ -64,4 +64,17 @@ def _check_repeated(stage: Usd.Stage) -> Iterator[Problem]:
                 line=line,
                 at=path,
                 hint="USD keeps the last one without a word; remove one",
+            )
+
+
+def _check_cut(stage: Usd.Stage) -> Iterator[Problem]:
+    for layer in used_layers(stage):
+        for path, what, taken, line in text_map(layer.realPath).cut:
+            yield Problem(
+                code="not-whole",
+                message=what,
+                file=shown_path(layer.realPath),
+                line=line,
+                at=path or None,
+                hint=f"USD would take {taken} without a word",
             )
