@@ -95,6 +95,7 @@ def build(
         out=project.out.absolute(),
         seconds=time.perf_counter() - start,
         certificate=head.get("certificate"),
+        points=head.get("points"),
         tasks=tuple(outcome.results[name] for name in graph),
         store=store.root,
         store_bytes=_within_limit(store, limit_bytes, warn),

@@ -65,6 +65,8 @@ def build(
     elif result.delivery is not None:
         say(str(result.out))
     is_quiet = quiet > verbose
+    if not is_quiet:
+        _say_points(result.points)
     raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=is_quiet) else 0))
 
 
@@ -169,6 +171,7 @@ _NOTHING: dict[str, Any] = {
     **dict.fromkeys(("executed", "cached", "failed", "skipped"), 0),
     "seconds": 0.0,
     "certificate": None,
+    "points": None,
     "tasks": [],
 }
 
@@ -180,6 +183,14 @@ def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
     for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
         note(line)
     return failed(cameras)
+
+
+def _say_points(cameras: Any) -> None:
+    """How many points are seen in which frames, to stderr."""
+    from pipeline.report.points import lines
+
+    for line in lines(cameras or {}):
+        note(line)
 
 
 def _run(stage: Path, arguments: dict[str, Any], events: Path | None, verbosity: int, again: str) -> Any:

@@ -81,7 +81,7 @@ def test_json_is_one_object_as_the_contract_says(pipeline, stage, tmp_path):
     code, output, _ = pipeline("build", stage(), "-j2", "--json", "-o", "here")
     summary = json.loads(output)
     assert code == 0 and summary["out"] == str(tmp_path / "here")
-    assert list(summary) == ["stage", "out", *STATES, "seconds", "certificate", "tasks"]
+    assert list(summary) == ["stage", "out", *STATES, "seconds", "certificate", "points", "tasks"]
     assert [summary[state] for state in STATES] == [5, 0, 0, 0]
     assert all(set(task) == {"name", "kind", "state", "seconds", "key"} for task in summary["tasks"])
     _, output, _ = pipeline("build", stage(), "--json", "-o", "here")
