@@ -16,6 +16,9 @@ _TOLERANCE_MM = 1e-12
 _ACCEPTED_MM = 1e-9
 _DIFFERENCE_MM = 1e-4
 _HALVINGS = 10
+_TOO_WIDE = (
+    "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
+)
 
 
 def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
@@ -44,7 +47,8 @@ def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.
         crossing = chief_crossings(table, stop_row, points_mm)
         if np.isnan(crossing).any():
             x, y = across[np.argmax(np.isnan(crossing[:, 0]))]
-            raise CameraError(f"no ray from ({x:g}, {y:g}) mm off the axis reaches the centre of the aperture stop")
+            what = f"no ray from ({x:.4g}, {y:.4g}) mm off the axis reaches the centre of the aperture stop"
+            raise CameraError(what, hint=_TOO_WIDE)
         return (crossing - across) / ahead
     # The crossing is an odd, smooth function of the height: trace each height once.
     height = np.hypot(*across.T)
@@ -153,7 +157,9 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray
         newer, miss_newer = following, _stop_height(rear, plane_mm, heights, following)
     if not np.all(np.abs(miss_newer) < _ACCEPTED_MM):
         worst = float(heights[np.argmax(~(np.abs(miss_newer) < _ACCEPTED_MM))])
-        raise CameraError(f"no ray from {worst} mm off the axis reaches the centre of the aperture stop")
+        raise CameraError(
+            f"no ray from {abs(worst):.4g} mm off the axis reaches the centre of the aperture stop", hint=_TOO_WIDE
+        )
     return newer
 
 

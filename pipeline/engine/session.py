@@ -66,7 +66,7 @@ def build(
     emit(_begin(project, graph, _jobs(jobs)))
     history = _history(project, store)
     options: dict[str, Any] = {"jobs": _jobs(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
-    options |= {"keep_going": keep_going, "prepare": prepare, "peaks": history["peaks"]}
+    options |= {"keep_going": keep_going, "prepare": prepare, "peaks": history["peaks"], "places": project.places}
 
     def place() -> Engine | None:
         return engine(store, graph.packages) if engine else None

@@ -1,12 +1,13 @@
 """What can be wrong with a stage, as data and as text."""
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import UsageError
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,6 +66,18 @@ class StageError(UsageError):
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = list(problems)
         super().__init__("\n".join(map(str, self.problems)))
+
+
+@contextlib.contextmanager
+def blamed_on(file: str | None, line: int | None, at: str) -> Iterator[None]:
+    """An error of what a prim stands for becomes a problem of the stage, at the prim."""
+    try:
+        yield
+    except (UsageError, EnvironmentFault):
+        raise
+    except PipelineError as error:
+        problem = Problem(code="impossible", message=error.what, file=file, line=line, at=at, hint=error.hint)
+        raise StageError([problem]) from error
 
 
 def shown_path(path: str | Path) -> str:

@@ -80,6 +80,7 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None) -> Project:
         out=Path(out) if out else default_out(path),
         stage_id=str(path.resolve()),
         reads=loaded.files,
+        places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
     )
 
 

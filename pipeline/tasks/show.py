@@ -17,7 +17,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.report import drawing, text
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
-from pipeline.scene.problems import Problem, StageError, shown_path
+from pipeline.scene.problems import Problem, StageError, blamed_on, shown_path
 from pipeline.tasks.chosen import chosen
 from pipeline.tasks.first_order import CONVENTIONS, document
 from pipeline.tasks.graph import labels_of
@@ -66,7 +66,9 @@ class Shown:
 
     def plot(self, path: Path) -> None:
         """Write the drawing of the lens."""
-        path.write_text(drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}"), encoding="utf-8")
+        with blamed_on(self.entry.file, self.entry.line, self.entry.prim_path):
+            picture = drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}")
+        path.write_text(picture, encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -147,4 +149,8 @@ def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str 
         hint = "name a dataset, a rig or a lens; a camera is a Camera with PlenCameraAPI"
         file = shown_path(Path(path).resolve())
         raise StageError([Problem(code="no-camera", message="the stage holds no camera", file=file, line=1, hint=hint)])
-    return Shown(loaded.cameras[chosen(path, "camera", names, camera)], loaded.problems)
+    entry = loaded.cameras[chosen(path, "camera", names, camera)]
+    with blamed_on(entry.file, entry.line, entry.prim_path):
+        shown = Shown(entry, loaded.problems)
+        _ = shown.document, shown.curves  # what cannot be is found out here, where its place is known
+    return shown

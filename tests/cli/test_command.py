@@ -94,7 +94,8 @@ def test_a_failure_says_task_key_log_and_the_command_to_repeat_it(pipeline, stag
     assert (code, output) == (1, "")
     key = json.loads(pipeline("plan", stage(project=failing(tmp_path)), "--json")[1])["tasks"][0]["key"]
     assert f"task fail failed (key {key[:12]})" in log
-    assert "ValueError: the flag is not there" in log and f"{key}.log" in log
+    assert "ValueError: the flag is not there\n    hint: this is a bug of ours" in log and f"{key}.log" in log
+    assert "Traceback" not in log
     spec = re.search(r"again: pipeline run-task (\S+)", log)[1]
     code, _, log = pipeline("run-task", spec)
     assert code == 1 and "about to look" in log and "ValueError: the flag is not there" in log
