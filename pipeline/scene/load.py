@@ -7,6 +7,7 @@ from pathlib import Path
 from pipeline.scene.asset_roots import allowed_roots, file_of
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
+from pipeline.scene.check_doubts import check_doubts
 from pipeline.scene.check_layers import used_layers
 from pipeline.scene.check_seen import check_seen
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
@@ -82,14 +83,18 @@ def load(
     if loaded.errors:
         return loaded
     root = find_dataset(stage)
-    dataset = read_dataset(root) if root else None
-    if look and dataset:
-        problems += check_seen(stage, dataset)
+    dataset, cameras = read_dataset(root) if root else None, read_camera_entries(stage)
+    if look:
+        problems += check_doubts(stage, cameras)
+        if not loaded.errors and dataset:
+            problems += check_seen(stage, dataset)
+        if loaded.errors:
+            return loaded
     return Loaded(
         dataset=dataset,
         problems=problems,
         flattened=flattened(stage),
-        cameras=read_camera_entries(stage),
+        cameras=cameras,
         lens=read_lens_entry(stage),
         targets=read_target_entries(stage),
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
