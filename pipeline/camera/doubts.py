@@ -22,12 +22,15 @@ _WEAK_F_NUMBER = 100.0
 _TOO_WIDE, _TOO_SMALL, _OVERLAP = 1.25, 0.95, 1.05
 """Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
 distance of micro-images."""
-_GRID, _HALVINGS, _CROSSINGS = 81, 12, 801
+_GRID, _HALVINGS, _CROSSINGS = 81, 12, 12_001
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """One of them: a stable code, the part (camera, stop, sensor, image, microlenses, focal_lengths), words and a way out."""
+    """One of them: a stable code, words and a way out.
+
+    The part is `camera`, `stop`, `sensor`, `image`, `microlenses` or `focal_lengths`.
+    """
 
     code: str
     part: str
@@ -178,7 +181,7 @@ def _has_chief_ray(tracer: Tracer, height_mm: float) -> bool:
     rear = unbounded(tracer.table[: tracer.stop_row + 1])
     if np.isclose(rear[0, VERTEX], rear[-1, VERTEX]):
         return True
-    reach = 3 * math.sqrt(tracer.table[0, SEMI_DIAMETER_SQUARED])
+    reach = 3 * (height_mm + abs(rear[0, VERTEX] - tracer.film_z_mm))  # farther than `camera.chief` looks
     x = np.linspace(-reach, reach, _CROSSINGS)
     start = np.array([height_mm, 0.0, tracer.film_z_mm])
     way = np.column_stack([x, np.zeros(len(x)), np.full(len(x), rear[0, VERTEX])]) - start
