@@ -59,6 +59,11 @@ class Outlook:
 
 def outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
     """What becomes of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
+    with np.errstate(all="ignore"):  # what is not finite is not seen
+        return _outlook(camera, points_mm, front)
+
+
+def _outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
     lens, shape, points = first_order(camera.prescription), points_mm.shape[:2], points_mm.reshape(-1, 3)
     tracer, table = Tracer(camera), towards_sensor(camera.prescription)
     blur, lit, inside = _light(tracer, table, points, _fan(lens))

@@ -29,6 +29,8 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
                 yield problem(blamed, doubt.code, doubt.what, hint=doubt.hint, severity="warning")
         except CameraError as error:
             yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
+        except ArithmeticError:
+            continue  # a pupil in the sensor, or in infinity: no figure says whether that was meant
 
 
 def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:

@@ -34,11 +34,13 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             camera = focused(entry.camera)
         except (PipelineError, ArithmeticError):
             continue  # reported as that
-        for number in range(len(dataset.targets)):
+        for number, target in enumerate(dataset.targets):
+            if not target.target.points().kinds:
+                continue  # there is nothing to see
             view = _look(dataset, entry.name, camera, number)
             blank = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             if blank:
-                prim = stage.GetPrimAtPath(dataset.targets[number].prim_path)
+                prim = stage.GetPrimAtPath(target.prim_path)
                 whom = f'no point of "{prim.GetName()}" can be made out by "{entry.name}"'
                 message = f"{whom} in {len(blank)} of {len(view.numbers)} frames: {_listed(blank)}"
                 hint = _hint(camera, view, blank)
