@@ -101,7 +101,7 @@ def _problems(path: Path, allow_roots: tuple[Path, ...], untrusted: bool) -> lis
         return [{"stage": str(path), **row} for row in problems_of_untrusted(path, allow_roots)]
     from pipeline.scene.load import load
 
-    problems = load(path, allow_roots).problems
+    problems = load(path, allow_roots, look=True).problems
     return [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in problems]
 
 

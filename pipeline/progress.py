@@ -85,7 +85,7 @@ class Lines:
         if event["event"] == "warning":
             self._say(f"warning: {event['text']}")
         elif event["event"] == "retry":
-            self._say(f"{event['task']} tried again: {event['error'].splitlines()[-1]}")
+            self._say(f"{event['task']} tried again: {event['error'].splitlines()[0]}")
         elif event["event"] == "started" and self._verbosity > 0:
             self._say(f"{self._tally.line()} {event['task']} started")
         elif event["event"] == "done" and self._is_shown(event["state"]):
@@ -127,7 +127,7 @@ class Bar:
         if event["event"] == "warning":
             self._progress.console.print(f"warning: {event['text']}", markup=False, highlight=False)
         elif event["event"] == "retry":
-            text = f"{event['task']} tried again: {event['error'].splitlines()[-1]}"
+            text = f"{event['task']} tried again: {event['error'].splitlines()[0]}"
             self._progress.console.print(text, markup=False, highlight=False)
         elif event["event"] == "done" and event["state"] == "failed":
             self._progress.console.print(f"{event['task']} failed", markup=False, highlight=False)
@@ -162,19 +162,30 @@ class Ending:
 
     def show(self) -> None:
         """Say it on stderr."""
+        alike: dict[object, list[Event]] = {}
         for event in self._bad.values():
-            for line in self._failure(event):
+            same = (event["error"], event["place"]) if event["state"] == "failed" else event["task"]
+            alike.setdefault(same, []).append(event)
+        for events in alike.values():
+            for line in self._failure(*events) if events[0]["state"] == "failed" else self._difference(events[0]):
                 print(line, file=sys.stderr, flush=True)
         for line in self._summary():
             print(line, file=sys.stderr, flush=True)
 
-    def _failure(self, event: Event) -> Iterator[str]:
-        if event["state"] != "failed":
-            outputs = ", ".join(event["differs"])
-            yield f"NON-DETERMINISM: {event['task']} (key {event['key'][:12]}) gave other bytes than before: {outputs}"
-            return
-        yield f"error: task {event['task']} failed (key {event['key'][:12]})"
-        yield from (f"    {line}" for line in event["error"].splitlines())
+    def _difference(self, event: Event) -> Iterator[str]:
+        outputs = ", ".join(event["differs"])
+        yield f"NON-DETERMINISM: {event['task']} (key {event['key'][:12]}) gave other bytes than before: {outputs}"
+
+    def _failure(self, event: Event, *others: Event) -> Iterator[str]:
+        """One error, whatever number of tasks met it: what, where in the stage, how to mend it, how to look closer."""
+        file, _, prim = (event["place"] or "").partition(": ")
+        what, *more = event["error"].splitlines() or ["?"]
+        yield f"{file}{': ' if file else ''}error: {what}"
+        yield from (f"    {line}" for line in filter(None, [prim]))
+        yield from (line if line.startswith("    ") else f"    {line}" for line in more)
+        yield f"    task {event['task']} failed (key {event['key'][:12]})"
+        if others:
+            yield f"    so did, alike: {', '.join(other['task'] for other in others)}"
         yield f"    log: {event['log']}"
         spec = event.get("spec")
         again = f"run-task {shlex.quote(spec)}" if spec else f"build {self._again} --until {event['task']} -j1"

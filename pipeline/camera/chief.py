@@ -16,7 +16,10 @@ _TOLERANCE_MM = 1e-12
 _ACCEPTED_MM = 1e-9
 _DIFFERENCE_MM = 1e-4
 _HALVINGS = 10
-_TRIED, _BISECTIONS = 401, 60
+_REACHES, _TRIED, _BISECTIONS = 2.0, 4001, 60
+_TOO_WIDE = (
+    "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
+)
 
 
 def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
@@ -45,7 +48,8 @@ def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.
         crossing = chief_crossings(table, stop_row, points_mm)
         if np.isnan(crossing).any():
             x, y = across[np.argmax(np.isnan(crossing[:, 0]))]
-            raise CameraError(f"no ray from ({x:g}, {y:g}) mm off the axis reaches the centre of the aperture stop")
+            what = f"no ray from ({x:.4g}, {y:.4g}) mm off the axis reaches the centre of the aperture stop"
+            raise CameraError(what, hint=_TOO_WIDE)
         return (crossing - across) / ahead
     # The crossing is an odd, smooth function of the height: trace each height once.
     height = np.hypot(*across.T)
@@ -134,8 +138,7 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray
     -------
     (m,) float64
         Height of the crossing, on the side given by its sign; the secant method ends when the ray meets the stop
-        within 1e-12 mm of its centre, or when it stops improving. Where it fails, as behind fisheyes, the crossing is
-        bisected between rays that pass the stop on either side. [mm]
+        within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is bracketed. [mm]
 
     Raises
     ------
@@ -145,6 +148,19 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray
     rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
     if np.isclose(rear[-1, 0], rear[0, 0]):
         return np.zeros_like(heights)
+    newer, miss = _by_secants(rear, plane_mm, heights)
+    lost = np.flatnonzero(~(np.abs(miss) < _ACCEPTED_MM))
+    for row in lost[np.argsort(-np.abs(heights[lost]))]:  # the hopeless ones first: they end it
+        place = np.broadcast_to(plane_mm, heights.shape)[row]
+        newer[row] = _by_halving(rear, float(place), float(heights[row]))
+        if np.isnan(newer[row]):
+            what = f"no ray from {abs(heights[row]):.4g} mm off the axis reaches the centre of the aperture stop"
+            raise CameraError(what, hint=_TOO_WIDE)
+    return newer
+
+
+def _by_secants(rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Crossings of the rear vertex plane by the secant method, and how far their rays miss the centre of the stop."""
     older, newer = np.zeros_like(heights), heights * 1e-3 + 1e-3
     miss_older, miss_newer = (_stop_height(rear, plane_mm, heights, r) for r in (older, newer))
     for _ in range(_STEPS):
@@ -153,35 +169,31 @@ def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray
         following = np.where(done, newer, newer - miss_newer / np.where(slope == 0, 1.0, slope))
         older, miss_older = newer, miss_newer
         newer, miss_newer = following, _stop_height(rear, plane_mm, heights, following)
-    missed = ~(np.abs(miss_newer) < _ACCEPTED_MM)
-    if missed.any():
-        planes = np.broadcast_to(plane_mm, heights.shape)[missed]
-        newer[missed] = _bisected(rear, planes, heights[missed])
-        miss_newer[missed] = _stop_height(rear, planes, heights[missed], newer[missed])
-    if not np.all(np.abs(miss_newer) < _ACCEPTED_MM):
-        worst = float(heights[np.argmax(~(np.abs(miss_newer) < _ACCEPTED_MM))])
-        raise CameraError(f"no ray from {worst} mm off the axis reaches the centre of the aperture stop")
-    return newer
+    return newer, miss_newer
 
 
-def _bisected(rear: np.ndarray, planes_mm: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Crossings by bisection, (m,); of several the one nearest to the axis, NaN for none up to twice the height."""
-    result = np.full(len(heights), np.nan)
-    for i, (plane_mm, height) in enumerate(zip(planes_mm, heights, strict=True)):
-        tried = height * np.linspace(-2, 2, _TRIED)
-        miss = _stop_height(rear, plane_mm, np.full(_TRIED, height), tried)
-        turns = np.flatnonzero((miss[:-1] < 0) != (miss[1:] < 0))
-        turns = turns[np.isfinite(miss[turns]) & np.isfinite(miss[turns + 1])]
-        if not turns.size:
-            continue
-        first = turns[np.argmin(np.abs(tried[turns]))]
-        low, high, is_rising = tried[first], tried[first + 1], miss[first] < 0
-        for _ in range(_BISECTIONS):
-            middle = (low + high) / 2
-            is_below = bool(_stop_height(rear, plane_mm, np.array([height]), np.array([middle]))[0] < 0) == is_rising
-            low, high = (middle, high) if is_below else (low, middle)
-        result[i] = (low + high) / 2
-    return result
+def _by_halving(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
+    """Where the chief ray of a point crosses the rear vertex plane, where steep rays led the secants astray; NaN: none.
+
+    Of several crossings it is the one nearest to where the centre of the stop seems to stand from near the axis.
+    """
+    near = np.array([1e-3 * height_mm])
+    per_mm = float(_by_secants(rear, plane_mm, near)[0][0] / near[0])
+    reach = _REACHES * float(np.abs(per_mm * height_mm) + np.abs(rear[0, VERTEX] - plane_mm))
+    crossings = np.linspace(-reach, reach, _TRIED)
+    points = np.full(_TRIED, height_mm)
+    miss = _stop_height(rear, plane_mm, points, crossings)
+    ends = np.flatnonzero(miss[1:] * miss[:-1] <= 0)
+    if not len(ends) or not np.isfinite(per_mm):
+        return float("nan")
+    first = ends[np.argmin(np.abs(crossings[ends] - per_mm * height_mm))]
+    low, high, sign = crossings[first], crossings[first + 1], np.sign(miss[first + 1] - miss[first])
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        beyond = sign * _stop_height(rear, plane_mm, points[:1], np.array([middle]))[0] > 0
+        low, high = (low, middle) if beyond else (middle, high)
+    found = _stop_height(rear, plane_mm, points[:1], np.array([high]))[0]
+    return float(high) if abs(found) < _ACCEPTED_MM else float("nan")
 
 
 def _stop_height(

@@ -21,13 +21,14 @@ from pipeline.engine.code import check_kind, code_of, edited, remembering
 from pipeline.engine.files import is_machines_fault, machine_errors
 from pipeline.engine.memory import PeakMeter
 from pipeline.engine.store import DamagedBlob, Store
-from pipeline.errors import EnvironmentFault
+from pipeline.errors import EnvironmentFault, PipelineError
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Numeric libraries must not split sums over threads: their results would depend on the number of cores."""
 
 _logs = threading.Lock()
-_TAIL = 12  # lines of a log that a failure carries
+_LINES = 12  # of an error that a failure carries
+_REPORT = "this is a bug of ours: please report it with the log and your stage"
 
 
 def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> dict[str, Any]:
@@ -57,9 +58,8 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
                 record, differs = _compute(spec, store, packages)
     except (Exception, SystemExit) as error:
         expected = isinstance(error, EnvironmentFault | DamagedBlob)
-        text = f"{error}\n" if expected else "".join(traceback.format_exception(error))
-        _append(log, text)
-        reply: dict[str, Any] = {"name": spec["name"], "state": "failed", "error": _tail(text), "log": str(log)}
+        _append(log, f"{error}\n" if expected else "".join(traceback.format_exception(error)))
+        reply: dict[str, Any] = {"name": spec["name"], "state": "failed", "error": _said(error), "log": str(log)}
         blame = {
             "machine": expected or is_machines_fault(error),
             "damaged": isinstance(error, DamagedBlob) or _lacks_inputs(spec, store),
@@ -210,5 +210,10 @@ def _append(log: Path, text: str) -> None:
             stream.write(text)
 
 
-def _tail(text: str) -> str:
-    return "\n".join(text.strip().splitlines()[-_TAIL:])
+def _said(error: BaseException) -> str:
+    """What a user is told; the traceback is in the log."""
+    if isinstance(error, PipelineError):
+        return str(error)
+    text = "\n".join(f"{type(error).__name__}: {error}".strip(" :\n").splitlines()[-_LINES:])
+    is_ours = not isinstance(error, OSError | MemoryError)
+    return f"{text}\n    hint: {_REPORT}" if is_ours else text

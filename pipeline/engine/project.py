@@ -32,6 +32,8 @@ class Project:
         What `plan` compares with: the last build of the same stage into the same folder.
     reads : tuple of Path
         Files that the project was read from: `watch` looks at them.
+    places : dict
+        Second part of task names, as the camera in `truth/Left/0001` -> where in the stage that stands, for messages.
     """
 
     graph: TaskGraph
@@ -41,6 +43,7 @@ class Project:
     stage_id: str
     findings: dict[str, dict[str, tuple[str, str]]] = field(default_factory=dict)
     reads: tuple[Path, ...] = ()
+    places: dict[str, str] = field(default_factory=dict)
 
     def to_plain(self) -> dict[str, Any]:
         """As JSON values."""
@@ -57,6 +60,7 @@ class Project:
             "out": str(self.out),
             "stage_id": self.stage_id,
             "reads": [str(path) for path in self.reads],
+            "places": self.places,
         }
 
 
@@ -80,6 +84,7 @@ def project_from_plain(plain: dict[str, Any], packages: tuple[str, ...] = TASKS)
         out=Path(plain["out"]),
         stage_id=plain["stage_id"],
         reads=tuple(Path(path) for path in plain["reads"]),
+        places=plain["places"],
     )
 
 

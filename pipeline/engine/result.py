@@ -21,6 +21,8 @@ class Result:
         Wall time of the whole build [s].
     store, store_bytes : Path, int
         Where the results are kept, and the size of all that is kept there.
+    certificate, points : Any
+        What tasks found for the head of the manifest; None if that was not written.
     delivery : Delivery or None
         Changes in the output folder; None if it was not touched, see `untouched`.
     interrupted : int or None
@@ -35,6 +37,7 @@ class Result:
     out: Path
     seconds: float
     certificate: Any
+    points: Any
     tasks: tuple[TaskResult, ...]
     store: Path
     store_bytes: int
@@ -115,7 +118,8 @@ class Result:
         """Plain data, as in outputs of `build --json`."""
         counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
-        whole = {**head, "certificate": self.certificate, "tasks": [task.to_dict() for task in self.tasks]}
+        whole = {**head, "certificate": self.certificate, "points": self.points}
+        whole["tasks"] = [task.to_dict() for task in self.tasks]
         if self.delivery is not None and self.delivery.asked is not None:
             whole["files"] = list(self.delivery.asked)
         return whole if self.error is None else {**whole, "error": str(self.error)}

@@ -33,6 +33,8 @@ class TaskResult:
         None if the task was skipped before its inputs were known.
     machine : bool
         Whether the machine (disk full, …) made it fail.
+    place : str or None
+        Where in the stage stands what a task that failed was about.
     spec : str or None
         Of a task that failed: the file from which `pipeline run-task` repeats it.
     differs : tuple of str
@@ -49,6 +51,7 @@ class TaskResult:
     error: str | None = None
     log: str | None = None
     machine: bool = False
+    place: str | None = None
     spec: str | None = None
     differs: tuple[str, ...] = ()
     peak_bytes: int | None = None
@@ -57,7 +60,7 @@ class TaskResult:
         """As in the summary of a build."""
         facts = {"name": self.name, "kind": self.kind, "state": self.state, "seconds": self.seconds, "key": self.key}
         if self.state == "failed":
-            facts |= {"error": self.error, "log": self.log, "spec": self.spec}
+            facts |= {"error": self.error, "log": self.log, "place": self.place, "spec": self.spec}
         return {**facts, "differs": list(self.differs)} if self.differs else facts
 
 
@@ -86,6 +89,7 @@ def run(
     retries: int = 0,
     timeout_s: float | None = None,
     peaks: dict[str, int] | None = None,
+    places: dict[str, str] | None = None,
     on_event: Emit = silent,
     prepare: Callable[[], None] | None = None,
 ) -> Outcome:
@@ -107,6 +111,8 @@ def run(
         A task that takes longer has failed [s].
     peaks : dict, optional
         Memory that tasks of each kind took earlier [bytes]: no more of them start together than fit.
+    places : dict, optional
+        `Project.places`.
     prepare : callable, optional
         Called once in this process before the first task runs, and not at all if none has to.
     """
@@ -123,6 +129,7 @@ def run(
         force=set(force),
         retries=retries,
         budget=Budget(available_bytes(), peaks),
+        places=places or {},
         on_event=on_event,
         prepare=prepare,
     )
@@ -146,12 +153,13 @@ class _Driver:
         force: set[str],
         retries: int,
         budget: Budget,
+        places: dict[str, str],
         on_event: Emit,
         prepare: Callable[[], None] | None,
     ) -> None:
         self.graph, self.store, self.engine = graph, store, engine
         self.keep_going, self.force, self.on_event, self.prepare = keep_going, force, on_event, prepare
-        self.retries, self.budget = retries, budget
+        self.retries, self.budget, self.places = retries, budget, places
         self.outcome = Outcome()
         self._specs = Specs(store)
         self._running: dict[str, Spec] = {}
@@ -235,6 +243,7 @@ class _Driver:
         self._broken = self._broken or bool(reply.get("machine"))
         kind, record = self.graph[name].short_kind, reply.get("record")
         if reply["state"] == "failed":
+            facts["place"] = self.places.get(name.split("/")[1]) if "/" in name else None
             facts["spec"] = self.store.keep_spec(spec.key, spec.to_plain())
         if reply["state"] == "executed" and record is not None:
             facts["peak_bytes"] = record["made_by"].get("peak_bytes", 0)

@@ -75,7 +75,7 @@ def build(
     emit(_begin(project, graph, _jobs(jobs)))
     history = _history(project, store)
     options: dict[str, Any] = {"jobs": _jobs(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
-    options |= {"keep_going": keep_going, "prepare": prepare, "peaks": history["peaks"]}
+    options |= {"keep_going": keep_going, "prepare": prepare, "peaks": history["peaks"], "places": project.places}
 
     def place() -> Engine | None:
         return engine(store, graph.packages) if engine else None
@@ -111,6 +111,7 @@ def build(
         out=project.out.absolute(),
         seconds=time.perf_counter() - start,
         certificate=head.get("certificate"),
+        points=head.get("points"),
         tasks=tuple(outcome.results[name] for name in graph),
         store=store.root,
         store_bytes=_within_limit(store, limit_bytes, warn),

@@ -9,6 +9,8 @@ def lines(cameras: dict[str, dict[str, Any]]) -> list[str]:
     for name, found in sorted(cameras.items()):
         claim = "no claim" if found["claim_px"] is None else f"claim {found['claim_px']:g} px"
         text.append(f"certificate of {name}: {_verdict(found)} ({claim})")
+        if not found["of"]:
+            continue
         text.append("  rows        mean px    rms px     max px     own sigma")
         text.append(f"  {found['rows']:4d} of {found['of']:<6d}{_figures(found)}  {found['own_sigma_px']:.1e}")
         for part in found["by_distance_from_cell_edge"]:
@@ -25,7 +27,9 @@ def failed(cameras: dict[str, dict[str, Any]] | None) -> bool:
     return any(found["passed"] is False for found in (cameras or {}).values())
 
 
-def _verdict(found: dict[str, Any]) -> str:
+def _verdict(found: dict[str, Any]) -> Any:
+    if not found["of"]:
+        return found["reason"]
     if found["passed"] is None:
         return "no verdict"
     return "passed" if found["passed"] else f"FAILED, {found['reason']}"

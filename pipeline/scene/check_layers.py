@@ -29,7 +29,8 @@ _NUMBERS = {
 def check_layers(stage: Usd.Stage) -> list[Problem]:
     """Problems of the layers themselves."""
     numbers = list(_check_numbers(stage))
-    return [*_check_root(stage), *(numbers or _check_alike(stage)), *_check_repeated(stage)]
+    alike = numbers or _check_alike(stage)
+    return [*_check_root(stage), *alike, *_check_repeated(stage), *_check_cut(stage)]
 
 
 def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
@@ -87,4 +88,17 @@ def _check_repeated(stage: Usd.Stage) -> Iterator[Problem]:
                 line=line,
                 at=path,
                 hint="USD keeps the last one without a word; remove one",
+            )
+
+
+def _check_cut(stage: Usd.Stage) -> Iterator[Problem]:
+    for layer in used_layers(stage):
+        for path, what, taken, line in text_map(layer.realPath).cut:
+            yield Problem(
+                code="not-whole",
+                message=what,
+                file=shown_path(layer.realPath),
+                line=line,
+                at=path or None,
+                hint=f"USD would take {taken} without a word",
             )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import numpy as np
 from pxr import Usd
 
 from pipeline.scene.check_properties import check_properties
@@ -11,6 +12,7 @@ from pipeline.scene.reading_targets import SHAPES, read_target
 from pipeline.scene.values import UnreadableValue, read, target
 from pipeline.target.errors import TargetError
 from pipeline.target.mesh import MeshTarget
+from pipeline.target.target import AnyTarget
 
 OFF_MESH_MM = 1e-3
 """A marked point this far from its mesh is drawn elsewhere than the truth says."""
@@ -35,8 +37,23 @@ def check_target(prim: Usd.Prim) -> Iterator[Problem]:
     except TargetError as error:
         yield problem(prim, error.code, error.what, hint=error.hint)
         return
+    yield from _check_contrast(prim, record)
     if isinstance(record, MeshTarget):
         yield from _check_on_mesh(prim, record)
+
+
+def _check_contrast(prim: Usd.Prim, record: AnyTarget) -> Iterator[Problem]:
+    """A target that shines nowhere, or everywhere alike: its images show nothing of it."""
+    white = prim.GetAttribute("plen:white")
+    if isinstance(record, MeshTarget):
+        if not np.any(record.albedo):
+            message = "the mesh is dark all over: its images are black"
+            yield problem(
+                white, "no-contrast", message, hint="write a plen:white and colours above 0", severity="warning"
+            )
+    elif record.pattern.white == record.pattern.black:
+        message = f"white and black of the pattern are the same, {record.pattern.white:g}: its images show no pattern"
+        yield problem(white, "no-contrast", message, hint="the fallbacks are 1 and 0", severity="warning")
 
 
 def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:

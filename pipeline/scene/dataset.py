@@ -35,6 +35,8 @@ class CameraEntry:
         Path of the camera prim below the dataset's root with "/" replaced by ".": it stands in every table.
     prim_path : str
         Of the camera on the composed stage, for messages.
+    file, line : str or None, int or None
+        Where it is written, for messages.
     lens_name : str
         `plen:name` of the lens, or its prim name; for reports only.
     index_source : str
@@ -64,6 +66,8 @@ class CameraEntry:
     image_samples: int
     extent: str = "tiles"
     f_numbers: tuple[float, ...] = ()
+    file: str | None = field(default=None, compare=False)
+    line: int | None = field(default=None, compare=False)
 
     @cached_property
     def camera(self) -> Camera:

@@ -5,11 +5,14 @@ value stands, the text is scanned once more: names, brackets and strings are eno
 """
 
 import re
+import zipfile
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
 from pxr import Ar
+
+from pipeline.scene.whole_numbers import SUFFIX, CutNumbers
 
 _TOKEN = re.compile(
     r'''(?P<string>"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'
@@ -25,7 +28,6 @@ _TOKEN = re.compile(
 )
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
 _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
-_SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
 
 
 @dataclass(slots=True)
@@ -44,6 +46,8 @@ class TextMap:
         Where in the text, as a number of characters, the "{" of each prim ends; of "" the "(" of the layer's metadata.
     metadata : dict
         Line of what is set for the whole layer.
+    cut : list
+        (path, what, what USD would take, line) of numbers that USD would cut to whole ones.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
@@ -51,6 +55,7 @@ class TextMap:
     assets: dict[str, int] = field(default_factory=dict)
     bodies: dict[str, int] = field(default_factory=dict)
     metadata: dict[str, int] = field(default_factory=dict)
+    cut: list[tuple[str, str, str, int]] = field(default_factory=list)
 
 
 def line_of(file: str | Path, spec_path: str) -> int | None:
@@ -71,20 +76,40 @@ def sample_key(time: float) -> str:
 
 
 def text_map(file: str | Path) -> TextMap:
-    """Map of a .usda file; empty for what is not text."""
-    path = Path(file)
+    """Map of a .usda file, or of a member of a package; empty for what is not text."""
     # USD means a member of a package by package.usdz[member], whatever file may have that name.
-    if Ar.IsPackageRelativePath(str(file)) or not path.is_file():
-        return TextMap()
-    with path.open("rb") as stream:
-        if stream.read(5) != b"#usda":
-            return TextMap()
-    return _scanned(str(path), path.stat().st_mtime_ns)
+    path = Path(Ar.SplitPackageRelativePathOuter(str(file))[0] if Ar.IsPackageRelativePath(str(file)) else file)
+    return _scanned(str(file), path.stat().st_mtime_ns) if path.is_file() else TextMap()
 
 
 @lru_cache(maxsize=64)
 def _scanned(path: str, _mtime_ns: int) -> TextMap:
-    return _Scanner().scan(Path(path).read_text(encoding="utf-8", errors="replace"))
+    data = _member(path) if Ar.IsPackageRelativePath(path) else _content(Path(path))
+    return _Scanner().scan(data.decode("utf-8", errors="replace")) if data.startswith(b"#usda") else TextMap()
+
+
+def _content(path: Path) -> bytes:
+    """Bytes of a file that is text; of a package those of its first member, which is what the package stands for."""
+    with path.open("rb") as stream:
+        head = stream.read(5)
+    if head == b"#usda":
+        return path.read_bytes()
+    if head[:2] == b"PK" and (names := _members(path)):
+        return _member(Ar.JoinPackageRelativePath([str(path), names[0]]))
+    return b""
+
+
+def _members(path: Path) -> list[str]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.namelist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return []
+
+
+def _member(path: str) -> bytes:
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
+    return bytes(asset.GetBuffer()) if asset else b""
 
 
 class _Scanner:
@@ -103,6 +128,7 @@ class _Scanner:
         self.samples: str | None = None  # a property whose timeSamples wait for their "{"
         self.number: tuple[str, int] | None = None  # the number before a ":"
         self.end = 0  # of the token, in the text
+        self.values = CutNumbers(self.map.cut)
 
     def scan(self, text: str) -> TextMap:
         line, position = 1, 0
@@ -113,6 +139,7 @@ class _Scanner:
         return self.map
 
     def _token(self, kind: str, token: str, line: int) -> None:
+        self.values.token(kind, token, line, len(self.stack))
         if kind == "word":
             self.words.append((token, line))
         elif kind == "number":
@@ -152,6 +179,7 @@ class _Scanner:
                 self.stack.pop()
         elif token == "=":
             self._property()
+            self.values.begin(self._path(), len(self.stack))
         elif token == ":":
             self._sample()
         else:
@@ -179,7 +207,7 @@ class _Scanner:
         if len(self.words) < 2 or not path:
             return
         name, line = self.words[-1]
-        bare = _SUFFIX.sub("", name)
+        bare = SUFFIX.sub("", name)
         self.map.lines.setdefault(f"{path}.{bare}", line)
         edit = next((word for word, _ in self.words if word in _LIST_EDITS), "")
         self._note(f"{path}.{bare}", f"{edit} {name}".strip(), f'"{name}" is written twice', line)

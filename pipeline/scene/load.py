@@ -9,7 +9,9 @@ from pxr import Tf
 from pipeline.scene.asset_roots import allowed_roots, file_of
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
+from pipeline.scene.check_doubts import check_doubts
 from pipeline.scene.check_layers import used_layers
+from pipeline.scene.check_seen import check_seen
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.flatten import flattened, write_out_instances
 from pipeline.scene.hints import without_followers
@@ -57,7 +59,7 @@ class Loaded:
         return [problem for problem in self.problems if problem.is_error]
 
 
-def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
+def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False) -> Loaded:
     """Open, check and read a stage; never raises for what is wrong with it.
 
     Parameters
@@ -66,9 +68,11 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
         A dataset, or any part of one: a lens, a rig.
     allow_roots : iterable of str or Path
         Folders that the stage may read from, besides its project and the shipped library.
+    look : bool
+        Also trace some rays to say what a camera does not see, and parts that hardly belong together: `pipeline check`.
     """
     try:
-        return _loaded(Path(path), allowed_roots(Path(path), allow_roots))
+        return _loaded(Path(path), allowed_roots(Path(path), allow_roots), look)
     except StageError as error:
         return Loaded(dataset=None, problems=error.problems, flattened="")
     except (Tf.ErrorException, UnicodeDecodeError) as error:
@@ -78,7 +82,7 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
         return Loaded(dataset=None, problems=[found], flattened="")
 
 
-def _loaded(path: Path, roots: list[Path]) -> Loaded:
+def _loaded(path: Path, roots: list[Path], look: bool) -> Loaded:
     if problems := refusals(path, roots):
         return Loaded(dataset=None, problems=problems, flattened="")
     stage, problems = open_stage(path)
@@ -90,6 +94,12 @@ def _loaded(path: Path, roots: list[Path]) -> Loaded:
     root = find_dataset(stage)
     dataset = read_dataset(root) if root else None
     cameras, targets = read_camera_entries(stage), read_target_entries(stage)
+    if look:
+        problems += check_doubts(stage, cameras)
+        if not loaded.errors and dataset:
+            problems += check_seen(stage, dataset)
+        if loaded.errors:
+            return loaded
     occluders = {entry.prim_path for entry in dataset.occluders} if dataset else set[str]()
     return Loaded(
         dataset=dataset,

@@ -1,11 +1,12 @@
 """What can be wrong with a stage, as data and as text."""
 
-from collections.abc import Iterable
+import contextlib
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import UsageError
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.spelling import did_you_mean
 
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
@@ -75,6 +76,18 @@ class StageError(UsageError):
     def told(self) -> str:
         """As the command prints it: every problem says itself whether it is an error."""
         return str(self)
+
+
+@contextlib.contextmanager
+def blamed_on(file: str | None, line: int | None, at: str) -> Iterator[None]:
+    """An error of what a prim stands for becomes a problem of the stage, at the prim."""
+    try:
+        yield
+    except (UsageError, EnvironmentFault):
+        raise
+    except PipelineError as error:
+        problem = Problem(code="impossible", message=error.what, file=file, line=line, at=at, hint=error.hint)
+        raise StageError([problem]) from error
 
 
 def shown_path(path: str | Path) -> str:

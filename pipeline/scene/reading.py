@@ -13,6 +13,7 @@ from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
 from pipeline.scene.media import index_source, with_indices
 from pipeline.scene.microlenses import read_microlenses
+from pipeline.scene.places import place
 from pipeline.scene.poses import inverse, product, world_from
 from pipeline.scene.reading_occluders import is_visible, read_occluder_entry
 from pipeline.scene.reading_targets import read_target_entry
@@ -112,6 +113,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     """A camera of the dataset with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
+    file, line = place(prim)
     return CameraEntry(
         name=camera_name(prim, root),
         prim_path=str(prim.GetPath()),
@@ -129,6 +131,8 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         image_samples=need(prim, "plen:image:samples"),
         extent=need(prim, "plen:truth:extent"),
         f_numbers=tuple(need(prim, "plen:image:fNumbers")),
+        file=file,
+        line=line,
     )
 
 

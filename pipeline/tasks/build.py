@@ -74,10 +74,14 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None) -> Project:
         graph=graph,
         files=files,
         head=head,
-        findings={"certificate": certificates},
+        findings={
+            "certificate": certificates,
+            "points": {name: (task, "points.json") for name, (task, _) in certificates.items()},
+        },
         out=Path(out) if out else default_out(path),
         stage_id=str(path.resolve()),
         reads=loaded.files,
+        places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
     )
 
 

@@ -1,5 +1,7 @@
-"""Task `certificate`: a sample of a camera's correspondences in all frames, solved again with the other rule."""
+"""Task `certificate`: a sample of a camera's correspondences in all frames, solved again with the other rule; and how
+many points of each target the camera sees in each frame."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,25 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     ]
     rig = Rig(tracer, images, params["square_px"])
     write_json(out / "certificate.json", certificate(rig, tables, params["claim_px"], params["seed"]))
+    numbers = [frame["number"] for frame in params["frames"]]
+    write_json(out / "points.json", points_seen(numbers, tables))
+
+
+def points_seen(numbers: list[int], tables: list[tuple[list[dict[str, Any]], Table]]) -> dict[str, Any]:
+    """Points of each target, and per frame how many of them have a row, and rows: plain data for the manifest."""
+    of = {
+        entry["name"]: len(target_from_plain(entry["target"]).points().kinds)
+        for targets, _ in tables[:1]
+        for entry in targets
+    }
+    frames = []
+    for number, (_, table) in zip(numbers, tables, strict=True):
+        found = set(zip(table.columns["target"], table.columns["point_id"], strict=True))
+        seen = Counter(target for target, _ in found)
+        frames.append(
+            {"frame": number, "rows": len(table.columns["target"]), "seen": {name: seen[name] for name in of}}
+        )
+    return {"of": of, "frames": frames}
 
 
 def certificate(

@@ -14,6 +14,7 @@ from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
 from pipeline.records import to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.scene.problems import blamed_on
 from pipeline.tasks.baselines import BASELINES
 from pipeline.tasks.frame_tasks import KIND, FrameTasks, image_params
 from pipeline.tasks.poses import targets_json
@@ -28,12 +29,13 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
     for camera in dataset.cameras:
-        _add_camera(graph, files, camera)
-        tasks = FrameTasks(graph, files, dataset, camera, painted, bare)
-        for frame in dataset.frames:
-            tasks.add(frame)
-        tasks.add_poses()
-        certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
+        with blamed_on(camera.file, camera.line, camera.prim_path):
+            _add_camera(graph, files, camera)
+            tasks = FrameTasks(graph, files, dataset, camera, painted, bare)
+            for frame in dataset.frames:
+                tasks.add(frame)
+            tasks.add_poses()
+            certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
     return graph, files, certificates

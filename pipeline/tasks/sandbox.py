@@ -68,7 +68,7 @@ def _answer(question: dict[str, Any]) -> dict[str, Any]:
     from pipeline.tasks.build import project_from
 
     path, out = Path(question["path"]), question["out"] if question.get("out") else None
-    loaded = load(path, question["allow_roots"])
+    loaded = load(path, question["allow_roots"], look=bool(question.get("check")))
     if question.get("check"):
         return {"problems": [{**problem.to_dict(), "text": str(problem)} for problem in loaded.problems]}
     try:

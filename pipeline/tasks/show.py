@@ -19,7 +19,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.report import drawing, text
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
-from pipeline.scene.problems import Problem, StageError, shown_path
+from pipeline.scene.problems import Problem, StageError, blamed_on, shown_path
 from pipeline.tasks.chosen import chosen
 from pipeline.tasks.first_order import CONVENTIONS, document
 from pipeline.tasks.graph import labels_of
@@ -73,7 +73,9 @@ class Shown:
 
     def plot(self, path: Path) -> None:
         """Write the drawing of the lens."""
-        path.write_text(drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}"), encoding="utf-8")
+        with blamed_on(self.entry.file, self.entry.line, self.entry.prim_path):
+            picture = drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}")
+        path.write_text(picture, encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,15 @@ def show(
         file = shown_path(Path(path).resolve())
         raise StageError([Problem(code="no-camera", message="the stage holds no camera", file=file, line=1, hint=hint)])
     wanted = loaded.cameras if camera is None else [loaded.cameras[chosen(path, "camera", names, camera)]]
-    return [Shown(entry, loaded.problems) for entry in wanted]
+    return [_shown(entry, loaded.problems) for entry in wanted]
+
+
+def _shown(entry: CameraEntry, problems: list[Problem]) -> Shown:
+    """One camera, whose figures are made here, where the place of what cannot be is known."""
+    with blamed_on(entry.file, entry.line, entry.prim_path):
+        shown = Shown(entry, problems)
+        _ = shown.document, shown.curves
+    return shown
 
 
 def plain_json(shown: list[Shown | ShownLens]) -> str:

@@ -23,6 +23,8 @@ WORST = 5.0
 """No row may differ by more than so many claims."""
 SHARPER = 3.0
 """The certificate's own standard error must be so many times smaller than the claim."""
+NOTHING = "nothing to certify: the tables have no row"
+"""Why there is no verdict where no point was seen."""
 NO_CLAIM_PX = 1e-3
 """What is aimed at where nothing is claimed."""
 
@@ -91,6 +93,8 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
             for low, high, here in _bins(edge_distance_px(rig, rows))
         ],
     }
+    if not of:
+        return {**document, "passed": None, "reason": NOTHING}
     if claim_px is None:
         return {**document, "passed": None, "reason": "the method makes no claim"}
     reason = _against(length, own, claim_px)

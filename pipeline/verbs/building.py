@@ -177,6 +177,8 @@ def build(
         for file in ("",) if result.delivery.asked is None else result.delivery.asked:
             say(str(result.out / file))
     is_quiet = quiet > verbose
+    if not is_quiet:
+        _say_points(result.points)
     raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=is_quiet) else 0))
 
 
@@ -285,6 +287,7 @@ _NOTHING: dict[str, Any] = {
     **dict.fromkeys(("executed", "cached", "failed", "skipped"), 0),
     "seconds": 0.0,
     "certificate": None,
+    "points": None,
     "tasks": [],
 }
 
@@ -296,6 +299,14 @@ def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
     for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
         note(line)
     return failed(cameras)
+
+
+def _say_points(cameras: Any) -> None:
+    """How many points are seen in which frames, to stderr."""
+    from pipeline.report.points import lines
+
+    for line in lines(cameras or {}):
+        note(line)
 
 
 def _run(stage: Path, arguments: dict[str, Any], events: Path | None, verbosity: int, again: str) -> Any:

@@ -81,7 +81,7 @@ def test_json_is_one_object_as_the_contract_says(pipeline, stage, tmp_path):
     code, output, _ = pipeline("build", stage(), "-j2", "--json", "-o", "here")
     summary = json.loads(output)
     assert code == 0 and summary["out"] == str(tmp_path / "here")
-    assert list(summary) == ["stage", "out", *STATES, "seconds", "certificate", "tasks"]
+    assert list(summary) == ["stage", "out", *STATES, "seconds", "certificate", "points", "tasks"]
     assert [summary[state] for state in STATES] == [5, 0, 0, 0]
     assert all(set(task) == {"name", "kind", "state", "seconds", "key"} for task in summary["tasks"])
     _, output, _ = pipeline("build", stage(), "--json", "-o", "here")
@@ -94,7 +94,8 @@ def test_a_failure_says_task_key_log_and_the_command_to_repeat_it(pipeline, stag
     assert (code, output) == (1, "")
     key = json.loads(pipeline("plan", stage(project=failing(tmp_path)), "--json")[1])["tasks"][0]["key"]
     assert f"task fail failed (key {key[:12]})" in log
-    assert "ValueError: the flag is not there" in log and f"{key}.log" in log
+    assert "ValueError: the flag is not there\n    hint: this is a bug of ours" in log and f"{key}.log" in log
+    assert "Traceback" not in log
     spec = re.search(r"again: pipeline run-task (\S+)", log)[1]
     code, _, log = pipeline("run-task", spec)
     assert code == 1 and "about to look" in log and "ValueError: the flag is not there" in log

@@ -1,6 +1,7 @@
 """Claim: `pipeline verify` believes a build and disbelieves a tampered one, from the output folder alone."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pipeline
 from pipeline.errors import UsageError
 from pipeline.files.exr import read_exr
 from pipeline.report.certificate import failed, lines
+from pipeline.report.points import lines as point_lines
 from pipeline.tasks.verify import verify
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
@@ -88,3 +90,49 @@ def test_weight_and_footprint_travel_into_every_file_and_the_judge_reads_them(tm
     white = read_exr(out / "cameras/Rig.Camera/white.exr")["white"].attributes
     assert float(white["W_ref_mm2"]) > 1 and "dA in the sampling plane" in white["content"]
     assert verify(out, seed=4).agrees
+
+
+def test_a_build_that_sees_nothing_certifies_nothing(tmp_path, monkeypatch, common_store):
+    """The board shows its back in both frames: no frame is called seen, and nothing is called passed."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    stage = tmp_path / "dataset.usda"
+    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
+    for number, pose in ((1, "(0.9990482215818578, 0, 0, 0.043619387365336)"), (2, "(0.9762960071199334, 0, 0.2164")):
+        text = re.sub(rf"{number}: {re.escape(pose)}[^\n]*", f"{number}: (0, 0, 1, 0),", text)
+    stage.write_text(text, encoding="utf-8")
+    result = pipeline.build(stage, tmp_path / "out", jobs=1)
+    frames = [{"frame": number, "rows": 0, "seen": {"Board": 0}} for number in (1, 2)]
+    assert result.exit_code == 0
+    assert result.points == {"Rig.Camera": {"of": {"Board": 6}, "frames": frames}}
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["points"] == result.to_dict()["points"] == result.points
+    assert point_lines(result.points)[-1].startswith("warning: Rig.Camera sees no point in all frames")
+    for found in (result.certificate, verify(tmp_path / "out").cameras):
+        assert found["Rig.Camera"]["passed"] is None and not failed(found)
+        assert lines(found) == [
+            "certificate of Rig.Camera: nothing to certify: the tables have no row (claim 0.001 px)"
+        ]
+
+
+def test_points_per_frame_are_a_table_or_for_many_frames_a_summary():
+    counts = {1: 28, 2: 0, 3: 0, 4: 17}
+
+    def cameras(numbers):
+        rows = [{"frame": n, "rows": counts[n], "seen": {"Board": counts[n]}} for n in numbers]
+        return {"Left": {"of": {"Board": 28}, "frames": rows}}
+
+    assert point_lines(cameras(counts)) == [
+        "  frame  Left Board   (points seen)",
+        "      1  28 of 28",
+        "      2  0 of 28",
+        "      3  0 of 28",
+        "      4  17 of 28",
+        "warning: Left sees no point in frames 2-3: `pipeline check` says why",
+    ]
+    counts |= dict.fromkeys(range(5, 1001), 28) | {7: 12}
+    assert point_lines(cameras(counts)) == [
+        "points seen in 1000 frames:",
+        "  Left Board: all 28 in 996 frames; median 28; fewest 0, in frame 2",
+        "warning: Left sees no point in frames 2-3: `pipeline check` says why",
+    ]
+    assert point_lines({}) == []

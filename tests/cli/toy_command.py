@@ -35,7 +35,7 @@ class Problem:
         return {"severity": self.severity, "message": self.text}
 
 
-def load(path, allow_roots=()):
+def load(path, allow_roots=(), *, look=False):
     """Problems of a stage."""
     if not path.exists():
         raise UsageError(f"{path} does not exist")

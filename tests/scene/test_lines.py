@@ -1,6 +1,7 @@
 """From a path on the stage to a line of text."""
 
 import pytest
+from pxr import Sdf, Tf
 
 from pipeline.scene.lines import line_of, sample_key, text_map
 
@@ -98,3 +99,39 @@ def test_a_file_that_is_not_text_has_no_lines(tmp_path):
 
     assert line_of(path, "/A") is None
     assert line_of(tmp_path / "nowhere.usda", "/A") is None
+
+
+LITERALS = ("7", "-7", "7.5", "-0.5", "7.0", "7.", "1e3", "2.5e-1", "0", "1", "2", "0.5", "1.0")
+
+
+@pytest.mark.parametrize(
+    "spelling", ["{} x = {}", "{}[] x = [{}]", "{} [] x = [{}]", "{} x.timeSamples = {{ 0.5: {} }}"]
+)
+@pytest.mark.parametrize("kind", ["int", "uint", "int64", "bool"])
+def test_a_number_is_cut_where_usd_reads_another_one(tmp_path, kind, spelling):
+    """Sdf itself is asked what it makes of each literal; uint takes no sign, and USD says so itself."""
+    changed = []
+    for number, literal in enumerate(LITERALS):
+        path = tmp_path / f"a{number}.usda"
+        path.write_text(f'#usda 1.0\ndef "A"\n{{\n    {spelling.format(kind, literal)}\n}}\n')
+        try:
+            layer = Sdf.Layer.FindOrOpen(path.as_posix())
+        except Tf.ErrorException:
+            assert (kind, literal[0]) == ("uint", "-")
+            continue
+        value = layer.QueryTimeSample("/A.x", 0.5) if "timeS" in spelling else layer.GetAttributeAtPath("/A.x").default
+        read = float(value[0] if "[" in spelling else value)
+        changed.append(read != float(literal))
+        assert [line for *_, line in text_map(path).cut] == ([4] if read != float(literal) else [])
+    assert True in changed and False in changed
+
+
+def test_the_first_layer_of_a_package_is_looked_through(tmp_path):
+    inner, package = tmp_path / "inner.usda", tmp_path / "p.usdz"
+    inner.write_text('#usda 1.0\ndef "A"\n{\n    int x = 7.5\n}\n')
+    writer = Sdf.ZipFileWriter.CreateNew(package.as_posix())
+    writer.AddFile(inner.as_posix(), "inner.usda")
+    writer.Save()
+
+    assert [line for *_, line in text_map(package).cut] == [4]
+    assert [line for *_, line in text_map(f"{package}[inner.usda]").cut] == [4]

@@ -1,0 +1,104 @@
+"""A few rays through a table of surfaces, by NumPy: for checks, which cannot wait for a compiler.
+
+The same laws as `optics.kernels`, written for whole arrays; what a build computes comes from the kernels alone.
+"""
+
+import numpy as np
+
+from pipeline.frames import apply, inverse
+from pipeline.optics.table import (
+    COEFFICIENTS,
+    CONIC,
+    CURVATURE,
+    EDGES,
+    FIRST_EDGE,
+    INDEX_RATIO,
+    INNER_SQUARED,
+    ODD,
+    POSE,
+    SEMI_DIAMETER_SQUARED,
+    TERMS,
+    VERTEX,
+    motion_of,
+)
+
+_STEPS, _RESIDUAL_MM = 8, 1e-9
+
+
+def traced(
+    table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays behind all surfaces: points on the last one and unit directions, (n, 3) each, and which passed, (n,) bool.
+
+    Parameters
+    ----------
+    table : (n, columns) float64
+        From `optics.table`.
+    position_mm, direction : (n, 3) float64
+        Points on the rays and unit directions with a positive z, in the frame of the table.
+    """
+    position, alive = position_mm, np.ones(len(position_mm), bool)
+    with np.errstate(all="ignore"):  # rays that miss go on as NaN
+        for row in table:
+            motion = motion_of(row) if row[POSE] else None
+            if motion is not None:
+                back = inverse(motion)
+                position, direction = apply(back, position), direction @ back[:3, :3].T
+            position = position + ((row[VERTEX] - position[:, 2]) / direction[:, 2])[:, None] * direction
+            position, direction, passed = (
+                _ideal(row, position, direction) if row[TERMS] < 0 else _crossed(row, position, direction)
+            )
+            alive &= passed & _is_inside(row, position)
+            if motion is not None:
+                position, direction = apply(motion, position), direction @ motion[:3, :3].T
+    return position, direction, alive
+
+
+def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """From the vertex plane to the surface, and refracted there by Snell's law in vectors.
+
+    With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its normal.
+    """
+    c, bulge, mu = row[CURVATURE], 1.0 + row[CONIC], row[INDEX_RATIO]
+    across, dz = np.sum(start[:, :2] * direction[:, :2], axis=1), direction[:, 2]
+    f, g = c * np.sum(start[:, :2] ** 2, axis=1), dz - c * across
+    path = f / (g + np.sqrt(g * g - c * (1.0 + row[CONIC] * dz * dz) * f))
+    for _ in range(_STEPS if row[TERMS] else 0):
+        value, normal = _surface(row, c, bulge, start + path[:, None] * direction)
+        path = path - value / np.sum(normal * direction, axis=1)
+    point = start + path[:, None] * direction
+    value, normal = _surface(row, c, bulge, point)
+    squared, along = np.sum(normal**2, axis=1), np.sum(normal * direction, axis=1)
+    root = squared - mu * mu * (squared - along * along)
+    bent = mu * direction + ((np.sqrt(root) - mu * along) / squared)[:, None] * normal
+    met = (np.abs(value) <= _RESIDUAL_MM * np.abs(normal[:, 2])) & (normal[:, 2] > 0) & (along >= 0)
+    return point, bent, met & (root >= 0)
+
+
+def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """F at points and its gradient there."""
+    r2 = np.sum(point[:, :2] ** 2, axis=1)
+    coefficients = row[COEFFICIENTS : COEFFICIENTS + int(row[TERMS])]
+    v, share = (np.sqrt(r2), 0.5) if row[ODD] else (r2, 1.0)
+    polynomial = np.polynomial.Polynomial([*coefficients, 0.0])
+    p, dp = polynomial(v), polynomial.deriv()(v)
+    w = point[:, 2] - row[VERTEX] - r2 * p
+    upright = 1.0 - c * bulge * w
+    slope = c + 2.0 * upright * (p + share * v * dp)
+    normal = np.column_stack([-slope * point[:, 0], -slope * point[:, 1], upright])
+    return w - c * (r2 + bulge * w * w) / 2, normal
+
+
+def _ideal(row: np.ndarray, point: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Turned on the plane of an ideal thin lens."""
+    slope = direction[:, :2] / direction[:, 2:] - row[COEFFICIENTS] * point[:, :2]
+    bent = np.column_stack([slope, np.ones(len(slope))])
+    return point, bent / np.linalg.norm(bent, axis=1, keepdims=True), np.ones(len(point), bool)
+
+
+def _is_inside(row: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Whether points lie in the aperture of their surface."""
+    r2 = np.sum(point[:, :2] ** 2, axis=1)
+    inside = (r2 <= row[SEMI_DIAMETER_SQUARED]) & (r2 >= row[INNER_SQUARED])
+    edges = row[int(row[FIRST_EDGE]) :][: 3 * int(row[EDGES])].reshape(-1, 3)
+    return inside & (point[:, :2] @ edges[:, :2].T <= edges[:, 2]).all(axis=1)

@@ -1,0 +1,68 @@
+"""How many points of each target were seen in each frame, in lines for a terminal."""
+
+from typing import Any
+
+from pipeline.ranges import frames_in_words
+
+_ROWS = 20
+"""A table of more frames is no table that anybody reads: its columns are summarised."""
+
+
+def lines(cameras: dict[str, dict[str, Any]]) -> list[str]:
+    """A table with a row per frame and a column per camera and target, and which frames are blank.
+
+    Parameters
+    ----------
+    cameras : dict
+        Camera name -> {of: points per target, frames: list of {frame, rows, seen: points with a row per target}}.
+    """
+    columns = [(camera, target) for camera, found in sorted(cameras.items()) for target in sorted(found["of"])]
+    numbers = sorted({row["frame"] for found in cameras.values() for row in found["frames"]})
+    if not columns or not numbers:
+        return []
+    seen = {
+        (camera, target): {row["frame"]: row["seen"][target] for row in cameras[camera]["frames"]}
+        for camera, target in columns
+    }
+    of = {(camera, target): cameras[camera]["of"][target] for camera, target in columns}
+    text = _table(numbers, seen, of) if len(numbers) <= _ROWS else _summary(numbers, seen, of)
+    return [*text, *_blank(cameras, numbers)]
+
+
+def _table(
+    numbers: list[int], seen: dict[tuple[str, str], dict[int, int]], of: dict[tuple[str, str], int]
+) -> list[str]:
+    heads = [f"{camera} {target}" for camera, target in seen]
+    width = max(5, *(len(str(number)) for number in numbers))
+    text = [f"  {'frame':>{width}}  {'  '.join(heads)}   (points seen)"]
+    for number in numbers:
+        cells = (f"{seen[key][number]} of {of[key]}" for key in seen)
+        padded = (f"{cell:<{len(head)}}" for cell, head in zip(cells, heads, strict=True))
+        text.append(f"  {number:>{width}}  {'  '.join(padded).rstrip()}")
+    return text
+
+
+def _summary(
+    numbers: list[int], seen: dict[tuple[str, str], dict[int, int]], of: dict[tuple[str, str], int]
+) -> list[str]:
+    text = [f"points seen in {len(numbers)} frames:"]
+    for (camera, target), counts in seen.items():
+        values = sorted(counts.values())
+        whole = sum(value == of[camera, target] for value in values)
+        fewest = min(counts, key=lambda number: (counts[number], number))
+        text.append(
+            f"  {camera} {target}: all {of[camera, target]} in {whole} frames; median {values[len(values) // 2]};"
+            f" fewest {counts[fewest]}, in frame {fewest}"
+        )
+    return text
+
+
+def _blank(cameras: dict[str, dict[str, Any]], numbers: list[int]) -> list[str]:
+    """Frames in which a camera sees no point at all."""
+    text = []
+    for camera, found in sorted(cameras.items()):
+        blank = [row["frame"] for row in found["frames"] if not row["rows"]]
+        if blank:
+            which = "all frames" if len(blank) == len(numbers) else frames_in_words(blank)
+            text.append(f"warning: {camera} sees no point in {which}: `pipeline check` says why")
+    return text

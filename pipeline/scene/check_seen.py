@@ -1,0 +1,165 @@
+"""Whether anything of a target can be seen: in which frames an image of it would be blank, and why.
+
+On records, after all other checks: a few rays per point, as `camera.outlook` traces them.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from pxr import Usd
+
+from pipeline.camera.camera import Camera
+from pipeline.camera.focus import focused, middle_focus
+from pipeline.camera.outlook import Fate, Outlook, covered_mm, outlook, pupil_points_mm, widest_blur_px
+from pipeline.errors import PipelineError
+from pipeline.ranges import frames_in_words
+from pipeline.scene.dataset import Dataset, Frame, TargetEntry
+from pipeline.scene.places import problem
+from pipeline.scene.problems import Problem
+
+_POINTS = 8_000
+"""So many points of a target are looked at in all frames together; where there are more, some of each frame."""
+_HIDING = 500
+"""In so many frames it is asked whether something stands before a target; of more, in some of them."""
+_HIDDEN = len(Fate)
+"""A fate beside those of `Fate`: light comes into the image, unless something else stands in its way."""
+
+
+def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
+    """A warning for each camera and target where the camera sees no point of it in some frames."""
+    for entry in dataset.cameras:
+        try:
+            camera = focused(entry.camera)
+        except (PipelineError, ArithmeticError):
+            continue  # reported as that
+        for number, target in enumerate(dataset.targets):
+            if not target.target.points().kinds:
+                continue  # there is nothing to see
+            view = _look(dataset, entry.name, camera, number)
+            blank = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
+            if blank:
+                prim = stage.GetPrimAtPath(target.prim_path)
+                whom = f'no point of "{prim.GetName()}" can be made out by "{entry.name}"'
+                message = f"{whom} in {len(blank)} of {len(view.numbers)} frames: {_listed(blank)}"
+                hint = _hint(camera, view, blank)
+                yield problem(prim, "blank", message, hint=hint, severity="warning")
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What a camera sees of a target.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        The frames.
+    fates : list of int or None
+        Per frame what becomes of most points; None where one of them is seen.
+    points_mm : (frames, n, 3) float64
+        Vision frame.
+    outlook : Outlook
+        Of all frames and points.
+    """
+
+    numbers: tuple[int, ...]
+    fates: list[int | None]
+    points_mm: np.ndarray
+    outlook: Outlook
+
+
+def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> _View:
+    frames, target = dataset.frames, dataset.targets[number]
+    points, front = _points_of(target, len(frames))
+    poses = np.array([_pose(frame, name, target.name) for frame in frames])
+    places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
+    fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
+    found = outlook(camera, places, fronts)
+    fate = found.fate
+    if len(dataset.targets) + len(dataset.occluders) > 1:
+        for index in range(0, len(frames), 1 + len(frames) // _HIDING):
+            seen = np.flatnonzero(fate[index] == Fate.SEEN)
+            hidden = _hidden(dataset, frames[index], name, camera, number, places[index, seen], fronts[index, seen])
+            fate[index, seen[hidden]] = _HIDDEN
+    fates = [None if (row == Fate.SEEN).any() else Counter(row.tolist()).most_common(1)[0][0] for row in fate]
+    return _View(tuple(frame.number for frame in frames), fates, places, found)
+
+
+def _points_of(entry: TargetEntry, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a target and their normals, (n, 3) each, target frame; of very many some, evenly in their order."""
+    points = entry.target.points()
+    count = min(len(points.kinds), max(1, _POINTS // max(1, frames)))
+    kept = np.unique(np.linspace(0, len(points.kinds) - 1, count).astype(int))
+    return points.position_mm[kept], points.plane_axes[kept][:, :, 2]
+
+
+def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:
+    """vision_from_target, (4, 4)."""
+    return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
+
+
+def _hidden(
+    dataset: Dataset, frame: Frame, name: str, camera: Camera, number: int, points_mm: np.ndarray, front: np.ndarray
+) -> np.ndarray:
+    """Points that something hides from every tried place of the entrance pupil, (n,) bool."""
+    from pipeline.render.surroundings import Surroundings  # Embree, for few datasets
+
+    targets = [(entry.target, _pose(frame, name, entry.name)) for entry in dataset.targets]
+    vision = np.array(frame.camera_from_world[name])
+    occluders = [
+        (entry.occluder, vision @ np.array(frame.world_from_occluder[entry.prim_path]))
+        for entry in dataset.occluders
+        if entry.prim_path in frame.world_from_occluder
+    ]
+    surroundings = Surroundings(targets, occluders)
+    hidden = surroundings.may_hide(points_mm, front)
+    front_mm = -camera.prescription.vertices_from_stop_mm[0]
+    for pupil in pupil_points_mm(camera) if hidden.any() else ():
+        way = points_mm - pupil
+        way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
+        start = points_mm + ((front_mm - points_mm[:, 2]) / way[:, 2])[:, None] * way
+        hidden &= surroundings.hides(number, points_mm, front, start, way)
+    return hidden
+
+
+def _listed(blank: dict[int, int]) -> str:
+    """Frames by the reason why they are blank."""
+    reasons = dict.fromkeys(_REASONS[fate] for fate in blank.values())
+    frames = {
+        reason: frames_in_words(number for number, fate in blank.items() if _REASONS[fate] == reason)
+        for reason in reasons
+    }
+    return "; ".join(f"{numbers} ({reason})" for reason, numbers in frames.items())
+
+
+_REASONS = {
+    Fate.AWAY: "it shows its back",
+    Fate.NO_LIGHT: "out of view",
+    Fate.BLURRED: "out of focus",
+    Fate.OUTSIDE: "out of view",
+    _HIDDEN: "hidden",
+}
+
+
+def _hint(camera: Camera, view: _View, blank: dict[int, int]) -> str:
+    """How to mend the first of the frames."""
+    number, fate = next(iter(blank.items()))
+    index = view.numbers.index(number)
+    x, y, z = view.points_mm[index].mean(axis=0)
+    if fate == Fate.AWAY:
+        return "the front of a target is its +Z: turn it by 180 degrees about its X or Y"
+    if fate == _HIDDEN:
+        return "move it, or what stands before it"
+    if fate == Fate.BLURRED:
+        blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
+        return (
+            f"in frame {number} it stands at z = {z:.4g} mm, and the focus at {middle_focus(camera):.4g} mm: its points"
+            f" blur to {blur:.3g} px, and {of} is {widest_blur_px(camera):.3g} px wide"
+        )
+    width, height = covered_mm(camera, float(z))
+    across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")
+    return (
+        f"in frame {number} it stands {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it; at its"
+        f" z = {z:.4g} mm the image covers about {width:.3g} x {height:.3g} mm"
+    )

@@ -1,0 +1,74 @@
+"""Numbers that USD would cut: a literal with a fraction where the type holds whole numbers, anything but 0 and 1 where
+it is true or false. Sdf keeps what is left and says nothing, so the text has to be asked.
+"""
+
+import re
+from dataclasses import dataclass, field
+
+SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
+"""What usda writes behind the name of an attribute."""
+_WHOLE = re.compile(r"(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))(?:\[\])?")
+
+
+@dataclass(slots=True)
+class CutNumbers:
+    """Follows the tokens of `lines`; knows when the value of a statement begins and ends.
+
+    Attributes
+    ----------
+    found : list
+        (path, what, hint, line) of numbers that USD would replace.
+    """
+
+    found: list[tuple[str, str, str, int]] = field(default_factory=list)
+    _words: list[str] = field(default_factory=list)
+    _path: str = ""
+    _name: str = ""
+    _is_bool: bool = False
+    _depth: int | None = None
+    _number: tuple[str, int] | None = None
+
+    def begin(self, prim: str, depth: int) -> None:
+        """The "=" of a statement was taken, in the body of a prim or, without a path, elsewhere."""
+        *types, name = self._words or [""]
+        match = _WHOLE.fullmatch(types[-1]) if types else None
+        self._depth = depth if match else None
+        if match:
+            self._name, self._is_bool = SUFFIX.sub("", name), bool(match["bool"])
+            self._path = f"{prim}.{self._name}" if prim else ""
+
+    def token(self, kind: str, token: str, line: int, depth: int) -> None:
+        """Take the next token, before which `depth` brackets are open."""
+        if kind == "word":
+            self._words.append(token)
+        elif token not in ("[", "]", "="):  # int [] is a type, too
+            self._words = []
+        if self._depth is not None and kind not in ("newline", "comment"):
+            self._value(kind, token, line, depth)
+
+    def _value(self, kind: str, token: str, line: int, depth: int) -> None:
+        assert self._depth is not None
+        if self._number and token != ":":  # else it was the time of a sample
+            self._judge(*self._number)
+        self._number = None
+        if kind == "number" and depth > self._depth:
+            self._number = (token, line)
+        elif kind == "number":
+            self._judge(token, line)
+        closes = token in ("}", ")", "]") and kind == "punct" and depth - 1 <= self._depth
+        opens = token in ("{", "(", "[") and kind == "punct"
+        if closes or (depth <= self._depth and not opens):
+            self._depth = None
+
+    def _judge(self, token: str, line: int) -> None:
+        if token.isdigit() and not self._is_bool:
+            return  # most are: large meshes have millions
+        try:
+            number = float(token)
+        except ValueError:
+            return  # USD will say so
+        if self._is_bool and number not in (0.0, 1.0):
+            self.found.append((self._path, f'"{self._name}" is true or false, and {token} is neither', "true", line))
+        elif not self._is_bool and number - number == 0 and not number.is_integer():
+            what = f'"{self._name}" holds whole numbers, and {token} is none'
+            self.found.append((self._path, what, str(int(number)), line))

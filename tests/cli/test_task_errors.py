@@ -1,0 +1,50 @@
+"""Claim: what a task cannot do reaches a user as one error with its place and a way out, and never as a traceback."""
+
+from pathlib import Path
+
+import pytest
+
+import pipeline
+from pipeline import cli
+from pipeline.progress import Ending
+
+TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
+
+
+@pytest.fixture
+def too_wide(tmp_path, monkeypatch):
+    """A stage whose pixels are 20 mm wide, where somebody thought of micrometres; gives its line of the camera."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    monkeypatch.chdir(tmp_path)
+    text = (
+        TINY.read_text(encoding="utf-8")
+        .replace("../../../stages/", "")
+        .replace("plen:pixelPitch = 0.1", "plen:pixelPitch = 20")
+    )
+    Path("dataset.usda").write_text(text, encoding="utf-8")
+    return 1 + text.splitlines().index('        over "Camera"')
+
+
+def test_tasks_that_fail_alike_are_one_error_with_its_place(too_wide, capsys):
+    ending = Ending(0, "dataset.usda")
+    until = ["white/Rig.Camera", "image/Rig.Camera/0001"]
+    result = pipeline.build("dataset.usda", jobs=1, keep_going=True, until=until, on_event=ending)
+    ending.show()
+    said = capsys.readouterr().err
+    assert result.exit_code == 1 and {task.name for task in result.failures} == set(until)
+    assert said.startswith(f"dataset.usda:{too_wide}: error: no ray from ")
+    assert "\n    at </TinyConventional/Rig/Camera>\n    hint: the lens has no image so far off its axis" in said
+    assert said.count("error:") == 1 and "Traceback" not in said and "chief.py" not in said
+    assert "so did, alike: " in said
+    for task in result.failures:
+        assert task.to_dict()["place"] == f"dataset.usda:{too_wide}: at </TinyConventional/Rig/Camera>"
+        assert "Traceback" in Path(task.log).read_text(encoding="utf-8")
+
+
+def test_show_says_where_the_camera_stands_that_it_cannot_show(too_wide, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["pipeline", "show", "dataset.usda"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and f"dataset.usda:{too_wide}: error: no ray from " in said
+    assert "at </TinyConventional/Rig/Camera>" in said and "hint: " in said

@@ -1,0 +1,89 @@
+"""Claim: `check` names the frames of each camera and target that would be blank, in few words, and no others."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.ranges import frames_in_words, ranges
+from pipeline.scene.load import load
+
+TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
+BACK = "(0, 0, 1, 0)"
+
+
+@pytest.fixture
+def check(tmp_path):
+    """Warnings of the tiny dataset over eight frames, with other poses in some and other text."""
+
+    def warnings(poses: dict[int, tuple[str, str]], *replaced: tuple[str, str]) -> list[str]:
+        text = (
+            TINY.read_text(encoding="utf-8")
+            .replace("../../../stages/", "")
+            .replace("endTimeCode = 2", "endTimeCode = 8")
+        )
+        start, end = text.index("        quatd xformOp:orient"), text.index("        uniform token[] xformOpOrder")
+        usual = "(1, 0, 0, 0)", "(0, 0, -434.4)"
+        both = [poses.get(number, usual) for number in range(1, 9)]
+        turns = "".join(f"            {number}: {turn},\n" for number, (turn, _) in enumerate(both, 1))
+        places = "".join(f"            {number}: {place},\n" for number, (_, place) in enumerate(both, 1))
+        text = (
+            f"{text[:start]}        quatd xformOp:orient.timeSamples = {{\n{turns}        }}\n"
+            f"        double3 xformOp:translate.timeSamples = {{\n{places}        }}\n{text[end:]}"
+        )
+        for old, new in replaced:
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
+        assert load(tmp_path / "dataset.usda").problems == []  # a plan need not ask
+        return [
+            str(problem).split(": ", 3)[3].split(" [blank]")[0]
+            for problem in load(tmp_path / "dataset.usda", look=True).problems
+        ]
+
+    return warnings
+
+
+def test_frames_are_listed_by_reason_and_others_are_not(check):
+    away, beside = (BACK, "(0, 0, -434.4)"), ("(1, 0, 0, 0)", "(0, 90, -434.4)")
+    assert check({}) == []
+    assert check({2: away, 3: away, 7: away, 5: beside}) == [
+        "frames 2-3, 7 (it shows its back); frame 5 (out of view)",
+    ]
+
+
+def test_a_board_is_hidden_by_another_one_but_not_by_one_behind_it_or_beside_it(check):
+    other = """
+    def PlenCheckerboard "Near"
+    {{
+        uniform int plen:columns = 3
+        uniform int plen:rows = 2
+        uniform double plen:squareSize = 8
+        double3 xformOp:translate = ({x}, 0, {z})
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+
+    def PlenCheckerboard "Board" ("""
+    for x, z, found in ((0, -300, ["frames 1-8 (hidden)"]), (0, -500, []), (3, -500, [])):
+        edits = (
+            (
+                "rel plen:targets = </TinyConventional/Board>",
+                "rel plen:targets = [</TinyConventional/Board>, </TinyConventional/Near>]",
+            ),
+        )
+        warned = check({}, *edits, ('\n    def PlenCheckerboard "Board" (', other.format(x=x, z=z)))
+        assert [one for one in warned if "hidden" in one] == found
+
+
+def test_other_patterns_are_looked_for_too(check):
+    """A slanted edge and its three points."""
+    edge = ('def PlenCheckerboard "Board"', 'def PlenSlantedEdge "Board"')
+    sizes = ("plen:squareSize = 1.4", "plen:width = 8\n        uniform double plen:height = 6")
+    counts = [(f"        uniform int plen:{name}\n", "") for name in ("columns = 3", "rows = 2")]
+    assert check({2: (BACK, "(0, 0, -434.4)")}, edge, sizes, *counts) == ["frame 2 (it shows its back)"]
+
+
+def test_many_frames_are_few_words():
+    assert frames_in_words([7]) == "frame 7"
+    assert frames_in_words([3, 2, 7]) == "frames 2-3, 7"
+    assert ranges(range(1, 1001)) == "1-1000"
+    assert ranges(range(0, 100, 2)) == "0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22 and 38 more"
