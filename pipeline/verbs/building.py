@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.errors import PipelineError, UsageError
+from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.verbs.terminal import Json, Out, Roots, Stage, Untrusted, note, say, say_json
 
 Force = Annotated[list[str] | None, typer.Option("--force", "-f", metavar="TASK", help="Run this task in any case.")]
@@ -65,7 +65,8 @@ def build(
     elif result.delivery is not None:
         say(str(result.out))
     is_quiet = quiet > verbose
-    raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=is_quiet) else 0))
+    is_refuted = _failed_certificate(result.certificate, quiet=is_quiet)
+    raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
 
 
 def plan(
@@ -81,7 +82,7 @@ def plan(
 ) -> None:
     """Say what `build` would run, and why."""
     work = print_plan(stage, out, allow_root, force, until, as_json=as_json, specs=specs, untrusted=untrusted)
-    raise typer.Exit(3 if exit_code and work else 0)
+    raise typer.Exit(Exit.WORK if exit_code and work else Exit.DONE)
 
 
 def explain(

@@ -55,6 +55,30 @@ def test_a_row_moved_by_a_fiftieth_of_a_pixel_disagrees(built, tmp_path):
     assert verdict.cameras["Rig.Camera"]["max_px"] == pytest.approx(0.02, abs=1e-3)
 
 
+def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path, monkeypatch):
+    """The naive search by two planes puts rows wherever a pixel is; what the certificate says can be printed."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    stage = tmp_path / "dataset.usda"
+    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
+    options = ("method", "two-plane"), ("search", "nearest")
+    lines_of = "".join(f'            uniform token plen:truth:{name} = "{value}"\n' for name, value in options)
+    lines_of += "            uniform double plen:truth:nearestThreshold = 2\n"
+    head = '        over "Camera"\n        {\n'
+    stage.write_text(text.replace(head, head + lines_of), encoding="utf-8")
+    result = pipeline.build(stage, tmp_path / "out", jobs=1)
+    assert result.exit_code == 0
+    said = "\n".join(lines(result.certificate))
+    assert "no verdict, the method makes no claim" in said and not failed(result.certificate)
+
+
+def test_figures_that_are_not_known_are_printed_as_such():
+    """Rows without light have no differences, and their judge no error: once a TypeError after the delivery."""
+    dark = dict.fromkeys(("mean_px", "rms_px", "max_px", "own_sigma_px", "claim_px", "passed"))
+    kind = {"kind": "position images", "rows": 2, "of": 2, "within_claim": None, **dark}
+    whole = {**dark, "rows": 2, "of": 2, "reason": "the method makes no claim", "by_kind": [kind]}
+    assert lines({"c": {**whole, "by_distance_from_cell_edge": []}})[0].startswith("certificate of c: no verdict")
+
+
 def test_a_folder_without_a_manifest_is_refused(tmp_path):
     with pytest.raises(UsageError, match="no finished build"):
         verify(tmp_path)
