@@ -72,7 +72,7 @@ def test_verdicts(length: list[float], own: list[float], expected: bool | None) 
 
 
 def test_rows_of_a_kind_that_is_rare_in_the_table_weigh_little() -> None:
-    """32 rows that stand for one each, a fifth of them wrong, beside 32 that stand for a hundred each; and turned round."""
+    """32 rows stand for one each, a fifth of them wrong, and 32 for a hundred each; then the other way round."""
     length, own = np.array([2.0] * 6 + [0.1] * 58), np.full(64, 0.01)
     rare = np.array([1.0] * 32 + [100.0] * 32)
     assert _verdict(length, own, rare, 1.0)[0] is True
