@@ -81,7 +81,7 @@ def _over_points(
     tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, levels: list[int], _: float
 ) -> _Levels:
     found = edges(tracer.arrays, tracer.positions_mm(*x_px.T), lens)
-    parts = [found.moments(planes, NODES[level]) for level in levels]
+    parts = [found.moments(planes, NODES[level], level == levels[-1]) for level in levels]
     return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
 
 

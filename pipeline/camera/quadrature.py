@@ -28,7 +28,7 @@ EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
 _FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
 _CORNER_STEPS, _CORNER_EDGE_STEPS = 10, 18
 _INNER_PROBES = 256
-_PROBES = 4
+_PROBES = 3
 """Rays over the whole bound per direction of a quadrature."""
 _LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
 
@@ -49,7 +49,9 @@ class Edges(Ways):
     corner_rad: np.ndarray
     rays: int
 
-    def moments(self, planes: np.ndarray, nodes: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, int]:
+    def moments(
+        self, planes: np.ndarray, nodes: tuple[int, int], is_last: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, int]:
         """Moments of all bundles on two planes of each.
 
         Parameters
@@ -57,6 +59,8 @@ class Edges(Ways):
         planes : (n, 2, 4, 3) float64
         nodes : (int, int)
             Along the radius, and over the full circle.
+        is_last : bool
+            Whether no finer level follows: rays over the whole bound are held against the finest one.
 
         Returns
         -------
@@ -84,9 +88,10 @@ class Edges(Ways):
             planes = np.ascontiguousarray(planes)
             probes.integrate(optics, table, lenses, mosaic, planes, *arguments, result, whole)
             rays += len(arguments[-1]) + len(owner)
-            held, more = holds_all(self, owner, angle, radius, share, _PROBES * nodes[1])
-            rays += more
-            whole &= held & self.nothing_beyond(owner, along, radius, limit)
+            whole &= self.nothing_beyond(owner, along, radius, limit)
+            if is_last:
+                held, more = holds_all(self, owner, angle, radius, share, _PROBES * nodes[1])
+                whole, rays = whole & held, rays + more
             status[owner] = np.where(whole, INTEGRATED, NOT_STAR_SHAPED)[owner]
         result[:, VARIANCE:] = 0.0
         result[:, FREE_WEIGHT] = self.free_sr
