@@ -4,8 +4,8 @@
 
 The paper's rig with the 800 x 600 pixels of example 02, 28 corners, one pose. For method `image` the error at several K
 and samples is measured on tiles: at a sample of the rows of `direct`, J is rendered on the fine positions around them
-and searched as the method does. J of all pixels at those K and samples would cost width * height * K^2 * samples rays; the tiles alone,
-16 positions for each row, are quoted beside it.
+and searched as the method does. J of all pixels at those K and samples would cost width * height * K^2 * samples
+rays; the tiles alone, 16 positions for each row, are quoted beside it.
 """
 
 import argparse
