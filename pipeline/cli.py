@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.errors import PipelineError, UsageError
+from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.verbs import building, graph, tasks, watch
 from pipeline.verbs.cache import cache
 from pipeline.verbs.terminal import (
@@ -90,7 +90,7 @@ def check(
         for path in stages:
             for line in said_of(path, write=fix):
                 note(line)
-    raise typer.Exit(2 if errors else 0)
+    raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 
 def _problems(path: Path, allow_roots: tuple[Path, ...], untrusted: bool) -> list[dict[str, Any]]:
@@ -175,7 +175,7 @@ def verify(
     ] = 1,
     as_json: Json = False,
 ) -> None:
-    """Derive a sample of the ground truth again, from the output folder alone; exit with 4 if it disagrees."""
+    """Derive a sample of the ground truth again, from the output folder alone; exit with 6 if it disagrees."""
     from pipeline.report.certificate import lines
     from pipeline.tasks.verify import verify as verdict_on
 
@@ -185,7 +185,7 @@ def verify(
     else:
         for line in [*lines(verdict.cameras), *verdict.problems, "agrees" if verdict.agrees else "DISAGREES"]:
             say(line)
-    raise typer.Exit(0 if verdict.agrees else 4)
+    raise typer.Exit(Exit.DONE if verdict.agrees else Exit.NOT_CONFIRMED)
 
 
 def plugin_path() -> None:
@@ -263,7 +263,7 @@ def _deliver(imported: Any, out: Path | None) -> None:
     for problem in problems:
         note(str(problem))
     say(str(out))
-    raise typer.Exit(2 if any(problem.is_error for problem in problems) else 0)
+    raise typer.Exit(Exit.USAGE if any(problem.is_error for problem in problems) else Exit.DONE)
 
 
 _VERBS = (
@@ -297,8 +297,8 @@ def main() -> None:
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        code = 141
-    if code == 141:  # nothing more may be written, also not by the interpreter at its end
+        code = Exit.READER_GONE
+    if code == Exit.READER_GONE:  # nothing more may be written, also not by the interpreter at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
 
@@ -308,10 +308,10 @@ def _exit_code() -> int:
         # Not standalone: errors come here, and an Exit gives its code.
         return int(app(standalone_mode=False) or 0)
     except ReaderGone:
-        return 141
+        return Exit.READER_GONE
     except (KeyboardInterrupt, typer.Abort):
         note("interrupted")
-        return 130
+        return Exit.INTERRUPTED
     except PipelineError as error:
         note(error.told)
         return error.exit_code
@@ -321,7 +321,7 @@ def _exit_code() -> int:
             return int(error.exit_code)
         note("".join(traceback.format_exception(error)))
         note("This is a bug of ours. Please report it with the lines above and your stage.")
-        return 70
+        return Exit.BUG
 
 
 def _print_version() -> None:

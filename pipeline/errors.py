@@ -3,6 +3,24 @@
 Rooms derive their own errors from these where they raise them; this module must not grow with them.
 """
 
+from enum import IntEnum
+
+
+class Exit(IntEnum):
+    """What the exit code of a command means: the table of docs/engine.md."""
+
+    DONE = 0
+    FAILED = 1
+    USAGE = 2
+    WORK = 3
+    OTHER_BYTES = 4
+    MACHINE = 5
+    NOT_CONFIRMED = 6
+    BUG = 70
+    INTERRUPTED = 130
+    READER_GONE = 141
+    TERMINATED = 143
+
 
 class PipelineError(Exception):
     """Something a user can mend.
@@ -15,7 +33,7 @@ class PipelineError(Exception):
         How to mend it.
     """
 
-    exit_code = 1
+    exit_code = Exit.FAILED
 
     def __init__(self, what: str, *, hint: str | None = None) -> None:
         super().__init__(what)
@@ -34,10 +52,10 @@ class PipelineError(Exception):
 class UsageError(PipelineError):
     """A wrong argument, or a stage that does not pass `check` (exit code 2)."""
 
-    exit_code = 2
+    exit_code = Exit.USAGE
 
 
 class EnvironmentFault(PipelineError):
     """The machine gets in the way: disk full, read-only folder, other versions (exit code 5)."""
 
-    exit_code = 5
+    exit_code = Exit.MACHINE

@@ -10,7 +10,8 @@ from pipeline.camera.camera import Camera
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.tracer import Tracer
 from pipeline.tasks.poses import vision_from_target
-from pipeline.truth.certificate import Rows, differences
+from pipeline.truth.judged import Rows
+from pipeline.truth.judges import differences
 from pipeline.truth.solve import Guess, Rig, guesses, solve, tangent_planes
 
 STAGE = Path(__file__).resolve().parent / "dataset.usda"

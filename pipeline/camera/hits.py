@@ -65,7 +65,7 @@ def bundle_hits(
     drift = arrays[0][4] if lens == NO_MICROLENS else 0.0
     found.centres[:] = home.centres + drift * (found.positions - home.positions)
     owner, angle = found.spokes(directions)
-    radius, limit = found.radii(owner, angle)
+    radius, _, limit, _ = found.find(owner, angle)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = found.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
     optics, table, _, lenses, _, mosaic = arrays

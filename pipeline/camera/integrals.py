@@ -22,6 +22,8 @@ RANDOM_RAYS = (1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20)
 """Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for."""
 LEVELS = len(NODES)
 
+_STREAM_PX = 1 << 24
+"""Pixels of another stream lie so far off: no sensor is as wide."""
 _NODES_AT_ONCE = 1 << 22
 """Nodes of quadrature of a stretch of squares: what fits into memory."""
 
@@ -79,7 +81,7 @@ def _over_points(
     tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, levels: list[int], _: float
 ) -> _Levels:
     found = edges(tracer.arrays, tracer.positions_mm(*x_px.T), lens)
-    parts = [found.moments(planes, NODES[level]) for level in levels]
+    parts = [found.moments(planes, NODES[level], level == levels[-1]) for level in levels]
     return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
 
 
@@ -110,12 +112,19 @@ def _worst(status: np.ndarray) -> np.ndarray:
 
 
 def random_integrals(
-    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, rays: int, square_px: float = 0.0
+    tracer: Tracer,
+    x_px: np.ndarray,
+    lens: np.ndarray,
+    planes: np.ndarray,
+    rays: int,
+    square_px: float = 0.0,
+    stream: int = 0,
 ) -> Integral:
-    """The same by so many scrambled Sobol points each; random numbers depend on the pixel."""
+    """The same by so many scrambled Sobol points each; random numbers depend on the pixel and the stream."""
     known = ~np.isnan(x_px).any(axis=1)
     somewhere = np.where(known[:, None], x_px, 0.0)
-    positions, numbers = tracer.positions_mm(*somewhere.T), np.rint(somewhere).astype(np.int64)
+    positions = tracer.positions_mm(*somewhere.T)
+    numbers = np.rint(somewhere).astype(np.int64) + np.array([stream * _STREAM_PX, 0])
     moments = tracer.moments(positions, np.where(known, lens, SKIP), planes, rays, numbers, square_px)
     error = np.sqrt(moments[:, VARIANCE : VARIANCE + 2])
     return Integral(moments, error, np.ones(len(x_px), bool), int(known.sum()) * max(rays, REPLICAS))

@@ -12,7 +12,7 @@ from pipeline.camera.elements import DISC, KIND, MODEL, PLAIN, free_weight, towa
 from pipeline.camera.moments import accumulate, cross, cross_packet, finish, set_pivot
 from pipeline.camera.packets import send_packet
 from pipeline.camera.polygon import fan, point_in_fan
-from pipeline.camera.regions import SKIP, bound, new_region
+from pipeline.camera.regions import SHORTEST_EDGE_MM, SKIP, bound, new_region
 from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 from pipeline.optics.table import EDGES, FIRST_EDGE
@@ -49,18 +49,22 @@ def bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons
 
 
 @kernel
-def spread(polygon, count, points):
-    """Fill a polygon evenly with points."""
-    cumulative = np.empty(count)
-    cx, cy, _ = fan(polygon, count, cumulative)
-    for i in range(points.shape[0]):
-        u, v = (0.5 + _GOLDEN_U * i) % 1.0, (0.5 + _GOLDEN_V * i) % 1.0
-        points[i] = point_in_fan(polygon, count, cumulative, cx, cy, u, v)
+def spread(polygons, counts, points):
+    """Fill polygons evenly with points (n, m, 2), written."""
+    cumulative = np.empty(polygons.shape[1])
+    for n in range(points.shape[0]):
+        cx, cy, _ = fan(polygons[n], counts[n], cumulative)
+        for i in range(points.shape[1]):
+            u, v = (0.5 + _GOLDEN_U * i) % 1.0, (0.5 + _GOLDEN_V * i) % 1.0
+            points[n, i] = point_in_fan(polygons[n], counts[n], cumulative, cx, cy, u, v)
 
 
 @kernel
 def reach(polygons, counts, centres, owner, angle, limit, side):
-    """Distance from inner points to convex polygons in given directions, and the number of the edge that is met."""
+    """Distance from inner points to convex polygons in given directions, and the number of the edge that is met.
+
+    Edges of no length are passed over: rounding turns them anywhere, also across the polygon.
+    """
     for f in range(owner.shape[0]):
         n, c, s = owner[f], math.cos(angle[f]), math.sin(angle[f])
         limit[f] = np.inf
@@ -68,7 +72,7 @@ def reach(polygons, counts, centres, owner, angle, limit, side):
             j = i + 1 if i + 1 < counts[n] else 0
             ex, ey = polygons[n, j, 0] - polygons[n, i, 0], polygons[n, j, 1] - polygons[n, i, 1]
             across = c * ey - s * ex
-            if across > 0.0:
+            if across > 0.0 and ex * ex + ey * ey > SHORTEST_EDGE_MM * SHORTEST_EDGE_MM:
                 px, py = polygons[n, i, 0] - centres[n, 0], polygons[n, i, 1] - centres[n, 1]
                 distance = (px * ey - py * ex) / across
                 if distance < limit[f]:

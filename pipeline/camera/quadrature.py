@@ -16,55 +16,42 @@ import numpy as np
 from pipeline.camera import probes
 from pipeline.camera.acceptance import HALF_ANGLE
 from pipeline.camera.elements import AIM, PLAIN_COLUMNS
+from pipeline.camera.flux import holds_all
 from pipeline.camera.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.polygon import MAX_VERTICES
 from pipeline.camera.probes import PASSES
+from pipeline.camera.ways import Ways
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
 """What became of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
 
-_POLYGON = 1 << 20
-"""Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
 _FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
-_CORNER_STEPS, _CORNER_EDGE_STEPS, _EDGE_STEPS = 10, 18, 24
+_CORNER_STEPS, _CORNER_EDGE_STEPS = 10, 18
 _INNER_PROBES = 256
+_PROBES = 3
+"""Rays over the whole bound per direction of a quadrature."""
 _LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
 
 
 @dataclass(frozen=True, slots=True)
-class Edges:
-    """What passes, for many sensor positions, and the means to integrate over it.
+class Edges(Ways):
+    """What passes, and the means to integrate over it.
 
     Attributes
     ----------
-    arrays : tuple
-        `Tracer.arrays`.
-    positions, lens : (n, 2) float64, (n,) int64
-        Sensor positions and their microlens.
-    polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
-        Polygons that enclose what passes.
-    free_sr : (n,) float64
-        Weight of all rays through the position's own microlens; 0 without one.
-    centres : (n, 2) float64
-        Inner points; NaN where nothing passes.
     corner_owner, corner_rad : (c,) int64, (c,) float64
         Corners of the edges: positions, ascending, and directions from the inner point, ascending.
     rays : int
         Traced so far.
     """
 
-    arrays: tuple[Any, ...]
-    positions: np.ndarray
-    lens: np.ndarray
-    polygons: np.ndarray
-    counts: np.ndarray
-    free_sr: np.ndarray
-    centres: np.ndarray
     corner_owner: np.ndarray
     corner_rad: np.ndarray
     rays: int
 
-    def moments(self, planes: np.ndarray, nodes: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, int]:
+    def moments(
+        self, planes: np.ndarray, nodes: tuple[int, int], is_last: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, int]:
         """Moments of all bundles on two planes of each.
 
         Parameters
@@ -72,6 +59,8 @@ class Edges:
         planes : (n, 2, 4, 3) float64
         nodes : (int, int)
             Along the radius, and over the full circle.
+        is_last : bool
+            Whether no finer level follows: rays over the whole bound are held against the finest one.
 
         Returns
         -------
@@ -85,7 +74,7 @@ class Edges:
         n = len(self.positions)
         result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
         owner, angle, share = _directions(self, nodes[1])
-        radius, _, limit, rays = _find(self, owner, angle, _EDGE_STEPS)
+        radius, _, limit, rays = self.find(owner, angle)
         if len(owner):
             node, weight = _gauss(nodes[0])
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -99,7 +88,11 @@ class Edges:
             planes = np.ascontiguousarray(planes)
             probes.integrate(optics, table, lenses, mosaic, planes, *arguments, result, whole)
             rays += len(arguments[-1]) + len(owner)
-            status[owner] = np.where(whole & self.nothing_beyond(owner, along, radius, limit), 1, 2)[owner]
+            whole &= self.nothing_beyond(owner, along, radius, limit)
+            if is_last:
+                held, more = holds_all(self, owner, angle, radius, share, _PROBES * nodes[1])
+                whole, rays = whole & held, rays + more
+            status[owner] = np.where(whole, INTEGRATED, NOT_STAR_SHAPED)[owner]
         result[:, VARIANCE:] = 0.0
         result[:, FREE_WEIGHT] = self.free_sr
         result[status == EMPTY, WEIGHT] = 0.0
@@ -122,33 +115,13 @@ class Edges:
         marks = np.column_stack([np.zeros(len(owner)), marks, radius])
         return marks[:, :-1], np.diff(marks, axis=1)
 
-    def spokes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Evenly spaced directions about every inner point: positions, ascending, and angles."""
-        live = np.flatnonzero(~np.isnan(self.centres[:, 0]))
-        return np.repeat(live, count), np.tile(2 * np.pi * np.arange(count) / count, len(live))
-
-    def radii(self, owner: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances from inner points to the edge and to the polygon in some directions."""
-        radius, _, limit, _ = _find(self, owner, angle, _EDGE_STEPS)
-        return radius, limit
-
-    def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
-        """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
-        height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
-        open_ = radius < limit * (1 - 1e-9)
-        points = self.centres[owner] + (radius + height * (limit - radius))[:, None] * along
-        label = _probe(self, owner[open_], points[open_])
-        clear = np.ones(len(self.positions), bool)
-        clear[owner[open_][label == PASSES]] = False
-        return clear
-
 
 def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
     found = inner_points(arrays, positions_mm, lens)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
-    _, label, _, fine = _find(found, owner, angle, _CORNER_EDGE_STEPS)
+    _, label, _, fine = found.find(owner, angle, _CORNER_EDGE_STEPS)
     corner_owner, corner, again = _corners(found, owner, angle, label)
     return replace(found, corner_owner=corner_owner, corner_rad=corner, rays=found.rays + fine + again)
 
@@ -158,7 +131,7 @@ def inner_points(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.nda
     found = bounded(arrays, positions_mm, lens)
     rays = _settle_centres(found)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
-    radius, _, _, more = _find(found, owner, angle, _FIRST_STEPS)
+    radius, _, _, more = found.find(owner, angle, _FIRST_STEPS)
     return replace(found, rays=rays + more + _move_to_middle(found, owner, angle, radius))
 
 
@@ -178,13 +151,11 @@ def _settle_centres(found: Edges) -> int:
     candidates = np.flatnonzero(found.counts >= 3)
     inside = np.arange(MAX_VERTICES) < found.counts[candidates, None]
     middle = (found.polygons[candidates] * inside[..., None]).sum(axis=1) / found.counts[candidates, None]
-    passed = _probe(found, candidates, middle) == PASSES
+    passed = found.probe(candidates, middle) == PASSES
     found.centres[candidates[passed]] = middle[passed]
     missed = candidates[~passed]
-    points = np.empty((len(missed), _INNER_PROBES, 2))
-    for filled, n in zip(points, missed, strict=True):
-        probes.spread(found.polygons[n], found.counts[n], filled)
-    label = _probe(found, np.repeat(missed, _INNER_PROBES), points.reshape(-1, 2)).reshape(-1, _INNER_PROBES)
+    points = found.spread(missed, _INNER_PROBES)
+    label = found.probe(np.repeat(missed, _INNER_PROBES), points.reshape(-1, 2)).reshape(-1, _INNER_PROBES)
     for n, tried, ok in zip(missed, points, label == PASSES, strict=True):
         if ok.any():
             lit = tried[ok]
@@ -199,7 +170,7 @@ def _move_to_middle(found: Edges, owner: np.ndarray, angle: np.ndarray, radius: 
     moved = np.stack([np.bincount(owner, radius**3 * along(angle), n) for along in (np.cos, np.sin)], axis=1)
     some = np.flatnonzero(area > 0)
     middle = found.centres[some] + moved[some] / area[some, None]
-    passed = _probe(found, some, middle) == PASSES
+    passed = found.probe(some, middle) == PASSES
     found.centres[some[passed]] = middle[passed]
     return len(some)
 
@@ -218,7 +189,7 @@ def _corners(
     right, rays = left + 2 * np.pi / _FIRST_DIRECTIONS, 0
     for _ in range(_CORNER_STEPS):
         middle = (left + right) / 2
-        _, here, _, more = _find(found, owner, middle, _CORNER_EDGE_STEPS)
+        _, here, _, more = found.find(owner, middle, _CORNER_EDGE_STEPS)
         rays += more
         is_left, new = here == before, (here != before) & (here != after)
         parts = (
@@ -230,39 +201,6 @@ def _corners(
         order = np.lexsort((left, owner))
         owner, left, right, before, after = (values[order] for values in (owner, left, right, before, after))
     return owner, (left + right) / 2, rays
-
-
-def _find(
-    found: Edges, owner: np.ndarray, angle: np.ndarray, steps: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Radius of the edge, its label, the polygon's radius, and the number of rays, for directions sorted by owner.
-
-    Bisection: the radius errs by 2^-(steps + 1) of the way to the polygon.
-    """
-    limit, label = np.empty(len(owner)), np.empty(len(owner), np.int64)
-    probes.reach(found.polygons, found.counts, found.centres, owner, angle, limit, label)
-    label += _POLYGON
-    along, centre = np.stack([np.cos(angle), np.sin(angle)], axis=1), found.centres[owner]
-    blocked = _probe(found, owner, centre + limit[:, None] * along)
-    open_ = np.flatnonzero(blocked != PASSES)
-    low, high, label[open_] = np.zeros(len(open_)), limit[open_], blocked[open_]
-    for _ in range(steps):
-        middle = (low + high) / 2
-        here = _probe(found, owner[open_], centre[open_] + middle[:, None] * along[open_])
-        passed = here == PASSES
-        low, high = np.where(passed, middle, low), np.where(passed, high, middle)
-        label[open_] = np.where(passed, label[open_], here)
-    radius = limit.copy()
-    radius[open_] = (low + high) / 2
-    return radius, label, limit, len(owner) + steps * len(open_)
-
-
-def _probe(found: Edges, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
-    optics, table, _, lenses, aperture, mosaic = found.arrays
-    label = np.empty(len(owner), np.int64)
-    starts = found.positions, found.lens, owner, np.ascontiguousarray(points)
-    probes.probe(optics, table, lenses, aperture, mosaic, *starts, label)
-    return label
 
 
 def _directions(found: Edges, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ from pipeline.camera.polygon import MAX_VERTICES, clip, fan
 from pipeline.jit import inline, kernel
 
 NO_MICROLENS, SKIP = -1, -2
-_SHORTEST_EDGE_MM = 1e-9
+SHORTEST_EDGE_MM = 1e-9
 """Shorter edges of an outline are corners: they bound nothing, and rounding may turn them round."""
 
 
@@ -134,7 +134,7 @@ def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, pol
         k = j + 1 if j + 1 < size else 0
         ex, ey = outline[k, 0] - outline[j, 0], outline[k, 1] - outline[j, 1]
         length = math.sqrt(ex * ex + ey * ey)
-        if length < _SHORTEST_EDGE_MM:
+        if length < SHORTEST_EDGE_MM:
             continue
         # Outward normal of a counter-clockwise edge.
         nx, ny = ey / length, -ex / length

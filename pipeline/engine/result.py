@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.engine.deliver import Delivery
 from pipeline.engine.run import TaskResult
-from pipeline.errors import PipelineError
+from pipeline.errors import Exit, PipelineError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,10 +86,12 @@ class Result:
         if self.interrupted is not None:
             return self.interrupted
         if any(task.machine for task in self.failures):
-            return 5
+            return Exit.MACHINE
         if self.error is not None:
             return self.error.exit_code
-        return 1 if self.failures else 4 if self.different else 0
+        if self.failures:
+            return Exit.FAILED
+        return Exit.OTHER_BYTES if self.different else Exit.DONE
 
     @property
     def untouched(self) -> str | None:

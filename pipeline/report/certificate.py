@@ -12,7 +12,12 @@ def lines(cameras: dict[str, dict[str, Any]]) -> list[str]:
         if not found["of"]:
             continue
         text.append("  rows        mean px    rms px     max px     own sigma")
-        text.append(f"  {found['rows']:4d} of {found['of']:<6d}{_figures(found)}  {found['own_sigma_px']:.1e}")
+        own = "-" if found["own_sigma_px"] is None else f"{found['own_sigma_px']:.1e}"
+        text.append(f"  {found['rows']:4d} of {found['of']:<6d}{_figures(found)}  {own}")
+        for part in found["by_kind"]:
+            if part["rows"]:
+                kept = "" if part["within_claim"] is None else f", {part['within_claim']} within the claim"
+                text.append(f"  {part['rows']:4d} of {part['of']:<6d}{_figures(part)}  from {part['kind']}{kept}")
         for part in found["by_distance_from_cell_edge"]:
             if part["rows"]:
                 end = "" if part["to_px"] is None else f" to {part['to_px']:g}"
@@ -31,7 +36,7 @@ def _verdict(found: dict[str, Any]) -> Any:
     if not found["of"]:
         return found["reason"]
     if found["passed"] is None:
-        return "no verdict"
+        return f"no verdict, {found['reason']}"
     return "passed" if found["passed"] else f"FAILED, {found['reason']}"
 
 

@@ -11,7 +11,8 @@ from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import Table, read_table
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.truth.certificate import Rows, certify, sample
+from pipeline.truth.certificate import certify
+from pipeline.truth.judged import Rows
 from pipeline.truth.solve import Rig, tangent_planes
 
 _STREAM = 0x5EA1
@@ -56,8 +57,7 @@ def certificate(
     if not rows:
         rows = [(np.zeros((0, 4, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))]
     columns = [np.concatenate(parts) for parts in zip(*rows, strict=True)]
-    drawn = sample(len(columns[1]), seed)
-    return certify(rig, Rows(*(column[drawn] for column in columns)), len(columns[1]), claim_px)
+    return certify(rig, Rows(*columns).drawn(seed), len(columns[1]), claim_px)
 
 
 def rows_of(rig: Rig, targets: list[dict[str, Any]], table: Table) -> list[tuple[np.ndarray, ...]]:

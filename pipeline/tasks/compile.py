@@ -33,7 +33,7 @@ def compile_kernels() -> None:
     tracer.moments(np.zeros((1, 2)), np.array([-1]), parallel_planes(1.0, 2.0), 4, pixels)
     found = edges(tracer.arrays, np.zeros((1, 2)), np.array([-1]))
     found.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
-    probes.spread(found.polygons[0], found.counts[0], np.zeros((1, 2)))
+    probes.spread(found.polygons, found.counts, np.zeros((1, 1, 2)))
     irradiance(tracer, None, 1, None)
     board = Checkerboard(columns=2, rows=1, square_mm=1.0)
     board.radiance(np.zeros(1), np.zeros(1))

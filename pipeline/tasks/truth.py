@@ -19,6 +19,7 @@ from pipeline.truth.column_sets import column_names, column_set
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
 from pipeline.truth.on_points import ImageOf, correspond_points, plane_name
+from pipeline.truth.own_bundle import with_own_bundles
 from pipeline.truth.polish import polished
 from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
@@ -74,10 +75,14 @@ def correspondences(
         guess, rays = guesses(rig, planes)
         found = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
         return dataclasses.replace(found, counts={**found.counts, "rays": found.counts["rays"] + rays})
-    rows = correspond_points(points, grid, pose, settings, _position_images(settings.method, traced))
-    if rows is None or settings.method != "moments" or settings.search != "quad":
-        return rows
-    return polished(rig, rows, planes, settings)
+    # Whether a row has light enough its own bundle says, not that of the nearest position of the grid.
+    whatever = dataclasses.replace(settings, min_hit_fraction=0.0)
+    rows = correspond_points(points, grid, pose, whatever, _position_images(settings.method, traced))
+    if rows is None:
+        return None
+    if settings.method == "moments" and settings.search == "quad":
+        rows = polished(rig, rows, planes, settings)
+    return with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
 
 
 def _traced(positions: dict[str, Part], target: str, planes: int) -> list[Part] | None:

@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.files.tables import Table
 from pipeline.tasks.certificate import rows_of
 from pipeline.tasks.surroundings import surroundings_of
-from pipeline.truth.certificate import sample
+from pipeline.truth.judged import sample
 from pipeline.truth.solve import Rig
 from pipeline.truth.visibility import visibility
 
@@ -19,9 +19,9 @@ Scene = tuple[int, list[dict[str, Any]], list[dict[str, Any]], Table]
 
 
 def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
-    """What is wrong with the visibility of up to `truth.certificate.ROWS` rows of a camera, drawn from all frames."""
+    """What is wrong with the visibility of up to `truth.judged.ROWS` rows of a camera, drawn from all frames."""
     found, first = [], 0
-    drawn = sample(sum(len(table.columns["visibility"]) for *_, table in scenes), seed)
+    drawn = sample(np.zeros(sum(len(table.columns["visibility"]) for *_, table in scenes), bool), seed)
     for frame, targets, occluders, table in scenes:
         surroundings, names = surroundings_of(targets, occluders), np.array(table.columns["target"])
         for number, (planes, cell, x_px, _) in enumerate(rows_of(rig, targets, table)):

@@ -1,4 +1,4 @@
-"""How wrong are rows of a table? A sample of them, solved again with the other rule of integration and more rays.
+"""How wrong are rows of a table? A sample of either kind, solved again with the other rule and more rays.
 
 Rows of position images and their moments come from random rays: quadrature judges them. Rows by `direct` come from
 quadrature: random rays judge them. Both rules share the trace, which published rays judge.
@@ -6,61 +6,26 @@ quadrature: random rays judge them. Both rules share the trace, which published 
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pipeline.camera.integrals import random_integrals
-from pipeline.truth.direct import Search, errors_px
+from pipeline.truth.judged import Rows
+from pipeline.truth.judges import SHARPER, differences, rms
 from pipeline.truth.solve import Rig
 
-ROWS = 64
-"""Rows that are solved again for each camera."""
 WITHIN = 0.95
-"""Share of them that must lie within the claim."""
+"""Share of the rows of a table that must lie within the claim."""
 WORST = 5.0
 """No row may differ by more than so many claims."""
-SHARPER = 3.0
-"""The certificate's own standard error must be so many times smaller than the claim."""
 NOTHING = "nothing to certify: the tables have no row"
 """Why there is no verdict where no point was seen."""
 NO_CLAIM_PX = 1e-3
 """What is aimed at where nothing is claimed."""
+KINDS = ("position images", "direct")
+"""How rows were found, and so by which rule they are judged."""
 
-_RANDOM_RAYS = tuple(1 << power for power in range(16, 23, 2))
-_TURNS, _ROUGH_PX = 3, 0.01
 _BINS_PX = (0.0, 1.0, 2.0, 4.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Rows:
-    """Rows of a table that shall be judged.
-
-    Attributes
-    ----------
-    planes : (n, 4, 3) float64
-        Tangent planes at their target points.
-    cell : (n,) int64
-        Row of their microlens; 0 for a conventional camera.
-    x_px : (n, 2) float64
-    is_direct : (n,) bool
-        Whether they were found by quadrature.
-    """
-
-    planes: np.ndarray
-    cell: np.ndarray
-    x_px: np.ndarray
-    is_direct: np.ndarray
-
-    def only(self, kept: np.ndarray) -> "Rows":
-        """The rows that `kept` says or numbers."""
-        return Rows(self.planes[kept], self.cell[kept], self.x_px[kept], self.is_direct[kept])
-
-
-def sample(count: int, seed: int) -> np.ndarray:
-    """Numbers of up to ROWS rows, drawn without repetition, ascending."""
-    return np.sort(np.random.default_rng(seed).permutation(count)[:ROWS])
 
 
 def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, Any]:
@@ -74,7 +39,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
         None: no claim, no verdict.
     """
     apart, sigma = differences(rig, rows, NO_CLAIM_PX if claim_px is None else claim_px)
-    length, own = np.hypot(*apart.T), float(np.sqrt(np.mean(np.sum(sigma**2, axis=1)))) if len(sigma) else 0.0
+    length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
     document = {
         "claim_px": claim_px,
         "rows": len(length),
@@ -82,7 +47,8 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
         "by_quadrature": int(np.sum(~rows.is_direct)),
         "by_random_rays": int(np.sum(rows.is_direct)),
         **_figures(length),
-        "own_sigma_px": _plain(own),
+        "own_sigma_px": _plain(rms(own)) if len(own) else None,
+        "by_kind": [_of_kind(kind, rows.weights[here], length[here], claim_px) for kind, here in _kinds(rows)],
         "by_distance_from_cell_edge": [
             {
                 "from_px": low,
@@ -97,65 +63,50 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
         return {**document, "passed": None, "reason": NOTHING}
     if claim_px is None:
         return {**document, "passed": None, "reason": "the method makes no claim"}
-    reason = _against(length, own, claim_px)
-    return {**document, "passed": reason is None, "reason": reason}
+    passed, reason = _verdict(length, own, rows.weights, claim_px)
+    return {**document, "passed": passed, "reason": reason}
 
 
-def _against(length: np.ndarray, own: float, claim_px: float) -> str | None:
-    """Why a sample does not prove a claim."""
+def _kinds(rows: Rows) -> list[tuple[str, np.ndarray]]:
+    return [(kind, rows.is_direct == is_direct) for kind, is_direct in zip(KINDS, (False, True), strict=True)]
+
+
+def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float | None) -> dict[str, Any]:
+    within = None if claim_px is None else int(np.sum(length <= claim_px))
+    return {"kind": kind, "rows": len(length), "of": round(weights.sum()), "within_claim": within, **_figures(length)}
+
+
+def _verdict(
+    length: np.ndarray, own: np.ndarray, weights: np.ndarray, claim_px: float
+) -> tuple[bool | None, str | None]:
+    """Whether a sample keeps a claim, and what speaks against it; None where the judge's own error leaves it open.
+
+    Parameters
+    ----------
+    length, own, weights : (n,) float64
+        Differences, their standard errors, and rows of the table that each stands for.
+    """
     if not np.isfinite(length).all():
-        return f"{int(np.sum(~np.isfinite(length)))} rows have no light where the table puts them"
-    if not own < claim_px / SHARPER:
-        return f"its own standard error {own:.1e} px is not under a third of the claim"
-    within = float(np.mean(length <= claim_px)) if len(length) else 1.0
+        return False, f"{int(np.sum(~np.isfinite(length)))} rows have no light where the table puts them"
+    blunt = own >= claim_px / SHARPER if rms(own) >= claim_px / SHARPER else np.zeros(len(own), bool)
+    slack = np.where(blunt, SHARPER * own, 0.0)
+    reason = _against(length - slack, weights, claim_px)
+    if reason is not None:
+        return False, reason
+    reason = _against(length + slack, weights, claim_px)
+    if reason is None:
+        return True, None
+    return None, f"undecided: its own standard error {rms(own):.1e} px is not under a third of the claim"
+
+
+def _against(length: np.ndarray, weights: np.ndarray, claim_px: float) -> str | None:
+    """What of a sample speaks against a claim."""
+    within = float(np.average(length <= claim_px, weights=weights))
     if within < WITHIN:
         return f"only {within:.1%} of the rows lie within the claim"
-    if length.max(initial=0.0) > WORST * claim_px:
+    if length.max() > WORST * claim_px:
         return f"a row differs by {length.max():.1e} px, more than {WORST:g} claims"
     return None
-
-
-def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """What the other rule moves rows by, and its standard error, (n, 2) each [px]; NaN where there is no light."""
-    apart, sigma = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
-    for kind, judge in ((False, _by_quadrature), (True, _by_random_rays)):
-        here = np.flatnonzero(rows.is_direct == kind)
-        if len(here):
-            apart[here], sigma[here] = judge(rig, rows.only(here), claim_px)
-    return apart, sigma
-
-
-def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
-    search = Search(rig.tracer, rig.lens(rows.cell), rows.planes, rows.x_px, rows.x_px, rig.square_px)
-    search.look()
-    return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
-
-
-def _by_quadrature(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    search, lit = _search(rig, rows)
-    search.refine(lit, claim_px / 10)
-    apart = np.full(rows.x_px.shape, np.nan)
-    apart[lit] = search.x_px[lit] - rows.x_px[lit]
-    return apart, search.sigma_px
-
-
-def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    search, lit = _search(rig, rows)
-    apart, sigma = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
-    apart[lit], planes = 0.0, np.stack([rows.planes, rows.planes], axis=1)
-    for rays in _RANDOM_RAYS:
-        for _ in range(_TURNS):
-            x = rows.x_px[lit] + apart[lit]
-            found = random_integrals(rig.tracer, x, rig.lens(rows.cell[lit]), planes[lit], rays, rig.square_px)
-            step = -np.einsum("nij,nj->ni", search.inverse[lit], found.moments[:, :2])
-            apart[lit] += step
-            sigma[lit] = errors_px(search.inverse[lit], found)
-            if not (np.abs(step) > _ROUGH_PX).any():
-                break
-        lit = lit[np.hypot(*sigma[lit].T) > claim_px / SHARPER / 2]
-        if not len(lit):
-            break
-    return apart, sigma
 
 
 def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:

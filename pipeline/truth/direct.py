@@ -118,12 +118,6 @@ class Search:
             if not len(rows):
                 break
 
-    def of_points(self, rows: np.ndarray, planes: np.ndarray, level: int) -> np.ndarray:
-        """Moments of the bundles that start at some rows' positions themselves, on planes (n, 2, 4, 3)."""
-        found = integrals(self.tracer, self.x_px[rows], self.lens[rows], planes, level)
-        self.rays += found.rays
-        return found.moments
-
     def _leave_the_dark(self) -> np.ndarray:
         """J at the first guesses; those without light move towards home. Rows that have light."""
         dark = np.arange(len(self.x_px))

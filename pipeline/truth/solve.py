@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.integrals import integrals
 from pipeline.camera.micro_images import MicroImages
 from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -148,14 +149,7 @@ def _with_blur(
     rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: np.ndarray, counts: dict[str, int]
 ) -> Correspondences:
     point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
-    without_square = search.of_points(rows, search.planes[rows], _BLUR_LEVEL) if rig.square_px else moments
-    on_plane = matrix_4(without_square[:, COVARIANCE:WEIGHT])[:, :2, :2]
-    blurred = blur.in_image(on_plane, jacobian)
-    z = planes[point, 0, 2]
-    upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(rows), axis=0)
-    upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
-    across = matrix_4(search.of_points(rows, upright, 0)[:, COVARIANCE:WEIGHT])
-    _, uv = blur.deviations(across, np.zeros(len(rows)))
+    blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], planes[point], jacobian, moments)
     error = np.hypot(*search.sigma_px[rows].T)
     x, y = search.x_px[rows].T
     found = Found(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)), error)
@@ -164,11 +158,38 @@ def _with_blur(
         search.sigma_px[rows],
         rig.hit_fraction(moments),
         blurred,
-        blur.signed_radius_px(blurred, uv),
-        {**counts, "rays": search.rays},
+        rho,
+        {**counts, "rays": search.rays + rays},
         np.full(len(rows), "direct"),
     )
     return solved.sorted_by(rig.axial)
+
+
+def blur_of(
+    rig: Rig, cell: np.ndarray, x_px: np.ndarray, planes: np.ndarray, jacobian: np.ndarray, moments: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] of the bundles of rows themselves, and the rays traced.
+
+    Parameters
+    ----------
+    planes : (n, 4, 3) float64
+        Tangent planes at the target point of each row.
+    jacobian : (n, 2, 2) float64
+        Derivative of J there [mm per px].
+    moments : (n, COLUMNS) float64
+        Of the bundles on those planes; those that start on squares are traced again from the positions.
+    """
+    lens, rays = rig.lens(cell), 0
+    if rig.square_px:
+        of_points = integrals(rig.tracer, x_px, lens, np.stack([planes, planes], axis=1), _BLUR_LEVEL)
+        moments, rays = of_points.moments, of_points.rays
+    blurred = blur.in_image(matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2], jacobian)
+    z = planes[:, 0, 2]
+    upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
+    upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
+    across = integrals(rig.tracer, x_px, lens, upright, 0)
+    _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
+    return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
 
 
 def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: np.ndarray | None = None) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.errors import PipelineError, UsageError
+from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.verbs.terminal import (
     CHECKING,
     OUTPUT,
@@ -179,7 +179,8 @@ def build(
     is_quiet = quiet > verbose
     if not is_quiet:
         _say_points(result.points)
-    raise typer.Exit(result.exit_code or (4 if _failed_certificate(result.certificate, quiet=is_quiet) else 0))
+    is_refuted = _failed_certificate(result.certificate, quiet=is_quiet)
+    raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
 
 
 def plan(
@@ -198,7 +199,7 @@ def plan(
 ) -> None:
     """Say what `build` would run, and why."""
     work = print_plan(stage, out, allow_root, force, until, as_json=as_json, specs=specs, untrusted=untrusted)
-    raise typer.Exit(3 if exit_code and work else 0)
+    raise typer.Exit(Exit.WORK if exit_code and work else Exit.DONE)
 
 
 def explain(

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.errors import Exit
 from pipeline.progress import human
 from pipeline.verbs.terminal import Json, Verb, new_family, note, say, say_json
 
@@ -77,4 +78,4 @@ def fsck(as_json: Json = False) -> None:
         say(f"{found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)} read: {bad} damaged")
     if bad:
         note("damaged results lie in quarantine; the next build makes them again")
-    raise typer.Exit(4 if bad else 0)
+    raise typer.Exit(Exit.OTHER_BYTES if bad else Exit.DONE)

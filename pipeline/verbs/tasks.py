@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from pipeline.errors import Exit
 from pipeline.progress import human
 from pipeline.verbs.building import Target, project_of
 from pipeline.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
@@ -79,7 +80,7 @@ def _facts(reply: dict[str, Any]) -> dict[str, Any]:
 
 def _exit_code(replies: list[dict[str, Any]]) -> int:
     if any(reply.get("machine") for reply in replies):
-        return 5
+        return Exit.MACHINE
     if any(reply["state"] == "failed" for reply in replies):
-        return 1
-    return 4 if any(reply.get("differs") for reply in replies) else 0
+        return Exit.FAILED
+    return Exit.OTHER_BYTES if any(reply.get("differs") for reply in replies) else Exit.DONE

@@ -1,4 +1,4 @@
-"""Claim: `pipeline build` ends with 4 when a certificate failed, also with --quiet, and with 0 when all passed."""
+"""Claim: `pipeline build` ends with 6 when a certificate failed, also with --quiet, and with 0 when all passed."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +11,7 @@ from pipeline.cli import app
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 @pytest.mark.parametrize(
-    ("passed", "code"), [((True,), 0), ((None,), 0), ((False,), 4), ((True, False), 4), ((False, True), 4)]
+    ("passed", "code"), [((True,), 0), ((None,), 0), ((False,), 6), ((True, False), 6), ((False, True), 6)]
 )
 def test_the_exit_code_of_a_build_is_that_of_its_certificates(
     passed: tuple[bool | None, ...], code: int, quiet: tuple[str, ...], monkeypatch: pytest.MonkeyPatch

@@ -4,15 +4,19 @@ import json
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+import typer
 
 import pipeline
-from pipeline.errors import UsageError
+from pipeline import cli
+from pipeline.errors import Exit, UsageError
 from pipeline.files.exr import read_exr
 from pipeline.report.certificate import failed, lines
 from pipeline.report.points import lines as point_lines
 from pipeline.tasks.verify import verify
+from pipeline.verbs import building
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 
@@ -55,6 +59,53 @@ def test_a_row_moved_by_a_fiftieth_of_a_pixel_disagrees(built, tmp_path):
     assert not verdict.agrees and len(verdict.problems) == 1
     assert verdict.cameras["Rig.Camera"]["passed"] is False
     assert verdict.cameras["Rig.Camera"]["max_px"] == pytest.approx(0.02, abs=1e-3)
+    with pytest.raises(typer.Exit) as ended:
+        cli.verify(moved, 1, False)
+    assert ended.value.exit_code == Exit.NOT_CONFIRMED
+
+
+@pytest.mark.parametrize(("passed", "code"), [(False, 6), (None, 0), (True, 0)])
+def test_a_build_ends_with_a_code_of_its_own_if_a_certificate_fails(passed, code, monkeypatch):
+    """No verdict is no failure."""
+    certificate = dict.fromkeys(("claim_px", "mean_px", "rms_px", "max_px", "own_sigma_px", "reason"))
+    certificate |= {"passed": passed, "rows": 0, "of": 0, "by_kind": [], "by_distance_from_cell_edge": []}
+    result = SimpleNamespace(exit_code=0, certificate={"c": certificate}, delivery=None)
+    monkeypatch.setattr(building, "_run", lambda *arguments: result)
+    with pytest.raises(typer.Exit) as ended:
+        building.build(TINY, verbose=0, quiet=0)
+    assert ended.value.exit_code == code
+
+
+def test_every_exit_code_stands_once_in_the_table():
+    """One code, one meaning."""
+    text = (Path(__file__).parents[2] / "docs" / "engine.md").read_text(encoding="utf-8")
+    rows = text.split("| exit code | meaning |")[1].split("\n\n")[0].splitlines()[2:]
+    codes = [int(code) for row in rows for code in row.split("|")[1].split(",")]
+    assert sorted(codes) == sorted(Exit)
+
+
+def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path, monkeypatch):
+    """The naive search by two planes puts rows wherever a pixel is; what the certificate says can be printed."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    stage = tmp_path / "dataset.usda"
+    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
+    options = ("method", "two-plane"), ("search", "nearest")
+    lines_of = "".join(f'            uniform token plen:truth:{name} = "{value}"\n' for name, value in options)
+    lines_of += "            uniform double plen:truth:nearestThreshold = 2\n"
+    head = '        over "Camera"\n        {\n'
+    stage.write_text(text.replace(head, head + lines_of), encoding="utf-8")
+    result = pipeline.build(stage, tmp_path / "out", jobs=1)
+    assert result.exit_code == 0
+    said = "\n".join(lines(result.certificate))
+    assert "no verdict, the method makes no claim" in said and not failed(result.certificate)
+
+
+def test_figures_that_are_not_known_are_printed_as_such():
+    """Rows without light have no differences, and their judge no error: once a TypeError after the delivery."""
+    dark = dict.fromkeys(("mean_px", "rms_px", "max_px", "own_sigma_px", "claim_px", "passed"))
+    kind = {"kind": "position images", "rows": 2, "of": 2, "within_claim": None, **dark}
+    whole = {**dark, "rows": 2, "of": 2, "reason": "the method makes no claim", "by_kind": [kind]}
+    assert lines({"c": {**whole, "by_distance_from_cell_edge": []}})[0].startswith("certificate of c: no verdict")
 
 
 def test_a_folder_without_a_manifest_is_refused(tmp_path):

@@ -63,12 +63,7 @@ def brute(region: str, x_px: np.ndarray) -> tuple[np.ndarray, float]:
     return at_lens + (TARGET_MM - LENS_MM) * (slope - at_lens / FOCAL_MM), float(weight.sum())
 
 
-BEING_MENDED = pytest.mark.xfail(reason="the quadrature takes one of two pieces for all of the bundle", strict=False)
-
-
-@pytest.mark.parametrize(
-    "region", [pytest.param(region, marks=BEING_MENDED if "slit" in region else ()) for region in REGIONS]
-)
+@pytest.mark.parametrize("region", REGIONS)
 def test_a_row_has_all_of_the_light_of_its_bundle(region: str) -> None:
     """A pixel is 1.5 mm on the target, and each of two pieces alone would be seen 20 px aside."""
     rig = Rig(Tracer(camera_with(region)), None)

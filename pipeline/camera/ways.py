@@ -1,0 +1,93 @@
+"""Ways from inner points of bundles to the edge of what passes, found by bisection of real rays; vision frame, mm."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera import probes
+from pipeline.camera.probes import PASSES
+
+_POLYGON = 1 << 20
+"""Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
+_EDGE_STEPS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Ways:
+    """What passes, for many sensor positions, as seen from an inner point of each.
+
+    Attributes
+    ----------
+    arrays : tuple
+        `Tracer.arrays`.
+    positions, lens : (n, 2) float64, (n,) int64
+        Sensor positions and their microlens.
+    polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
+        Polygons that enclose what passes.
+    free_sr : (n,) float64
+        Weight of all rays through the position's own microlens; 0 without one.
+    centres : (n, 2) float64
+        Inner points; NaN where nothing passes.
+    """
+
+    arrays: tuple[Any, ...]
+    positions: np.ndarray
+    lens: np.ndarray
+    polygons: np.ndarray
+    counts: np.ndarray
+    free_sr: np.ndarray
+    centres: np.ndarray
+
+    def spokes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Evenly spaced directions about every inner point: positions, ascending, and angles."""
+        live = np.flatnonzero(~np.isnan(self.centres[:, 0]))
+        return np.repeat(live, count), np.tile(2 * np.pi * np.arange(count) / count, len(live))
+
+    def spread(self, rows: np.ndarray, count: int) -> np.ndarray:
+        """So many points all over the polygons of some positions, (rows, count, 2)."""
+        points = np.empty((len(rows), count, 2))
+        probes.spread(self.polygons[rows], self.counts[rows], points)
+        return points
+
+    def probe(self, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """What blocks the ray of each position through each point: labels of `probes.probe`; owners ascend."""
+        optics, table, _, lenses, aperture, mosaic = self.arrays
+        label = np.empty(len(owner), np.int64)
+        starts = self.positions, self.lens, owner, np.ascontiguousarray(points)
+        probes.probe(optics, table, lenses, aperture, mosaic, *starts, label)
+        return label
+
+    def find(
+        self, owner: np.ndarray, angle: np.ndarray, steps: int = _EDGE_STEPS
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """Radius of the edge, its label, the polygon's radius, and the number of rays, for directions sorted by owner.
+
+        Bisection: the radius errs by 2^-(steps + 1) of the way to the polygon.
+        """
+        limit, label = np.empty(len(owner)), np.empty(len(owner), np.int64)
+        probes.reach(self.polygons, self.counts, self.centres, owner, angle, limit, label)
+        label += _POLYGON
+        along, centre = np.stack([np.cos(angle), np.sin(angle)], axis=1), self.centres[owner]
+        blocked = self.probe(owner, centre + limit[:, None] * along)
+        open_ = np.flatnonzero(blocked != PASSES)
+        low, high, label[open_] = np.zeros(len(open_)), limit[open_], blocked[open_]
+        for _ in range(steps):
+            middle = (low + high) / 2
+            here = self.probe(owner[open_], centre[open_] + middle[:, None] * along[open_])
+            passed = here == PASSES
+            low, high = np.where(passed, middle, low), np.where(passed, high, middle)
+            label[open_] = np.where(passed, label[open_], here)
+        radius = limit.copy()
+        radius[open_] = (low + high) / 2
+        return radius, label, limit, len(owner) + steps * len(open_)
+
+    def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
+        height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
+        open_ = radius < limit * (1 - 1e-9)
+        points = self.centres[owner] + (radius + height * (limit - radius))[:, None] * along
+        label = self.probe(owner[open_], points[open_])
+        clear = np.ones(len(self.positions), bool)
+        clear[owner[open_][label == PASSES]] = False
+        return clear

@@ -1,0 +1,56 @@
+"""Rows of tables that shall be judged, and samples of them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+ROWS = 64
+"""Rows that are solved again for each camera."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of a table that shall be judged.
+
+    Attributes
+    ----------
+    planes : (n, 4, 3) float64
+        Tangent planes at their target points.
+    cell : (n,) int64
+        Row of their microlens; 0 for a conventional camera.
+    x_px : (n, 2) float64
+    is_direct : (n,) bool
+        Whether they were found by quadrature.
+    stands_for : (n,) float64 or None
+        Rows of the table that each was drawn for; None: one each.
+    """
+
+    planes: np.ndarray
+    cell: np.ndarray
+    x_px: np.ndarray
+    is_direct: np.ndarray
+    stands_for: np.ndarray | None = None
+
+    def only(self, kept: np.ndarray) -> "Rows":
+        """The rows that `kept` says or numbers."""
+        return Rows(self.planes[kept], self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Rows of the table that each stands for, (n,)."""
+        return np.ones(len(self.cell)) if self.stands_for is None else self.stands_for
+
+    def drawn(self, seed: int) -> "Rows":
+        """A sample of these rows, which stands for all of them."""
+        chosen = sample(self.is_direct, seed)
+        of, rows = np.bincount(self.is_direct, minlength=2), np.bincount(self.is_direct[chosen], minlength=2)
+        kind = self.is_direct[chosen].astype(int)
+        return replace(self.only(chosen), stands_for=of[kind] / rows[kind])
+
+
+def sample(is_direct: np.ndarray, seed: int) -> np.ndarray:
+    """Numbers of up to ROWS rows, drawn without repetition, ascending; half of either kind if there are."""
+    order = np.random.default_rng(seed).permutation(len(is_direct))
+    others, direct = order[~is_direct[order]], order[is_direct[order]]
+    others = others[: max(ROWS // 2, ROWS - len(direct))]
+    return np.sort(np.concatenate([others, direct[: ROWS - len(others)]]))

@@ -1,0 +1,91 @@
+"""Claim: a certificate says passed or failed only where its own error lets it, and knows both kinds of rows."""
+
+import numpy as np
+import pytest
+from laws import rigs
+from laws.test_direct import rig_of, solved
+
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.truth import judges
+from pipeline.truth.certificate import _verdict, certify
+from pipeline.truth.judged import ROWS, Rows, sample
+from pipeline.truth.solve import tangent_planes
+
+CLAIM_PX = 1e-4
+
+
+def by_direct(pitch_mm: float) -> tuple:
+    """A camera at f/2 before a board out of focus, and its rows."""
+    rig, board, pose = (
+        rig_of(rigs.conventional(17.1, pitch_mm=pitch_mm)),
+        Checkerboard(columns=2, rows=1, square_mm=1.4),
+        rigs.facing(450.0, 20.0),
+    )
+    planes = tangent_planes(pose, board.points_mm())
+    rows = solved(rig, board, pose, CLAIM_PX).found
+    x = np.stack([rows.x_px, rows.y_px], axis=1)
+    return rig, planes[rows.point], rows.cell, x, np.ones(len(x), bool)
+
+
+def test_a_judge_that_is_too_blunt_refutes_nothing_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few random rays cannot tell 1e-4 px; they can tell a tenth of a pixel."""
+    monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 12,))
+    rig, planes, cell, x, is_direct = by_direct(0.05)
+    open_ = certify(rig, Rows(planes, cell, x, is_direct), len(x), CLAIM_PX)
+    assert open_["own_sigma_px"] > CLAIM_PX / 3
+    assert open_["passed"] is None and "undecided: its own standard error" in open_["reason"]
+    moved = certify(rig, Rows(planes, cell, x + np.array([0.1, 0.0]), is_direct), len(x), CLAIM_PX)
+    assert moved["passed"] is False and "within the claim" in moved["reason"]
+
+
+def test_more_batches_of_rays_sharpen_a_judge_until_it_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A claim that one batch is a little too blunt for: five more halve its error, and the mean stays as true."""
+    rig, *columns = by_direct(0.05)
+    monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 14,))
+    monkeypatch.setattr(judges, "_BATCHES", 1)
+    blunt = certify(rig, Rows(*columns), 2, 1e-9)["own_sigma_px"]
+    claim = 3 * blunt / 1.3
+    assert certify(rig, Rows(*columns), 2, claim)["passed"] is None
+    monkeypatch.setattr(judges, "_BATCHES", 6)
+    sharp = certify(rig, Rows(*columns), 2, claim)
+    assert sharp["passed"] is True and sharp["own_sigma_px"] < claim / 3
+
+
+@pytest.mark.parametrize(
+    ("length", "own", "expected"),
+    [
+        ([0.5] * 20, [0.1] * 20, True),
+        ([0.5] * 18 + [1.5] * 2, [0.1] * 20, False),  # a tenth of the rows lies beyond the claim
+        ([0.5] * 19 + [6.0], [0.1] * 20, False),  # one lies beyond five
+        ([0.5] * 20, [0.4] * 20, None),  # all lie within, but three errors more would not
+        ([0.1] * 19 + [2.0], [0.1] * 19 + [9.0], None),  # one row is known so badly that it may lie anywhere
+        ([0.1] * 19 + [2.0], [0.1] * 19 + [0.9], True),  # it may not: 2 + 3 * 0.9 claims are fewer than 5
+        ([3.0] * 20, [0.5] * 20, False),  # a blunt judge, but three errors less are still too many
+        ([np.nan] + [0.1] * 19, [0.1] * 20, False),
+        ([], [], None),
+    ],
+)
+def test_verdicts(length: list[float], own: list[float], expected: bool | None) -> None:
+    """Differences and standard errors in claims."""
+    passed, reason = _verdict(np.array(length), np.array(own), np.ones(len(own)), 1.0)
+    assert passed is expected and (reason is None) == (expected is True)
+
+
+def test_rows_of_a_kind_that_is_rare_in_the_table_weigh_little() -> None:
+    """32 rows stand for one each, a fifth of them wrong, and 32 for a hundred each; then the other way round."""
+    length, own = np.array([2.0] * 6 + [0.1] * 58), np.full(64, 0.01)
+    rare = np.array([1.0] * 32 + [100.0] * 32)
+    assert _verdict(length, own, rare, 1.0)[0] is True
+    assert _verdict(length, own, rare[::-1], 1.0)[0] is False
+
+
+@pytest.mark.parametrize(("images", "direct", "expected"), [(15, 153, 15), (500, 9, 55), (400, 400, 32), (3, 4, 3)])
+def test_a_sample_has_both_kinds_and_stands_for_the_table(images: int, direct: int, expected: int) -> None:
+    is_direct = np.random.default_rng(1).permutation(np.arange(images + direct) < direct)
+    drawn = sample(is_direct, 5)
+    assert len(set(drawn)) == len(drawn) == min(ROWS, images + direct) and (np.diff(drawn) > 0).all()
+    assert np.sum(~is_direct[drawn]) == expected
+    n = len(is_direct)
+    rows = Rows(np.zeros((n, 4, 3)), np.zeros(n, int), np.zeros((n, 2)), is_direct).drawn(5)
+    assert rows.weights[~rows.is_direct].sum() == pytest.approx(images)
+    assert rows.weights[rows.is_direct].sum() == pytest.approx(direct)

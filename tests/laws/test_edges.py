@@ -1,0 +1,104 @@
+"""Claim: at the corners of the field of fast lenses nothing of a bundle is lost: `direct` has the light and the mean of
+brute force over the whole rear surface; and an edge that does lose light is noticed.
+"""
+
+import numpy as np
+import pytest
+from laws import rigs
+from naive import textbook
+from published.test_library_lenses import prescription
+from tolerances import SIGMAS
+
+from pipeline.camera import flux, probes
+from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.integrals import integrals
+from pipeline.camera.moments import WEIGHT
+from pipeline.camera.quadrature import NOT_STAR_SHAPED, Edges, edges
+from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX
+
+DISTANCE_MM = 600.0
+FAST = ("double_gauss_50mm_canon_rf", "double_gauss_50mm_canon", "double_gauss_50mm_tronnier")
+CORNERS_PX = np.array([[0.0, 45.0], [86.4, 0.0], [8.6, 63.0], [8.6, 36.0], [25.9, 0.0], [80.0, 57.0]])
+"""Where edges of no length of the pupil's outline were once taken for its border, and others."""
+RAYS = 1 << 17
+WIDER = 1.5
+"""Towards a corner rays cross the rear vertex plane outside of the rear surface's own circle."""
+
+
+def fully_open(name: str) -> Camera:
+    """A lens of the library at its largest aperture before 36 x 24 mm, focused at 600 mm."""
+    lens, sensor = prescription(name), Sensor(width_px=96, height_px=64, pitch_mm=0.375)
+    return rigs.bare(lens, sensor, -first_order(lens).image_mm(DISTANCE_MM), (550.0, 650.0))
+
+
+@pytest.mark.parametrize("name", FAST)
+def test_direct_has_all_the_light_at_the_corners_of_the_field(name: str) -> None:
+    """Hit fraction and mean hit on a board out of focus, against textbook rays all over the rear surface."""
+    tracer, pose, rng = Tracer(fully_open(name)), rigs.facing(560.0, 20.0), np.random.default_rng(7)
+    at_random = rng.uniform([0.0, 0.0], [95.0, 63.0], (6, 2))
+    x = np.concatenate([CORNERS_PX, at_random])
+    planes = np.repeat(np.stack([target_plane(pose)] * 2)[None], len(x), axis=0)
+    found = integrals(tracer, x, np.full(len(x), NO_MICROLENS), planes, 1)
+    assert not found.is_random.any()
+    for row, start in zip(found.moments, tracer.positions_mm(*x.T), strict=True):
+        hit, weight = everywhere(tracer, start, pose, rng)
+        light, passed = weight.sum(), weight > 0
+        assert passed.sum() > 1000
+        assert abs(row[WEIGHT] - light) < SIGMAS * np.std(weight) * np.sqrt(RAYS)
+        mean = weight @ hit / light
+        spread = np.sqrt((weight**2) @ (hit - mean) ** 2) / light
+        assert np.all(np.abs(row[:2] - mean) < SIGMAS * spread)
+
+
+def everywhere(
+    tracer: Tracer, start_mm: np.ndarray, pose: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Hits on a board (n, 2), weights (n,) of rays all over a disc wider than the rear surface: no bound, no edge."""
+    table = tracer.table
+    radius = WIDER * np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
+    far, angle = radius * np.sqrt(rng.uniform(0, 1, RAYS)), rng.uniform(0, 2 * np.pi, RAYS)
+    ahead = table[0, VERTEX] - tracer.sensor_z_mm
+    offset = np.column_stack([far * np.cos(angle) - start_mm[0], far * np.sin(angle) - start_mm[1]])
+    direction = np.column_stack([offset, np.full(RAYS, ahead)])
+    cosine = ahead / np.linalg.norm(direction, axis=1)
+    direction *= (cosine / ahead)[:, None]
+    position, alive = np.tile([*start_mm, tracer.sensor_z_mm], (RAYS, 1)), np.ones(RAYS)
+    trace_rays(table, position, direction, alive)
+    weight = np.where(alive > 0, np.pi * radius**2 / RAYS * cosine**4 / ahead**2, 0.0)
+    return np.where(alive[:, None] > 0, textbook.at_plane(position, direction, pose), 0.0), weight
+
+
+def about_corners() -> Edges:
+    """The edges of those bundles."""
+    tracer = Tracer(fully_open("double_gauss_50mm_canon_rf"))
+    return edges(tracer.arrays, tracer.positions_mm(*CORNERS_PX.T), np.full(len(CORNERS_PX), NO_MICROLENS))
+
+
+def test_an_edge_drawn_too_short_in_a_few_directions_is_noticed() -> None:
+    """A fifth of the circle ends at half its way, in every other bundle: a seventh of the light lies there."""
+    found = about_corners()
+    owner, angle = found.spokes(64)
+    radius, share = found.find(owner, angle)[0], np.full(len(owner), 2 * np.pi / 64)
+    whole, _ = flux.holds_all(found, owner, angle, radius, share, 256)
+    assert whole.all()
+    short = np.where((owner % 2 == 1) & (angle < 2 * np.pi / 5), 0.5, 1.0)
+    whole, _ = flux.holds_all(found, owner, angle, radius * short, share, 256)
+    assert whole.tolist() == [True, False] * (len(CORNERS_PX) // 2)
+
+
+def test_light_beyond_a_border_that_is_drawn_too_near_hands_over_to_random_rays(monkeypatch) -> None:
+    """Half of the way to the bound is taken for all of it in a sixth of the circle, so that no search finds more."""
+    found, reach = about_corners(), probes.reach
+
+    def too_near(polygons, counts, centres, owner, angle, limit, side) -> None:
+        reach(polygons, counts, centres, owner, angle, limit, side)
+        limit[angle % (2 * np.pi) < np.pi / 3] *= 0.5
+
+    monkeypatch.setattr(probes, "reach", too_near)
+    n = len(CORNERS_PX)
+    _, status, _ = found.moments(np.repeat(np.stack([target_plane(rigs.facing(560.0))] * 2)[None], n, axis=0), (8, 32))
+    assert status.tolist() == [NOT_STAR_SHAPED] * n

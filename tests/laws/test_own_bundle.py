@@ -1,0 +1,40 @@
+"""Claim: every row has the hit fraction and blur of its own bundle, by whatever method it was found."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from laws import rigs
+from laws.test_direct import rig_of
+
+from pipeline.camera.moments import COVARIANCE
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.target import Target
+from pipeline.tasks.truth import correspondences
+from pipeline.truth.settings import TruthSettings
+from pipeline.truth.solve import tangent_planes
+
+RAYS = 1 << 16
+SHARE, TRACE = 0.002, 0.01
+"""What 65,536 random rays err by, with room: of a hit fraction, and of a trace [relative]."""
+
+
+@pytest.mark.parametrize("method", ["moments", "two-plane"])
+def test_rows_of_position_images_have_the_light_and_blur_of_their_own_bundle(method: str, tmp_path: Path) -> None:
+    """Behind microlenses, where both change within a pixel, against random rays from the row's position."""
+    camera, board, pose = rigs.plenoptic(2.0), Checkerboard(columns=3, rows=2, square_mm=1.0), rigs.facing(420.0, 20.0)
+    rig, grid = rig_of(camera), rigs.ray_grid(tmp_path, camera, 1, 256)
+    settings = TruthSettings(method=method, filter="none", accuracy_px=0.2 if method == "moments" else None)
+    points = Target(board).points()
+    rows = correspondences(rig, grid, settings, points, pose, None)
+    assert rows is not None
+    traced = rows.only(rows.method != "direct")
+    found = traced.found
+    assert len(found.point) > 20 and traced.hit_fraction.min() < 0.6
+    x, planes = np.stack([found.x_px, found.y_px], axis=1), tangent_planes(pose, points.position_mm)[found.point]
+    both, lens = np.stack([planes, planes], axis=1), rig.lens(found.cell)
+    moments = rig.tracer.moments(rig.tracer.positions_mm(*x.T), lens, both, RAYS, np.rint(x).astype(np.int64))
+    assert np.abs(traced.hit_fraction - rig.hit_fraction(moments)).max() < SHARE
+    on_plane = found.jacobian @ traced.blur_px2 @ found.jacobian.transpose(0, 2, 1)
+    trace, expected = np.trace(on_plane, axis1=1, axis2=2), moments[:, COVARIANCE] + moments[:, COVARIANCE + 4]
+    assert np.abs(trace / expected - 1).max() < TRACE
