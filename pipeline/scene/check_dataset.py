@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.scene.check_occluders import check_occluders
+from pipeline.scene.check_unnamed import check_unnamed
 from pipeline.scene.lines import line_of_metadata
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, shortened, shown_path
@@ -39,6 +40,7 @@ def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)
     yield from check_occluders(root)
+    yield from check_unnamed(root)
 
 
 def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:

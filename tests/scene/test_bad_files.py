@@ -30,6 +30,7 @@ WARNINGS = {
         "overlap",
     ),
     "image-circle",
+    "not-in-image",
 }
 
 
