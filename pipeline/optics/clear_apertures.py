@@ -31,6 +31,11 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Se
     fields : sequence of Field
         Their rim rays count besides those of the axial beam.
 
+    Raises
+    ------
+    PrescriptionError
+        There is not one stop, or it stands in a focus of what is before it.
+
     Notes
     -----
     Paraxial: a real ray at the edge of a fast lens passes somewhat further out.
@@ -40,6 +45,8 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Se
         raise PrescriptionError(f"a prescription needs exactly one aperture stop, this one has {len(stops)}")
     parallel = _heights(lens.surfaces, 1.0, 0.0)
     oblique = _heights(lens.surfaces, 0.0, 1.0)
+    if not parallel[stops[0]]:
+        raise PrescriptionError("the entrance pupil lies at infinity, and its diameter opens no stop")
     # A chief ray starts where it will pass the centre of the stop.
     start = -oblique[stops[0]] / parallel[stops[0]]
     surfaces = []

@@ -2,6 +2,7 @@
 
 import math
 
+from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription, Surface
 
 D_UM = 0.5875618
@@ -11,7 +12,12 @@ def zemax(lens: Prescription, encoding: str = "utf-16", unit: str = "MM") -> byt
     """A Zemax file: curvatures, semi-diameters, model glasses; object and image surface around."""
     mm = {"MM": 1.0, "IN": 25.4}[unit]
     lines = ["VERS 140124 0 123457", "MODE SEQ", "NAME Round trip é", f"UNIT {unit} X W X CM MR CPMM"]
-    lines += ["ENPD 1.0E+1", "GCAT SCHOTT MISC", f"WAVM 1 {D_UM} 1.0E+0", "FTYP 0 0 1 1 0 0 0"]
+    lines += [
+        f"ENPD {first_order(lens).entrance_pupil.diameter_mm / mm!r}",
+        "GCAT SCHOTT MISC",
+        f"WAVM 1 {D_UM} 1.0E+0",
+        "FTYP 0 0 1 1 0 0 0",
+    ]
     lines += ["SURF 0", "  TYPE STANDARD", "  CURV 0.0", "  DISZ INFINITY"]
     for i, s in enumerate(lens.surfaces, 1):
         powers = _powers(s)
@@ -34,7 +40,8 @@ def zemax(lens: Prescription, encoding: str = "utf-16", unit: str = "MM") -> byt
 
 def codev(lens: Prescription, curvatures: bool = False) -> bytes:
     """A CODE V sequence: radii or curvatures, fictitious glasses, circular apertures."""
-    lines = [f'RDM{" N" if curvatures else ""};LEN  "VERSION: 11.0"', "TITLE 'Round trip; it is'", "DIM M", "EPD 10.0"]
+    lines = [f'RDM{" N" if curvatures else ""};LEN  "VERSION: 11.0"', "TITLE 'Round trip; it is'", "DIM M"]
+    lines.append(f"EPD {first_order(lens).entrance_pupil.diameter_mm!r}")
     lines += ["WL 587.6 ! the d line", "REF 1", "YAN 0.0 &", "  10.0", "SO 0.0 0.1e14"]
     for s in lens.surfaces:
         shape = s.curvature_per_mm if curvatures else (0.0 if math.isinf(s.radius_mm) else s.radius_mm)

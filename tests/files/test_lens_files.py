@@ -182,6 +182,53 @@ def test_a_circular_aperture_of_zemax_stands_above_the_semi_diameter(tmp_path: P
     assert (lens.surfaces[0].semi_diameter_mm, lens.surfaces[0].inner_semi_diameter_mm) == (7.5, 1)
 
 
+STOP_OF_PUPIL = 1 - 0.5 * 0.02 * (4 / 1.5 + 2)
+"""Height at the stop of `zmx` over that of a parallel ray at its first vertex: paraxial, by hand."""
+EFL_OF_ZMX_MM = 1 / (0.5 * 0.02)
+
+
+@pytest.mark.parametrize(
+    ("said", "pupil_mm"), [("ENPD 6", 6.0), ("FNUM 20 0", EFL_OF_ZMX_MM / 20), ("FNUM 20 1", EFL_OF_ZMX_MM / 20)]
+)
+def test_the_system_aperture_of_zemax_opens_the_stop(said: str, pupil_mm: float, tmp_path: Path) -> None:
+    """The stop prints an automatic DIAM 5, for drawing: it would be f/9.53."""
+    lens = read(tmp_path, "a.zmx", f"{said}\n" + zmx().replace("DIAM 5 1", "DIAM 5 0"))
+    rim_mm = pupil_mm / 2 * STOP_OF_PUPIL
+    assert [surface.semi_diameter_mm for surface in lens.surfaces] == [9, 9, pytest.approx(rim_mm, rel=1e-12)]
+    (lost,) = lens.lost
+    asked, there = EFL_OF_ZMX_MM / pupil_mm, EFL_OF_ZMX_MM / (10 / STOP_OF_PUPIL)
+    assert lost.line == 1
+    assert lost.what == (
+        f"{said[:7].strip()} is f/{asked:.3g}: the stop, surface 3, gets semi-diameter {rim_mm:.6g} mm"
+        f" in place of 5 mm, f/{there:.3g}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("ENPD 6\nFLOA\n" + zmx(), []),  # "float by stop size"
+        (f"ENPD {10 / STOP_OF_PUPIL!r}\n" + zmx(), []),
+        ("ENPD 0\n" + zmx(), []),
+        ("ENPD 20\n" + zmx().replace("DIAM 5 1", "DIAM 5 1\n  CLAP 0 5 0"), ["is a ring of semi-diameter 5 mm"]),
+        ("FNUM 20 1\n" + zmx().replace("DISZ INFINITY", "DISZ 500"), ["the object distance", "a working f-number"]),
+    ],
+)
+def test_the_stop_of_a_zemax_file_stays_where_it_decides(text: str, named: list[str], tmp_path: Path) -> None:
+    lens = read(tmp_path, "a.zmx", text)
+    assert lens.surfaces[2].semi_diameter_mm == 5
+    assert len(lens.lost) == len(named)
+    assert all(words in one.what for words, one in zip(named, lens.lost, strict=True))
+
+
+def test_a_ring_of_codev_stays_where_it_is_smaller_than_the_system_aperture(tmp_path: Path) -> None:
+    """EPD 10 of the sequence opens the stop to 4.7 mm or so."""
+    text = SEQ.replace("  STO", "  STO\n  CIR {}")
+    narrow, wide = (read(tmp_path, "a.seq", text.format(radius)).surfaces[2] for radius in (3, 8))
+    assert narrow.semi_diameter_mm == 3
+    assert wide.semi_diameter_mm == pytest.approx(5 * (1 - 0.62041 / 50 * (4 / 1.62041 + 2)), rel=1e-12)
+
+
 def aspheric(**first: Any) -> Prescription:
     """A singlet before its stop, with a conic asphere in front and a conic behind; `first` changes the front."""
     front = {"conic": -0.6, "even_coefficients": (0.0, -3e-6, 2e-9, 0.0, 1e-14), **first}

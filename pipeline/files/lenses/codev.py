@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.files.lenses.glass import medium
+from pipeline.files.lenses.opening import opened
 from pipeline.files.lenses.sizing import Beam, sized
 from pipeline.files.lenses.text import UnreadableLens, number, radius_of, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
@@ -97,6 +98,7 @@ class _Sequence:
         if name in ("EPD", "FNO"):
             value = self._numbers(line, name, values)[0]
             self.beam.pupil, self.beam.f_number = (value, None) if name == "EPD" else (None, value)
+            self.beam.said, self.beam.line = f"{name} {value:g}", line
         elif name == "WL":
             self.wavelengths = self._numbers(line, name, values)
         elif name == "REF":
@@ -215,7 +217,8 @@ def read_codev(path: str | Path) -> PrintedLens:
         surfaces=surfaces,
         lost=(*sequence.lost, *_wavelengths(sequence)),
     )
-    return sized(path, lens, sequence.beam, sequence.unit_mm)
+    lens = sized(path, lens, sequence.beam, sequence.unit_mm)
+    return opened(path, lens, sequence.beam, sequence.unit_mm, has_ring=True)  # CIR blocks rays
 
 
 def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:

@@ -13,10 +13,15 @@ from pipeline.optics.printed import Lost, PrintedLens, prescription_of
 
 @dataclass(slots=True)
 class Beam:
-    """What a file says about the beam: diameter of the entrance pupil [unit of the file] or f-number, and fields."""
+    """What a file says about the beam: diameter of the entrance pupil [unit of the file] or f-number, and fields.
+
+    `said` and `line` are the file's own words for the pupil or f-number, and where they stand.
+    """
 
     pupil: float | None = None
     f_number: float | None = None
+    said: str = ""
+    line: int | None = None
     fields: list[float] = field(default_factory=list)
     upper: list[float] = field(default_factory=list)
     lower: list[float] = field(default_factory=list)
@@ -29,6 +34,11 @@ class Beam:
     def vignet(self, upper: bool, fractions: list[float]) -> None:
         """What the pupil loses at its upper or lower edge, for each field along y."""
         (self.upper if upper else self.lower).extend(fractions)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the file says how wide the beam is."""
+        return self.pupil is not None or self.f_number is not None
 
     @property
     def is_vignetted(self) -> bool:
@@ -56,25 +66,43 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
         return replace(lens, lost=(*lens.lost, ignored)) if beam.is_vignetted else lens
     fields = beam.all_fields()
     shown = ", ".join(map(str, unknown))
-    if (beam.pupil is None and beam.f_number is None) or not fields:
+    if not beam.is_known or not fields:
         reason = f"surfaces {shown} have no semi-diameter, and the file has no pupil and field to compute them from"
         hint = "write clear apertures, or pupil diameter and field angles"
         if Path(path).suffix.lower() in (".csv", ".tsv", ".txt"):
             hint = "write clear apertures, or give --f-number N and --half-field DEGREES to compute them"
         raise UnreadableLens(path, reason, hint=hint)
     try:
-        pupil_mm = beam.pupil * unit_mm if beam.pupil is not None else _efl_mm(lens) / (beam.f_number or 1)
-        found = with_clear_apertures(lens, pupil_mm, fields)
+        wide_mm = pupil_mm(lens, beam, unit_mm)
+        found = with_clear_apertures(lens, wide_mm, fields)
     except PrescriptionError as error:
         raise UnreadableLens(path, error.what, hint=error.hint) from None
     vignetted = " with its vignetting factors" if beam.is_vignetted else ""
     what = (
         f"surfaces {shown} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
-        f" (entrance pupil {pupil_mm:g} mm, half field {max(abs(one.angle_deg) for one in fields):g} degrees)"
+        f" (entrance pupil {wide_mm:g} mm, half field {max(abs(one.angle_deg) for one in fields):g} degrees)"
     )
     return replace(found, lost=(*found.lost, Lost(what=what)))
 
 
-def _efl_mm(lens: PrintedLens) -> float:
+def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:
+    """Diameter of the entrance pupil of a beam that is known.
+
+    Raises
+    ------
+    PrescriptionError
+        It follows from an f-number, and the lens has no focal length.
+    """
+    return beam.pupil * unit_mm if beam.pupil is not None else efl_mm(lens) / (beam.f_number or 1)
+
+
+def efl_mm(lens: PrintedLens) -> float:
+    """Focal length, positive; semi-diameters do not matter.
+
+    Raises
+    ------
+    PrescriptionError
+        The lens is afocal, or cannot be represented.
+    """
     open_wide = tuple(replace(surface, semi_diameter_mm=1e-9) for surface in lens.surfaces)
     return abs(first_order(prescription_of(replace(lens, surfaces=open_wide))).efl_mm)

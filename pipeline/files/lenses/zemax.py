@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pipeline.errors import PipelineError
 from pipeline.files.lenses import glass as glasses
+from pipeline.files.lenses.opening import opened
 from pipeline.files.lenses.sizing import Beam, sized
 from pipeline.files.lenses.text import UnreadableLens, number, radius_of, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
@@ -38,7 +39,7 @@ _SILENT = """
 VERS MODE PFIL LANG NOTE GFAC GSTD ROPD PICB FWGT FWGN ZVAN ZVDX ZVDY SDMA RAIM PUSH PUPD EFFL CONF GLCZ WAVL WWGT WWGN
 PWAV POLS GLRS NSCD COFN SLAB FIMP HIDE MIRR PICK VPAR VCUR OPDX PZUP LABL MEMA MAZH CFGO TOL MOFF PLIM DMFS SCED EGDS
 COMM FLAP WAVN MNCA MNEA MXCA MXEA MNCG MNEG MXCG MXEG BLNK DPTH OPOV POPS PCON RSCE RWRE NSCS DRAX DGEO STAR HYPR TCED
-TCMM VDSZ CRSR DISG FLOA FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
+TCMM VDSZ CRSR DISG FIXD PPAR MNUM ATYP AUTH RAYX PRWL TOLR PFLD OMMA ISNA FCOM
 """
 
 
@@ -55,6 +56,7 @@ class _Row:
     glass_line: int = 0
     semi_diameter: float | None = None
     is_automatic: bool = False
+    has_ring: bool = False
     inner: float = 0.0
     half_widths: tuple[float, float] | None = None
     is_stop: bool = False
@@ -69,12 +71,19 @@ class _System:
         self.vendors: list[str] = []
         self.unit_mm: float | None = None
         self.beam = Beam()
+        self.working_f_number = False
+        self.stop_floats = False
         self.field_is_angle = True
         self.wavelength_count = 24  # as many as a file lists, used or not
         self.wavelengths_um: list[float] = []
         self.rows: list[_Row] = []
         self.lost: list[Lost] = []
         self.unread: dict[str, int] = {}
+
+    @property
+    def opens_stop(self) -> bool:
+        """Whether the system aperture decides about the stop."""
+        return self.beam.is_known and not self.stop_floats
 
     def obey(self, line: int, text: str) -> None:
         keyword, _, rest = text.strip().partition(" ")
@@ -100,10 +109,8 @@ class _System:
             self.unit_mm = _UNITS_MM.get(words[0].upper()) if words else None
             if self.unit_mm is None:
                 raise UnreadableLens(self.path, f"unknown unit {' '.join(words[:1])}", line=line)
-        elif keyword == "ENPD":
-            self.beam.pupil = self._first(line, keyword, words)
-        elif keyword == "FNUM":
-            self.beam.f_number = self._first(line, keyword, words)
+        elif keyword in ("ENPD", "FNUM", "FLOA"):
+            self._system_aperture(line, keyword, words)
         elif keyword == "FTYP":
             self.field_is_angle = self._first(line, keyword, words) == 0
             if len(words) > 3:
@@ -121,6 +128,15 @@ class _System:
                 self.lost.append(Lost(what=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line))
         elif keyword and not self.rows and keyword not in _SILENT.split():  # behind them: merit function
             self.unread.setdefault(keyword, line)
+
+    def _system_aperture(self, line: int, keyword: str, words: list[str]) -> None:
+        """ENPD or FNUM opens the stop; with FLOA, "float by stop size", its own semi-diameter does."""
+        if keyword == "FLOA":
+            self.stop_floats = True
+        elif (value := self._first(line, keyword, words)) > 0:
+            self.beam.pupil, self.beam.f_number = (value, None) if keyword == "ENPD" else (None, value)
+            self.beam.said, self.beam.line = f"{keyword} {value:g}", line
+            self.working_f_number = keyword == "FNUM" and len(words) > 1 and self._first(line, keyword, words, 1) == 1
 
     def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
         row = self.rows[-1]
@@ -154,7 +170,7 @@ class _System:
         """
         one, other = (0.0, 0.0) if keyword == "DIAM" else (self._first(line, keyword, words, i) for i in (0, 1))
         if keyword == "CLAP":
-            row.inner, row.semi_diameter, row.is_automatic = one, other, False
+            row.inner, row.semi_diameter, row.is_automatic, row.has_ring = one, other, False, True
         elif keyword == "OBSC" and one == 0:
             row.inner = other
         elif keyword == "OBSC":
@@ -187,12 +203,12 @@ def read_zemax(path: str | Path) -> PrintedLens:
         system.beam.fields.clear()
     *_, image = system.rows
     surfaces = tuple(_printed(system, i, row) for i, row in enumerate(system.rows[1:-1], 1))
-    return sized(
-        path,
-        PrintedLens(name=system.name or Path(path).stem, surfaces=surfaces, lost=tuple(_lost(system, image))),
-        system.beam,
-        system.unit_mm,
-    )
+    lens = PrintedLens(name=system.name or Path(path).stem, surfaces=surfaces, lost=tuple(_lost(system, image)))
+    lens = sized(path, lens, system.beam, system.unit_mm)
+    if not system.opens_stop:
+        return lens
+    has_ring = any(row.is_stop and row.has_ring for row in system.rows)
+    return opened(path, lens, system.beam, system.unit_mm, has_ring)
 
 
 def _lost(system: _System, image: _Row) -> list[Lost]:
@@ -201,12 +217,16 @@ def _lost(system: _System, image: _Row) -> list[Lost]:
     if math.isfinite(first.thickness) and first.thickness < 1e8:
         what = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
         lost.append(Lost(what=what, line=first.line))
+        if system.working_f_number:
+            system.beam.f_number = None
+            what = f"{system.beam.said}, a working f-number at that distance; the semi-diameter of the stop is taken"
+            lost.append(Lost(what=what, line=system.beam.line))
     if image.curvature:
         lost.append(Lost(what="the image surface is curved; sensors are flat", line=image.line))
     automatic = [
         i
         for i, row in enumerate(system.rows[1:-1], 1)
-        if row.is_automatic and row.semi_diameter and not row.half_widths
+        if row.is_automatic and row.semi_diameter and not row.half_widths and not (row.is_stop and system.opens_stop)
     ]
     if automatic:
         shown = ", ".join(map(str, automatic))
