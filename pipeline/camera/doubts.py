@@ -87,7 +87,7 @@ def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
     if weakest > _WEAK_F_NUMBER * array.aperture_mm:
         what = (
             f"a microlens of f = {weakest:.4g} mm and {array.aperture_mm:.4g} mm wide is F/"
-            f"{weakest / array.aperture_mm:.4g}: it bends next to nothing"
+            f"{weakest / array.aperture_mm:.0f}: it bends next to nothing"
         )
         yield Doubt("weak-microlens", "focal_lengths", what, "lengths are millimetres: 900 µm are 0.9")
     yield from _array_extent(camera, array)

@@ -8,6 +8,7 @@ from pipeline.scene.check_values import authored_values, check_attribute, check_
 from pipeline.scene.places import problem, specs
 from pipeline.scene.problems import Problem, did_you_mean
 from pipeline.scene.values import FOREIGN, Rule, schema_facts, target_paths
+from pipeline.spelling import nearest
 
 # Anyone may add properties here, on any prim.
 _MOVES = Rule(span=FOREIGN["xformOp"])
@@ -30,7 +31,8 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             yield from check_attribute(prop, definition)
         else:
             yield from _check_relationship(prop)
-    yield from _check_required(prim)
+    strange = [prop.GetName() for prop in prim.GetAuthoredProperties() if prop.GetName() not in known]
+    yield from _check_required(prim, {nearest(name, known) for name in strange})
 
 
 def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem | None:
@@ -50,22 +52,29 @@ def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
         return
     type_name = prim.GetPrimTypeInfo().GetSchemaTypeName()
     if type_name or is_ours:
-        hint = did_you_mean(name, known) or _hint(is_ours, str(type_name))
+        hint = did_you_mean(name, known) or _hint(prop, is_ours, known)
         yield problem(prop, "unknown-property", f'{type_name or "this prim"} has no property "{name}"', hint=hint)
 
 
-def _hint(is_ours: bool, type_name: str) -> str | None:
+def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
+    """What helps with a name that resembles no other."""
     if not is_ours:
         return 'write "custom" in front of it if it is meant to be extra data'
-    api = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI"}.get(type_name)
-    return f'apply {api}: prepend apiSchemas = ["{api}"]' if api else None
+    prim = prop.GetPrim()
+    api = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI"}.get(str(prim.GetTypeName()))
+    if api and api not in prim.GetAppliedSchemas():
+        return f'apply {api}: prepend apiSchemas = ["{api}"]'
+    namespace = prop.GetNamespace()
+    names = sorted(name for name in known if name.rpartition(":")[0] == namespace)
+    return f"remove it; there are {', '.join(names)}" if names else None
 
 
-def _check_required(prim: Usd.Prim) -> Iterator[Problem]:
+def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
+    """What is missing, except those whose names were misspelt: `meant` are the right names of these."""
     ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
     if prim.IsAbstract() or not all(prim.CanApplyAPI(name) for name in ours):
         return  # a misapplied schema is reported as that
-    for name in [name for names in schema_facts(prim, "plenRequired") for name in names]:
+    for name in [name for names in schema_facts(prim, "plenRequired") for name in names if name not in meant]:
         relationship = prim.GetRelationship(name)
         if not (target_paths(relationship) if relationship else prim.GetAttribute(name).HasAuthoredValue()):
             wanted = wanted_target(prim, name)

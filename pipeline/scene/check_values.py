@@ -112,7 +112,8 @@ def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, spa
     else:
         is_int = attribute.GetTypeName().scalarType == Sdf.ValueTypeNames.Int
         message = f'"{name}" = {int(number) if is_int else number} is outside {span}'
-        yield problem(attribute, "out-of-range", message, time=time)
+        hint = "wavelengths are nanometres: 0.55 µm are 550" if name.endswith("avelength") and number < 100 else None
+        yield problem(attribute, "out-of-range", message, hint=hint, time=time)
 
 
 def _check_supported(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:

@@ -90,3 +90,20 @@ def test_operations_in_no_order_are_one_problem_with_one_order_that_holds_all(tm
 )
 def test_only_a_near_name_is_suggested(name, choices, meant):
     assert did_you_mean(name, choices) == (meant and f'did you mean "{meant}"?')
+
+
+@pytest.mark.parametrize("api", [True, False])
+def test_a_name_that_resembles_none_is_told_what_there_is(tmp_path, api):
+    """Only a camera without PlenCameraAPI is told to apply it."""
+    applied = '(prepend apiSchemas = ["PlenCameraAPI"])' if api else ""
+    found = problems(
+        tmp_path, f'    def Camera "Cam" {applied}\n    {{\n        uniform int plen:image:bits = 16\n    }}\n'
+    )
+    hint = next(one.hint for one in found if one.code == "unknown-property")
+    assert ("plen:image:samples" in hint, "apply PlenCameraAPI" in hint) == (api, not api)
+
+
+def test_a_misspelt_value_is_not_reported_as_missing_too(tmp_path):
+    size = "uniform double plen:squaresize = 1"
+    found = problems(tmp_path, f'    def PlenCheckerboard "Board"\n    {{\n        {size}\n    }}\n')
+    assert [one.code for one in found if "squaresize" in one.message.lower()] == ["unknown-property"]
