@@ -144,7 +144,9 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
         for path in filter(seen.is_ours, stale):  # maybe somebody has written to it meanwhile
             folder.remove(path)
         for number, path in enumerate(changed):
-            folder.place(aside / str(number), path, is_ours=seen.is_ours(path))
+            folder.place(
+                aside / str(number), path, is_ours=seen.is_ours(path) or seen.digest(path) == goal.digests[path]
+            )
             seen.placed(path)
         if goal.manifest is not None:
             (aside / manifest.NAME).replace(folder.out / manifest.NAME)

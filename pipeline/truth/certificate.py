@@ -86,6 +86,8 @@ def _verdict(
     length, own, weights : (n,) float64
         Differences, their standard errors, and rows of the table that each stands for.
     """
+    if not len(length):
+        return None, NOTHING
     if not np.isfinite(length).all():
         return False, f"{int(np.sum(~np.isfinite(length)))} rows have no light where the table puts them"
     blunt = own >= claim_px / SHARPER if rms(own) >= claim_px / SHARPER else np.zeros(len(own), bool)

@@ -18,7 +18,7 @@ def test_the_exit_code_of_a_build_is_that_of_its_certificates(
 ) -> None:
     """A failed one is named however quiet the build shall be."""
     cameras = {f"Camera{i}": certificate(state) for i, state in enumerate(passed)}
-    result = SimpleNamespace(exit_code=0, certificate=cameras, delivery=None)
+    result = SimpleNamespace(exit_code=0, certificate=cameras, points=None, delivery=None)
     monkeypatch.setattr("pipeline.tasks.build.build", lambda *_, **__: result)
     found = CliRunner().invoke(app, ["build", "some.usda", *quiet])
     assert found.exit_code == code
@@ -30,5 +30,13 @@ def test_the_exit_code_of_a_build_is_that_of_its_certificates(
 def certificate(passed: bool | None) -> dict[str, Any]:
     """Of a camera, as the manifest has it."""
     figures = {"mean_px": 1e-4, "rms_px": 1e-4, "max_px": 2e-4}
-    head = {"claim_px": 1e-3, "rows": 64, "of": 100, **figures, "own_sigma_px": 1e-5, "by_distance_from_cell_edge": []}
+    head = {
+        "claim_px": 1e-3,
+        "rows": 64,
+        "of": 100,
+        **figures,
+        "own_sigma_px": 1e-5,
+        "by_distance_from_cell_edge": [],
+        "by_kind": [],
+    }
     return {**head, "passed": passed, "reason": None if passed else "a row differs"}

@@ -69,7 +69,7 @@ def test_a_build_ends_with_a_code_of_its_own_if_a_certificate_fails(passed, code
     """No verdict is no failure."""
     certificate = dict.fromkeys(("claim_px", "mean_px", "rms_px", "max_px", "own_sigma_px", "reason"))
     certificate |= {"passed": passed, "rows": 0, "of": 0, "by_kind": [], "by_distance_from_cell_edge": []}
-    result = SimpleNamespace(exit_code=0, certificate={"c": certificate}, delivery=None)
+    result = SimpleNamespace(exit_code=0, certificate={"c": certificate}, points=None, delivery=None)
     monkeypatch.setattr(building, "_run", lambda *arguments: result)
     with pytest.raises(typer.Exit) as ended:
         building.build(TINY, verbose=0, quiet=0)
