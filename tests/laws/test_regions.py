@@ -1,7 +1,7 @@
 """Claim: whatever the bundle looks like where it leaves the lens (one piece, a ring, two pieces apart), method `direct`
 puts the row where the mean of all of it looks, with the share of light that all of it has.
 
-An ideal lens before apertures in air, so that rays are two lines each. The truth is a sum over a million points of the
+An ideal lens before apertures in air, so that rays are two lines each. The truth is a sum over four million points of the
 stop.
 """
 
@@ -27,6 +27,8 @@ REGIONS = {
 }
 """The stop, and another aperture half a millimetre before it: more than its semi-diameter."""
 BEFORE_MM = 0.5
+STEPS, COS, SIN = 2000, np.cos(0.4), np.sin(0.4)
+"""The grid of the sum lies aslant: rows of points along the edge of a slit would count it wrong by up to 0.05 px."""
 
 
 def camera_with(region: str) -> Camera:
@@ -44,8 +46,9 @@ def camera_with(region: str) -> Camera:
 def brute(region: str, x_px: np.ndarray) -> tuple[np.ndarray, float]:
     """Mean hit on the plane z = TARGET_MM, (2,) [mm], and weight [sr] of the bundle of an image position."""
     start = -(x_px - np.array([31.5, 23.5])) * PITCH_MM  # the half turn of the sensor frame
-    x, y = ((np.mgrid[:1000, :1000] + 0.5) / 1000 - 0.5) * 2.2 * RADIUS_MM
-    area = (2.2 * RADIUS_MM / 1000) ** 2
+    u, v = ((np.mgrid[:STEPS, :STEPS] + 0.5) / STEPS - 0.5) * 2.2 * RADIUS_MM
+    x, y = COS * u - SIN * v, SIN * u + COS * v
+    area = (2.2 * RADIUS_MM / STEPS) ** 2
     stop, slit = REGIONS[region]
     across, up = stop.get("decentre_mm", (0.0, 0.0))
     off = np.hypot(x - across, y + up)  # the lens frame has y up, the vision frame down
@@ -64,11 +67,14 @@ def brute(region: str, x_px: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 OFF = pytest.mark.xfail(
-    reason="random rays take over, and are 0.03 to 0.06 px off: more than the sigma they state", strict=False
+    reason="random rays take over and are 0.03 px off; their sigma, of four replicas, says 0.003 to 0.005 px",
+    strict=True,
 )
 
 
-@pytest.mark.parametrize("region", [pytest.param(region, marks=OFF if "slit" in region else ()) for region in REGIONS])
+@pytest.mark.parametrize(
+    "region", [pytest.param(region, marks=OFF if region == "slit over a ring" else ()) for region in REGIONS]
+)
 def test_a_row_has_all_of_the_light_of_its_bundle(region: str) -> None:
     """A pixel is 1.5 mm on the target, and each of two pieces alone would be seen 20 px aside."""
     rig = Rig(Tracer(camera_with(region)), None)
