@@ -67,8 +67,8 @@ def brute(region: str, x_px: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 OFF = {
-    "slit over a ring": "random rays take over and are 0.03 px off; their sigma, of four replicas, says 0.003 to 0.005 px",
-    "upright slit": "the hit fraction is 0.2 % low, for any number of rays: so its reference weight is that much too large",
+    "slit over a ring": "random rays are 0.03 px off; their sigma, of four replicas, says 0.003 to 0.005 px",
+    "upright slit": "the hit fraction is 0.2 % low for any number of rays: its reference weight is too large",
 }
 
 
