@@ -1,7 +1,6 @@
 """One hint per mistake: what an error of USD most likely means, and no errors that only follow from another."""
 
 import re
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from pipeline.scene.problems import Problem, shown_path
@@ -38,27 +37,43 @@ def _repeated(items: list[str]) -> str:
 
 
 def of_missing_asset(asset: str, layer: str) -> str | None:
-    """Files of nearly that name, and the folders that were searched.
+    """Files of nearly that name, and the folders that were searched; None if it is there.
 
     Only the folder of the layer and the library are looked into: names of other folders are not for every stage.
     """
-    own, library = Path(layer).parent, Path(library_path())
-    folders = [own, library]
-    relative = Path(asset)
+    own, relative = Path(layer).parent, Path(asset)
     inside = not relative.is_absolute() and ".." not in relative.parts
-    beside = (own / relative).parent if inside else own
-    found = {path.relative_to(own).as_posix() for path in _stages(beside.glob("*"))} if beside.is_dir() else set()
-    found |= {path.relative_to(library).as_posix() for path in _stages(library.rglob("*"))}
-    if asset in found:
-        return None  # it is there and something else is wrong with it
-    near = nearest(asset, found) or nearest(relative.name, {name.rpartition("/")[2] for name in found})
-    whole = next((name for name in sorted(found) if name == near or name.endswith(f"/{near}")), None)
-    meant = f"did you mean @{whole}@? " if whole else ""
-    return f"{meant}searched: {', '.join(map(shown_path, folders))}"
+    found = _stages_by_name((own / relative).parent if inside else own, own)
+    return None if asset in found else _meant(asset, found, "@{}@", own)
 
 
-def _stages(paths: Iterable[Path]) -> Iterator[Path]:
-    return (path for path in paths if path.suffix.startswith(".usd"))
+def of_missing_stage(path: Path) -> str:
+    """Stages of nearly the name that was typed, given as an absolute path, and the folders that were searched."""
+    shown = Path(shown_path(path))
+    own = path.parent if shown.is_absolute() else Path.cwd()
+    return _meant(path.relative_to(own).as_posix(), _stages_by_name(path.parent, own), '"{}"', path.parent)
+
+
+def _stages_by_name(folder: Path, own: Path) -> set[str]:
+    """Stages in a folder, named as seen from `own`, and all of the library."""
+    library = Path(library_path())
+    try:
+        here = {path.relative_to(own).as_posix() for path in folder.iterdir() if _is_stage(path)}
+    except OSError:
+        here = set()
+    return here | {path.relative_to(library).as_posix() for path in library.rglob("*") if _is_stage(path)}
+
+
+def _is_stage(path: Path) -> bool:
+    return path.suffix.startswith(".usd")
+
+
+def _meant(name: str, found: set[str], quoted: str, folder: Path) -> str:
+    """The nearest of the names that were found, and where all of them lie."""
+    near = nearest(name, found) or nearest(Path(name).name, {one.rpartition("/")[2] for one in found})
+    whole = next((one for one in sorted(found) if one == near or one.endswith(f"/{near}")), None)
+    meant = f"did you mean {quoted.format(whole)}? " if whole else ""
+    return f"{meant}searched: {shown_path(folder)}, {shown_path(library_path())}"
 
 
 def without_followers(problems: list[Problem]) -> list[Problem]:

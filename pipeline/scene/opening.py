@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pxr import Pcp, Tf, Usd, UsdUtils
 
-from pipeline.scene.hints import of_missing_asset, of_syntax
+from pipeline.scene.hints import of_missing_asset, of_missing_stage, of_syntax
 from pipeline.scene.layer_files import is_plain_file, real_path
 from pipeline.scene.lines import line_of, text_map
 from pipeline.scene.problems import Problem, StageError, shown_path
@@ -30,7 +30,8 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     # Absolute, or Sdf may hold one file under two identifiers.
     path = real_path(path)
     if not is_plain_file(path):
-        raise StageError([Problem(code="file-missing", message="no such file", file=shown_path(path))])
+        hint = of_missing_stage(path)
+        raise StageError([Problem(code="file-missing", message="no such file", file=shown_path(path), hint=hint)])
     # Collects the warnings of all threads, which USD would print to stderr.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:

@@ -64,6 +64,24 @@ def test_a_missing_file_is_one_error_with_the_nearest_name_and_the_folders_that_
     assert not any("Lens" in (one.at or "") for one in found if one is not missing)
 
 
+@pytest.mark.parametrize(
+    ("typed", "hint"),
+    [
+        ("boards/datset.usda", 'did you mean "boards/dataset.usda"? searched: boards, '),
+        ("lenses/cooke_triplet_50.usda", 'did you mean "lenses/cooke_triplet_50mm.usda"? searched: lenses, '),
+        ("boards/nothing_like_it.usda", "searched: boards, "),
+    ],
+)
+def test_a_stage_that_is_not_there_comes_with_the_nearest_name_and_the_folders(tmp_path, monkeypatch, typed, hint):
+    """Also in a folder that is not there, and by an absolute path."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "boards").mkdir()
+    (tmp_path / "boards/dataset.usda").write_text(HEAD + "}\n")
+    (relative,), (absolute,) = load(typed).problems, load(tmp_path / typed).problems
+    assert relative.code == "file-missing" and relative.hint.startswith(hint) and relative.hint.endswith("stages")
+    assert absolute == relative
+
+
 def test_an_over_without_a_near_name_says_which_there_are(tmp_path):
     found = problems(tmp_path, LENS.replace("FILE", "cooke_triplet_50mm").replace("PRIM", "Aperture"))
     over = next(one for one in found if one.code == "over-without-def")
