@@ -14,8 +14,8 @@ import numpy as np
 from pipeline.files.png import read_png, write_png
 from pipeline.files.tables import read_table
 
-ORANGE, BLUE, PINK = (230, 120, 0), (0, 130, 220), (220, 40, 150)
-"""Colour of a cross: microlens type 0, 1, 2. A conventional camera has type 0 throughout."""
+COLOURS = (230, 120, 0), (0, 130, 220), (220, 40, 150)
+"""Crosses of microlens type 0, 1, 2, and again from 3. A conventional camera has type 0 throughout."""
 
 
 def enlarged(pixels: np.ndarray, zoom: int) -> np.ndarray:
@@ -40,7 +40,7 @@ def picture_of(folder: Path, window: tuple[int, int, int, int], zoom: int) -> np
     for x_px, y_px, kind in zip(table.numbers("x_px"), table.numbers("y_px"), types, strict=True):
         # (0, 0) is the centre of the top-left pixel, also of the picture: the half-pixel rule of CONVENTIONS.md.
         x, y = (x_px - left + 0.5) * zoom - 0.5, (y_px - top + 0.5) * zoom - 0.5
-        draw_cross(picture, x, y, zoom, (ORANGE, BLUE, PINK)[kind])
+        draw_cross(picture, x, y, zoom, COLOURS[kind % len(COLOURS)])
     return picture
 
 
