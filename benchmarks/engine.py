@@ -67,11 +67,16 @@ def PlenDataset "Many"
 """
 
 
+def stage_of(frames: int) -> str:
+    """Text of a dataset whose board moves by a micrometre from frame to frame."""
+    samples = "\n".join(f"            {n}: (0, 0, {-434 - n / 1000})," for n in range(1, frames + 1))
+    return STAGE.format(frames=frames, samples=samples)
+
+
 def many_frames(folder: Path, frames: int) -> None:
     """Times of `plan` and `build` when there is nothing to do, each in a process of its own."""
-    samples = "\n".join(f"            {n}: (0, 0, {-434 - n / 1000})," for n in range(1, frames + 1))
     stage = folder / "dataset.usda"
-    stage.write_text(STAGE.format(frames=frames, samples=samples), encoding="utf-8")
+    stage.write_text(stage_of(frames), encoding="utf-8")
     environment = {**os.environ, "PIPELINE_CACHE": str(folder / "store")}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process compiles all modules anew
 

@@ -1,0 +1,102 @@
+"""Every figure of the documents is what its command prints, or has a day and a machine, or a source."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "docs"))  # its modules lie beside the script that imports them
+
+import figures  # noqa: E402
+import quotes  # noqa: E402
+
+COMMANDS, QUOTES = figures.entries()
+MEND = "python docs/figures.py --write puts what is kept in docs/printed into the documents"
+
+
+def name_of(thing) -> str:
+    """A short test id."""
+    return thing.name if isinstance(thing, figures.Command) else thing.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("document", figures.DOCUMENTS, ids=name_of)
+def test_figures_are_those_that_their_commands_printed(document):
+    assert figures.differences(document) == [], MEND
+
+
+@pytest.mark.parametrize("document", figures.DOCUMENTS, ids=name_of)
+def test_no_figure_is_without_a_command_or_a_source(document):
+    assert figures.uncovered(document) == [], "docs/figures.toml lists what covers a figure"
+
+
+@pytest.mark.parametrize("command", [one for one in COMMANDS.values() if one.costs == "seconds"], ids=name_of)
+def test_cheap_commands_print_today_what_is_kept(command, monkeypatch):
+    monkeypatch.delenv("PIPELINE_CACHE", raising=False)
+    assert figures.same(command.output(), command.printed), f"python docs/figures.py --run {command.name}"
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("command", [one for one in COMMANDS.values() if one.costs == "minutes"], ids=name_of)
+def test_costly_commands_print_today_what_is_kept(command, monkeypatch):
+    monkeypatch.delenv("PIPELINE_CACHE", raising=False)
+    assert figures.same(command.output(), command.printed), f"python docs/figures.py --run {command.name}"
+
+
+@pytest.mark.parametrize("quote", [one for one in QUOTES if not one.of], ids=str)
+def test_what_no_command_prints_again_is_there_and_has_a_day_or_a_source(quote):
+    texts = [path.read_text(encoding="utf-8") for path in figures.DOCUMENTS if path == ROOT / (quote.file or path)]
+    assert any(quotes.places(quote, text) for text in texts), "it is in no document"
+    if quote.source:
+        files = re.findall(r"`(\S+/\S+|\w+file)`", quote.source)
+        assert [file for file in files if not (ROOT / file).exists()] == []
+    else:
+        machine = re.search(r"cores? of an? ([^,]+?),", texts[0])
+        assert quote.date in " ".join(texts[0].split()) and machine, (
+            "the document names neither the day nor the machine"
+        )
+        goal, script = re.match(r"make (\w+)$", quote.command), re.match(r"python (\S+)$", quote.command)
+        assert not goal or re.search(rf"^{goal[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
+        assert not script or (ROOT / script[1]).exists()
+
+
+@pytest.mark.parametrize("command", COMMANDS.values(), ids=name_of)
+def test_every_command_is_quoted_and_what_it_printed_says_when(command):
+    assert command.name in {quote.of for quote in QUOTES}
+    head = command.kept.read_text(encoding="utf-8").split("\n")[0]
+    assert re.match(r"Printed on \d+ \w+ \d{4}: \d+ cores, .+, Python 3\.\d+\.\d+\.$", head)
+
+
+@pytest.mark.parametrize(
+    ("figure", "value", "shown"),
+    [
+        ("0.0016", "2.1447e-03", "0.0021"),
+        ("0.0135", "0.01345", "0.0135"),
+        ("2,721", "3258", "3,258"),
+        ("6.34e7", "6.71e+07", "6.71e7"),
+        ("4.7e-05", "0.000051", "5.1e-05"),
+        ("+0.007", "0.0081", "+0.008"),
+        ("100", "99.98", "100"),
+    ],
+)
+def test_a_printed_number_is_written_as_the_document_writes_it(figure, value, shown):
+    assert figures.written_like(figure, value) == shown
+
+
+def test_a_new_figure_is_seen_wherever_it_stands():
+    """In prose, in a cell of a table, in a block of output; not in a program and not in the first column."""
+    page = "It is 0.25 px off.\n\n| K | px |\n|---|---|\n| 7 | 0.5 |\n\n```\nit took 9 of 8\n```\n"
+    page += "\n```python\nx = 3\n```\n\n    rows 41\n\nUp to 2.1 or so in f/1.8.\n"
+    assert [page[slice(*span)] for span in sorted(set(quotes.figures(page)))] == ["0.25", "0.5", "9", "8", "41"]
+
+
+def test_a_block_shows_what_the_command_prints_now():
+    kept = "$ pipeline plan x.usda | head -1\n3 tasks\nmore\n$ python y.py\na 1\nb 2\nc 3\n"
+    assert figures.excerpt("$ pipeline plan x.usda  # now\n2 tasks\n[…]\n", kept) == (
+        "$ pipeline plan x.usda  # now\n3 tasks\n[…]\n"
+    )
+    assert figures.excerpt("    a 7\n    b 7\n    …\n", kept) == "    a 1\n    b 2\n    …\n"
+    with pytest.raises(ValueError, match="nothing is kept"):
+        figures.excerpt("$ pipeline show x.usda\n", kept)
+    assert figures.same("done in 1.5 s", "done in 20 s") and not figures.same("4 tasks in 1.5 s", "3 tasks in 1.5 s")
