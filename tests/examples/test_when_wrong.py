@@ -25,7 +25,9 @@ when_wrong = _script()
 CASES = when_wrong.cases()
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.heavy] * case.builds, id=case.title) for case in CASES]
+)
 def test_the_page_says_what_the_command_prints(case):
     section = when_wrong.section(case)
     assert f"\n{section}" in PAGE, f"python docs/when_wrong.py writes the page anew; now it is\n{section}"
