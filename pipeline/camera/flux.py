@@ -7,6 +7,8 @@ import numpy as np
 from pipeline.camera.probes import PASSES
 from pipeline.camera.ways import Ways
 
+PROBES = 3
+"""Rays over the whole bound per direction of a quadrature."""
 _STEPS = 12
 _CHANCE, _ERRORS = 3.0, 4.0
 """So many rays, and standard errors of their number, may pass beyond the chords of an edge for nothing."""

@@ -11,7 +11,9 @@ from laws import rigs
 from tolerances import SIGMAS
 
 from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.tracer import Tracer
+from pipeline.camera.hits import bundle_hits
+from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.solve import Rig, guesses, solve, tangent_planes
 
@@ -97,3 +99,13 @@ def test_the_weight_of_reference_is_all_of_the_light_on_the_axis(region: str) ->
     """W_ref is an integral, or random rays of a slit would carry their own error into every hit fraction."""
     found = Tracer(camera_with(region)).reference_weight_sr
     assert found == pytest.approx(brute(region, np.array([31.5, 23.5]))[1], rel=4e-4)
+
+
+@pytest.mark.parametrize("region", REGIONS)
+def test_only_a_bundle_in_one_piece_has_a_saddle_and_a_centroid(region: str) -> None:
+    """Nodes along a few directions may miss the other piece, and the image of a corner would lack its light."""
+    tracer = Tracer(camera_with(region))
+    x = np.array([29.0, 31.0]) + np.random.default_rng(0).uniform(-0.7, 0.7, (9, 2))
+    plane, shares = parallel_planes(TARGET_MM, TARGET_MM)[0], np.linspace(0.0, 1.0, 9)
+    found = bundle_hits(tracer.arrays, tracer.positions_mm(*x.T), NO_MICROLENS, plane, shares, 16)
+    assert found.whole.tolist() == [region == "disc"] * len(x)
