@@ -116,7 +116,7 @@ def _over_squares(
 
 
 def _worst(status: np.ndarray) -> np.ndarray:
-    """What became of squares, (n,), from what became of their nodes, (n, m)."""
+    """Outcomes of squares, (n,), from those of their nodes, (n, m)."""
     some = np.where((status == INTEGRATED).any(axis=1), INTEGRATED, EMPTY)
     return np.where((status == NOT_STAR_SHAPED).any(axis=1), NOT_STAR_SHAPED, some)
 

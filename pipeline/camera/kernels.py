@@ -19,7 +19,7 @@ from pipeline.optics.kernels import PACKET, new_packet
 
 _IMAGE_STREAM, _START_STREAM = 1 << 16, 2 * REPLICAS
 _CIRCUMRADIUS = 0.7072
-"""Of a square of edge 1, rounded up."""
+"""Circumradius of a square of edge 1, rounded up."""
 _GAUSS = 0.28867513459481287
 """Both nodes of Gauss and Legendre stand so far from the middle of an interval of length 1."""
 

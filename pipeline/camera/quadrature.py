@@ -23,7 +23,7 @@ from pipeline.camera.probes import PASSES
 from pipeline.camera.ways import Ways
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
-"""What became of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
+"""Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
 
 _FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
 _CORNER_STEPS, _CORNER_EDGE_STEPS = 10, 18
@@ -33,7 +33,7 @@ _LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
 
 @dataclass(frozen=True, slots=True)
 class Edges(Ways):
-    """What passes, and the means to integrate over it.
+    """Regions that rays pass, and the means to integrate over them.
 
     Attributes
     ----------
