@@ -1,4 +1,4 @@
-"""What share of a ray a pixel takes, by its angle with the axis, and weights of apertures with it. Kernels only.
+"""Share of a ray that a pixel takes, by its angle with the axis, and weights of apertures with it. Kernels only.
 
 `detail` holds the numbers, see `camera.mosaic`. With theta the angle to the axis and A its acceptance, the weight of a
 region is the integral of A cos(theta) d omega, or of A over its area. It is a sum over the region's edges of the

@@ -198,5 +198,5 @@ class MicrolensArray:
 
     @property
     def reach_mm(self) -> float:
-        """How far before the sensor the array ends, tilt left out."""
+        """Distance before the sensor at which the array ends, tilt left out."""
         return self.distance_mm + (0.0 if self.model == "thin" else self.thickness_mm or 0.0)

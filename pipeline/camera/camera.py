@@ -1,10 +1,12 @@
-"""What a camera is made of. Plain records; the physics that reads them lives beside this module.
+"""The parts of a camera: plain records. The physics that reads them lives beside this module.
 
 Distances along the axis are counted from the aperture stop, the origin of the camera frame.
 """
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from pipeline.camera.array import CameraError as CameraError
 from pipeline.camera.array import MicrolensArray as MicrolensArray
@@ -55,6 +57,17 @@ class Sensor:
         if self.width_px < 1 or self.height_px < 1 or not self.pitch_mm > 0:
             raise CameraError(f"a sensor of {self.width_px} x {self.height_px} pixels of {self.pitch_mm} mm")
 
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height."""
+        return self.width_px * self.pitch_mm, self.height_px * self.pitch_mm
+
+    @property
+    def farthest_corner_mm(self) -> np.ndarray:
+        """The corner that lies farthest from the axis, vision frame (2,)."""
+        middle, half = np.array([self.offset_x_mm, self.offset_y_mm]), np.array(self.size_mm) / 2
+        return middle + np.where(middle < 0, -half, half)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
@@ -102,7 +115,7 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampling:
-    """How the bundles of a camera are sampled.
+    """Sampling of the bundles of a camera.
 
     Attributes
     ----------

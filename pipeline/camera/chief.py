@@ -60,7 +60,7 @@ def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.
 
 
 def chief_crossings(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
-    """Where the chief rays of points cross the rear vertex plane, in any lens, (m, 2) [mm]; NaN where there is none.
+    """Crossings of the chief rays of points with the rear vertex plane, in any lens, (m, 2) [mm]; NaN: none.
 
     Parameters are those of `chief_slopes`. Newton's method with differences for derivatives; a step that comes no
     nearer to the centre of the stop is halved.
@@ -94,7 +94,7 @@ def chief_crossings(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> 
 
 
 def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of some crossings the one whose ray comes nearest to the centre of the stop, and by how much it misses."""
+    """The crossing whose ray comes nearest to the centre of the stop, and by how much it misses."""
     place = np.zeros((len(points), 2))
     miss = np.full((len(points), 2), np.inf)
     for share in (0.0, 0.25, 0.5, -0.25):
@@ -106,7 +106,7 @@ def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _stop_miss(rear: np.ndarray, points: np.ndarray, crossings: np.ndarray) -> np.ndarray:
-    """Where rays through points and crossings of the rear vertex plane meet the stop, from its centre; NaN: a miss."""
+    """Hits on the stop, from its centre, of rays through points and crossings of the rear vertex plane; NaN: a miss."""
     aim = np.concatenate([crossings, np.full((len(crossings), 1), rear[0, VERTEX])], axis=1)
     position, direction = points.copy(), aim - points
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -121,7 +121,7 @@ def _length(vectors: np.ndarray) -> np.ndarray:
 
 
 def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Where the chief ray of each point (height, 0, plane) of a centred lens crosses the rear vertex plane.
+    """Crossing of the chief ray of each point (height, 0, plane) of a centred lens with the rear vertex plane.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _by_secants(rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndar
 
 
 def _by_halving(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
-    """Where the chief ray of a point crosses the rear vertex plane, where steep rays led the secants astray; NaN: none.
+    """Crossing of a point's chief ray with the rear vertex plane, where steep rays led the secants astray; NaN: none.
 
     Of several crossings it is the one nearest to where the centre of the stop seems to stand from near the axis.
     """

@@ -1,4 +1,4 @@
-"""How far the light of microlenses reaches on the sensor: edges of what passes any point of the aperture.
+"""Contours of the light of microlenses on the sensor: edges of all that passes any point of the aperture.
 
 Along a direction the light of a microlens ends where the last point of its aperture goes dark, and that is a point of
 the rim: just inside of it light passes a thin sliver of the aperture. Rays through points of the rim say where that is:

@@ -1,4 +1,4 @@
-"""What real rays do over the field of the main lens alone: relative illumination and distortion."""
+"""Relative illumination and distortion over the field of the main lens alone, by real rays."""
 
 import dataclasses
 import math
@@ -74,7 +74,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     """
     tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
     centred = camera.prescription.is_centred
-    corner = _farthest_corner(sensor)
+    corner = sensor.farthest_corner_mm
     end = np.array([math.hypot(*corner), 0.0]) if centred else corner
     start = np.zeros(2) if centred else _image_of_the_axis(tracer, object_mm)
     reach = lit_share(tracer.table, *tracer.on_film(np.stack([start, end])))
@@ -85,7 +85,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     direction, crossing = _chief_rays(tracer, positions, object_mm)
     angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
     lens = first_order(camera.prescription)
-    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     ahead = object_mm - lens.entrance_pupil.z_mm
     tangent = np.hypot(*crossing.T) if math.isinf(object_mm) else np.hypot(*crossing.T) / ahead
     ratio = np.divide(heights, principal_mm * tangent, out=np.ones_like(heights), where=heights > 0)
@@ -105,15 +105,8 @@ def _covering(sensor: Sensor, extents_mm: np.ndarray) -> Sensor:
     return Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
 
 
-def _farthest_corner(sensor: Sensor) -> np.ndarray:
-    """The corner of the sensor that lies farthest from the axis, vision frame (2,)."""
-    middle = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
-    half = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
-    return middle + np.where(middle < 0, -half, half)
-
-
 def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
-    """Where on the sensor the chief ray from the axis of the object plane ends, vision frame (2,), by Newton steps."""
+    """End on the sensor of the chief ray from the axis of the object plane, vision frame (2,), by Newton steps."""
     position = np.zeros(2)
     for _ in range(_NEWTON_STEPS):
         probes = position + _DIFFERENCE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])

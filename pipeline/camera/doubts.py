@@ -12,8 +12,8 @@ from pipeline.camera.request import matched_stop_mm
 from pipeline.camera.stop import widest_stop_mm
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
-from pipeline.optics.rays import traced
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, unbounded
+from pipeline.optics.rays import front_grid, traced
+from pipeline.optics.table import VERTEX, unbounded
 
 _PITCHES_MM = (2e-4, 0.5)
 """Pixels are wider than half a wavelength of light and narrower than half a millimetre."""
@@ -39,7 +39,7 @@ class Doubt:
 
 
 def doubts(camera: Camera) -> Iterator[Doubt]:
-    """What is doubtful of a focused camera.
+    """List the doubts about a focused camera.
 
     Raises
     ------
@@ -53,13 +53,8 @@ def doubts(camera: Camera) -> Iterator[Doubt]:
     yield from _image_circle(camera)
 
 
-def _sensor_mm(camera: Camera) -> tuple[float, float]:
-    sensor = camera.sensor
-    return sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm
-
-
 def _pixels(camera: Camera) -> Iterator[Doubt]:
-    pitch, (width, height) = camera.sensor.pitch_mm, _sensor_mm(camera)
+    pitch, (width, height) = camera.sensor.pitch_mm, camera.sensor.size_mm
     if not _PITCHES_MM[0] <= pitch <= _PITCHES_MM[1]:
         what = f"pixels of {pitch:g} mm make a sensor of {width:.4g} x {height:.4g} mm"
         yield Doubt("pixel-pitch", "sensor", what, "lengths are millimetres: 20 µm are 0.02")
@@ -79,7 +74,7 @@ def _stop(camera: Camera) -> Iterator[Doubt]:
 
 
 def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
-    width, height = _sensor_mm(camera)
+    width, height = camera.sensor.size_mm
     if array.pitch_mm > min(width, height) / 2:
         what = f"microlenses {array.pitch_mm:g} mm apart stand before a sensor of {width:.4g} x {height:.4g} mm"
         yield Doubt("microlens-pitch", "microlenses", what, "lengths are millimetres: 100 µm are 0.1")
@@ -97,7 +92,7 @@ def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
 def _array_extent(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
     """Micro-images lie about (1 + B / P) times as far from the axis as their microlenses."""
     spread = 1 + array.distance_mm / _to_array_mm(camera, array)
-    grid, sizes = lattice(array), _sensor_mm(camera)
+    grid, sizes = lattice(array), camera.sensor.size_mm
     if not len(grid.k):
         return
     covered = [
@@ -135,7 +130,7 @@ def _overlap(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
 
 def _image_circle(camera: Camera) -> Iterator[Doubt]:
     """Whether light comes to the farthest corner of the sensor, and chief rays to all that a build traces."""
-    tracer, corner = Tracer(camera), _farthest_mm(camera)
+    tracer, corner = Tracer(camera), camera.sensor.farthest_corner_mm
     far = math.hypot(*corner)
     if not math.isfinite(far) or (_is_lit(tracer, corner) and not camera.microlenses):
         return
@@ -157,22 +152,11 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
         yield Doubt("image-circle", "image", what, hint)
 
 
-def _farthest_mm(camera: Camera) -> np.ndarray:
-    """The point of the film that lies farthest from the axis, as seen by the image, vision frame (2,)."""
-    width, height = _sensor_mm(camera)
-    middle = np.array([camera.sensor.offset_x_mm, camera.sensor.offset_y_mm])
-    half = np.array([width, height]) / 2
-    return middle + np.where(middle < 0, -half, half)
-
-
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
     """Whether any ray from a point of the film leaves the lens."""
     table = tracer.table
-    radius = math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
-    u = np.linspace(-radius, radius, _GRID)
-    x, y = (axis.ravel() for axis in np.meshgrid(u, u))
     start = np.array([*point_mm, tracer.film_z_mm])
-    way = np.column_stack([x, y, np.full(len(x), table[0, VERTEX])]) - start
+    way = front_grid(table, _GRID) - start
     return bool(traced(table, np.tile(start, (len(way), 1)), _unit(way))[2].any())
 
 

@@ -70,7 +70,7 @@ class Faces:
         return first_order(self.prescription(semi_diameter_mm))
 
     def aperture_z_mm(self, height_mm: np.ndarray) -> np.ndarray:
-        """How far the aperture's face stands from the rear vertex plane, towards the scene, at heights off its axis."""
+        """Distance of the aperture's face from the rear vertex plane, towards the scene, at heights off its axis."""
         surface = self.prescription(PLANE_LIKE).surfaces[0 if self.aperture_is_in_front else 1]
         sag = np.vectorize(surface.sag_mm, otypes=[float])(height_mm)
         return (self.thickness_mm if self.aperture_is_in_front else 0.0) - sag

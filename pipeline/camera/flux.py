@@ -1,4 +1,4 @@
-"""Does an edge hold all that passes? Rays all over the bound of a bundle, held against the edge that was found."""
+"""A check that an edge holds all that passes: rays all over the bound of a bundle must agree with it."""
 
 from dataclasses import dataclass
 
@@ -7,6 +7,8 @@ import numpy as np
 from pipeline.camera.probes import PASSES
 from pipeline.camera.ways import Ways
 
+PROBES = 3
+"""Rays over the whole bound per direction of a quadrature."""
 _STEPS = 12
 _CHANCE, _ERRORS = 3.0, 4.0
 """So many rays, and standard errors of their number, may pass beyond the chords of an edge for nothing."""
@@ -69,7 +71,7 @@ class _Chords:
         return a * b * np.sin(turn) / (a * np.sin(after) + b * np.sin(turn - after))
 
     def area(self, n: int) -> np.ndarray:
-        """What the chords enclose, (n,)."""
+        """Area that the chords enclose, (n,)."""
         return np.bincount(self.owner, 0.5 * self.radius * self.radius[self.following] * np.sin(self.turn), n)
 
 

@@ -1,4 +1,4 @@
-"""What a camera is focused at: depth of field, near and far planes. Paraxial; positions are vision z [mm].
+"""Focus of a camera: depth of field, near and far planes. Paraxial; positions are vision z [mm].
 
 Formulas: microlens imaging 1/B = 1/f + 1/a for the virtual object at distance a behind the array (Perwass and Wietzke,
 "Single lens 3D-camera with extended depth-of-field", 2012); blur-disc diameters by similar triangles.

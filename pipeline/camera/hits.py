@@ -1,4 +1,4 @@
-"""Where the rays of bundles meet planes, ray by ray, on nodes that move smoothly with the sensor position.
+"""Hits of the rays of bundles on planes, ray by ray, on nodes that move smoothly with the sensor position.
 
 Nodes are polar: about one inner point for all positions near each other, at shares of the way to the traced edge. So
 the hit of a node, and its weight, are smooth functions of the position, which random rays' are not. Vision frame, mm.
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.camera import probes
+from pipeline.camera.flux import PROBES, holds_all
 from pipeline.camera.quadrature import bounded, inner_points
 from pipeline.camera.regions import NO_MICROLENS
 
@@ -28,7 +29,8 @@ class Hits:
     density_sr : (n, a, r) float64
         Weight per area of the unit disc: the integral over a bundle is that of density times share d(share) d(angle).
     whole : (n,) bool
-        Whether every ray passes, and none beyond the edge: the bundle is star-shaped about its inner point.
+        Whether every ray passes, none beyond the edge, and rays all over the bound where the edge says: the bundle is
+        star-shaped about its inner point, and all of it.
     """
 
     on_plane: np.ndarray
@@ -66,6 +68,7 @@ def bundle_hits(
     found.centres[:] = home.centres + drift * (found.positions - home.positions)
     owner, angle = found.spokes(directions)
     radius, _, limit, _ = found.find(owner, angle)
+    held, _ = holds_all(found, owner, angle, radius, np.full(len(owner), 2 * np.pi / directions), PROBES * directions)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = found.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
     optics, table, _, lenses, _, mosaic = arrays
@@ -74,7 +77,7 @@ def bundle_hits(
     starts = found.positions, own, np.repeat(owner, len(shares)), points.reshape(-1, 2)
     probes.hits(optics, table, lenses, mosaic, planes, *starts, hit)
     nodes = hit.reshape(n, directions, len(shares), 4)
-    whole = (nodes[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
+    whole = held & (nodes[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
     density = nodes[..., 2] * (radius**2).reshape(n, directions, 1)
     return Hits(nodes[..., :2], density, whole)
 
@@ -82,7 +85,7 @@ def bundle_hits(
 def single_hits(
     arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
 ) -> np.ndarray:
-    """Where a ray from each position towards an aim of the sampling plane meets a plane of its own, (n, 2); NaN: none.
+    """Hit of the ray from each position towards an aim of the sampling plane on a plane of its own, (n, 2); NaN: none.
 
     Parameters
     ----------

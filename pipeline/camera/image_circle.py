@@ -1,4 +1,4 @@
-"""How far from the axis light arrives behind the main lens, by real rays."""
+"""The image circle: the part of a way off the axis that light reaches behind the main lens, by real rays."""
 
 import numpy as np
 

@@ -3,7 +3,7 @@
 Quadrature and random rays share the trace and nothing else, so that each can judge the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,8 @@ LEVELS = len(NODES)
 
 _STREAM_PX = 1 << 24
 """Pixels of another stream lie so far off: no sensor is as wide."""
+_ANCHORED_PX = 0.5
+"""Regions of anchors farther away may miss rays that pass."""
 _NODES_AT_ONCE = 1 << 22
 """Nodes of quadrature of a stretch of squares: what fits into memory."""
 
@@ -51,12 +53,19 @@ class Integral:
 
 
 def integrals(
-    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, level: int, square_px: float = 0.0
+    tracer: Tracer,
+    x_px: np.ndarray,
+    lens: np.ndarray,
+    planes: np.ndarray,
+    level: int,
+    square_px: float = 0.0,
+    anchor_px: np.ndarray | None = None,
 ) -> Integral:
     """Integrate the bundles of image positions (n, 2) behind their microlenses (n,) on planes (n, 2, 4, 3).
 
     Level 0 states no error (NaN), because there is nothing to compare with. Rays start at the positions, or anywhere on
-    squares of the edge `square_px` around them.
+    squares of the edge `square_px` around them. Positions near their anchors (n, 2) have the random rays of these: a
+    search keeps them, so that its integrals change smoothly with the position.
     """
     known = ~np.isnan(x_px).any(axis=1)
     x, lit = np.where(known[:, None], x_px, 0.0), np.where(known, lens, SKIP)
@@ -68,7 +77,8 @@ def integrals(
         error = np.abs(moments[:, :2] - levels[0][0][:, :2])
     odd = status == NOT_STAR_SHAPED
     if odd.any():
-        other = random_integrals(tracer, x_px[odd], lens[odd], planes[odd], RANDOM_RAYS[level], square_px)
+        bundles = x_px[odd], lens[odd], planes[odd], RANDOM_RAYS[level], square_px
+        other = random_integrals(tracer, *bundles, anchor_px=None if anchor_px is None else anchor_px[odd])
         moments[odd], error[odd], rays = other.moments, other.error_mm, rays + other.rays
     return Integral(moments, error, odd, rays)
 
@@ -106,7 +116,7 @@ def _over_squares(
 
 
 def _worst(status: np.ndarray) -> np.ndarray:
-    """What became of squares, (n,), from what became of their nodes, (n, m)."""
+    """Outcomes of squares, (n,), from those of their nodes, (n, m)."""
     some = np.where((status == INTEGRATED).any(axis=1), INTEGRATED, EMPTY)
     return np.where((status == NOT_STAR_SHAPED).any(axis=1), NOT_STAR_SHAPED, some)
 
@@ -119,12 +129,32 @@ def random_integrals(
     rays: int,
     square_px: float = 0.0,
     stream: int = 0,
+    anchor_px: np.ndarray | None = None,
 ) -> Integral:
-    """The same by so many scrambled Sobol points each; random numbers depend on the pixel and the stream."""
+    """The same by so many scrambled Sobol points each; random numbers depend on the anchor's pixel and the stream."""
     known = ~np.isnan(x_px).any(axis=1)
-    somewhere = np.where(known[:, None], x_px, 0.0)
-    positions = tracer.positions_mm(*somewhere.T)
-    numbers = np.rint(somewhere).astype(np.int64) + np.array([stream * _STREAM_PX, 0])
-    moments = tracer.moments(positions, np.where(known, lens, SKIP), planes, rays, numbers, square_px)
+    x_px = np.where(known[:, None], x_px, 0.0)
+    anchor_px = x_px if anchor_px is None else anchor_px
+    near = np.hypot(*(anchor_px - x_px).T) <= _ANCHORED_PX
+    anchor_px = np.where(near[:, None], anchor_px, x_px)
+    positions, anchors = tracer.positions_mm(*x_px.T), tracer.positions_mm(*anchor_px.T)
+    numbers = np.rint(anchor_px).astype(np.int64) + np.array([stream * _STREAM_PX, 0])
+    moments = tracer.moments(positions, np.where(known, lens, SKIP), planes, rays, numbers, square_px, anchors)
     error = np.sqrt(moments[:, VARIANCE : VARIANCE + 2])
     return Integral(moments, error, np.ones(len(x_px), bool), int(known.sum()) * max(rays, REPLICAS))
+
+
+def pooled(found: Integral, coarser_mm: np.ndarray) -> Integral:
+    """The same with standard errors from all replicas of two levels of random rays.
+
+    Four replicas alone state an error that is itself wrong by 40 %, and who stops where it is small stops where it is
+    too small. Scrambled Sobol points err by no more than half as much where there are four times as many.
+
+    Parameters
+    ----------
+    coarser_mm : (n, 2) float64
+        Standard errors of the level before; NaN where its rays were not random.
+    """
+    both = np.sqrt((found.error_mm**2 + coarser_mm**2 / 4) / 2)
+    known = found.is_random[:, None] & ~np.isnan(coarser_mm)
+    return replace(found, error_mm=np.where(known, both, found.error_mm))

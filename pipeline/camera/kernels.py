@@ -4,6 +4,8 @@ Vision frame, mm. A conventional camera samples the rear vertex plane, a plenopt
 else is the same code. `lens` is the row of a microlens, `NO_MICROLENS`, or `SKIP`.
 """
 
+import math
+
 import numpy as np
 
 from pipeline.camera.camera import REPLICAS
@@ -17,7 +19,7 @@ from pipeline.optics.kernels import PACKET, new_packet
 
 _IMAGE_STREAM, _START_STREAM = 1 << 16, 2 * REPLICAS
 _CIRCUMRADIUS = 0.7072
-"""Of a square of edge 1, rounded up."""
+"""Circumradius of a square of edge 1, rounded up."""
 _GAUSS = 0.28867513459481287
 """Both nodes of Gauss and Legendre stand so far from the middle of an interval of length 1."""
 
@@ -36,7 +38,21 @@ def _free_weight_of(optics, lenses, aperture, mosaic, lens, x, y, square, polygo
 
 @kernel
 def bundle_moments(
-    optics, table, outlines, lenses, aperture, mosaic, planes, bits, seed, square, pixels, positions, lens, moments
+    optics,
+    table,
+    outlines,
+    lenses,
+    aperture,
+    mosaic,
+    planes,
+    bits,
+    seed,
+    square,
+    pixels,
+    anchors,
+    positions,
+    lens,
+    moments,
 ):
     """Moments of the bundles of many sensor positions on two planes.
 
@@ -62,6 +78,8 @@ def bundle_moments(
         Rays start anywhere on a square of this edge around their position; 0: at the position itself.
     pixels : (n, 2) int64
         What random numbers depend on besides the seed.
+    anchors : (n, 2) float64
+        Positions next to those below, for which the region is bound that rays go through.
     positions : (n, 2) float64
         On the sensor.
     lens : (n,) int64
@@ -85,7 +103,9 @@ def bundle_moments(
             moments[n, FREE_WEIGHT] = _free_weight_of(
                 optics, lenses, aperture, mosaic, lens[n], sx, sy, square, region[0]
             )
-        fan_of = bound(optics, outlines, lenses, aperture, lens[n], sx, sy, _CIRCUMRADIUS * square, region)
+        ax, ay = anchors[n]
+        slack = _CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
+        fan_of = bound(optics, outlines, lenses, aperture, lens[n], ax, ay, slack, region)
         if not fan_of[3] > 0.0:
             continue
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
@@ -102,7 +122,7 @@ def bundle_moments(
                 for i in range(size):
                     start_x[i] = sx + square * (start_x[i] - 0.5)
                     start_y[i] = sy + square * (start_y[i] - 0.5)
-            start_packet(table, optics, lenses, mosaic, lens[n], sx, sy, start_x, start_y, region, fan_of, size, packet)
+            start_packet(table, optics, lenses, mosaic, lens[n], ax, ay, start_x, start_y, region, fan_of, size, packet)
             cross_packet(near, far, packet, size, crossing)
             if not started:
                 started = set_pivot(crossing, alive, size, pivot)

@@ -106,7 +106,7 @@ def _centres(tracer: Tracer) -> np.ndarray:
 
 
 def vertex_aims(tracer: Tracer, lens: np.ndarray, positions_mm: np.ndarray) -> np.ndarray:
-    """Where rays from sensor positions (n, 2) aim that pass the vertex of the aperture's face of microlenses (n,)."""
+    """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
     optics, _, _, lenses, _, mosaic = tracer.arrays
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None

@@ -1,4 +1,4 @@
-"""Where the light of every microlens falls: centroids and outlines of micro-images, each from its own traced rays.
+"""Centroids and outlines of micro-images: the light of every microlens, each from its own traced rays.
 
 The light of a microlens is a double integral, over its aperture and over the sensor. Through one point of the aperture
 light fills the image of the exit pupil as that pinhole throws it; over the points of the aperture that image only moves
@@ -29,7 +29,7 @@ _NEIGHBOUR = 1e-3
 _INSIDE = 1 - 1e-9
 _ROOM = 1.1
 _STEP = 0.3
-"""Of the least radius of the pupil's image: a shorter way than a rim that light has reached stays lit; and of the
+"""Share of the least radius of the pupil's image: a shorter way than a rim that light has reached stays lit; and of the
 penumbra."""
 _RING, _RINGS = 0.01, 12
 _AT_ONCE = 512
@@ -139,7 +139,7 @@ def reaching(tracer: Tracer, images: MicroImages) -> np.ndarray:
 
 
 def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far the image of the pupil moves per distance of the point in the aperture, and how far it reaches; 0: dark.
+    """Movement of the pupil's image per distance of the point in the aperture, and its reach; 0: dark.
 
     From the sampling bounds, turned round as for `MicroImages.reach_mm`.
     """
@@ -207,7 +207,7 @@ def _rim(array: MicrolensArray) -> np.ndarray:
 
 
 def _shares_of_rim(array: MicrolensArray) -> np.ndarray:
-    """Where light may pass last: the rim, or some way inside of it where two curved faces both end."""
+    """Outermost points that light may pass: the rim, or some way inside of it where two curved faces both end."""
     has_two = any(all(faces.curved) for faces in array.faces)
     return _INSIDE - _RING * np.arange(_RINGS if has_two else 1)
 

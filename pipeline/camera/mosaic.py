@@ -185,7 +185,7 @@ class _Placed:
         return rows
 
     def _on_film(self, vertices: np.ndarray) -> np.ndarray:
-        """Where the chief rays through vertices of tilted arrays cross the plane of the untilted one."""
+        """Crossings of the chief rays through vertices of tilted arrays with the plane of the untilted one."""
         if not self.array.is_tilted:
             return vertices
         points = np.column_stack([vertices, self.film_mm + self.lattice.z_mm])
@@ -227,7 +227,7 @@ class _Placed:
         rows[:, elements.MARGIN] = _SAFETY * margin + 1e-9
 
     def _sensor_reach(self, rows: np.ndarray, aperture: np.ndarray) -> float:
-        """How far from below its vertex light of a microlens may meet the sensor, to first order."""
+        """Largest distance from below its vertex at which light of a microlens meets the sensor, to first order."""
         polygons = np.empty((len(rows), self.bounds.vertices_mm.shape[2], 2))
         outline_points = np.ascontiguousarray(rows[:, [elements.OUTLINE_X, elements.OUTLINE_Y]])
         outlines_at(self.bounds.step_mm, self.bounds.vertices_mm, outline_points, polygons)

@@ -4,7 +4,6 @@ Points are in the vision frame. A doubtful point counts as seen: who is told tha
 rely on it.
 """
 
-import math
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -13,22 +12,22 @@ import numpy as np
 from pipeline.camera.camera import Camera, MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import FirstOrder, first_order
-from pipeline.optics.rays import traced
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_sensor
+from pipeline.optics.rays import front_grid, traced
+from pipeline.optics.table import towards_sensor
 
 _FLIP = np.array([1.0, -1.0, -1.0])
 """Between the vision frame and that in which light travels to the sensor along +z."""
 _RINGS, _SPOKES = (0.5, 0.95, 1.25), 8
-"""Of the paraxial entrance pupil's radius."""
+"""Radii of rings of rays, over that of the paraxial entrance pupil, and rays on each."""
 _WIDE, _TRIED = 25, 8
 """Rays along an edge of the grid over the whole front surface, for strong vignetting and fisheyes, and how many points
 of a pose get them: those nearest to the axis."""
 _SLACK_PX, _BLUR_SHARE = 4.0, 0.25
-"""How far beyond the border of the image the middle of a point's light may lie: pixels, and share of its blur."""
+"""Distance from the image that the middle of a point's light may have outside of it: pixels, and share of its blur."""
 
 
 class Fate(IntEnum):
-    """What becomes of the light of a point; where several hold, the first."""
+    """Fate of the light of a point; where several hold, the first."""
 
     AWAY = 0
     """The front of its surface faces away from the camera."""
@@ -43,7 +42,7 @@ class Fate(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """What becomes of points.
+    """Fates of points.
 
     Attributes
     ----------
@@ -58,7 +57,7 @@ class Outlook:
 
 
 def outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
-    """What becomes of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
+    """Find the fate of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
     with np.errstate(all="ignore"):  # what is not finite is not seen
         return _outlook(camera, points_mm, front)
 
@@ -69,7 +68,7 @@ def _outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outloo
     blur, lit, inside = _light(tracer, table, points, _fan(lens))
     dark = _nearest_to_axis(points_mm, ~lit.reshape(shape))
     if len(dark):
-        blur[dark], lit[dark], inside[dark] = _light(tracer, table, points[dark], _front_grid(table))
+        blur[dark], lit[dark], inside[dark] = _light(tracer, table, points[dark], front_grid(table, _WIDE))
     if array := camera.microlenses:
         blur = _blur_behind_microlenses_px(camera, array, lens, points[:, 2])
     fate = np.where(inside, Fate.SEEN, Fate.OUTSIDE)
@@ -87,7 +86,7 @@ def pupil_points_mm(camera: Camera) -> np.ndarray:
 def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
     """Width and height of what the image shows of the plane at vision z, paraxially."""
     lens, sensor = first_order(camera.prescription), camera.sensor
-    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     scale = sensor.pitch_mm * abs((z_mm - lens.entrance_pupil.z_mm) / principal_mm)
     return sensor.width_px * scale, sensor.height_px * scale
 
@@ -108,15 +107,6 @@ def _fan(lens: FirstOrder) -> np.ndarray:
     return np.concatenate([[[0.0, 0.0, -lens.entrance_pupil.z_mm]], aims])
 
 
-def _front_grid(table: np.ndarray) -> np.ndarray:
-    """Points all over the front surface, (rays, 3), in the frame of the light."""
-    radius = math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
-    u = np.linspace(-radius, radius, _WIDE)
-    x, y = (axis.ravel() for axis in np.meshgrid(u, u))
-    aims = np.column_stack([x, y, np.full(len(x), table[0, VERTEX])])
-    return aims[np.hypot(x, y) <= radius]
-
-
 def _nearest_to_axis(points_mm: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Rows of the wanted points of each pose, the `_TRIED` ones that lie nearest to the axis as seen from the stop."""
     slope = np.hypot(points_mm[..., 0], points_mm[..., 1]) / np.abs(points_mm[..., 2])
@@ -128,7 +118,7 @@ def _nearest_to_axis(points_mm: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 def _light(
     tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How wide the light of points is spread on the film [px], whether there is any, and whether it is in the image."""
+    """Width of the light of points on the film [px], whether there is any, and whether it is in the image."""
     start = np.repeat(points_mm * _FLIP, len(aims), axis=0)
     way = np.tile(aims, (len(points_mm), 1)) - start
     way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The pinhole that stands for a camera where a program knows nothing else, as OpenCV does.
+"""The pinhole that stands for a camera in programs that know nothing else, as OpenCV; viewers get `camera.viewfinder`.
 
 It is fitted to mean rays: those whose crossings with a plane are J, so the same that define every exact position. The
 paraxial entrance pupil would do for chief rays near the axis; coma pulls the mean away from them, by 0.18 mm along the
@@ -25,7 +25,7 @@ from pipeline.optics.first_order import first_order
 _COLUMNS, _ROWS = 17, 13
 """Image positions that are traced, the corners of the image among them."""
 _LEVEL = 2
-"""Of the quadrature: means are right to 1e-8 mm."""
+"""Level of the quadrature: means are right to 1e-8 mm."""
 _STEPS, _SETTLED = 40, 1e-12
 _F, _CENTRE, _POINT, _RADIAL, _TANGENTIAL = 0, (1, 2, 3), (4, 5), (6, 7, 8), (9, 10)
 """Places of the parameters: f, C, c, (k1, k2, k3), (p1, p2)."""
@@ -36,7 +36,7 @@ _IMAGINARY = 1e-30
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Projection:
-    """How a pinhole makes an image of directions, and what it leaves of the real camera's rays.
+    """A pinhole's image of directions, and how far the rays of the real camera differ from it.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ def _with_radial(rays: "_Rays", found: np.ndarray, free: tuple[int, ...]) -> np.
 def _paraxial(camera: Camera) -> np.ndarray:
     """Parameters of the pinhole at the paraxial entrance pupil."""
     lens, sensor = first_order(camera.prescription), camera.sensor
-    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     parameters = np.zeros(11)
     parameters[_F], parameters[_CENTRE[2]] = principal_mm / sensor.pitch_mm, lens.entrance_pupil.z_mm
     parameters[list(_POINT)] = (
@@ -148,7 +148,7 @@ class _Rays:
     lit_share: float
 
     def residuals(self, p: np.ndarray) -> np.ndarray:
-        """What a pinhole's images of the crossings lie off their positions, (2 n, 2) [px]; analytic in `p`."""
+        """Differences of a pinhole's images of the crossings from their positions, (2 n, 2) [px]; analytic in `p`."""
         (k1, k2, k3), (p1, p2) = p[list(_RADIAL)], p[list(_TANGENTIAL)]
         off = []
         for crossing, z_mm in zip(self.crossings_mm, self.planes_mm, strict=True):
@@ -177,7 +177,7 @@ class _Rays:
         return p
 
     def rms_px(self, p: np.ndarray) -> float:
-        """Of the lengths of the residuals."""
+        """Root mean square of the lengths of the residuals."""
         return float(np.sqrt(np.mean(np.sum(self.residuals(p) ** 2, axis=1))))
 
     def projection(self, p: np.ndarray) -> Projection:

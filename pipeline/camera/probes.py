@@ -190,7 +190,7 @@ def integrate(optics, table, lenses, mosaic, planes, positions, lens, owner, poi
 
 @kernel
 def hits(optics, table, lenses, mosaic, planes, positions, lens, owner, points, hit):
-    """Where the ray through each point meets the plane of its position.
+    """Trace the ray through each point to the plane of its position.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def _stretch(owner, first):
 
 @inline
 def _side_of(polygon, point):
-    """Which side of a polygon about the origin a point lies farthest towards."""
+    """Number of the side of a polygon about the origin that a point lies farthest towards."""
     worst, found = -np.inf, 0
     for i in range(polygon.shape[0]):
         j = i + 1 if i + 1 < polygon.shape[0] else 0
@@ -240,7 +240,7 @@ def _side_of(polygon, point):
 
 @inline
 def _straight_edge(row, x, y):
-    """Which straight edge of a surface's aperture a point lies farthest beyond, from 1; 0: none of them."""
+    """Number, from 1, of the straight edge of a surface's aperture that a point lies farthest beyond; 0: of none."""
     worst, found = 0.0, 0
     for j in range(int(row[EDGES])):
         first = int(row[FIRST_EDGE]) + 3 * j

@@ -1,4 +1,4 @@
-"""Where light can leave a lens backwards: outlines of the passing rays, per height off the axis.
+"""Outlines of the rays that pass a lens backwards, on its rear vertex plane, per height off the axis.
 
 From a point at height h on a plane behind the lens (sensor or microlens array) the rays that pass fill a region of the
 rear vertex plane. Its edge is traced in `_TRACED` directions at `HEIGHTS` heights and enclosed by a polygon whose edges
@@ -150,7 +150,7 @@ def directions_of(count: int) -> np.ndarray:
 
 
 def supports(points: np.ndarray) -> np.ndarray:
-    """How far sets of points (n, m, 2) reach along the normals of the edges of an outline, (n, DIRECTIONS)."""
+    """Farthest reach of sets of points (n, m, 2) along the normals of the edges of an outline, (n, DIRECTIONS)."""
     return (points @ directions_of(DIRECTIONS).T).max(axis=1)
 
 

@@ -1,8 +1,8 @@
 """Outlines of the passing rays for a lens that is not symmetric about its axis: per point of a grid behind it.
 
-What `camera.pupil` does per height, for points of any plane. Between four points of the grid supports are interpolated;
-an outline is inflated by all that its neighbours say about how wrong that can be, and by how much an outline changes,
-besides the drift, while its point moves within a pixel or the aperture of a microlens.
+The same as `camera.pupil` traces per height, for points of any plane. Between four points of the grid supports are
+interpolated; an outline is inflated by all that its neighbours say about how wrong that can be, and by how much an
+outline changes, besides the drift, while its point moves within a pixel or the aperture of a microlens.
 """
 
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
 
 
 def _drift(centre: np.ndarray, step: float) -> float:
-    """How far outlines move along with their points, the median over a grid (rows, columns, 2)."""
+    """Movement of outlines per movement of their points, the median over a grid (rows, columns, 2)."""
     along = np.concatenate([np.diff(centre[..., 0], axis=1).ravel(), np.diff(centre[..., 1], axis=0).ravel()]) / step
     known = along[~np.isnan(along)]
     return float(np.median(known)) if known.size else 0.0
@@ -116,7 +116,7 @@ def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 def _bend(reach: np.ndarray) -> np.ndarray:
-    """How wrong a support interpolated next to each point can be, (rows, columns).
+    """Largest error of a support interpolated next to each point, (rows, columns).
 
     Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
     where a kink lies inside: vignetting begins there.
@@ -132,7 +132,7 @@ def _bend(reach: np.ndarray) -> np.ndarray:
 
 
 def _slope(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """How much a support changes at most from a point to the next, besides the drift, (rows, columns)."""
+    """Largest change of a support from a point to the next, besides the drift, (rows, columns)."""
     squared = np.zeros(reach.shape[:2])
     for axis in (0, 1):
         change = np.abs(np.diff(reach, axis=axis) - shift[:, 1 - axis])

@@ -18,7 +18,7 @@ _EDGE_STEPS, _CORNER_STEPS = 17, 10
 _AROUND, _LEAST_PER_ARC = 48, 8
 """Nodes over a full circle with corners, and on each arc at least."""
 _OFF_CENTRE = 0.1
-"""Of the mean radius: a base that lies farther from the middle moves there."""
+"""Share of the mean radius: a base that lies farther from the middle moves there."""
 _SPREAD, _GOLDEN_RAD = 256, 2.399963229728653
 
 
@@ -86,7 +86,7 @@ class Apertures:
         return sums
 
     def reach(self, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray) -> np.ndarray:
-        """How far light through the vertex reaches from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
+        """Reach of light through the vertex from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
         owner, vertex = np.arange(len(self.lens)), np.zeros(len(self.lens), np.int64)
         lit = self._passes(owner, vertex[:, None], origins[:, None])
         shape = len(owner), len(directions)
@@ -103,7 +103,7 @@ class Apertures:
         limit: np.ndarray,
         steps: int = _EDGE_STEPS,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How far light of microlenses `owner` (p,) reaches along directions (p, d, 2), and what blocks, (p, d)."""
+        """Reach of light of microlenses `owner` (p,) along directions (p, d, 2), and what blocks it, (p, d)."""
         low, high = np.zeros(which.shape), np.repeat(limit[:, None].astype(float), which.shape[1], axis=1)
         blocker = np.empty(which.shape, np.int64)
         # Of one layout, and writable, lest the kernel is compiled once more.

@@ -16,26 +16,24 @@ import numpy as np
 from pipeline.camera import probes
 from pipeline.camera.acceptance import HALF_ANGLE
 from pipeline.camera.elements import AIM, PLAIN_COLUMNS
-from pipeline.camera.flux import holds_all
+from pipeline.camera.flux import PROBES, holds_all
 from pipeline.camera.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.polygon import MAX_VERTICES
 from pipeline.camera.probes import PASSES
 from pipeline.camera.ways import Ways
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
-"""What became of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
+"""Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
 
 _FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
 _CORNER_STEPS, _CORNER_EDGE_STEPS = 10, 18
 _INNER_PROBES = 256
-_PROBES = 3
-"""Rays over the whole bound per direction of a quadrature."""
 _LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
 
 
 @dataclass(frozen=True, slots=True)
 class Edges(Ways):
-    """What passes, and the means to integrate over it.
+    """Regions that rays pass, and the means to integrate over them.
 
     Attributes
     ----------
@@ -90,7 +88,7 @@ class Edges(Ways):
             rays += len(arguments[-1]) + len(owner)
             whole &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:
-                held, more = holds_all(self, owner, angle, radius, share, _PROBES * nodes[1])
+                held, more = holds_all(self, owner, angle, radius, share, PROBES * nodes[1])
                 whole, rays = whole & held, rays + more
             status[owner] = np.where(whole, INTEGRATED, NOT_STAR_SHAPED)[owner]
         result[:, VARIANCE:] = 0.0

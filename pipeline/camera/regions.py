@@ -1,4 +1,4 @@
-"""Where on the sampling plane the rays of a sensor position can pass: polygons that bound the sampling tightly.
+"""Polygons on the sampling plane that enclose all rays of a sensor position that can pass, tightly.
 
 Kernels only; vision frame, mm. `optics` holds z of sensor, sampling plane and rear vertex plane, the step of the
 outlines and their drift (see `camera.pupil`). `lens` is the row of a microlens, or NO_MICROLENS.

@@ -15,7 +15,7 @@ def report(camera: Camera) -> dict[str, Any]:
     """Figures of a focused camera (see `camera.focus.focused`), in the order in which camera.json prints them."""
     lens, sensor, found = first_order(camera.prescription), camera.sensor, foci(camera)
     to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
-    principal_mm = to_sensor / lens.pupil_magnification
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     depths = [focus.depth_of_field_mm for focus in found]
     figures: dict[str, Any] = {
         "resolution": [sensor.width_px, sensor.height_px],
@@ -82,7 +82,7 @@ def _acceptance(sensor: Sensor) -> dict[str, Any]:
 
 
 def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
-    """What the union of ranges leaves out between its ends, near to far."""
+    """Gaps that the union of ranges leaves between its ends, near to far."""
     gaps, reached = list[list[float]](), -math.inf
     for near, far in sorted(ranges):
         if -math.inf < reached < near:

@@ -99,7 +99,7 @@ def sensor_distance(request: FocusRequest) -> float:
 
 
 def group_shift(request: FocusRequest) -> float:
-    """How far the groups move, + towards the sensor, to bring the requested object distance into focus. [mm]"""
+    """Movement of the groups, + towards the sensor, that brings the requested object distance into focus. [mm]"""
     wanted = request.focus_distance_mm
     if not request.focus_groups or wanted is None:
         return 0.0
@@ -132,7 +132,7 @@ def reachable(request: FocusRequest) -> tuple[float, float]:
 
 
 def _image_behind_film(request: FocusRequest) -> float:
-    """How far behind the sensor, or the microlens' front principal plane, the main-lens image in focus lies. [mm]"""
+    """Distance of the main-lens image in focus behind the sensor, or the microlens' front principal plane. [mm]"""
     array = request.microlenses
     if array is None or request.type is None:
         return 0.0

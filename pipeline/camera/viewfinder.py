@@ -1,4 +1,7 @@
-"""The pinhole that sees what a camera sees, for viewers that know no lenses. Paraxial; lengths in mm."""
+"""The paraxial pinhole that sees what a camera sees, for viewers of USD, which know no lenses; lengths in mm.
+
+Without a ray traced, for a picture; `camera.pinhole` is fitted to real rays, for numbers.
+"""
 
 import math
 from dataclasses import dataclass
@@ -36,13 +39,13 @@ class Viewfinder:
 
 
 def viewfinder(camera: Camera) -> Viewfinder:
-    """Of a camera whose focus is solved."""
+    """Find the viewfinder of a camera whose focus is solved."""
     lens, sensor = first_order(camera.prescription), camera.sensor
-    principal_mm = (lens.exit_pupil.z_mm + camera.sensor_distance_mm) / lens.pupil_magnification
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     focus_mm = middle_focus(camera)
     return Viewfinder(
         principal_mm=principal_mm,
-        size_mm=(sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm),
+        size_mm=sensor.size_mm,
         # Offsets say where the axis meets the image, x right and y down: the image's middle lies on the other side.
         offset_mm=(0.0 - sensor.offset_x_mm, 0.0 + sensor.offset_y_mm),
         focus_mm=focus_mm if focus_mm > 0 else math.inf,

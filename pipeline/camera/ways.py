@@ -15,7 +15,7 @@ _EDGE_STEPS = 24
 
 @dataclass(frozen=True, slots=True)
 class Ways:
-    """What passes, for many sensor positions, as seen from an inner point of each.
+    """Regions that rays pass, for many sensor positions, each seen from an inner point.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Ways:
         return points
 
     def probe(self, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """What blocks the ray of each position through each point: labels of `probes.probe`; owners ascend."""
+        """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
         optics, table, _, lenses, aperture, mosaic = self.arrays
         label = np.empty(len(owner), np.int64)
         starts = self.positions, self.lens, owner, np.ascontiguousarray(points)

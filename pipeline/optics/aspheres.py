@@ -71,7 +71,7 @@ def _meet_conic(row, x, y, z, dx, dy, dz, alive, along_normal, slope, upright, c
 
 @inline
 def _conic_root(c, conic, squared, across, dz):
-    """How far behind the vertex plane a ray meets the conic, and the normal's product with the direction."""
+    """Path from the vertex plane to the conic, and the normal's product with the direction."""
     f = c * squared
     g = dz - c * across
     discriminant = g * g - c * (1.0 + conic * dz * dz) * f

@@ -1,4 +1,4 @@
-"""How far the surfaces of a lens stand off their places: decentres and tilts as rigid motions.
+"""Displacements of the surfaces of a lens from their places: decentres and tilts as rigid motions.
 
 A motion acts on points of the lens frame with its origin moved to the centre of the nominal stop. It carries the
 surface as it stands in the centred lens to where it really stands, and nothing else: what follows stays.

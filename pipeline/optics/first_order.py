@@ -59,6 +59,10 @@ class FirstOrder:
         """Exit-pupil over entrance-pupil diameter."""
         return self.exit_pupil.diameter_mm / self.entrance_pupil.diameter_mm
 
+    def principal_distance_mm(self, sensor_distance_mm: float) -> float:
+        """Principal distance with a sensor so far behind the stop: exit pupil to sensor over pupil magnification."""
+        return (self.exit_pupil.z_mm + sensor_distance_mm) / self.pupil_magnification
+
     def image_mm(self, object_mm: float) -> float:
         """Vision z of the image of an axial object at vision z (Newton's equation x x' = f^2)."""
         return self.rear_focus_mm - self.efl_mm**2 / (object_mm - self.front_focus_mm)

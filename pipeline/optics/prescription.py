@@ -218,7 +218,7 @@ class Group:
 
     @property
     def members(self) -> range:
-        """Which surfaces it holds."""
+        """The surfaces that it holds, as a range of numbers."""
         return range(self.first, self.first + self.count)
 
 
@@ -273,7 +273,7 @@ class Prescription:
 
     @property
     def stop_index(self) -> int:
-        """Which surface is the aperture stop, counted from 0."""
+        """Number of the surface that is the aperture stop, counted from 0."""
         return next(i for i, surface in enumerate(self.surfaces) if surface.is_stop)
 
     @property

@@ -131,7 +131,7 @@ def prescription_of(lens: PrintedLens) -> Prescription:
 
 
 def not_representable(surface: PrintedSurface) -> list[str]:
-    """What keeps one surface from being represented: the only place that says so."""
+    """Reason why one surface cannot be represented: the only place that says so."""
     found = []
     if dict(surface.asphere).get(1):
         found.append("the term r^1 of its asphere makes the vertex a tip")

@@ -25,6 +25,14 @@ from pipeline.optics.table import (
 _STEPS, _RESIDUAL_MM = 8, 1e-9
 
 
+def front_grid(table: np.ndarray, count: int) -> np.ndarray:
+    """Points in front of all of the first surface of a table: a square grid on its vertex plane, (count^2, 3) [mm]."""
+    radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
+    u = np.linspace(-radius, radius, count)
+    x, y = (axis.ravel() for axis in np.meshgrid(u, u))
+    return np.column_stack([x, y, np.full(len(x), table[0, VERTEX])])
+
+
 def traced(
     table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ straight edges of the aperture and the column of the first one, first of the twe
 its place, 0 for a surface in it. Zeros behind the first four make a circle of a centred sphere. An edge takes three
 columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows of its matrix."""
 IDEAL = -1.0
-"""In place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
+"""Mark in place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
 LOW_TERMS = 5
 """Least number of coefficients in the row of an asphere; zeros fill up."""
 COEFFICIENTS = 11
@@ -64,7 +64,7 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
 
 
 def motion_of(row: np.ndarray) -> np.ndarray:
-    """Where the surface of a row stands, in the frame of its table: the (4, 4) motion from its place in the centred
+    """Place of the surface of a row, in the frame of its table: the (4, 4) motion from its place in the centred
     lens.
     """
     result, first = np.eye(4), int(row[POSE])

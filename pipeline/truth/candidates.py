@@ -1,4 +1,4 @@
-"""Which microlenses may see a target point, and about where: from tracing the point forward through the pupil.
+"""Microlenses that may see a target point, and about where: from tracing the point forward through the pupil.
 
 Points are in the vision frame. The forward trace runs in the lens frame moved to the stop: x, -y, -z of the former.
 """
@@ -69,7 +69,7 @@ def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray
 
 
 def _footprint(tracer: Tracer, point_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Where rays of a point cross the plane of sensor or array, and their slopes there; vision x and y, (n, 2) each.
+    """Crossings of a point's rays with the plane of sensor or array, and slopes there; vision x and y, (n, 2) each.
 
     The fan is aimed at the paraxial entrance pupil, and at the whole front surface where nothing comes through that.
     """

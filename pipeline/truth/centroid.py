@@ -78,14 +78,14 @@ def _centroid(around: BundleMap, measure: np.ndarray, radius_mm: float, disc: li
 
 
 def _linear(look: BundleMap, points_mm: np.ndarray) -> np.ndarray:
-    """Where nodes see points (m, 2) of the plane, (a, r, m, 2), by their derivatives at the middle of a map."""
+    """Image positions (a, r, m, 2) where nodes see points (m, 2) of the plane, by derivatives in a map's middle."""
     middle = np.broadcast_to(look.x_px, (*look.fields.shape[1:3], 1, 2))
     apart = points_mm - _fields(look, middle)[..., :2]
     return look.x_px + np.einsum("armij,armj->armi", np.linalg.inv(_jacobian(look, middle)), apart)
 
 
 def _seen(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where nodes see points (m, 2) of the plane, (a, r, m, 2) [px], their density, and px^2 per mm^2, there."""
+    """Image positions (a, r, m, 2) [px] where nodes see points (m, 2) of the plane, density and px^2 per mm^2 there."""
     middle = np.broadcast_to(around.x_px, (*around.fields.shape[1:3], 1, 2))
     inverse = np.linalg.inv(_jacobian(around, middle))
     x = _linear(around, points_mm)

@@ -1,4 +1,4 @@
-"""How wrong are rows of a table? A sample of either kind, solved again with the other rule and more rays.
+"""The certificate of a table: a sample of rows of either kind, solved again with the other rule and more rays.
 
 Rows of position images and their moments come from random rays: quadrature judges them. Rows by `direct` come from
 quadrature: random rays judge them. Both rules share the trace, which published rays judge.
@@ -21,9 +21,9 @@ WORST = 5.0
 NOTHING = "nothing to certify: the tables have no row"
 """Why there is no verdict where no point was seen."""
 NO_CLAIM_PX = 1e-3
-"""What is aimed at where nothing is claimed."""
+"""Accuracy that is aimed at where nothing is claimed."""
 KINDS = ("position images", "direct")
-"""How rows were found, and so by which rule they are judged."""
+"""Kinds of rows: how one was found says by which rule it is judged."""
 
 _BINS_PX = (0.0, 1.0, 2.0, 4.0)
 
@@ -102,7 +102,7 @@ def _verdict(
 
 
 def _against(length: np.ndarray, weights: np.ndarray, claim_px: float) -> str | None:
-    """What of a sample speaks against a claim."""
+    """The reason why a sample speaks against a claim, None where it does not."""
     within = float(np.average(length <= claim_px, weights=weights))
     if within < WITHIN:
         return f"only {within:.1%} of the rows lie within the claim"

@@ -50,7 +50,7 @@ def chief_points(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.
 
 
 def _chief_hits(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Where the chief rays of image positions meet their planes, (n, 2) [mm]."""
+    """Hits of the chief rays of image positions on their planes, (n, 2) [mm]."""
     hits = np.full(x_px.shape, np.nan)
     known = np.flatnonzero(np.isfinite(x_px).all(axis=1))
     positions = tracer.positions_mm(*x_px[known].T)

@@ -269,7 +269,8 @@ def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndar
     """Standard error of each row: that of the worse plane, scaled by the blur.
 
     The mean of a bundle errs in proportion to the bundle's width, because both are linear in where rays cross the
-    pupil; so the error at the target is that at the near or far plane times the ratio of the blurs.
+    pupil; so the error at the target is that at the near or far plane times the ratio of the blurs. Blur and error are
+    those of the positions around, not of the row's own bundle: the row is made of them and errs as they do.
     """
     row, column = _nearest_fine(found, grid)
     widths, square_px2 = [], (grid.square_steps / grid.supersampling) ** 2 / 12

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pipeline.camera.integrals import LEVELS, Integral, integrals
+from pipeline.camera.integrals import LEVELS, Integral, integrals, pooled
 from pipeline.camera.moments import COLUMNS
 from pipeline.camera.tracer import Tracer
 
@@ -18,7 +18,8 @@ _ROUGH_PX = 0.05
 _LONGEST_STEP_PX = 8.0
 _FINE_STEPS = 3
 _TRUST = 0.1
-"""Near a solution the derivative holds to a tenth, mostly to far less, and so does a step."""
+"""Near a solution the derivative holds to a tenth, mostly to far less, and so does a step. With random rays it is
+noisy, and what the step before has left says how far it holds."""
 
 
 MayExist = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -50,6 +51,12 @@ class Search:
         Of the bundle at the solution, on the tangent plane.
     is_random, reached : (n,) bool
         Whether random rays had to replace the quadrature; whether the wanted accuracy was reached.
+    anchor_px : (n, 2) float64
+        Positions whose random rays those next to them have, too: with others J would jump.
+    left_over : (n,) float64
+        Share of a step that is still to be made after it, as last seen; infinite before.
+    random_mm : (n, 2) float64
+        Standard error of J by the random rays traced last; NaN where there were none.
     rays : int
         Traced so far.
     """
@@ -65,12 +72,13 @@ class Search:
     ) -> None:
         self.tracer, self.lens, self.home_px, self.square_px = tracer, lens, home_px, square_px
         self.planes = np.stack([planes, planes], axis=1)
-        self.x_px, self.rays = x_px.copy(), 0
+        self.x_px, self.anchor_px, self.rays = x_px.copy(), x_px.copy(), 0
         n = len(x_px)
         self.is_random, self.reached = np.zeros(n, bool), np.zeros(n, bool)
         self.residual, self.sigma_px = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
         self.jacobian, self.inverse = np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan)
-        self.moments = np.full((n, COLUMNS), np.nan)
+        self.moments, self.left_over = np.full((n, COLUMNS), np.nan), np.full(n, np.inf)
+        self.random_mm = np.full((n, 2), np.nan)
 
     def approach(self, may_exist: MayExist) -> None:
         """Newton's method with rough integrals, until steps are short; rows that leave where they may exist stop."""
@@ -100,16 +108,18 @@ class Search:
     def refine(self, rows: np.ndarray, accuracy_px: float) -> None:
         """Finer integrals, level by level, until their error and the step that they ask for are below the accuracy."""
         for level in range(1, LEVELS):
-            step = np.zeros((len(rows), 2))
+            step, self.anchor_px[rows] = np.zeros((len(rows), 2)), self.x_px[rows]
+            coarser = self.random_mm[rows]
             for turn in range(_FINE_STEPS):
-                found = self._integral(rows, self.x_px[rows], level)
+                found = pooled(self._integral(rows, self.x_px[rows], level), coarser)
                 self.moments[rows] = found.moments
                 if turn:
+                    self._measure(rows, step, found.moments[:, :2])
                     self._update(rows, step, found.moments[:, :2])
                 self.residual[rows] = found.moments[:, :2]
                 step = -_times(self.inverse[rows], found.moments[:, :2])
                 self.x_px[rows] += step
-                left = _TRUST * np.abs(step)
+                left = self._left(rows, step)
                 self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], found), left)
                 if (left.max(axis=1, initial=0.0) < accuracy_px / 4).all():
                     break
@@ -117,6 +127,17 @@ class Search:
             rows = rows[~self.reached[rows] & np.isfinite(self.x_px[rows, 0])]
             if not len(rows):
                 break
+
+    def _measure(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
+        """Share of a step that J says is still to be made after it: what is wrong with the derivative."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # rows that stand still
+            share = np.hypot(*_times(self.inverse[rows], j).T) / np.hypot(*step.T)
+        self.left_over[rows] = np.fmax(share, _TRUST)
+
+    def _left(self, rows: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Bound of what Newton's method leaves after a step, (n, 2) [px]."""
+        measured = (self.left_over[rows] * np.hypot(*step.T))[:, None]
+        return np.where(self.is_random[rows, None], measured, _TRUST * np.abs(step))
 
     def _leave_the_dark(self) -> np.ndarray:
         """J at the first guesses; those without light move towards home. Rows that have light."""
@@ -131,7 +152,7 @@ class Search:
 
     def _derive(self, rows: np.ndarray) -> None:
         """Derivatives of J by central differences, one-sided where light ends."""
-        here = self.residual[rows]
+        here, self.anchor_px[rows] = self.residual[rows], self.x_px[rows]
         for i, axis in enumerate(np.eye(2) * _DIFFERENCE_PX):
             plus, minus = (self._j(rows, self.x_px[rows] + sign * axis) for sign in (1, -1))
             change = (plus - minus) / 2
@@ -171,9 +192,11 @@ class Search:
         return self._integral(rows, x_px, 0).moments[:, :2]
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
-        found = integrals(self.tracer, x_px, self.lens[rows], self.planes[rows], level, self.square_px)
+        bundles = x_px, self.lens[rows], self.planes[rows], level, self.square_px, self.anchor_px[rows]
+        found = integrals(self.tracer, *bundles)
         self.rays += found.rays
         self.is_random[rows] = found.is_random
+        self.random_mm[rows] = np.where(found.is_random[:, None], found.error_mm, np.nan)
         return found
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class RayGrid:
-    """What `rays` keeps of a camera: bundles on a grid K times finer than the image.
+    """Bundles of a camera as the task `rays` keeps them, on a grid K times finer than the image.
 
     Attributes
     ----------

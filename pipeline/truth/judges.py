@@ -16,11 +16,11 @@ difference counts with so many standard errors less to refute a claim, and with 
 _RANDOM_RAYS = tuple(1 << power for power in range(16, 23, 2))
 _TURNS, _ROUGH_PX = 3, 0.01
 _BATCHES = 6
-"""Of the most rays, in all: for rows that keep the judge from a decision."""
+"""Batches of the most rays, in all: for rows that keep the judge from a decision."""
 
 
 def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """What the other rule moves rows by, and its standard error, (n, 2) each [px]; NaN where there is no light."""
+    """Shifts of rows by the other rule, and their standard errors, (n, 2) each [px]; NaN where there is no light."""
     apart, sigma = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
     for kind, judge in ((False, _by_quadrature), (True, _by_random_rays)):
         here = np.flatnonzero(rows.is_direct == kind)

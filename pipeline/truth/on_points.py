@@ -88,7 +88,7 @@ def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
 
 
 def largest_sag_mm(rows: Correspondences, points: TargetPoints) -> float:
-    """How far the surface leaves the tangent plane within the blur, of the row where that is most; 0 on flat targets.
+    """Largest distance within a row's blur of the surface from its tangent plane, of all rows; 0 on flat targets.
 
     Curvature / 2 times the square of two standard deviations, along the widest axis of the bundle on the plane.
     """

@@ -30,7 +30,7 @@ def on_target(
 def crossing_share(
     near: np.ndarray, far: np.ndarray, near_mm: float, far_mm: float, vision_from_target: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where between the two planes each mean ray meets the target: t (...), J_near and J_far - J_near (..., 3)."""
+    """Share t (...) of the way between the planes at which mean rays meet the target; J_near, the way (..., 3)."""
     start = np.concatenate([near, np.full((*near.shape[:-1], 1), near_mm)], axis=-1)
     way = np.concatenate([far - near, np.full((*near.shape[:-1], 1), far_mm - near_mm)], axis=-1)
     origin, normal = vision_from_target[:3, 3], vision_from_target[:3, 2]

@@ -27,7 +27,7 @@ _LONGEST_PX, _DONE_PX = 1.0, 1e-7
 
 @dataclass(frozen=True, slots=True)
 class Saddle:
-    """Where a corner's image has its saddle; NaN where none was found.
+    """Position of the saddle of a corner's image; NaN where none was found.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def saddle(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio
 
 
 def _newton(image: CornerImage, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the gradient vanishes, within a pixel, and the updated Hessian; NaN: nowhere."""
+    """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN: nowhere."""
     x, gradient = x_px, image.gradient(x_px)
     for _ in range(_STEPS):
         if not np.abs(np.linalg.det(hessian)) > 0:

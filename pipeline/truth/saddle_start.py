@@ -1,4 +1,4 @@
-"""Where to begin the search for a saddle: coma moves J far off, and gives a wide image other stationary points."""
+"""First guess of a saddle: coma moves J far off, and gives a wide image other stationary points."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ _WIDE_PX, _SWEEPS, _ROUGH = 1.0, 3, 0.02
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where Newton's method may begin.
+    """A position from which Newton's method finds the saddle.
 
     Attributes
     ----------

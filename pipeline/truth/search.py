@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.jit import inline, kernel
 
 ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
-"""What became of a quad that holds a point. WINDOW: the 16 values are not all there, or not in one micro-image."""
+"""Outcomes of a quad that holds a point. WINDOW: the 16 values are not all there, or not in one micro-image."""
 
 
 @inline

@@ -19,7 +19,7 @@ from pipeline.truth.position_image import crossing_share
 def correction(
     covariance: np.ndarray, share: np.ndarray, way: np.ndarray, vision_from_target: np.ndarray
 ) -> np.ndarray:
-    """What to add to the hit of the mean ray, (..., 2) in the target frame [mm].
+    """Correction to add to the hit of the mean ray, (..., 2) in the target frame [mm].
 
     Parameters
     ----------

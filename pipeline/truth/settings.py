@@ -1,4 +1,4 @@
-"""How ground truth is found in the position images of a camera."""
+"""Settings of the search for ground truth in the position images of a camera."""
 
 from dataclasses import dataclass
 

@@ -22,7 +22,7 @@ _BLUR_LEVEL = 1
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """What to solve: pairs of point and micro-image with a first guess, (n,), (n,) and (n, 2)."""
+    """Pairs to solve, of point and micro-image with a first guess, (n,), (n,) and (n, 2)."""
 
     point: np.ndarray
     cell: np.ndarray
@@ -60,7 +60,7 @@ class Rig:
         return cell if self.images is not None else np.full(len(cell), -1)
 
     def home_px(self, cell: np.ndarray) -> np.ndarray:
-        """Where light arrives in each cell: its centre, or that of the image."""
+        """Position in each cell where light arrives for certain: its centre, or that of the image."""
         sensor = self.tracer.camera.sensor
         if self.images is not None:
             return self.tracer.pixels_at(self.images.centre_mm[cell])

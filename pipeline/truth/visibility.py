@@ -20,7 +20,7 @@ METHOD = (
     f"share of the leaving weight that comes to the surface at the point unhindered, by {LOOK_RAYS} random rays,"
     f" {RAYS} where it is partly hidden; 1 without a ray where nothing stands before the tangent plane"
 )
-"""For headers."""
+"""The method, for headers."""
 _STREAM = 0x0CC1
 """Random numbers here are none of those of images."""
 _RAYS_PER_CHUNK = 1 << 19

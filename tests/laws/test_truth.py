@@ -182,6 +182,33 @@ def test_sigma_of_plenoptic_rows_is_their_actual_error(plenoptic: Camera, tmp_pa
             assert HONEST[0] < ratio < HONEST[1]
 
 
+@pytest.mark.parametrize(
+    ("seeds", "width_px", "height_px"), [(6, 48, 40), pytest.param(10, 128, 96, marks=pytest.mark.heavy)]
+)
+def test_sigma_of_rows_in_the_penumbra_is_their_spread_over_seeds(
+    seeds: int, width_px: int, height_px: int, tmp_path: Path
+) -> None:
+    """Bundles there differ from pixel to pixel, and sigma takes blur from the pixel nearest to a row.
+
+    Right so: a row errs by what the pixels around it err by, and the blur only carries their error to its distance.
+    """
+    camera, board = rigs.plenoptic(2.0, width_px, height_px), Checkerboard(columns=5, rows=4, square_mm=0.6)
+    grids = [rigs.ray_grid(tmp_path / f"{seed}", camera, 2, 64, seed) for seed in range(seeds)]
+    for distance in (400.0, 430.0, 460.0):
+        tables = [truth_of(grid, board, rigs.facing(distance, 10.0)) for grid in grids]
+        pairs = [list(zip(found.found.point, found.found.cell, strict=True)) for found in tables]
+        common = sorted(set.intersection(*map(set, pairs)))
+        order = [[rows.index(pair) for pair in common] for rows in pairs]
+        same = [found.only(np.array(rows)) for found, rows in zip(tables, order, strict=True)]
+        light = np.mean([found.hit_fraction for found in same], axis=0)
+        x = np.array([np.stack([found.found.x_px, found.found.y_px], axis=1) for found in same])
+        sigma = np.array([found.sigma_px for found in same])
+        rows = (light > 0.2) & (light < 0.9)
+        ratio = np.sqrt(x.var(axis=0, ddof=1)[rows].mean() / (sigma[:, rows] ** 2).mean())
+        assert rows.sum() > 15
+        assert HONEST[0] < ratio < HONEST[1]
+
+
 def test_the_stated_error_of_a_bundle_is_its_actual_error() -> None:
     """Mean crossings of 400 bundles with 256 rays against 65,536: rms of error over pooled standard error."""
     tracer, rng = Tracer(rigs.conventional(17.1, 640, 480)), np.random.default_rng(15)

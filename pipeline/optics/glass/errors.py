@@ -1,4 +1,4 @@
-"""What can be wrong with a glass. Each error has the stable name under which `check` reports it."""
+"""Errors of glasses. Each has the stable name under which `check` reports it."""
 
 from typing import ClassVar
 

@@ -9,7 +9,7 @@ from pipeline.optics.glass.errors import OutOfRange
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
-    """What lies behind a surface.
+    """A medium behind a surface.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ MAX_ABBE_DIFFERENCE = 0.5
 """A printed index or Abbe number further off than this belongs to another glass: prints are rounded to 1e-3 and 0.1."""
 
 MODEL_RANGE_NM = (400.0, 700.0)
-"""Where the normal line was fitted."""
+"""Wavelengths over which the normal line was fitted."""
 
 _SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
 _KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(")
