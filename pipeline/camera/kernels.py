@@ -16,6 +16,8 @@ from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
 _IMAGE_STREAM, _START_STREAM = 1 << 16, 2 * REPLICAS
+_SHARE = PACKET // REPLICAS
+"""Samples of each replica in a packet."""
 _CIRCUMRADIUS = 0.7072
 """Of a square of edge 1, rounded up."""
 _GAUSS = 0.28867513459481287
@@ -91,23 +93,27 @@ def bundle_moments(
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
         sums[:], total[:], start_x[:], start_y[:] = 0.0, 0.0, sx, sy
         started = False
-        for block in range(REPLICAS * ((samples + PACKET - 1) // PACKET)):
-            r, first = block % REPLICAS, block // REPLICAS * PACKET
-            size = min(PACKET, samples - first)
-            draw(bits[0], first, size, hash32(base, 2 * r), x)
-            draw(bits[1], first, size, hash32(base, 2 * r + 1), y)
+        # A packet holds samples of all replicas: short packets are slow ones.
+        for first in range(0, samples, _SHARE):
+            size = min(_SHARE, samples - first)
+            for r in range(REPLICAS):
+                here = slice(r * size, (r + 1) * size)
+                draw(bits[0], first, size, hash32(base, 2 * r), x[here])
+                draw(bits[1], first, size, hash32(base, 2 * r + 1), y[here])
+                if square > 0.0:
+                    draw(bits[2], first, size, hash32(base, _START_STREAM + 2 * r), start_x[here])
+                    draw(bits[3], first, size, hash32(base, _START_STREAM + 2 * r + 1), start_y[here])
+            full = REPLICAS * size
             if square > 0.0:
-                draw(bits[2], first, size, hash32(base, _START_STREAM + 2 * r), start_x)
-                draw(bits[3], first, size, hash32(base, _START_STREAM + 2 * r + 1), start_y)
-                for i in range(size):
+                for i in range(full):
                     start_x[i] = sx + square * (start_x[i] - 0.5)
                     start_y[i] = sy + square * (start_y[i] - 0.5)
-            start_packet(table, optics, lenses, mosaic, lens[n], sx, sy, start_x, start_y, region, fan_of, size, packet)
-            cross_packet(near, far, packet, size, crossing)
-            if not started:
-                started = set_pivot(crossing, alive, size, pivot)
+            start_packet(table, optics, lenses, mosaic, lens[n], sx, sy, start_x, start_y, region, fan_of, full, packet)
+            cross_packet(near, far, packet, 0, full, crossing)
+            started = started or set_pivot(crossing, alive, 0, full, pivot)
             if started:
-                accumulate(crossing, weight, alive, size, pivot, sums[r], total)
+                for r in range(REPLICAS):
+                    accumulate(crossing, weight, alive, r * size, (r + 1) * size, pivot, sums[r], total)
         if started:
             finish(sums, total, pivot, fan_of[3] / (samples * REPLICAS), moments[n])
 
