@@ -18,32 +18,30 @@ def draw(bits, first, size, seed, values):
 
 
 @inline
-def start_packet(
-    table, optics, lenses, mosaic, lens, centre_x, centre_y, start_x, start_y, region, fan_of, size, packet
-):
-    """Send rays from sensor positions through random points of a region and trace them into the scene.
+def aim_into(region, fan_of, drift, centre_x, centre_y, start_x, start_y, x, y):
+    """Turn two random numbers of each ray, in x and y, into a point of a region.
 
     Parameters
     ----------
-    centre_x, centre_y : float
-        The sensor position that the region was bound for.
-    start_x, start_y : (PACKET,) float64
-        Where on the sensor each ray starts.
     region, fan_of : tuple
         From `regions.new_region` and `regions.bound`.
-    packet : tuple
-        From `optics.kernels.new_packet`; x and y hold two random numbers per ray on entry, the rays behind the front
-        vertex on exit.
+    drift : float
+        How far the region moves along with the sensor position: `region_drift`.
+    centre_x, centre_y : float
+        The sensor position that the region was bound for.
+    start_x, start_y : (n,) float64
+        Where on the sensor each ray starts.
     """
-    x, y = packet[0], packet[1]
-    polygon, _, _, cumulative = region
     count, cx, cy, _ = fan_of
-    # Without a microlens the region moves along with the sensor position, by the drift of the outlines.
-    drift = optics[4] if lens < 0 else 0.0
-    for i in range(size):
-        px, py = point_in_fan(polygon, count, cumulative, cx, cy, x[i], y[i])
+    for i in range(x.shape[0]):
+        px, py = point_in_fan(region[0], count, region[3], cx, cy, x[i], y[i])
         x[i], y[i] = px + drift * (start_x[i] - centre_x), py + drift * (start_y[i] - centre_y)
-    send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet)
+
+
+@inline
+def region_drift(optics, lens):
+    """Without a microlens a region moves along with the sensor position, by the drift of the outlines."""
+    return optics[4] if lens < 0 else 0.0
 
 
 @inline
