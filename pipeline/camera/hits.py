@@ -71,11 +71,10 @@ def bundle_hits(
     held, _ = holds_all(found, owner, angle, radius, np.full(len(owner), 2 * np.pi / directions), PROBES * directions)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = found.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
-    optics, table, _, lenses, _, mosaic = arrays
     hit = np.empty((n * directions * len(shares), 4))
     planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)
     starts = found.positions, own, np.repeat(owner, len(shares)), points.reshape(-1, 2)
-    probes.hits(optics, table, lenses, mosaic, planes, *starts, hit)
+    probes.hits(found.camera, planes, *starts, hit)
     nodes = hit.reshape(n, directions, len(shares), 4)
     whole = held & (nodes[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
     density = nodes[..., 2] * (radius**2).reshape(n, directions, 1)
@@ -93,8 +92,8 @@ def single_hits(
     aims_mm : (n, 2) float64
     planes : (n, 4, 3) float64
     """
-    optics, table, _, lenses, _, mosaic = arrays
+    optics, table, _, lenses, aperture, mosaic = arrays
     hit = np.empty((len(positions_mm), 4))
     given = map(np.ascontiguousarray, (planes, positions_mm, lens, np.arange(len(lens)), aims_mm))
-    probes.hits(optics, table, lenses, mosaic, *given, hit)
+    probes.hits((optics, table, lenses, aperture, mosaic), *given, hit)
     return np.where(hit[:, 3:] > 0, hit[:, :2], np.nan)

@@ -11,13 +11,15 @@ import numpy as np
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import free_weight
 from pipeline.camera.moments import FREE_WEIGHT, WEIGHT, accumulate, cross_packet, finish, set_pivot
-from pipeline.camera.packets import draw, start_packet
+from pipeline.camera.packets import aim_into, draw, region_drift, send_mixed, send_packet
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.camera.sobol import hash32
 from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
 _IMAGE_STREAM, _START_STREAM = 1 << 16, 2 * REPLICAS
+_SHARE = PACKET // REPLICAS
+"""Samples of each replica in a packet."""
 _CIRCUMRADIUS = 0.7072
 """Circumradius of a square of edge 1, rounded up."""
 _GAUSS = 0.28867513459481287
@@ -111,23 +113,29 @@ def bundle_moments(
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
         sums[:], total[:], start_x[:], start_y[:] = 0.0, 0.0, sx, sy
         started = False
-        for block in range(REPLICAS * ((samples + PACKET - 1) // PACKET)):
-            r, first = block % REPLICAS, block // REPLICAS * PACKET
-            size = min(PACKET, samples - first)
-            draw(bits[0], first, size, hash32(base, 2 * r), x)
-            draw(bits[1], first, size, hash32(base, 2 * r + 1), y)
+        # A packet holds samples of all replicas: short packets are slow ones.
+        for first in range(0, samples, _SHARE):
+            size = min(_SHARE, samples - first)
+            for r in range(REPLICAS):
+                here = slice(r * size, (r + 1) * size)
+                draw(bits[0], first, size, hash32(base, 2 * r), x[here])
+                draw(bits[1], first, size, hash32(base, 2 * r + 1), y[here])
+                if square > 0.0:
+                    draw(bits[2], first, size, hash32(base, _START_STREAM + 2 * r), start_x[here])
+                    draw(bits[3], first, size, hash32(base, _START_STREAM + 2 * r + 1), start_y[here])
+            full = REPLICAS * size
             if square > 0.0:
-                draw(bits[2], first, size, hash32(base, _START_STREAM + 2 * r), start_x)
-                draw(bits[3], first, size, hash32(base, _START_STREAM + 2 * r + 1), start_y)
-                for i in range(size):
+                for i in range(full):
                     start_x[i] = sx + square * (start_x[i] - 0.5)
                     start_y[i] = sy + square * (start_y[i] - 0.5)
-            start_packet(table, optics, lenses, mosaic, lens[n], ax, ay, start_x, start_y, region, fan_of, size, packet)
-            cross_packet(near, far, packet, size, crossing)
-            if not started:
-                started = set_pivot(crossing, alive, size, pivot)
+            here, drift = slice(0, full), region_drift(optics, lens[n])
+            aim_into(region, fan_of, drift, ax, ay, start_x[here], start_y[here], x[here], y[here])
+            send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, full, packet)
+            cross_packet(near, far, packet, 0, full, crossing)
+            started = started or set_pivot(crossing, alive, 0, full, pivot)
             if started:
-                accumulate(crossing, weight, alive, size, pivot, sums[r], total)
+                for r in range(REPLICAS):
+                    accumulate(crossing, weight, alive, r * size, (r + 1) * size, pivot, sums[r], total)
         if started:
             finish(sums, total, pivot, fan_of[3] / (samples * REPLICAS), moments[n])
 
@@ -174,9 +182,9 @@ def image_rays(
         Number of rays written. The other parameters are those of `bundle_moments`.
     """
     region, packet = new_region(), new_packet()
-    x, y, z, dx, dy, dz, alive, _, weight = packet
-    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
-    samples, written = bits.shape[1], 0
+    start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
+    x, y, samples, lens_of = packet[0], packet[1], bits.shape[1], strata.reshape(-1)
+    held, written = 0, 0
     for n in range(positions.shape[0]):
         sx, sy = positions[n]
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
@@ -189,21 +197,36 @@ def image_rays(
                 continue
             for first in range(0, samples, PACKET):
                 size = min(PACKET, samples - first)
-                draw(bits[0], first, size, hash32(base, stream), start_x)
-                draw(bits[1], first, size, hash32(base, stream + 1), start_y)
-                draw(bits[2], first, size, hash32(base, stream + 2), x)
-                draw(bits[3], first, size, hash32(base, stream + 3), y)
-                for i in range(size):
+                if held + size > PACKET:
+                    send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
+                    written = _release(packet, held, held_by, area, written, origin, direction, share, owner)
+                    held = 0
+                here = slice(held, held + size)
+                draw(bits[0], first, size, hash32(base, stream), start_x[here])
+                draw(bits[1], first, size, hash32(base, stream + 1), start_y[here])
+                draw(bits[2], first, size, hash32(base, stream + 2), x[here])
+                draw(bits[3], first, size, hash32(base, stream + 3), y[here])
+                for i in range(held, held + size):
                     start_x[i] = sx + pitch * (start_x[i] - 0.5)
                     start_y[i] = sy + pitch * (start_y[i] - 0.5)
-                start_packet(
-                    table, optics, lenses, mosaic, lens, sx, sy, start_x, start_y, region, fan_of, size, packet
-                )
-                for i in range(size):
-                    if alive[i] > 0.0:
-                        origin[written] = x[i], y[i], z[i]
-                        direction[written] = dx[i], dy[i], dz[i]
-                        share[written] = weight[i] * fan_of[3] / samples
-                        owner[written] = n * strata.shape[1] + j
-                        written += 1
+                drift = region_drift(optics, lens)
+                aim_into(region, fan_of, drift, sx, sy, start_x[here], start_y[here], x[here], y[here])
+                held_by[here], area[here] = n * strata.shape[1] + j, fan_of[3] / samples
+                held += size
+    if held > 0:
+        send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
+        written = _release(packet, held, held_by, area, written, origin, direction, share, owner)
+    return written
+
+
+@inline
+def _release(packet, size, held_by, area, written, origin, direction, share, owner):
+    """Append the rays of a packet that leave the camera; their number so far."""
+    x, y, z, dx, dy, dz, alive, _, weight = packet
+    for i in range(size):
+        if alive[i] > 0.0:
+            origin[written] = x[i], y[i], z[i]
+            direction[written] = dx[i], dy[i], dz[i]
+            share[written], owner[written] = weight[i] * area[i], held_by[i]
+            written += 1
     return written

@@ -26,18 +26,18 @@ def cross(plane, px, py, pz, dx, dy, dz):
 
 
 @inline
-def cross_packet(near, far, packet, size, crossing):
-    """Crossings of a packet with both planes, (4, PACKET)."""
+def cross_packet(near, far, packet, first, end, crossing):
+    """Crossings of some rays of a packet with both planes, (4, PACKET)."""
     x, y, z, dx, dy, dz = packet[0], packet[1], packet[2], packet[3], packet[4], packet[5]
-    for i in range(size):
+    for i in range(first, end):
         crossing[0, i], crossing[1, i] = cross(near, x[i], y[i], z[i], dx[i], dy[i], dz[i])
         crossing[2, i], crossing[3, i] = cross(far, x[i], y[i], z[i], dx[i], dy[i], dz[i])
 
 
 @inline
-def set_pivot(crossing, alive, size, pivot):
+def set_pivot(crossing, alive, first, end, pivot):
     """Take the first living ray's crossing as the pivot; whether there is one."""
-    for i in range(size):
+    for i in range(first, end):
         if alive[i] > 0.0:
             pivot[:] = crossing[:, i]
             return True
@@ -45,12 +45,12 @@ def set_pivot(crossing, alive, size, pivot):
 
 
 @inline
-def accumulate(crossing, weight, alive, size, pivot, sums, total):
-    """Add a packet's weights, first and second moments about the pivot; while it runs the sums stay in registers."""
+def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
+    """Add weights, first and second moments about the pivot of some rays of a packet; the sums stay in registers."""
     p0, p1, p2, p3 = pivot[0], pivot[1], pivot[2], pivot[3]
     w0 = m0 = m1 = m2 = m3 = 0.0
     c0 = c1 = c2 = c3 = c4 = c5 = c6 = c7 = c8 = c9 = 0.0
-    for i in range(size):
+    for i in range(first, end):
         if alive[i] == 0.0:
             continue
         w = weight[i]

@@ -10,12 +10,12 @@ import numpy as np
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import DISC, KIND, MODEL, PLAIN, free_weight, towards_microlens
 from pipeline.camera.moments import accumulate, cross, cross_packet, finish, set_pivot
-from pipeline.camera.packets import send_packet
+from pipeline.camera.packets import send_mixed, send_packet
 from pipeline.camera.polygon import fan, point_in_fan
-from pipeline.camera.regions import SHORTEST_EDGE_MM, SKIP, bound, new_region
+from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
-from pipeline.optics.table import EDGES, FIRST_EDGE
+from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, SEMI_DIAMETER_SQUARED
 
 PASSES = -1
 """Label of a ray that leaves the camera; other labels name what blocks it."""
@@ -60,100 +60,120 @@ def spread(polygons, counts, points):
 
 
 @kernel
-def reach(polygons, counts, centres, owner, angle, limit, side):
-    """Distance from inner points to convex polygons in given directions, and the number of the edge that is met.
-
-    Edges of no length are passed over: rounding turns them anywhere, also across the polygon.
-    """
-    for f in range(owner.shape[0]):
-        n, c, s = owner[f], math.cos(angle[f]), math.sin(angle[f])
-        limit[f] = np.inf
-        for i in range(counts[n]):
-            j = i + 1 if i + 1 < counts[n] else 0
-            ex, ey = polygons[n, j, 0] - polygons[n, i, 0], polygons[n, j, 1] - polygons[n, i, 1]
-            across = c * ey - s * ex
-            if across > 0.0 and ex * ex + ey * ey > SHORTEST_EDGE_MM * SHORTEST_EDGE_MM:
-                px, py = polygons[n, i, 0] - centres[n, 0], polygons[n, i, 1] - centres[n, 1]
-                distance = (px * ey - py * ex) / across
-                if distance < limit[f]:
-                    limit[f], side[f] = distance, i
-
-
-@kernel
-def probe(optics, table, lenses, aperture, mosaic, positions, lens, owner, points, label):
+def probe(camera, positions, lens, owner, points, label):
     """Trace one ray through each point and say what blocks it.
 
     Parameters
     ----------
+    camera : tuple
+        Optics, table, lenses, aperture and mosaic of `Tracer.arrays`.
     owner : (m,) int64
         Sensor position that a ray starts from, ascending.
     points : (m, 2) float64
         On the sampling plane.
     label : (m,) int64
-        Written: PASSES, or the row of the blocking surface, with a number for each straight edge of its aperture; the
-        number of rows stands for the pixel's acceptance and plain microlenses, numbers above it for faces of others.
+        Written: see `label_packet`.
     """
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    x, y, blocker = packet[0], packet[1], np.empty(PACKET, np.int64)
-    first = 0
-    while first < owner.shape[0]:
-        n, size = owner[first], _stretch(owner, first)
-        start_x[:size], start_y[:size] = positions[n, 0], positions[n, 1]
-        for i in range(size):
-            x[i], y[i] = points[first + i]
-        what_blocks(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet, blocker)
-        for i in range(size):
-            label[first + i] = blocker[i]
-            if (
-                lens[n] >= 0
-                and blocker[i] == table.shape[0]
-                and mosaic[0][MODEL] == PLAIN
-                and not mosaic[0][DISC] > 0.0
-            ):
-                label[first + i] += _STRAIGHT * (1 + _side_of(aperture, points[first + i] - lenses[lens[n], :2]))
-        if lens[n] >= 0 and mosaic[0][MODEL] != PLAIN:
-            for i in range(size):
-                x[i], y[i] = points[first + i]
-            towards_microlens(optics, lenses, mosaic[0], lens[n], start_x, start_y, size, packet)
-            faces = mosaic[1][int(lenses[lens[n], KIND])]
-            _label_surfaces(faces, table.shape[0] + 1, table.shape[0], packet, size, label[first : first + size])
-        first += size
+    here, clearance = np.empty(PACKET, np.int64), np.empty(PACKET)
+    for first in range(0, owner.shape[0], PACKET):
+        size = min(PACKET, owner.shape[0] - first)
+        part = slice(first, first + size)
+        _set_rays(positions, owner[part], points[part], start_x, start_y, packet)
+        label_packet(camera, lens, owner[part], points[part], start_x, start_y, size, packet, here, clearance)
+        label[part] = here[:size]
 
 
 @inline
-def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet, blocker):
-    """Send rays from sensor positions through points that x and y of the packet hold, and say what blocks each.
+def label_packet(camera, lens, owner, points, start_x, start_y, size, packet, label, clearance):
+    """Send rays through points that x and y of the packet hold, and say what blocks each, and how far from an edge.
 
-    Written: PASSES; the row of the blocking surface, with a number for each straight edge of its aperture; or the
-    number of rows for the microlens and the pixel's acceptance.
+    Written: PASSES, or the row of the blocking surface, with a number for each straight edge of its aperture; the
+    number of rows stands for the pixel's acceptance and plain microlenses, numbers above it for faces of others.
+    The clearance is positive inside of all apertures and negative beyond that which blocks, in shares of them; its sign
+    is wrong where something else blocks.
     """
-    alive = packet[6]
+    optics, table, lenses, aperture, mosaic = camera
+    alive, rows, detail = packet[6], table.shape[0], mosaic[0]
+    send_mixed(table[:0], optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet)
+    for i in range(size):
+        label[i] = PASSES if alive[i] > 0.0 else rows
+        clearance[i] = 1.0
+    label_surfaces(table, 0, PASSES, packet, size, label, clearance)
+    if lens[owner[0]] < 0:
+        return
+    if detail[MODEL] != PLAIN:
+        _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, label)
+    elif not detail[DISC] > 0.0:
+        for i in range(size):
+            if label[i] == rows:
+                label[i] += _STRAIGHT * (1 + _side_of(aperture, points[i] - lenses[lens[owner[i]], :2]))
+
+
+@inline
+def _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, label):
+    """Say which face of its microlens blocks a ray that does not reach the main lens."""
+    optics, table, lenses, _, mosaic = camera
+    x, y, z, dx, dy, dz, alive, scratch, weight = packet
+    clearance = np.empty(size)
+    first = 0
+    while first < size:
+        end, n = first + 1, lens[owner[first]]
+        while end < size and owner[end] == owner[first]:
+            end += 1
+        here = slice(first, end)
+        x[here], y[here] = points[here, 0], points[here, 1]
+        part = x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here]
+        towards_microlens(optics, lenses, mosaic[0], n, start_x[here], start_y[here], end - first, part)
+        faces, rows = mosaic[1][int(lenses[n, KIND])], table.shape[0]
+        label_surfaces(faces, rows + 1, rows, part, end - first, label[here], clearance)
+        first = end
+
+
+@inline
+def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet, label):
+    """Labels of rays from positions behind one microlens, or none; its sides and faces are not told apart."""
+    alive, clearance = packet[6], np.empty(PACKET)
     send_packet(table[:0], optics, lenses, mosaic, lens, start_x, start_y, size, packet)
     for i in range(size):
-        blocker[i] = PASSES if alive[i] > 0.0 else table.shape[0]
-    _label_surfaces(table, 0, PASSES, packet, size, blocker)
+        label[i] = PASSES if alive[i] > 0.0 else table.shape[0]
+    label_surfaces(table, 0, PASSES, packet, size, label, clearance)
 
 
 @inline
-def _label_surfaces(table, base, unknown, packet, size, label):
+def label_surfaces(table, base, unknown, packet, size, label, clearance):
     """Trace a packet surface by surface and name what blocks the rays whose label is still `unknown`."""
     x, y, z, dx, dy, dz, alive, scratch, _ = packet
     for k in range(table.shape[0]):
         trace_packet(table[k : k + 1], x, y, z, dx, dy, dz, alive, scratch, size)
+        per_squared, is_round = 1.0 / table[k, SEMI_DIAMETER_SQUARED], not table[k, EDGES] > 0.0
+        inner = table[k, INNER_SQUARED] * per_squared
         for i in range(size):
+            squared = (x[i] * x[i] + y[i] * y[i]) * per_squared
+            room = min(1.0 - squared, squared - inner) if inner > 0.0 else 1.0 - squared
             # Written so that a ray that has become NaN counts as blocked.
-            if not alive[i] > 0.0 and label[i] == unknown:
-                label[i] = base + k + _STRAIGHT * _straight_edge(table[k], x[i], y[i])
+            comes, falls = label[i] == unknown, not alive[i] > 0.0
+            clearance[i] = room if comes & (room < clearance[i]) else clearance[i]
+            label[i] = base + k if comes & falls & is_round else label[i]
+        if not is_round:
+            for i in range(size):
+                if label[i] == unknown:
+                    side, room = _straight_edge(table[k], x[i], y[i])
+                    clearance[i] = min(clearance[i], room)
+                    if not alive[i] > 0.0:
+                        label[i] = base + k + _STRAIGHT * side
 
 
 @kernel
-def integrate(optics, table, lenses, mosaic, planes, positions, lens, owner, points, measure, moments, whole):
+def integrate(camera, planes, positions, lens, owner, points, measure, moments, whole):
     """Sum moments on two planes of each position over nodes of a quadrature.
+
+    Sums do not depend on what else is in a packet: rays of one position follow each other from its first on.
 
     Parameters
     ----------
     planes : (n, 2, 4, 3) float64
-    owner, points : (m,) int64, (m, 2) float64
+    camera, owner, points : tuple, (m,) int64, (m, 2) float64
         As in `probe`.
     measure : (m,) float64
         Area that each node stands for [mm^2].
@@ -162,58 +182,70 @@ def integrate(optics, table, lenses, mosaic, planes, positions, lens, owner, poi
     whole : (n,) bool
         Written: every node passes.
     """
+    optics, table, lenses, _, mosaic = camera
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    x, y, alive, weight = packet[0], packet[1], packet[6], packet[8]
-    crossing, sums, total, pivot = np.empty((4, PACKET)), np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
+    alive, weight, crossing = packet[6], packet[8], np.empty((4, PACKET))
+    sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
     started, first = False, 0
     while first < owner.shape[0]:
-        n, size = owner[first], _stretch(owner, first)
-        if first == 0 or owner[first - 1] != n:
-            sums[:], total[:], started, whole[n] = 0.0, 0.0, False, True
-        start_x[:size], start_y[:size] = positions[n, 0], positions[n, 1]
-        for i in range(size):
-            x[i], y[i] = points[first + i]
-        send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
-        for i in range(size):
-            weight[i] *= measure[first + i]
-            if not alive[i] > 0.0:
-                whole[n] = False
-        cross_packet(planes[n, 0], planes[n, 1], packet, size, crossing)
-        if not started:
-            started = set_pivot(crossing, alive, size, pivot)
-        if started:
-            accumulate(crossing, weight, alive, size, pivot, sums[0], total)
+        size = _several(owner, first)
+        part = slice(first, first + size)
+        _set_rays(positions, owner[part], points[part], start_x, start_y, packet)
+        send_mixed(table, optics, lenses, mosaic, lens, owner[part], start_x, start_y, size, packet)
+        begin = 0
+        while begin < size:
+            here, n = first + begin, owner[first + begin]
+            end = begin + _stretch(owner[part], begin)
+            if here == 0 or owner[here - 1] != n:
+                sums[:], total[:], started, whole[n] = 0.0, 0.0, False, True
+            for i in range(begin, end):
+                weight[i] *= measure[first + i]
+                if not alive[i] > 0.0:
+                    whole[n] = False
+            cross_packet(planes[n, 0], planes[n, 1], packet, begin, end, crossing)
+            started = started or set_pivot(crossing, alive, begin, end, pivot)
+            if started:
+                accumulate(crossing, weight, alive, begin, end, pivot, sums[0], total)
+            following = first + end
+            if started and (following == owner.shape[0] or owner[following] != n):
+                finish(sums, total, pivot, 1.0, moments[n])
+            begin = end
         first += size
-        if started and (first == owner.shape[0] or owner[first] != n):
-            finish(sums, total, pivot, 1.0, moments[n])
 
 
 @kernel
-def hits(optics, table, lenses, mosaic, planes, positions, lens, owner, points, hit):
+def hits(camera, planes, positions, lens, owner, points, hit):
     """Trace the ray through each point to the plane of its position.
 
     Parameters
     ----------
     planes : (n, 4, 3) float64
-    owner, points : (m,) int64, (m, 2) float64
+    camera, owner, points : tuple, (m,) int64, (m, 2) float64
         As in `probe`.
     hit : (m, 4) float64
         Written: coordinates on the plane, weight per area of the sampling plane, and 1 for a ray that passes, else 0.
     """
+    optics, table, lenses, _, mosaic = camera
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
     x, y, z, dx, dy, dz, alive, _, weight = packet
-    first = 0
-    while first < owner.shape[0]:
-        n, size = owner[first], _stretch(owner, first)
-        start_x[:size], start_y[:size] = positions[n, 0], positions[n, 1]
+    for first in range(0, owner.shape[0], PACKET):
+        size = min(PACKET, owner.shape[0] - first)
+        part = slice(first, first + size)
+        _set_rays(positions, owner[part], points[part], start_x, start_y, packet)
+        send_mixed(table, optics, lenses, mosaic, lens, owner[part], start_x, start_y, size, packet)
         for i in range(size):
-            x[i], y[i] = points[first + i]
-        send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet)
-        for i in range(size):
-            hit[first + i, 0], hit[first + i, 1] = cross(planes[n], x[i], y[i], z[i], dx[i], dy[i], dz[i])
+            plane = planes[owner[first + i]]
+            hit[first + i, 0], hit[first + i, 1] = cross(plane, x[i], y[i], z[i], dx[i], dy[i], dz[i])
             hit[first + i, 2] = weight[i]
             hit[first + i, 3] = 1.0 if alive[i] > 0.0 else 0.0
-        first += size
+
+
+@inline
+def _set_rays(positions, owner, points, start_x, start_y, packet):
+    """Set where the rays of a packet start, and the points that they go through."""
+    for i in range(owner.shape[0]):
+        start_x[i], start_y[i] = positions[owner[i], 0], positions[owner[i], 1]
+        packet[0][i], packet[1][i] = points[i, 0], points[i, 1]
 
 
 @inline
@@ -222,6 +254,18 @@ def _stretch(owner, first):
     size = 1
     while size < PACKET and first + size < owner.shape[0] and owner[first + size] == owner[first]:
         size += 1
+    return size
+
+
+@inline
+def _several(owner, first):
+    """Number of rays from `first` on that fill a packet with whole stretches."""
+    size = _stretch(owner, first)
+    while first + size < owner.shape[0]:
+        more = _stretch(owner, first + size)
+        if size + more > PACKET:
+            break
+        size += more
     return size
 
 
@@ -240,11 +284,14 @@ def _side_of(polygon, point):
 
 @inline
 def _straight_edge(row, x, y):
-    """Number, from 1, of the straight edge of a surface's aperture that a point lies farthest beyond; 0: of none."""
-    worst, found = 0.0, 0
+    """Number, from 1, of the straight edge of an aperture that a point lies farthest beyond, 0: of none; and how far
+    inside of the nearest edge the point lies, in semi-diameters.
+    """
+    worst, found, nearest = 0.0, 0, -math.inf
     for j in range(int(row[EDGES])):
         first = int(row[FIRST_EDGE]) + 3 * j
         beyond = row[first] * x + row[first + 1] * y - row[first + 2]
+        nearest = max(nearest, beyond)
         if beyond > worst:
             worst, found = beyond, j + 1
-    return found
+    return found, -nearest / math.sqrt(row[SEMI_DIAMETER_SQUARED])

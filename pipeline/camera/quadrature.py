@@ -1,6 +1,6 @@
 """Integrals over bundles by quadrature over the traced edge of what passes; vision frame, mm.
 
-The edge is found by bisection of real rays, because only the trace knows what passes. From an inner point, nodes of
+The edge is found by real rays, because only the trace knows what passes. From an inner point, nodes of
 Gauss and Legendre along the radius times nodes over the angle: evenly spaced ones where the edge is one smooth curve
 (then their error falls faster than any power of their number), else those of Gauss and Legendre on each arc between two
 corners. A corner is where the aperture that blocks changes. All of it needs a region that is star-shaped about the
@@ -81,10 +81,9 @@ class Edges(Ways):
             points = self.centres[owner, None] + r[..., None] * along[:, None]
             measure = r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)
             whole, some = np.zeros(n, bool), measure > 0  # parts may be empty
-            optics, table, _, lenses, _, mosaic = self.arrays
             arguments = self.positions, self.lens, np.repeat(owner, some.sum(axis=1)), points[some], measure[some]
             planes = np.ascontiguousarray(planes)
-            probes.integrate(optics, table, lenses, mosaic, planes, *arguments, result, whole)
+            probes.integrate(self.camera, planes, *arguments, result, whole)
             rays += len(arguments[-1]) + len(owner)
             whole &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:

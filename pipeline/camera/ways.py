@@ -1,11 +1,11 @@
-"""Ways from inner points of bundles to the edge of what passes, found by bisection of real rays; vision frame, mm."""
+"""Ways from inner points of bundles to the edge of what passes, found by real rays; vision frame, mm."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from pipeline.camera import probes
+from pipeline.camera import edge_search, probes
 from pipeline.camera.probes import PASSES
 
 _POLYGON = 1 << 20
@@ -39,6 +39,12 @@ class Ways:
     free_sr: np.ndarray
     centres: np.ndarray
 
+    @property
+    def camera(self) -> tuple[Any, ...]:
+        """What kernels of single rays need: optics, table, lenses, aperture and mosaic."""
+        optics, table, _, lenses, aperture, mosaic = self.arrays
+        return optics, table, lenses, aperture, mosaic
+
     def spokes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Evenly spaced directions about every inner point: positions, ascending, and angles."""
         live = np.flatnonzero(~np.isnan(self.centres[:, 0]))
@@ -52,10 +58,8 @@ class Ways:
 
     def probe(self, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
-        optics, table, _, lenses, aperture, mosaic = self.arrays
         label = np.empty(len(owner), np.int64)
-        starts = self.positions, self.lens, owner, np.ascontiguousarray(points)
-        probes.probe(optics, table, lenses, aperture, mosaic, *starts, label)
+        probes.probe(self.camera, self.positions, self.lens, owner, np.ascontiguousarray(points), label)
         return label
 
     def find(
@@ -63,24 +67,15 @@ class Ways:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """Radius of the edge, its label, the polygon's radius, and the number of rays, for directions sorted by owner.
 
-        Bisection: the radius errs by 2^-(steps + 1) of the way to the polygon.
+        The radius errs by less than 2^-(steps + 1) of the way to the polygon.
         """
         limit, label = np.empty(len(owner)), np.empty(len(owner), np.int64)
-        probes.reach(self.polygons, self.counts, self.centres, owner, angle, limit, label)
+        edge_search.reach(self.polygons, self.counts, self.centres, owner, angle, limit, label)
         label += _POLYGON
-        along, centre = np.stack([np.cos(angle), np.sin(angle)], axis=1), self.centres[owner]
-        blocked = self.probe(owner, centre + limit[:, None] * along)
-        open_ = np.flatnonzero(blocked != PASSES)
-        low, high, label[open_] = np.zeros(len(open_)), limit[open_], blocked[open_]
-        for _ in range(steps):
-            middle = (low + high) / 2
-            here = self.probe(owner[open_], centre[open_] + middle[:, None] * along[open_])
-            passed = here == PASSES
-            low, high = np.where(passed, middle, low), np.where(passed, high, middle)
-            label[open_] = np.where(passed, label[open_], here)
-        radius = limit.copy()
-        radius[open_] = (low + high) / 2
-        return radius, label, limit, len(owner) + steps * len(open_)
+        radius = np.empty(len(owner))
+        way = self.positions, self.lens, self.centres, owner, angle, limit
+        rays = edge_search.find_edges(self.camera, *way, steps, radius, label)
+        return radius, label, limit, rays
 
     def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""

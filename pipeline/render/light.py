@@ -1,7 +1,8 @@
 """Radiance of the scene along rays: targets and occluders before a uniform background.
 
-Embree says which triangle a ray meets first; the hit is recomputed in double on the true surface behind it, and the
-pattern is evaluated there by its formula. No texture, no filter.
+Among a few flat sheets the first one that a ray meets is computed in double. Elsewhere Embree says which triangle is
+first, and the hit is recomputed in double on the true surface behind it. The pattern is evaluated there by its formula.
+No texture, no filter.
 """
 
 from collections.abc import Sequence
@@ -10,11 +11,15 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.render.embree import MeshScene
+from pipeline.render.sheets import first_sheet
 from pipeline.render.surroundings import in_vision
 from pipeline.target import kernels
 from pipeline.target.occluder import Occluder
 from pipeline.target.patches import CYLINDER, MESH, PLANE, Patch
 from pipeline.target.target import AnyTarget
+
+_FEW = 8
+"""Flat sheets that are tried one by one for every ray; Embree's tree is faster for more."""
 
 
 class TargetLight:
@@ -39,20 +44,37 @@ class TargetLight:
         self._background = background
         patches = [(patch, pose @ patch.target_from_patch) for target, pose in targets for patch in target.patches()]
         self._lights = [_PatchLight(patch, pose) for patch, pose in patches]
+        self._others = [occluder.radiance for occluder, _ in occluders]
+        self._sheets = None
+        if len(patches) <= _FEW and not occluders and all(patch.kind == PLANE for patch, _ in patches):
+            self._sheets = _stacked(patches)
+            return
         others = [in_vision(occluder, pose) for occluder, pose in occluders]
         self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
-        self._others = [occluder.radiance for occluder, _ in occluders]
 
     def radiance(self, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
+        light = np.full(len(origin_mm), self._background)
+        if self._sheets is not None:
+            first = np.empty(len(light), np.int64)
+            first_sheet(*self._sheets, origin_mm, direction, first)
+            for k, patch in enumerate(self._lights):
+                patch.shine(np.where(first == k, 0, -1), origin_mm, direction, light)
+            return light
         hit = self._scene.first_hit(origin_mm, direction)
-        light = np.full(len(hit), self._background)
         for patch, first, end in zip(self._lights, self._scene.first, self._scene.first[1:], strict=False):
             patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin_mm, direction, light)
         ends = self._scene.first[len(self._lights) :]
         for radiance, first, end in zip(self._others, ends, ends[1:], strict=False):
             light[(hit >= first) & (hit < end)] = radiance
         return light
+
+
+def _stacked(patches: Sequence[tuple[Patch, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (k, 4, 4) and half sizes (k, 2) of flat patches."""
+    poses = np.array([pose for _, pose in patches]).reshape(-1, 4, 4)
+    halves = np.array([(patch.drawing.half_x_mm, patch.drawing.half_y_mm) for patch, _ in patches]).reshape(-1, 2)
+    return poses, halves
 
 
 class _PatchLight:

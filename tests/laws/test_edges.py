@@ -2,22 +2,27 @@
 brute force over the whole rear surface; and an edge that does lose light is noticed.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from laws import rigs
+from laws.test_symmetry import plenoptic_positions
 from naive import textbook
 from published.test_library_lenses import prescription
 from tolerances import SIGMAS
 
-from pipeline.camera import flux, probes
+from pipeline.camera import edge_search, flux
 from pipeline.camera.camera import Camera, Sensor
 from pipeline.camera.integrals import integrals
 from pipeline.camera.moments import WEIGHT
+from pipeline.camera.probes import PASSES
 from pipeline.camera.quadrature import NOT_STAR_SHAPED, Edges, edges
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX
 
 DISTANCE_MM = 600.0
@@ -92,13 +97,57 @@ def test_an_edge_drawn_too_short_in_a_few_directions_is_noticed() -> None:
 
 def test_light_beyond_a_border_that_is_drawn_too_near_hands_over_to_random_rays(monkeypatch) -> None:
     """Half of the way to the bound is taken for all of it in a sixth of the circle, so that no search finds more."""
-    found, reach = about_corners(), probes.reach
+    found, reach = about_corners(), edge_search.reach
 
     def too_near(polygons, counts, centres, owner, angle, limit, side) -> None:
         reach(polygons, counts, centres, owner, angle, limit, side)
         limit[angle % (2 * np.pi) < np.pi / 3] *= 0.5
 
-    monkeypatch.setattr(probes, "reach", too_near)
+    monkeypatch.setattr(edge_search, "reach", too_near)
     n = len(CORNERS_PX)
     _, status, _ = found.moments(np.repeat(np.stack([target_plane(rigs.facing(560.0))] * 2)[None], n, axis=0), (8, 32))
     assert status.tolist() == [NOT_STAR_SHAPED] * n
+
+
+def behind_microlenses() -> Edges:
+    """Edges of bundles of the paper's camera: of cells, of the stop, and of both."""
+    tracer = Tracer(rigs.plenoptic(4.0))
+    positions, lens = plenoptic_positions(tracer, 12)
+    return edges(tracer.arrays, positions, lens)
+
+
+def displaced_with_blades() -> Edges:
+    """A displaced lens with a hexagonal stop: how far an edge is, its clearance does not say."""
+    camera = rigs.displaced(rigs.conventional())
+    surfaces = [dataclasses.replace(each, blades=6 if each.is_stop else None) for each in camera.prescription.surfaces]
+    tracer = Tracer(
+        dataclasses.replace(
+            camera, prescription=Prescription(surfaces=tuple(surfaces), groups=camera.prescription.groups)
+        )
+    )
+    positions = tracer.positions_mm(np.array([5.0, 48.0, 90.0]), np.array([5.0, 30.0, 70.0]))
+    return edges(tracer.arrays, positions, np.full(3, NO_MICROLENS))
+
+
+@pytest.mark.parametrize("make", [about_corners, behind_microlenses, displaced_with_blades])
+@pytest.mark.parametrize("steps", [8, 24])
+def test_the_search_finds_the_edge_that_bisection_finds(make, steps: int) -> None:
+    """Forty halvings, one ray at a time. It takes three rays more than halvings at worst, half of them as a rule."""
+    found = make()
+    owner, angle = found.spokes(23)
+    radius, label, limit, rays = found.find(owner, angle, steps)
+    along, centre = np.stack([np.cos(angle), np.sin(angle)], axis=1), found.centres[owner]
+    low, high, last = np.zeros(len(owner)), limit.copy(), label.copy()
+    open_ = found.probe(owner, centre + limit[:, None] * along) != PASSES
+    for _ in range(40):
+        middle = (low + high) / 2
+        here = found.probe(owner, centre + middle[:, None] * along)
+        low, high = np.where(here == PASSES, middle, low), np.where(here == PASSES, high, middle)
+        last = np.where(here == PASSES, last, here)
+    assert open_.sum() > 20
+    assert np.array_equal(radius[~open_], limit[~open_])
+    assert np.all(np.abs(radius - low)[open_] <= limit[open_] * 0.5 ** (steps + 1))
+    assert np.mean((label == last)[open_]) > 0.97, "all but directions next to a corner"
+    assert rays - len(owner) <= (steps + 4) * open_.sum()
+    if steps == 24 and make is not displaced_with_blades:
+        assert rays - len(owner) < 12 * open_.sum()

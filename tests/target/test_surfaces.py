@@ -6,6 +6,7 @@ from laws import rigs
 from tolerances import ROUNDING_MM
 
 from pipeline.frames import apply
+from pipeline.render.embree import MeshScene
 from pipeline.render.light import TargetLight
 from pipeline.target.charuco import Charuco
 from pipeline.target.checkerboard import Checkerboard
@@ -118,7 +119,7 @@ def test_a_ray_sees_the_colour_of_the_point_that_it_is_aimed_at(surface, tilt_de
 def _nothing_before(light: TargetLight, start: np.ndarray, way: np.ndarray) -> np.ndarray:
     """Rays that stop a tenth of a millimetre before their aim meet nothing: by the meshes, triangle by triangle."""
     corners = np.concatenate([one.mesh_in_vision() for one in light._lights])
-    hit = light._scene.first_hit(start, way)
+    hit = MeshScene([corners]).first_hit(start, way)
     distance = np.full(len(way), np.inf)
     some = hit >= 0
     a, b, c = corners[hit[some]].transpose(1, 0, 2)

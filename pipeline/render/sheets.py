@@ -1,0 +1,34 @@
+"""Which of several flat sheets does a ray meet first? Kernels only; vision frame, mm."""
+
+from pipeline.jit import kernel
+
+
+@kernel
+def first_sheet(poses, half_sizes, origin, direction, first):
+    """Nearest sheet in front of each ray's start, in double.
+
+    Parameters
+    ----------
+    poses : (k, 4, 4) float64
+        vision_from_sheet; a sheet lies in z = 0 about the origin.
+    half_sizes : (k, 2) float64
+        Along x and y.
+    origin, direction : (n, 3) float64
+    first : (n,) int64
+        Written; -1 where the ray meets none or holds NaN.
+    """
+    for i in range(first.size):
+        nearest, first[i] = 0.0, -1
+        for k in range(half_sizes.shape[0]):
+            pose = poses[k]
+            ox, oy, oz = origin[i, 0] - pose[0, 3], origin[i, 1] - pose[1, 3], origin[i, 2] - pose[2, 3]
+            dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+            away = pose[0, 2] * ox + pose[1, 2] * oy + pose[2, 2] * oz
+            t = -away / (pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz)
+            if not (t > 0.0 and (first[i] < 0 or t < nearest)):
+                continue
+            hx, hy, hz = ox + t * dx, oy + t * dy, oz + t * dz
+            x = pose[0, 0] * hx + pose[1, 0] * hy + pose[2, 0] * hz
+            y = pose[0, 1] * hx + pose[1, 1] * hy + pose[2, 1] * hz
+            if abs(x) <= half_sizes[k, 0] and abs(y) <= half_sizes[k, 1]:
+                nearest, first[i] = t, k
