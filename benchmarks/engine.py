@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.engine.graph import TaskGraph
@@ -66,6 +67,14 @@ def PlenDataset "Many"
 }}
 """
 
+EDITS = (
+    ("1: (0, 0, -434", "1: (0.001, 0, -434"),
+    ("squareSize = 0.3", "squareSize = 0.31"),
+    ("pixelPitch = 0.1", "pixelPitch = 0.11"),
+    ("image:samples = 4", "image:samples = 8"),
+    ("truth:samples = 4", "truth:samples = 8"),
+)
+
 
 def stage_of(frames: int) -> str:
     """Text of a dataset whose board moves by a micrometre from frame to frame."""
@@ -74,7 +83,7 @@ def stage_of(frames: int) -> str:
 
 
 def many_frames(folder: Path, frames: int) -> None:
-    """Times of `plan` and `build` when there is nothing to do, each in a process of its own."""
+    """Times of `plan` and `build` when there is nothing to do, and after edits, each in a process of its own."""
     stage = folder / "dataset.usda"
     stage.write_text(stage_of(frames), encoding="utf-8")
     environment = {**os.environ, "PIPELINE_CACHE": str(folder / "store")}
@@ -95,6 +104,20 @@ def many_frames(folder: Path, frames: int) -> None:
         wall_s, cpu_s = min(wall_s for wall_s, _, _ in times), min(cpu_s for _, cpu_s, _ in times)
         print(f"  warm {name:<6} {wall_s:.2f} s, of them computing {cpu_s:.2f} s (best of 5)", flush=True)
     assert json.loads(times[0][2])["executed"] == 0
+    text = stage.read_text(encoding="utf-8")
+    for count, edited in enumerate(_edited(text), 1):
+        stage.write_text(edited, encoding="utf-8")
+        wall_s, cpu_s, output = command_line("plan", "dataset.usda", "-o", "out")
+        assert "dataset.usda:" in output
+        print(f"  plan after {count} edits {wall_s:.2f} s, of them computing {cpu_s:.2f} s", flush=True)
+
+
+def _edited(text: str) -> Iterator[str]:
+    """The stage after one edit, after two, and so on: all frames depend on all but the first."""
+    for old, new in EDITS:
+        assert old in text
+        text = text.replace(old, new, 1)
+        yield text
 
 
 def price_of_a_node(folder: Path, sizes: tuple[int, ...]) -> None:

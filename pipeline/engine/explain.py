@@ -1,13 +1,19 @@
-"""Plans in words: what runs and why, grouped so that a thousand frames that changed alike are one line."""
+"""Plans in words: what runs and why, grouped so that a thousand frames that changed alike are one line.
+
+A reason is told by the edits of the source behind it, where they are known, else by the parameter that changed.
+"""
 
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from pipeline.engine.plan import PlannedTask, ReasonType
+from pipeline.edits import Edit
+from pipeline.engine.plan import PlannedTask, Reason, ReasonType
 
 _SHOWN = 5  # tasks that are explained one by one
-_REASONS_SHOWN = 6  # of one task in a plan: a turned board changes a dozen numbers
+_REASONS_SHOWN = 6  # of one task in a plan: without its edit, a turned board changes a dozen numbers
+_SAMPLES_SHOWN = 3  # of one attribute
+_PATHS_SHOWN = 4  # of the edits behind tasks that are only counted
 
 
 def describe(planned: Iterable[PlannedTask]) -> Iterator[str]:
@@ -38,20 +44,39 @@ def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:
 
 
 def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
-    """A task, its state, and a line per reason, of which at most `most` are shown."""
+    """A task, its state, and a line per edit and per other reason, of which at most `most` are shown."""
     yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
-    yield from (f"         {reason}" for reason in task.reasons[:most])
-    if most is not None and len(task.reasons) > most:
-        yield f"         … and {len(task.reasons) - most} more values (`pipeline explain` shows all)"
+    lines = [*_edits_told(task.edits), *(str(reason) for reason in task.reasons if _is_told(reason))]
+    yield from (f"         {line}" for line in lines[:most])
+    if most is not None and len(lines) > most:
+        yield f"         … and {len(lines) - most} more reasons (`pipeline explain` shows all)"
+
+
+def _edits_told(edits: Iterable[Edit]) -> Iterator[str]:
+    """A line per edit; of many time samples of one attribute the first few, and how many more there are."""
+    groups: dict[str, list[Edit]] = {}
+    for edit in edits:
+        groups.setdefault(edit.what, []).append(edit)
+    for alike in groups.values():
+        yield from map(str, alike[:_SAMPLES_SHOWN])
+        if len(alike) > _SAMPLES_SHOWN:
+            yield f"… and {len(alike) - _SAMPLES_SHOWN:,} more time samples of {alike[0].what}"
+
+
+def _is_told(reason: Reason) -> bool:
+    """Whether a reason is told itself: its edits do not say it already."""
+    return not reason.edits or reason.type is ReasonType.UPSTREAM
 
 
 def _cause(task: PlannedTask) -> str:
     """Reasons without what differs from frame to frame."""
+    edited = sorted({edit.what for edit in task.edits})
+    more = [f"… {len(edited) - _PATHS_SHOWN} more edits"] if len(edited) > _PATHS_SHOWN else []
     causes = set()
-    for reason in task.reasons:
+    for reason in filter(_is_told, task.reasons):
         # Elements of a list count as the list.
         field = re.sub(r"(\[\d+\])+$", "", reason.field or "")
         if reason.type is ReasonType.UPSTREAM:
             field = field.split("/")[0]
         causes.add(f"{reason.type.value} {field}".strip())
-    return ", ".join(sorted(causes))
+    return ", ".join([*edited[:_PATHS_SHOWN], *more, *sorted(causes)])

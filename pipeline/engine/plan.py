@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.edits import Edit
 from pipeline.engine.graph import Task, TaskGraph
 from pipeline.engine.spec import Record, Spec, Specs
 from pipeline.engine.store import Store
@@ -33,16 +34,20 @@ class Reason:
         upstream: the task that must run first.
     old, new : plain values
         changed: the component at the last build of this task, and now.
+    edits : tuple of Edit
+        The edits of the source that made this reason, as far as somebody found them, see `tasks.why`.
     """
 
     type: ReasonType
     field: str | None = None
     old: Any = None
     new: Any = None
+    edits: tuple[Edit, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As in `plan --json`."""
-        return {"type": self.type.value, "field": self.field, "old": self.old, "new": self.new}
+        facts = {"type": self.type.value, "field": self.field, "old": self.old, "new": self.new}
+        return {**facts, "edits": [edit.to_dict() for edit in self.edits]}
 
     def __str__(self) -> str:
         match self.type:
@@ -73,6 +78,11 @@ class PlannedTask:
     reasons: tuple[Reason, ...] = ()
     spec: Spec | None = None
 
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """The edits behind all reasons, each once."""
+        return tuple({(edit.what, edit.time): edit for reason in self.reasons for edit in reason.edits}.values())
+
     def to_dict(self) -> dict[str, Any]:
         """As in `plan --json`."""
         facts = {"name": self.name, "kind": self.kind, "state": self.state, "key": self.key}
@@ -98,7 +108,7 @@ def plan(
         if must_run:
             last = _last(name, last_keys, store)
             reasons = [Reason(type=ReasonType.UPSTREAM, field=source) for source in must_run]
-            reasons += _differences(last["components"]["params"], task.params, "params") if last else []
+            reasons += differences(last["components"]["params"], task.params, "params") if last else []
             planned.append(_planned(task, "maybe", None, reasons))
             continue
         spec = specs.of(task, records)
@@ -134,17 +144,17 @@ def _why_missing(
         return [Reason(type=ReasonType.NEW)]
     if last is None:
         return [Reason(type=ReasonType.MISSING, field="record")]
-    return list(_differences(last["components"], spec.components))
+    return list(differences(last["components"], spec.components))
 
 
-def _differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
+def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
     """Components that differ, each with its dotted path."""
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(old.keys() | new.keys()):
-            yield from _differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
+            yield from differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for index, (one, other) in enumerate(zip(old, new, strict=True)):
-            yield from _differences(one, other, f"{where}[{index}]")
+            yield from differences(one, other, f"{where}[{index}]")
     elif old != new:
         yield Reason(type=ReasonType.CHANGED, field=where, old=old, new=new)
 

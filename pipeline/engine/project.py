@@ -34,6 +34,9 @@ class Project:
         Files that the project was read from: `watch` looks at them.
     places : dict
         Second part of task names, as the camera in `truth/Left/0001` -> where in the stage that stands, for messages.
+    source : plain data or None
+        What the project was made of: the store keeps it, so that a later plan can name the edits, see `tasks.why`.
+        None, also after a process border: nothing is kept.
     """
 
     graph: TaskGraph
@@ -44,6 +47,7 @@ class Project:
     findings: dict[str, dict[str, tuple[str, str]]] = field(default_factory=dict)
     reads: tuple[Path, ...] = ()
     places: dict[str, str] = field(default_factory=dict)
+    source: Any = None
 
     def to_plain(self) -> dict[str, Any]:
         """As JSON values."""

@@ -25,6 +25,8 @@ from pipeline.engine.status import TaskStatus, status
 from pipeline.engine.store import DamagedBlob, Store, writable
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 
+_SOURCES_KEPT = 4
+
 
 def build(
     project: Project,
@@ -185,6 +187,12 @@ def plan_of(
     return plan(graph, store, _history(project, store)["keys"], force=forced)
 
 
+def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
+    """What the project was made of when its tasks were last built, latest first; more than one after partial builds."""
+    kept = writable(store or Store()).read_note("sources", _history_name(project))
+    return kept if isinstance(kept, list) else []
+
+
 def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatus]:
     """What of the project lies finished in its output folder."""
     return status(plan_of(project, store=store), project.files, project.out)
@@ -232,6 +240,19 @@ def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str
     if {"keys": keys, "peaks": peaks} != before:
         note = {"out": os.path.realpath(project.out), "stage": project.stage_id, "keys": keys, "peaks": peaks}
         store.write_note("history", _history_name(project), note)
+    if project.source is not None:
+        _remember_source(project, store, len(outcome.records) == len(project.graph))
+
+
+def _remember_source(project: Project, store: Store, is_complete: bool) -> None:
+    """Keep what the project is made of; as long as some tasks are older, also what they may have been made of."""
+    kept = sources_of(project, store=store)
+    sources = [project.source]
+    if not is_complete:
+        older = [source for source in kept if source != project.source]
+        sources += older if len(older) < _SOURCES_KEPT else [*older[: _SOURCES_KEPT - 2], older[-1]]
+    if sources != kept:
+        store.write_note("sources", _history_name(project), sources)
 
 
 def _begin(project: Project, graph: TaskGraph, jobs: int) -> Event:

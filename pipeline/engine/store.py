@@ -9,7 +9,8 @@
     quarantine/                  what failed verification or stood in the way, for a person to look at
     gc.lock                      shared by builders, exclusive for the collector
     logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
-    history/  events/  index/    last keys and events per output folder, the bytes that we put there, what sources say:
+    history/  sources/           per output folder the keys of the last build, and what it was made of
+    events/  index/              the events of the last build, the bytes that we put there, what code says:
                                  without them nothing is wrong, but no file of an output folder is known to be ours
 
 Two promises: a record that `record` gives has complete blobs, and a reader gets the right bytes or a miss, never wrong
@@ -309,7 +310,7 @@ class Store(StoreFolder):
         return str(path)
 
     def write_note(self, folder: str, name: str, note: Any) -> None:
-        """Keep plain data in `history` or `index`. A store that cannot be written goes without."""
+        """Keep plain data in `history`, `sources`, `events` or `index`. A store that cannot be written goes without."""
         with contextlib.suppress(OSError):
             self._write(self.root / folder / f"{name}.json", seal(note))
 

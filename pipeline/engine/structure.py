@@ -16,7 +16,7 @@ VERSION = b"plenoptic-pipeline store 1\n"
 TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
 
 _PARENTS = ("cas", "ac")
-_OTHERS = ("tmp", "quarantine", "history", "events", "index")
+_OTHERS = ("tmp", "quarantine", "history", "sources", "events", "index")
 _FILES = ("VERSION", "below", "gc.lock")
 _NAMES = {*_PARENTS, *TABLES.values(), *_OTHERS, *_FILES}
 _BEGUN = {"VERSION", "below", "gc.lock", "tmp"}

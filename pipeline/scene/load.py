@@ -12,8 +12,9 @@ from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_doubts import check_doubts
 from pipeline.scene.check_layers import used_layers
 from pipeline.scene.check_seen import check_seen
+from pipeline.scene.composed import Composed, composed
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
-from pipeline.scene.flatten import flattened, write_out_instances
+from pipeline.scene.flatten import flattened, text_for_viewers, write_out_instances
 from pipeline.scene.hints import without_followers
 from pipeline.scene.layer_files import real_path
 from pipeline.scene.opening import open_stage
@@ -43,6 +44,8 @@ class Loaded:
         Every target, of a dataset or of a file of the library; empty if the stage has errors.
     files : tuple of Path
         Files of all layers that were read; empty if the stage has errors.
+    composed : Composed or None
+        What later plans compare with to name edits; None if the stage has errors or holds no dataset.
     """
 
     dataset: Dataset | None
@@ -52,6 +55,7 @@ class Loaded:
     lens: LensEntry | None = None
     targets: tuple[TargetEntry, ...] = ()
     files: tuple[Path, ...] = ()
+    composed: Composed | None = None
 
     @property
     def errors(self) -> list[Problem]:
@@ -101,14 +105,17 @@ def _loaded(path: Path, roots: list[Path], look: bool) -> Loaded:
         if loaded.errors:
             return loaded
     occluders = {entry.prim_path for entry in dataset.occluders} if dataset else set[str]()
+    layer = flattened(stage)
+    kept = composed(stage, layer) if dataset else None  # before anything is added
     return Loaded(
         dataset=dataset,
         problems=problems,
-        flattened=flattened(stage, cameras, targets, occluders),
+        flattened=text_for_viewers(layer, cameras, targets, occluders),
         cameras=cameras,
         lens=read_lens_entry(stage),
         targets=targets,
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
+        composed=kept,
     )
 
 

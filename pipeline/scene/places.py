@@ -31,8 +31,16 @@ def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[st
     file = stack[0].layer.realPath
     if not file:
         return None, None
-    path = str(stack[0].path) + ("" if time is None else sample_key(time))
+    path = str(stack[0].path) + ("" if time is None else sample_key(_time_in_layer(thing, time)))
     return shown_path(file), line_of(file, path)
+
+
+def _time_in_layer(thing: Usd.Prim | Usd.Property, time: float) -> float:
+    """A time of the stage as the file of the strongest opinion writes it: a reference may shift and stretch times."""
+    if not isinstance(thing, Usd.Property):
+        return time
+    _, layer_to_stage = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())[0]
+    return float(layer_to_stage.GetInverse() * time)
 
 
 def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:

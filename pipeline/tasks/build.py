@@ -82,6 +82,7 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None) -> Project:
         stage_id=str(path.resolve()),
         reads=loaded.files,
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
+        source=loaded.composed.to_plain() if loaded.composed else None,
     )
 
 

@@ -1,12 +1,13 @@
 """The tasks of a camera in its frames: image, position images, truth, and the certificate of all frames."""
 
+import re
 from typing import Any
 
 import numpy as np
 
 from pipeline.engine.deliver import Source
 from pipeline.engine.digest import Shared
-from pipeline.engine.graph import TaskGraph
+from pipeline.engine.graph import Task, TaskGraph
 from pipeline.frames import apply
 from pipeline.records import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
@@ -27,6 +28,14 @@ def image_params(entry: CameraEntry) -> dict[str, Any]:
         "weight": entry.weight,
         "wavelength_nm": entry.wavelength_nm,
     }
+
+
+def frame_of(task: Task, field: str | None) -> int | None:
+    """Number of the frame that a task, or a field of its parameters, belongs to; None if to all."""
+    if task.short_kind in ("image", "truth", "positions"):
+        return int(task.name.rpartition("/")[2])
+    match = re.match(r"params\.frames\[(\d+)\]", field or "")
+    return int(task.params["frames"][int(match[1])]["number"]) if match else None
 
 
 class FrameTasks:

@@ -210,14 +210,14 @@ def explain(
     allow_root: Roots = None,
     untrusted: Untrusted = False,
 ) -> None:
-    """Say why a task would run: the part of its key that changed, old and new. Many alike are one line."""
+    """Say why a task would run: the attribute, frame and line that were edited. Many alike are one line."""
     from pipeline.engine.explain import describe_alike
     from pipeline.engine.project import tasks_of
     from pipeline.engine.session import plan_of
 
     project = project_of(stage, out, allow_root, untrusted)
     names = set(tasks_of(project, target))
-    tasks = [task for task in plan_of(project) if task.name in names]
+    tasks = [task for task in _with_edits(plan_of(project), project, stage) if task.name in names]
     if as_json:
         say_json({"tasks": [task.to_dict() for task in tasks]})
         return
@@ -248,6 +248,16 @@ def project_of(stage: Path, out: Path | None, allow_root: list[Path] | None, unt
     return project(stage, out=out, allow_roots=tuple(allow_root or ()), untrusted=untrusted)
 
 
+def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
+    """Planned tasks, their reasons with the edits of the stage; as they are where nothing was kept of it."""
+    if project.source is None or all(task.state == "cached" for task in tasks):
+        return tasks
+    from pipeline.engine.session import sources_of
+    from pipeline.tasks.why import with_edits
+
+    return with_edits(tasks, project, sources_of(project), stage)
+
+
 def print_plan(
     stage: Path,
     out: Path | None,
@@ -266,7 +276,7 @@ def print_plan(
     from pipeline.engine.single import write_specs
 
     project = project_of(stage, out, allow_root, untrusted)
-    tasks = plan_of(project, force=force or (), until=until or (), targets=targets or ())
+    tasks = _with_edits(plan_of(project, force=force or (), until=until or (), targets=targets or ()), project, stage)
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
     if as_json:

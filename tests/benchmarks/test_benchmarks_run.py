@@ -67,3 +67,4 @@ def test_the_engine_reports_the_price_of_a_node_and_of_having_nothing_to_do(tmp_
         == 2
     )
     assert len(re.findall(r"warm (?:plan|build) +[\d.]+ s, of them computing [\d.]+ s", text)) == 2
+    assert len(re.findall(r"plan after \d edits [\d.]+ s, of them computing [\d.]+ s", text)) == 5

@@ -1,11 +1,12 @@
 """A part of a dataset on request: its files arrive, and no manifest ever says more than the folder holds."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from engine import toy
 
-from pipeline.engine.session import build, status_of
+from pipeline.engine.session import build, sources_of, status_of
 from pipeline.errors import UsageError
 
 IMAGE = "frames/0001/cam/image.txt"
@@ -129,3 +130,16 @@ def test_what_means_nothing_is_told_with_what_is_near(out, target, hint):
 def test_the_summary_names_the_files(out):
     assert json.loads(json.dumps(part(out, IMAGE).to_dict()))["files"] == [IMAGE]
     assert "files" not in build(toy.project(out), jobs=1).to_dict()
+
+
+def test_what_the_source_was_is_kept_until_no_task_is_older(out, store):
+    """A later plan names edits since each task was built: the last whole build is kept, however many parts follow."""
+
+    def built(source, **arguments):
+        project = replace(toy.project(out, poses=[[[float(source)]]]), source=source)
+        build(project, jobs=1, **arguments)
+        return sources_of(project, store=store)
+
+    assert built(1) == [1] == built(1)
+    assert [built(number, until=["lens"]) for number in (2, 3, 4, 5)] == [[2, 1], [3, 2, 1], [4, 3, 2, 1], [5, 4, 3, 1]]
+    assert built(5) == [5]

@@ -247,7 +247,7 @@ def test_only_names_of_our_own_form_are_collected(store, cache):
     assert not any((cache / name).exists() for name in damaged)
 
 
-FOLDERS = ["cas", "cas/sha256", "ac/v1", "lock", "tmp", "logs", "history", "index", "quarantine"]
+FOLDERS = ["cas", "cas/sha256", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index", "quarantine"]
 FILES = ["VERSION", "gc.lock"]
 
 

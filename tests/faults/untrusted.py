@@ -20,7 +20,7 @@ from pipeline.engine.store import Store
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import cache_folder
 
-_FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "index", "quarantine")
+_FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index", "quarantine")
 _FILES = ("VERSION", "gc.lock")
 
 

@@ -1,0 +1,88 @@
+"""An edit of a stage as a person made it: which attribute, at which frame, in which line, from what to what."""
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+_LONGEST = 60  # characters of a value in a text
+_ENTRIES_SHOWN = 4  # of an array of which one entry differs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Edit:
+    """One value that another one was written for.
+
+    Attributes
+    ----------
+    at : str
+        Path of the prim or property on the composed stage; `/` for the layer as a whole.
+    field : str or None
+        The metadata that was edited (`references`, `typeName`, `endTimeCode`); None: the value itself, or a whole
+        prim, for which its type stands.
+    time : float or None
+        Of a time sample.
+    old, new : plain values
+        None where nothing was, or is, written. Vectors are tuples, arrays are lists.
+    file, line : str or None, int or None
+        The place as messages show it.
+    remark : str or None
+        A sentence about that place, where it is not simply that of the new value.
+    """
+
+    at: str
+    field: str | None = None
+    time: float | None = None
+    old: Any = None
+    new: Any = None
+    file: str | None = None
+    line: int | None = None
+    remark: str | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `plan --json`."""
+        return asdict(self)
+
+    @property
+    def what(self) -> str:
+        """The thing that was edited, without its time."""
+        if self.at == "/":
+            return f"{self.field} of the layer"
+        return f"<{self.at}>" + (f" {self.field}" if self.field else "")
+
+    def __str__(self) -> str:
+        place = ":".join(str(part) for part in (self.file, self.line) if part is not None)
+        when = "" if self.time is None else f" at frame {_text(self.time)}"
+        remark = f" ({self.remark})" if self.remark else ""
+        return (f"{place}: " if place else "") + f"{self.what}{when}{self._change()}{remark}"
+
+    def _change(self) -> str:
+        """From what to what; of long arrays the one entry that differs."""
+        old, new = self.old, self.new
+        if "." not in self.at and self.field is None:
+            return f": new, {new}" if old is None else f": gone, was {old}"
+        if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) > _ENTRIES_SHOWN:
+            places = [index for index, pair in enumerate(zip(old, new, strict=True)) if pair[0] != pair[1]]
+            if len(places) == 1:
+                return f"[{places[0]}]: {_text(old[places[0]])} -> {_text(new[places[0]])}"
+        return f": {_text(old)} -> {_text(new)}"
+
+
+def _text(value: Any) -> str:
+    """A value as USD writes it, cut where it is long."""
+    text = _written(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
+
+
+def _written(value: Any) -> str:
+    if value is None:
+        return "not set"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    if isinstance(value, str):
+        return value if value[:1] in ("<", "@") else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, tuple | list):
+        inside = ", ".join(map(_written, value[:_LONGEST]))  # more entries would be cut anyhow
+        return f"[{inside}]" if isinstance(value, list) else f"({inside})"
+    return str(value)

@@ -1,0 +1,49 @@
+"""Plans after an edit, of a stage whose tasks count as built although none of them ran."""
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.digest import key_of
+from pipeline.engine.plan import PlannedTask, plan
+from pipeline.engine.project import Project
+from pipeline.engine.spec import Specs
+from pipeline.engine.store import Store
+from pipeline.scene.load import load
+from pipeline.tasks.build import project_from
+from pipeline.tasks.why import with_edits
+
+
+class Pretended:
+    """A stage as it was when all its tasks were built.
+
+    Parameters
+    ----------
+    path : Path
+        Read at once: the file may be edited afterwards.
+    store : Store
+        Gets a record of every task, with one output that is not there for real.
+    """
+
+    def __init__(self, path: Path, store: Store) -> None:
+        self.store, self.project = store, project_of(path)
+        self.keys, records = {}, dict[str, Any]()
+        specs = Specs(store)
+        for name in self.project.graph:
+            spec = specs.of(self.project.graph[name], records)
+            entry = store.put_bytes(key_of("bytes", spec.key).encode())
+            record = {"outputs": {"x": entry}, "components": spec.components, "made_by": {}}
+            records[name] = store.put_record(spec.key, record)
+            self.keys[name] = spec.key
+
+    def planned(self, path: Path) -> list[PlannedTask]:
+        """The tasks that an edited stage would run, with the edits behind their reasons."""
+        project = project_of(path)
+        tasks = plan(project.graph, self.store, self.keys)
+        return [task for task in with_edits(tasks, project, [self.project.source], path) if task.state != "cached"]
+
+
+def project_of(path: Path) -> Project:
+    """The project of a stage that passes the checks."""
+    loaded = load(path)
+    assert loaded.errors == [], [str(problem) for problem in loaded.errors]
+    return project_from(loaded, path, None)

@@ -1,0 +1,86 @@
+"""Every edit of a stage is named by the plan: attribute, frame, line, old and new value.
+
+Nothing is traced. What was edited is known from the test; the line is looked for in the text by its words alone.
+"""
+
+from pathlib import Path
+
+import pytest
+from pxr import Sdf, Usd
+from rerun.attribute_stage import STAGE
+from rerun.attribute_table import CASES, LENS, A
+from rerun.pretended import Pretended
+
+from pipeline.engine.store import Store
+
+ALL = [pytest.param(n, c, id=f"{n} of {c.at or 'Scene'}") for n, cases in CASES.items() for c in cases if c.kinds]
+SHORT = {"plen:squareSize of One", "plen:apertureShape of A/Lens/Stop"}
+FOR_THE_CHECKS = {(LENS, "plen:wavelength"): (A, "plen:camera:wavelength")}
+"""No task reads the wavelength of printed indices: the checks alone want it to be that of the camera."""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Stages of the table that count as built, by what is given."""
+    known = {}
+
+    def of(given):
+        if (name := repr(sorted(given.items(), key=repr))) not in known:
+            folder = tmp_path_factory.mktemp("explained")
+            path = folder / "dataset.usda"
+            known[name] = Pretended(write(path, given), Store(folder / "store")), path
+        return known[name]
+
+    return of
+
+
+def write(path: Path, values) -> Path:
+    """The stage of the table with some values, as one file."""
+    path.write_text(STAGE, encoding="utf-8")
+    stage = Usd.Stage.Open(str(path))
+    stage.Reload()
+    for (at, name), value in values.items():
+        prim = stage.GetPrimAtPath(f"/Scene/{at}".rstrip("/"))
+        if isinstance(value, list) and prim.GetRelationship(name):
+            prim.GetRelationship(name).SetTargets([Sdf.Path(f"/Scene/{target}") for target in value])
+        elif value is None:
+            prim.GetAttribute(name).Block()
+        else:
+            prim.GetAttribute(name).Set(value)
+    stage.Save()
+    return path
+
+
+def every_attribute_edit_is_named(built, name, case):
+    before, path = built(case.given)
+    changed = {**case.along, (case.at, name): case.value}
+    tasks = before.planned(write(path, {**case.given, **changed}))
+    assert tasks
+    for task in tasks:
+        assert [str(reason) for reason in task.reasons if not reason.edits] == [], task.name
+        assert {edit.at for edit in task.edits} <= {_path(*one) for one in changed}
+    at, name = FOR_THE_CHECKS.get((case.at, name), (case.at, name))
+    edit = next(edit for task in tasks for edit in task.edits if edit.at == _path(at, name))
+    assert edit.old != edit.new
+    assert name in _line(path, edit)
+
+
+def _path(at, name):
+    return "/Scene/".join(["", at]).rstrip("/") + f".{name}"
+
+
+def _line(path, edit):
+    """The text at the place that an edit names."""
+    assert Path(edit.file).name == path.name
+    return path.read_text(encoding="utf-8").splitlines()[edit.line - 1]
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("name", "case"), ALL)
+def test_every_attribute_of_the_table_is_named_with_its_line_by_all_tasks_that_it_reruns(built, name, case):
+    every_attribute_edit_is_named(built, name, case)
+
+
+@pytest.mark.parametrize(("name", "case"), [param for param in ALL if param.id in SHORT])
+def test_some_attributes_of_the_table_are_named_with_their_lines(built, name, case):
+    every_attribute_edit_is_named(built, name, case)

@@ -1,0 +1,219 @@
+"""Edits as a person makes them, in several files at once: what a plan says of them, word by word."""
+
+import re
+from pathlib import Path
+
+import pytest
+from rerun.pretended import Pretended, project_of
+
+from pipeline.edits import Edit
+from pipeline.engine.explain import describe, describe_task
+from pipeline.engine.plan import plan
+from pipeline.engine.store import Store
+from pipeline.share import share
+from pipeline.tasks.why import with_edits
+
+DATA = Path(__file__).parents[1] / "data"
+TWO = """    def PlenCheckerboard "Two"
+    {
+        uniform int plen:columns = 3
+        uniform int plen:rows = 2
+        uniform double plen:squareSize = 1.1
+        double3 xformOp:translate = (3, 0, -450)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+}
+"""
+
+
+class Desk:
+    """A dataset and its rig in one folder, which count as built; edited as text."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.stage, self.rig = folder, folder / "dataset.usda", folder / "rig.usda"
+        text = (DATA / "tiny_conventional/dataset.usda").read_text(encoding="utf-8")
+        text = text.replace("@../../../stages/rigs/conventional_100mm.usda@", "@rig.usda@")
+        self.stage.write_text(text, encoding="utf-8")
+        rig = (share("stages") / "rigs/conventional_100mm.usda").read_text(encoding="utf-8")
+        self.rig.write_text(rig.replace("@../", "@"), encoding="utf-8")
+        self.before = Pretended(self.stage, Store(folder / "store"))
+
+    def edit(self, file: Path, *changes: tuple[str, str]) -> None:
+        text = file.read_text(encoding="utf-8")
+        for old, new in changes:
+            assert old in text, f"{old!r} is not in {file.name}"
+            text = text.replace(old, new, 1)
+        file.write_text(text, encoding="utf-8")
+
+    def line(self, file: Path, words: str) -> int:
+        """The number of the only line with these words."""
+        lines = file.read_text(encoding="utf-8").splitlines()
+        (number,) = (number for number, line in enumerate(lines, 1) if words in line)
+        return number
+
+    def edits(self, name: str) -> list[str]:
+        """What the plan says of a task."""
+        (task,) = (task for task in self.before.planned(self.stage) if task.name == name)
+        return [line.strip() for line in list(describe_task(task))[1:]]
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return Desk(tmp_path)
+
+
+def test_each_of_several_edits_is_told_by_the_tasks_that_depend_on_it(desk):
+    desk.edit(desk.rig, ("plen:semiDiameter = 4.5", "plen:semiDiameter = 4"))
+    desk.edit(desk.stage, ("squareSize = 1.4", "squareSize = 1.5"), ("2: (0.3, -0.2, -432)", "2: (0.3, -0.2, -430)"))
+    rig, stage = "/TinyConventional/Rig", "/TinyConventional/Board"
+    stop = f"rig.usda:{desk.line(desk.rig, 'semiDiameter')}: <{rig}/Lens/Stop.plen:semiDiameter>: 4.5 -> 4"
+    size = f"dataset.usda:{desk.line(desk.stage, 'squareSize')}: <{stage}.plen:squareSize>: 1.4 -> 1.5"
+    move = f"dataset.usda:{desk.line(desk.stage, '2: (0.3')}: <{stage}.xformOp:translate> at frame 2:"
+    move += " (0.3, -0.2, -432) -> (0.3, -0.2, -430)"
+    wait = "focus/Rig.Camera must run first"
+    assert desk.edits("focus/Rig.Camera") == [stop]
+    assert sorted(desk.edits("image/Rig.Camera/0001")) == sorted([stop, size, wait])
+    assert sorted(desk.edits("image/Rig.Camera/0002")) == sorted([stop, size, move, wait])
+
+
+def test_a_plan_counts_what_it_does_not_show_by_the_attributes_that_were_edited(desk):
+    desk.edit(desk.stage, ("plen:seed = 3", "plen:seed = 4"))
+    lines = list(describe(desk.before.planned(desk.stage)))
+    assert "… and 2 more truth (maybe): </TinyConventional.plen:seed>, upstream rays" in lines
+    assert not re.search(r"params|\[\d\]", "\n".join(lines))
+
+
+def test_another_reference_is_one_edit_whatever_follows_from_it(desk):
+    desk.edit(desk.rig, ("double_gauss_100mm_tronnier", "double_gauss_100mm_mandler"))
+    old, new = (f"@lenses/double_gauss_100mm_{name}.usda@" for name in ("tronnier", "mandler"))
+    line = desk.line(desk.rig, "mandler")
+    assert desk.edits("focus/Rig.Camera") == [
+        f"rig.usda:{line}: </TinyConventional/Rig/Lens> references: {old} -> {new}"
+    ]
+
+
+def test_a_value_that_shows_again_is_told_where_the_stronger_one_was_removed(desk):
+    desk.edit(desk.stage, ("            uniform double plen:pixelPitch = 0.1\n", ""))
+    (told,) = desk.edits("focus/Rig.Camera")
+    line = desk.line(desk.stage, 'over "Sensor"')
+    assert told.startswith(
+        f"dataset.usda:{line}: </TinyConventional/Rig/Sensor.plen:pixelPitch>: 0.1 -> 0.01 (removed here; "
+    )
+    assert re.search(r"sensor_640x480_10um.usda:\d+ counts now\)$", told)
+
+
+def test_an_override_is_told_where_it_was_written(desk):
+    desk.edit(desk.stage, ("float horizontalAperture = 32", "uniform double plen:camera:sensorDistance = 131.5"))
+    line = desk.line(desk.stage, "sensorDistance")
+    at = "</TinyConventional/Rig/Camera.plen:camera:sensorDistance>"
+    assert desk.edits("focus/Rig.Camera") == [f"dataset.usda:{line}: {at}: 131.81 -> 131.5"]
+
+
+def test_a_new_target_is_told_with_the_relationship_that_names_it(desk):
+    targets = "rel plen:targets = </TinyConventional/Board>"
+    desk.edit(desk.stage, (targets, targets.replace("<", "[<") + ", </TinyConventional/Two>]"))
+    text = desk.stage.read_text(encoding="utf-8")
+    desk.stage.write_text(text.rstrip().removesuffix("}") + TWO, encoding="utf-8")
+    told = desk.edits("frame_poses/Rig.Camera")
+    line = desk.line(desk.stage, 'PlenCheckerboard "Two"')
+    assert f"dataset.usda:{line}: </TinyConventional/Two>: new, PlenCheckerboard" in told
+    assert any("Two>]" in text and "</TinyConventional.plen:targets>: [" in text for text in told)
+
+
+def test_what_is_gone_is_told_at_the_prim_that_held_it(desk):
+    """The orientation goes, with its name in the order of operations."""
+    desk.edit(desk.stage, (', "xformOp:orient"]', "]"))
+    text = desk.stage.read_text(encoding="utf-8")
+    desk.stage.write_text(re.sub(r"        quatd xformOp:orient.*?}\n", "", text, flags=re.DOTALL), encoding="utf-8")
+    told = desk.edits("image/Rig.Camera/0002")
+    line = desk.line(desk.stage, 'PlenCheckerboard "Board"')
+    assert told[0].startswith(f"dataset.usda:{line}: </TinyConventional/Board.xformOp:orient> at frame 2: (0.97629")
+    assert told[0].endswith("-> not set (removed; the line is that of the prim that held it)")
+    assert told[1].startswith(f"dataset.usda:{desk.line(desk.stage, 'xformOpOrder')}: ")
+    assert len(told) == 2, "nothing of frame 1"
+
+
+def test_a_new_frame_is_told_by_the_metadata_of_the_layer(desk):
+    desk.edit(
+        desk.stage,
+        ("endTimeCode = 2", "endTimeCode = 3"),
+        ("2: (0.3, -0.2, -432),", "2: (0.3, -0.2, -432), 3: (0, 0, -440),"),
+        ("0.21643961393810288, 0),", "0.21643961393810288, 0), 3: (1, 0, 0, 0),"),
+    )
+    line = desk.line(desk.stage, "endTimeCode")
+    assert desk.edits("image/Rig.Camera/0003") == [f"dataset.usda:{line}: endTimeCode of the layer: 2 -> 3"]
+
+
+def test_what_only_makes_sense_together_is_told_together(desk):
+    """A board must have columns plus rows odd: neither edit can be taken back alone. The pose has its own."""
+    desk.edit(desk.stage, ("columns = 3", "columns = 4"), ("rows = 2", "rows = 3"), ("(0, 0, -434.4)", "(0, 0, -434)"))
+    attributes = ["plen:columns", "plen:rows", "xformOp:translate"]
+    assert [re.findall(r"Board\.([\w:]+)", line)[0] for line in desk.edits("image/Rig.Camera/0001")] == attributes
+    assert [re.findall(r"Board\.([\w:]+)", line)[0] for line in desk.edits("frame_poses/Rig.Camera")] == attributes[2:]
+
+
+def test_times_that_a_reference_shifts_are_found_in_its_file(desk):
+    text = desk.stage.read_text(encoding="utf-8")
+    head, board = text.split('    def PlenCheckerboard "Board"')
+    alone = board.rstrip().removesuffix("}")
+    for time in ("1: ", "2: "):
+        alone = alone.replace(f"            {time}", f"            1{time}")
+    moving = desk.folder / "moving.usda"
+    header = '#usda 1.0\n(\n    metersPerUnit = 0.001\n    timeCodesPerSecond = 24\n    upAxis = "Y"\n)\n\n'
+    moving.write_text(f'{header}def PlenCheckerboard "Moved"{alone}', encoding="utf-8")
+    reference = (
+        '    def "Board" (\n        prepend references = @moving.usda@</Moved> (offset = -10)\n    )\n    {\n    }\n}\n'
+    )
+    desk.stage.write_text(head + reference, encoding="utf-8")
+    desk.before = Pretended(desk.stage, Store(desk.folder / "store"))
+    desk.edit(moving, ("12: (0.3, -0.2, -432)", "12: (0.3, -0.2, -430)"))
+    (told,) = desk.edits("image/Rig.Camera/0002")
+    assert told.startswith(
+        f"moving.usda:{desk.line(moving, '12: (0.3')}: </TinyConventional/Board.xformOp:translate> at"
+    )
+
+
+def test_nothing_is_told_that_does_not_give_the_old_value(desk):
+    """What was kept is of another build: its edits are not those behind the reason."""
+    first = desk.before
+    desk.edit(desk.stage, ("squareSize = 1.4", "squareSize = 1.45"))
+    other = project_of(desk.stage)
+    desk.edit(desk.stage, ("squareSize = 1.45", "squareSize = 1.5"))
+    now = project_of(desk.stage)
+    tasks = plan(now.graph, first.store, first.keys)
+    for sources, named in (([], 0), ([other.source], 0), ([other.source, first.project.source], 1)):
+        (image,) = (
+            task for task in with_edits(tasks, now, sources, desk.stage) if task.name == "image/Rig.Camera/0001"
+        )
+        assert len(image.edits) == named
+        assert ("params.targets[0]" in str(list(describe_task(image)))) != bool(named)
+
+
+def test_more_edits_than_are_tried_one_by_one_are_told_as_many(desk):
+    lens = (share("stages") / "lenses/double_gauss_100mm_tronnier.usda").read_text(encoding="utf-8")
+    (desk.folder / "lens.usda").write_text(lens, encoding="utf-8")
+    desk.edit(desk.rig, ("lenses/double_gauss_100mm_tronnier.usda", "lens.usda"))
+    desk.before = Pretended(desk.stage, Store(desk.folder / "store"))
+    longer = r"(plen:(?:thickness|radius|semiDiameter|abbe) = )(-?[\d.]+)"
+    changed = re.sub(longer, lambda match: f"{match[1]}{float(match[2]) * 1.0001}", lens)
+    (desk.folder / "lens.usda").write_text(changed, encoding="utf-8")
+    told = desk.edits("focus/Rig.Camera")
+    assert all(line.startswith("lens.usda:") for line in told)
+    assert sum(bool(re.search(r"\(or one of \d\d further edits\)$", line)) for line in told) == 1
+    assert len(told) <= 21 and "abbe" not in "".join(told), "indices are printed: no task reads it"
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"at": "/A.x", "old": [0.0] * 9, "new": [0.0] * 8 + [1.5]}, "</A.x>[8]: 0 -> 1.5"),
+        ({"at": "/A.x", "old": None, "new": "a\nb"}, '</A.x>: not set -> "a\\nb"'),
+        ({"at": "/A.x", "old": True, "new": False, "file": "a.usda"}, "a.usda: </A.x>: true -> false"),
+        ({"at": "/A", "old": "Mesh", "file": "a.usda", "line": 3}, "a.usda:3: </A>: gone, was Mesh"),
+        ({"at": "/A", "field": "active", "old": True, "new": None}, "</A> active: true -> not set"),
+        ({"at": "/A.x", "old": list(range(99)), "new": []}, f"</A.x>: {str(list(range(99)))[:58]} … -> []"),
+    ],
+)
+def test_an_edit_in_words(values, text):
+    assert str(Edit(**values)) == text
