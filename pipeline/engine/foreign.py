@@ -40,7 +40,7 @@ class ForeignFolder:
         Unfit
             It is anything else.
         """
-        handle = self._open(name)
+        handle = self.open(name)
         try:
             size = os.fstat(handle).st_size
             if size > most:
@@ -57,7 +57,7 @@ class ForeignFolder:
         Unfit
             It is no plain file, or holds other bytes.
         """
-        handle = self._open(name)
+        handle = self.open(name)
         try:
             there = os.fstat(handle).st_size
             if there != size:
@@ -70,7 +70,14 @@ class ForeignFolder:
         if digest.hexdigest() != sha256:
             raise Unfit("is not as it was built: its bytes are others")
 
-    def _open(self, name: str) -> int:
+    def open(self, name: str) -> int:
+        """Descriptor of a plain file, for reading.
+
+        Raises
+        ------
+        Unfit
+            It is anything else.
+        """
         *folders, last = name.split("/")
         at = None
         try:

@@ -24,6 +24,8 @@ from pipeline.files.damaged import DamagedFile
 from pipeline.files.tables import Table, table_of
 from pipeline.limits import how_to_raise, limits
 from pipeline.records import from_plain
+from pipeline.scene.problems import printable
+from pipeline.tasks.readable import unreadable
 from pipeline.tasks.sandbox import project_of_untrusted
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig
@@ -91,14 +93,17 @@ class HandedIn:
     ----------
     problems : list of str
         What is wrong with its files.
+    unread : dict
+        Files that are too large to be opened: name -> reason.
     """
 
     root: Path
     manifest: Manifest
     problems: list[str] = field(default_factory=list)
+    unread: dict[str, str] = field(default_factory=dict)
 
     def look(self) -> None:
-        """Hold every file against the manifest."""
+        """Hold every file against the manifest, and read what other programs would."""
         size = sum(entry["size"] for entry in self.manifest.files.values())
         if size > limits().folder_bytes:
             raise UsageError(
@@ -110,35 +115,39 @@ class HandedIn:
             try:
                 folder.require_whole(name, entry["size"], entry["sha256"])
             except Unfit as reason:
-                self.problems.append(f"{name} {reason}")
+                self._add(f"{name} {reason}")
+        damaged, self.unread = unreadable(self.root, self.manifest.files)
+        for name, why in damaged.items():
+            self._add(f"{name} cannot be read: {why}")
 
     def project(self) -> Project | None:
         """What a build of the folder's stage would be; None, and a problem, if it cannot be read."""
         try:
             project = _project(ForeignFolder(self.root).read(STAGE, limits().layer_bytes))
         except Unfit as reason:
-            self._once(f"{STAGE} {reason}")
+            self._add(f"{STAGE} {reason}")
             return None
         except UsageError as error:
-            self.problems.append(f"{STAGE} is no stage that could have been built: {error}")
+            self._add(f"{STAGE} is no stage that could have been built: {error}")
             return None
         self.problems += [f"the manifest lists no {name}" for name in project.files if name not in self.manifest.files]
         for name, source in project.files.items():
             listed = self.manifest.files.get(name)
             if listed and isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != listed["sha256"]:
-                self.problems.append(f"{name} is not what the stage says")
+                self._add(f"{name} is not what the stage says")
         return project
 
     def tables_of(self, camera: JudgedCamera) -> list[Scene]:
         """The tables of a camera that can be read; those that cannot are problems."""
-        scenes, folder = [], ForeignFolder(self.root)
+        scenes, folder, left = [], ForeignFolder(self.root), limits().table_bytes
         for file, params in camera.tables.values():
             try:
-                table = table_of(file, folder.read(file, limits().table_bytes))
+                data = folder.read(file, left)
+                table, left = table_of(file, data), left - len(data)
             except Unfit as reason:
-                self._once(f"{file} {reason}")
+                self._add(f"{file} {reason}")
             except DamagedFile as error:
-                self.problems.append(f"{error.what}")
+                self._add(error.what)
             else:
                 scenes.append(Scene(file=file, params=params, table=table))
         return scenes
@@ -153,7 +162,9 @@ class HandedIn:
                 hint=how_to_raise("table_bytes", size),
             )
 
-    def _once(self, problem: str) -> None:
+    def _add(self, problem: str) -> None:
+        """Names of files may hold anything, escape sequences of terminals included."""
+        problem = "\n".join(map(printable, problem.splitlines()))
         if problem not in self.problems:
             self.problems.append(problem)
 

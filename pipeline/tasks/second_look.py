@@ -141,16 +141,15 @@ class _Group:
         camera, rig = self.camera, self.rig
         assert camera.sampling is not None
         whatever = unfiltered(camera.settings)
-        everywhere = solve(rig, guesses(rig, planes)[0], planes, camera.settings.claim_px or NO_CLAIM_PX, 0.0)
-        places = {
-            (int(point), int(cell)): np.array([x, y])
-            for point, cell, x, y in zip(
-                everywhere.found.point, everywhere.found.cell, everywhere.found.x_px, everywhere.found.y_px, strict=True
-            )
-        }
         x_px = self.rows.x_px
-        places |= {(int(self.rows.point[row]), int(self.rows.cell[row])): x_px[row] for row in self.here}
-        found, tangent = everywhere.only(np.zeros(0, np.int64)), points.planes()
+        places = {(int(self.rows.point[row]), int(self.rows.cell[row])): x_px[row] for row in self.here}
+        everywhere, _ = guesses(rig, planes)
+        pairs = zip(everywhere.point.tolist(), everywhere.cell.tolist(), strict=True)
+        lacking = everywhere.only(np.array([pair not in places for pair in pairs], bool))
+        other = solve(rig, lacking, planes, camera.settings.claim_px or NO_CLAIM_PX, 0.0)
+        at = np.stack([other.found.x_px, other.found.y_px], axis=1)
+        places |= dict(zip(zip(other.found.point.tolist(), other.found.cell.tolist(), strict=True), at, strict=True))
+        found, tangent = other.only(np.zeros(0, np.int64)), points.planes()
         for (point, cell), x in sorted(places.items(), key=lambda item: item[0]):
             plane = tangent[points.plane[point]]
             on = pose @ plane.target_from_plane

@@ -31,11 +31,14 @@ class Verdict:
         Camera name -> certificate of the new sample.
     looks : dict
         Camera name -> {points, of, rows}: target points of which all rows were derived again in every column.
+    unread : dict
+        Files that were too large to be opened: name -> reason.
     """
 
     problems: list[str]
     cameras: dict[str, dict[str, Any]] = field(default_factory=dict)
     looks: dict[str, dict[str, int]] = field(default_factory=dict)
+    unread: dict[str, str] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -49,11 +52,17 @@ class Verdict:
             "problems": self.problems,
             "cameras": self.cameras,
             "derived_again": self.looks,
+            "unread": self.unread,
         }
 
 
 def verify(out: str | Path, seed: int = 1) -> Verdict:
     """Check files against the manifest, every row against the stage, and samples of rows against fresh solutions.
+
+    Files are read as what their names say they are, in a process with limits. Every row of every table: its labels,
+    target point and place in the scene, image and cell, the ranges of its numbers, rho against the blur, that it is
+    there once, and that comments and manifest count it. Of drawn points all rows in every column, see `second_look`. Of
+    drawn rows position and visibility by other rules and rays. Other files are not derived again.
 
     Parameters
     ----------
@@ -67,9 +76,11 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
     """
     folder = HandedIn(Path(out), manifest.read(Path(out)))
     if STAGE not in folder.manifest.files:
-        raise UsageError(f"{out} holds no finished build", hint="verify takes the folder that `pipeline build` filled")
+        why = "its manifest.json is none of a build, or damaged" if folder.manifest.data else "it has no manifest.json"
+        hint = "verify takes the folder that `pipeline build` filled"
+        raise UsageError(f"{out} holds no finished build: {why}", hint=hint)
     folder.look()
-    verdict = Verdict(folder.problems)
+    verdict = Verdict(folder.problems, unread=folder.unread)
     project = folder.project()
     if project is None:
         return verdict

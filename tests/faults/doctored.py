@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import shutil
 import socket
 from collections.abc import Callable, Iterator
@@ -123,6 +124,19 @@ def all_tables(edit: Callable[[list[dict[str, str]]], list[dict[str, str]]]) -> 
     return doctor
 
 
+def signed(name: str, change: Callable[[bytes], bytes]) -> Doctor:
+    """Other bytes of a file, with their digest in the manifest."""
+
+    def doctor(out: Path, chance: random.Random) -> None:
+        path = out / name
+        data = change(path.read_bytes())
+        path.unlink()
+        path.write_bytes(data)
+        sign(out, name)
+
+    return doctor
+
+
 LIES: dict[str, Doctor] = {
     "frame": in_all_rows("frame", lambda cell: str(int(cell) + 1)),
     "camera": in_all_rows("camera", lambda cell: "Other"),
@@ -154,6 +168,10 @@ LIES: dict[str, Doctor] = {
     "rows three times": with_counts(lambda rows: [row for row in rows for _ in range(3)]),
     "no row left": with_counts(lambda rows: []),
     "rows in another order": all_tables(lambda rows: rows[::-1]),
+    "another pose": signed(
+        "dataset.usda", lambda data: re.sub(rb"(translate.*?\n\s*1: \(-?\d+)", rb"\g<1>1", data, count=1)
+    ),
+    "another seed": signed("dataset.usda", lambda data: re.sub(rb"(plen:seed = \d+)", rb"\g<1>1", data)),
 }
 """What a folder may say that is not true: what it is about, and how it is put there."""
 
@@ -208,6 +226,31 @@ def odd_files(out: Path) -> Iterator[tuple[str, str]]:
     for name in ["manifest.json", *listed]:
         for what in ODDITIES:
             yield name, what
+
+
+HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)\n'
+STAGES: dict[str, bytes] = {
+    "nothing": b"",
+    "another language": b"\xff\xfe#usda 1.0",
+    "no dataset": f'{HEAD}def Xform "A"\n{{\n}}\n'.encode(),
+    "100,000 nested prims": (HEAD + 'def Xform "A"\n{\n' * 100_000 + "}\n" * 100_000).encode(),
+    "a file outside": f'{HEAD}def "A" (prepend references = @/etc/passwd@)\n{{\n}}\n'.encode(),
+    "a file of the folder": f'{HEAD}def "A" (prepend references = @./manifest.json@)\n{{\n}}\n'.encode(),
+    "itself": f'{HEAD}def "A" (prepend references = @./dataset.usda@</A>)\n{{\n}}\n'.encode(),
+}
+"""Stages that no build made."""
+
+
+def damaged_files(out: Path) -> Iterator[tuple[str, str, Doctor]]:
+    """Every file cut, emptied, flipped or of another kind, with digests that fit: name, what, and how."""
+    listed = sorted(json.loads((out / "manifest.json").read_text(encoding="utf-8"))["files"])
+    for name in listed:
+        yield name, "cut", signed(name, lambda data: data[: len(data) // 2])
+        yield name, "empty", signed(name, lambda data: b"")
+        yield name, "deep", signed(name, lambda data: b"[" * 100_000)
+        yield name, "not UTF-8", signed(name, lambda data: b"\xff\xfe" + data)
+        if name.endswith(".exr"):
+            yield name, "one bit", signed(name, lambda data: data[:-100] + bytes([data[-100] ^ 1]) + data[-99:])
 
 
 MANIFESTS: dict[str, bytes] = {
