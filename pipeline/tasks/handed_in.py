@@ -24,7 +24,7 @@ from pipeline.files.damaged import DamagedFile
 from pipeline.files.tables import Table, table_of
 from pipeline.limits import how_to_raise, limits
 from pipeline.records import from_plain
-from pipeline.scene.problems import printable
+from pipeline.spelling import printable
 from pipeline.tasks.readable import unreadable
 from pipeline.tasks.sandbox import project_of_untrusted
 from pipeline.truth.settings import TruthSettings
@@ -134,7 +134,7 @@ class HandedIn:
         for name, source in project.files.items():
             listed = self.manifest.files.get(name)
             if listed and isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != listed["sha256"]:
-                self._add(f"{name} is not what the stage says")
+                self._add(f"{name} is not what a build of the stage writes")
         return project
 
     def tables_of(self, camera: JudgedCamera) -> list[Scene]:

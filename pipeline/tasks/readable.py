@@ -15,8 +15,8 @@ from typing import Any
 from pipeline.engine.foreign import ForeignFolder, Unfit
 from pipeline.engine.perform import ONE_THREAD
 from pipeline.files.damaged import DamagedFile
-from pipeline.tasks.sandbox import MEMORY_BYTES
 
+MEMORY_BYTES = 4 * 2**30
 _FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
 """A file may take so long, and longer if it is large."""
 _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.tasks.readable import main; main()"
