@@ -81,6 +81,30 @@ def test_a_build_behind_microlenses_agrees_in_all_columns_whatever_is_drawn(plen
         assert verdict.looks["Rig.Camera"]["rows"] > 50
 
 
+METHODS = {
+    "image": 'uniform token plen:truth:method = "image"',
+    "two-plane": 'uniform token plen:truth:method = "two-plane"',
+    "nearest": 'uniform token plen:truth:method = "two-plane"\nuniform token plen:truth:search = "nearest"\n'
+    "uniform double plen:truth:nearestThreshold = 2",
+    "direct with other positions": 'uniform token plen:truth:method = "direct"\n'
+    'uniform token[] plen:truth:columns = ["chief", "saddle"]',
+}
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["tiny_conventional", "tiny_plenoptic"])
+@pytest.mark.parametrize("method", METHODS)
+def test_builds_by_every_method_agree_in_all_columns(method, name, tmp_path, monkeypatch, common_store):
+    """Windows around single rows hold the random numbers of the whole position image."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    text = (DATA / name / "dataset.usda").read_text(encoding="utf-8").replace("../../../stages/", "")
+    head = '        over "Camera"\n        {\n'
+    (tmp_path / "dataset.usda").write_text(text.replace(head, f"{head}{METHODS[method]}\n"), encoding="utf-8")
+    assert pipeline.build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1).exit_code == 0
+    verdict = verify(tmp_path / "out")
+    assert verdict.agrees, verdict.problems
+
+
 @pytest.mark.parametrize("what", ODDITIES)
 def test_whatever_lies_in_the_place_of_a_file_is_no_whole_file_and_keeps_nobody_waiting(what, tmp_path):
     (tmp_path / "a").mkdir()
