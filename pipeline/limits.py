@@ -35,6 +35,10 @@ class Limits:
         Files that a stage is composed of.
     layer_bytes : int
         Of one of these files.
+    folder_bytes : int
+        Of all files of an output folder that `verify` reads.
+    table_bytes : int
+        Of all tables of correspondences among them.
     """
 
     frames: int = 5_000
@@ -46,6 +50,8 @@ class Limits:
     f_numbers: int = 100
     layers: int = 1_000
     layer_bytes: int = 256 * 2**20
+    folder_bytes: int = 256 * 2**30
+    table_bytes: int = 256 * 2**20
 
 
 def limits() -> Limits:

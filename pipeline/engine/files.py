@@ -88,16 +88,19 @@ def open_regular(path: Path | str) -> int | None:
     return None
 
 
-def read_regular(path: Path | str) -> bytes | None:
-    """All bytes of a plain file; None if it is anything else, or unreadable."""
+def read_regular(path: Path | str, most: int | None = None) -> bytes | None:
+    """All bytes of a plain file; None if it is anything else, unreadable, or of more than so many bytes."""
     handle = open_regular(path)
     if handle is None:
         return None
     try:
         with os.fdopen(handle, "rb") as stream:
-            return stream.read()
+            if most is None:
+                return stream.read()
+            data = stream.read(most + 1)
     except OSError:
         return None
+    return data if len(data) <= most else None
 
 
 def digest_of(path: Path | str) -> str | None:

@@ -8,9 +8,12 @@ from typing import Any
 from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import nearest_existing, read_regular
 from pipeline.errors import UsageError
+from pipeline.limits import limits
 
 NAME = "manifest.json"
 FORMAT = 1
+_BYTES_PER_FRAME = 1 << 14
+"""Ten times what the files and tasks of a frame of a camera take in a manifest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,25 +28,34 @@ class Manifest:
         Posix path -> {"sha256", "size"}.
     tasks : dict
         Task name -> key.
+    points : any
+        What it says of how many points were seen; not looked at here.
     """
 
     data: bytes | None = None
     stage: Any = None
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
     tasks: dict[str, str] = field(default_factory=dict)
+    points: Any = None
 
 
 def read(out: Path) -> Manifest:
-    """The manifest in a folder. What does not look like one of ours counts as none."""
-    data = read_regular(out / NAME)
+    """The manifest in a folder. What does not look like one of ours, or is far too large for one, counts as none."""
+    data = read_regular(out / NAME, most=_BYTES_PER_FRAME * limits().frames)
     try:
         parsed = json.loads(data or b"")
         files, tasks = parsed["files"], parsed["tasks"]
-        ours = parsed["format"] == FORMAT and all(DIGEST.fullmatch(entry["sha256"]) for entry in files.values())
+        ours = parsed["format"] == FORMAT and all(_is_entry(entry) for entry in files.values())
         ours = ours and all(is_plain_path(path) for path in files) and isinstance(tasks, dict)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return Manifest(data=data)
-    return Manifest(data=data, stage=parsed.get("stage"), files=files, tasks=tasks) if ours else Manifest(data=data)
+    if not ours:
+        return Manifest(data=data)
+    return Manifest(data=data, stage=parsed.get("stage"), files=files, tasks=tasks, points=parsed.get("points"))
+
+
+def _is_entry(entry: dict[str, Any]) -> bool:
+    return DIGEST.fullmatch(entry["sha256"]) is not None and type(entry["size"]) is int and entry["size"] >= 0
 
 
 def render(head: dict[str, Any], tasks: dict[str, str], files: dict[str, dict[str, Any]]) -> bytes:

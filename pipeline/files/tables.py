@@ -70,10 +70,22 @@ def read_table(path: str | Path) -> Table:
     Raises
     ------
     DamagedFile
-        If it has no header, a row is too short or too long, or it is not UTF-8 text that ends in a line feed.
+        As `table_of`.
+    """
+    return table_of(path, Path(path).read_bytes())
+
+
+def table_of(path: str | Path, data: bytes) -> Table:
+    """The table in the bytes of a file.
+
+    Raises
+    ------
+    DamagedFile
+        If it has no header, or one name twice, a row is too short or too long, or it is not UTF-8 text that ends in a
+        line feed.
     """
     try:
-        text = Path(path).read_bytes().decode()
+        text = data.decode()
     except UnicodeDecodeError as error:
         raise DamagedFile(path, f"not a text file in UTF-8 ({error})") from error
     if not text.endswith("\n"):
@@ -97,6 +109,8 @@ def _parsed(path: str | Path, lines: list[str]) -> Table:
     if not rows or not rows[0]:
         raise DamagedFile(path, "no header row")
     names, *body = rows
+    if len(set(names)) < len(names):
+        raise DamagedFile(path, "two columns of one name", line=comment_count + 1)
     return Table(comments=comments, columns={name: [row[i] for row in body] for i, name in enumerate(names)})
 
 

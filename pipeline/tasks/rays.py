@@ -24,15 +24,13 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         _stacked(inputs, params["tiles"], name) for name in ("bundles", "cells", "covariance")
     )
     near, far = bundles[..., NEAR], bundles[..., FAR]
-    near_error = in_pixels(bundles[..., ERROR_SQUARED][..., :2], jacobian(near, cells), k)
-    far_error = in_pixels(bundles[..., ERROR_SQUARED][..., 2:], jacobian(far, cells), k)
     head: dict[str, Any] = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
         **{name: params[name] for name in ("supersampling", "samples", "seed", "weight", "footprint", "wavelength_nm")},
     }
     kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
-    error = np.fmax(near_error, far_error)
+    error = error_of(bundles, cells, k)
     parts = [
         _part("near", near, ("X", "Y"), {**head, "plane_z_mm": camera.near_mm}),
         _part("far", far, ("X", "Y"), {**head, "plane_z_mm": camera.far_mm}),
@@ -44,6 +42,16 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         axial = np.stack([tracer.lattice.k, tracer.lattice.l], axis=-1)[cells]
         parts.append(_part("microlens", axial, ("k", "l"), head))
     write_exr(out / "rays.exr", parts)
+
+
+def error_of(bundles: np.ndarray, cells: np.ndarray, supersampling: int) -> np.ndarray:
+    """Standard error of J from the ray sampling, on the worse of the two planes, (K h, K w, 2) [px]."""
+    squared, planes = bundles[..., ERROR_SQUARED], (NEAR, FAR)
+    errors = (
+        in_pixels(squared[..., part], jacobian(bundles[..., plane], cells), supersampling)
+        for part, plane in zip((slice(0, 2), slice(2, 4)), planes, strict=True)
+    )
+    return np.fmax(*errors)  # type: ignore[no-any-return]
 
 
 def _stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
-from pipeline.camera.tracer import parallel_planes
+from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.files.npy import write_npy
-from pipeline.tasks.cameras import Inputs, stretches, tracer_of
+from pipeline.tasks.cameras import Inputs, Stretch, stretches, tracer_of
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last is their number."""
@@ -26,29 +26,36 @@ def tile_rows(width_px: int, height_px: int, supersampling: int, samples: int) -
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: first_row, end_row, supersampling, samples, seed, square_px."""
     tracer, images = tracer_of(inputs, params["seed"])
-    camera, k = tracer.camera, params["supersampling"]
-    height, width = (params["end_row"] - params["first_row"]) * k, camera.sensor.width_px * k
-    assert camera.near_mm is not None and camera.far_mm is not None
-    planes = parallel_planes(camera.near_mm, camera.far_mm)
+    k = params["supersampling"]
+    height, width = (params["end_row"] - params["first_row"]) * k, tracer.camera.sensor.width_px * k
     bundles = np.empty((height * width, WIDTH), np.float32)
     cells = np.empty(height * width, np.int32)
     covariance = np.empty((height * width, 10), np.float32)
     for piece in stretches(tracer, images, k, params["first_row"], params["end_row"]):
-        here, lens = piece.index, piece.lens
-        moments = tracer.moments(piece.positions_mm, lens, planes, params["samples"], piece.pixels, params["square_px"])
-        free = moments[:, FREE_WEIGHT] if images else tracer.reference_weight_sr
-        bundles[here, NEAR], bundles[here, FAR] = moments[:, 0:2], moments[:, 2:4]
-        bundles[here, HIT_FRACTION] = moments[:, WEIGHT] / free
-        bundles[here, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
-        covariance[here] = moments[:, COVARIANCE:WEIGHT]
-        if params["square_px"] > 0:
-            # Second moments are those of the bundle without its square, which only kept positions need.
-            kept = (piece.pixels % k == k // 2).all(axis=1)
-            points = piece.positions_mm[kept], lens[kept], planes, params["samples"], piece.pixels[kept]
-            covariance[here[kept]] = tracer.moments(*points)[:, COVARIANCE:WEIGHT]
-        cells[here] = lens if images else 0
+        bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params)
+        cells[piece.index] = piece.lens if images else 0
     # Of every pixel the bundle next to its centre keeps its second moments.
     small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
     write_npy(out / "bundles.npy", bundles.reshape(height, width, WIDTH))
     write_npy(out / "cells.npy", cells.reshape(height, width))
     write_npy(out / "covariance.npy", np.ascontiguousarray(small))
+
+
+def traced(tracer: Tracer, piece: Stretch, params: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Bundles (n, WIDTH) of positions, and second moments (n, 10), which only those next to a pixel's centre need."""
+    camera, k, lens = tracer.camera, params["supersampling"], piece.lens
+    assert camera.near_mm is not None and camera.far_mm is not None
+    planes = parallel_planes(camera.near_mm, camera.far_mm)
+    moments = tracer.moments(piece.positions_mm, lens, planes, params["samples"], piece.pixels, params["square_px"])
+    free = moments[:, FREE_WEIGHT] if tracer.lattice is not None else tracer.reference_weight_sr
+    bundles = np.empty((len(lens), WIDTH))
+    bundles[:, NEAR], bundles[:, FAR] = moments[:, 0:2], moments[:, 2:4]
+    bundles[:, HIT_FRACTION] = moments[:, WEIGHT] / free
+    bundles[:, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
+    covariance = moments[:, COVARIANCE:WEIGHT]
+    if params["square_px"] > 0:
+        # Second moments are those of the bundle without its square.
+        kept = (piece.pixels % k == k // 2).all(axis=1)
+        points = piece.positions_mm[kept], lens[kept], planes, params["samples"], piece.pixels[kept]
+        covariance[kept] = tracer.moments(*points)[:, COVARIANCE:WEIGHT]
+    return bundles, covariance

@@ -55,7 +55,9 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
             for name, column in rows.items():
                 columns[name].extend(column)
         notes.append("; ".join([f"{entry['name']}: {note_of(found, points, pose)}", *more]))
-    write_table(out / "correspondences.csv", [*header_of(params, settings, grid, rig), *notes], columns)
+    k = grid.supersampling if grid else None
+    head = header_of(params, settings, k, is_plenoptic=rig.images is not None)
+    write_table(out / "correspondences.csv", [*head, *notes], columns)
 
 
 def correspondences(
@@ -71,15 +73,26 @@ def correspondences(
     if not faces_camera(planes).any():
         return None
     if grid is None:
-        assert settings.claim_px is not None
-        guess, rays = guesses(rig, planes)
-        found = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
-        return dataclasses.replace(found, counts={**found.counts, "rays": found.counts["rays"] + rays})
-    # Whether a row has light enough its own bundle says, not that of the nearest position of the grid.
-    whatever = dataclasses.replace(settings, min_hit_fraction=0.0)
-    rows = correspond_points(points, grid, pose, whatever, _position_images(settings.method, traced))
-    if rows is None:
-        return None
+        return solved(rig, settings, planes)
+    rows = correspond_points(points, grid, pose, unfiltered(settings), _position_images(settings.method, traced))
+    return None if rows is None else finished(rig, rows, planes, settings)
+
+
+def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Correspondences:
+    """All rows of the method without images."""
+    assert settings.claim_px is not None
+    guess, rays = guesses(rig, planes)
+    found = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
+    return dataclasses.replace(found, counts={**found.counts, "rays": found.counts["rays"] + rays})
+
+
+def unfiltered(settings: TruthSettings) -> TruthSettings:
+    """Of the search: whether a row has light enough its own bundle says, not that of the nearest position."""
+    return dataclasses.replace(settings, min_hit_fraction=0.0)
+
+
+def finished(rig: Rig, rows: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
+    """Rows of a search in position images, polished where the method does that, with light and blur of their own."""
     if settings.method == "moments" and settings.search == "quad":
         rows = polished(rig, rows, planes, settings)
     return with_own_bundles(rig, rows, planes, settings.min_hit_fraction)

@@ -8,7 +8,6 @@ from pipeline.frames import apply
 from pipeline.target.points import TargetPoints
 from pipeline.truth.column_sets import SETS, column_names
 from pipeline.truth.correspond import Correspondences
-from pipeline.truth.grid import RayGrid
 from pipeline.truth.on_points import largest_sag_mm
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, faces_camera, tangent_planes
@@ -100,10 +99,12 @@ def note_of(found: Correspondences | None, points: TargetPoints, pose: np.ndarra
     return ", ".join(said)
 
 
-def header_of(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | None, rig: Rig) -> list[str]:
-    """Comment lines of a table, what became of its targets left out."""
+def header_of(
+    params: dict[str, Any], settings: TruthSettings, supersampling: int | None, *, is_plenoptic: bool
+) -> list[str]:
+    """Comment lines of a table, what became of its targets left out; no supersampling K without position images."""
     labels = params["labels"]
-    empty = "microlens_k, microlens_l, microlens_type (a conventional camera); " if rig.images is None else ""
+    empty = "" if is_plenoptic else "microlens_k, microlens_l, microlens_type (a conventional camera); "
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
     return [
         f"exact image positions of target points: camera {params['camera']}, frame {params['frame']}",
@@ -114,7 +115,7 @@ def header_of(params: dict[str, Any], settings: TruthSettings, grid: RayGrid | N
         f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
         f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
         f" stop: {labels['stop']}; footprint: {labels['footprint']}",
-        f"seed: {labels['seed']}" + (f"; K: {grid.supersampling}; samples: {labels['samples']}" if grid else ""),
+        f"seed: {labels['seed']}" + (f"; K: {supersampling}; samples: {labels['samples']}" if supersampling else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
         *(SETS[name] for name in settings.column_sets),

@@ -1,35 +1,22 @@
 """`pipeline verify OUT`: derive a sample of a build's ground truth again, from the output folder alone.
 
-The stage is OUT/dataset.usda, the rows are those of its tables; neither the store nor the original stage is read.
+Neither the store nor the original stage is read, and the folder is not trusted: what it holds becomes findings.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.tracer import Tracer
 from pipeline.engine import manifest
-from pipeline.engine.files import digest_of
-from pipeline.errors import UsageError
-from pipeline.files.tables import read_table
-from pipeline.frames import apply
-from pipeline.records import from_plain
-from pipeline.scene.dataset import CameraEntry, Dataset
-from pipeline.scene.load import load, require_dataset
-from pipeline.target.target import target_from_plain
+from pipeline.errors import PipelineError, UsageError
 from pipeline.tasks.certificate import certificate
-from pipeline.tasks.poses import target_poses
-from pipeline.tasks.things import Things
-from pipeline.tasks.visibility_check import Scene, wrong_visibilities
-from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import Rig
+from pipeline.tasks.handed_in import STAGE, HandedIn, JudgedCamera, Scene, cameras_of
+from pipeline.tasks.second_look import second_look
+from pipeline.tasks.table_rules import Rows, UnfitTable, broken_rules, rows_of_scene, wrong_counts
+from pipeline.tasks.visibility_check import wrong_visibilities
 
-STAGE = "dataset.usda"
-_SAME_MM = 1e-6
-"""Points in a table against those of the stage: text keeps every digit, matrices are multiplied in another order."""
+_STREAM = 0x7E51
+"""Random numbers of the judges are none of those of the build."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +26,19 @@ class Verdict:
     Attributes
     ----------
     problems : list of str
-        Files that are lost or altered, and tables whose points are not where the stage has them, or not as visible.
+        Files that are lost, odd or altered, tables that break a rule, and rows that were derived otherwise.
     cameras : dict
         Camera name -> certificate of the new sample.
+    looks : dict
+        Camera name -> {points, of, rows}: target points of which all rows were derived again in every column.
+    unread : dict
+        Files that were too large to be opened: name -> reason.
     """
 
     problems: list[str]
-    cameras: dict[str, dict[str, Any]]
+    cameras: dict[str, dict[str, Any]] = field(default_factory=dict)
+    looks: dict[str, dict[str, int]] = field(default_factory=dict)
+    unread: dict[str, str] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -54,77 +47,73 @@ class Verdict:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, as `verify --json` prints it."""
-        return {"agrees": self.agrees, "problems": self.problems, "cameras": self.cameras}
+        return {
+            "agrees": self.agrees,
+            "problems": self.problems,
+            "cameras": self.cameras,
+            "derived_again": self.looks,
+            "unread": self.unread,
+        }
 
 
 def verify(out: str | Path, seed: int = 1) -> Verdict:
-    """Check files against the manifest, points against the stage, a sample of rows against fresh solutions and rays.
+    """Check files against the manifest, every row against the stage, and samples of rows against fresh solutions.
+
+    Files are read as what their names say they are, in a process with limits. Every row of every table: its labels,
+    target point and place in the scene, image and cell, the ranges of its numbers, rho against the blur, that it is
+    there once, and that comments and manifest count it. Of drawn points all rows in every column, see `second_look`. Of
+    drawn rows position and visibility by other rules and rays. Other files are not derived again.
 
     Parameters
     ----------
     seed : int
-        Which rows are drawn, and their random rays.
+        Which rows and points are drawn, and the random rays of those who judge.
 
     Raises
     ------
     UsageError
-        The folder holds no finished build.
+        The folder holds no finished build, or more than `limits` allow.
     """
-    out = Path(out)
-    listed = manifest.read(out).files
-    if STAGE not in listed:
-        raise UsageError(f"{out} holds no finished build", hint="verify takes the folder that `pipeline build` filled")
-    changed = [name for name, entry in listed.items() if not _is_whole(out / name, entry["sha256"])]
-    problems = [f"{name} is lost or not as it was built" for name in changed]
-    dataset = require_dataset(load(out / STAGE, ()), out / STAGE)
-    cameras = {}
-    for entry in dataset.cameras:
-        scenes = _scenes(dataset, entry, out)
-        tracer = Tracer(entry.camera, dataset.seed + seed)
-        rig = Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, entry.square_px)
-        problems += _misplaced(entry, scenes)
-        problems += [f"camera {entry.name}, {wrong}" for wrong in wrong_visibilities(rig, scenes, seed)]
-        cameras[entry.name] = _judged(entry, rig, scenes, seed)
-    return Verdict(problems, cameras)
-
-
-def _is_whole(file: Path, digest: str) -> bool:
+    folder = HandedIn(Path(out), manifest.read(Path(out)))
+    if STAGE not in folder.manifest.files:
+        why = "its manifest.json is none of a build, or damaged" if folder.manifest.data else "it has no manifest.json"
+        hint = "verify takes the folder that `pipeline build` filled"
+        raise UsageError(f"{out} holds no finished build: {why}", hint=hint)
+    folder.look()
+    verdict = Verdict(folder.problems, unread=folder.unread)
+    project = folder.project()
+    if project is None:
+        return verdict
+    folder.require_small_tables(project)
     try:
-        return digest_of(file) == digest
-    except OSError:
-        return False
+        cameras = cameras_of(project)
+    except PipelineError as error:
+        verdict.problems.append(f"{STAGE}: {error}")
+        return verdict
+    for camera in cameras:
+        try:
+            _judge(folder, camera, seed, verdict)
+        except PipelineError as error:
+            verdict.problems.append(f"camera {camera.name}: {error}")
+    return verdict
 
 
-def _scenes(dataset: Dataset, entry: CameraEntry, out: Path) -> list[Scene]:
-    """What the stage has in each frame, and the table that the build made of it."""
-    things = Things(dataset, painted=False)
-    return [
-        (
-            frame.number,
-            things.targets(target_poses(dataset, frame, entry.name)),
-            things.occluders(frame, entry.name),
-            read_table(out / f"frames/{frame.number:04d}/{entry.name}/correspondences.csv"),
-        )
-        for frame in dataset.frames
-    ]
-
-
-def _judged(entry: CameraEntry, rig: Rig, scenes: list[Scene], seed: int) -> dict[str, Any]:
-    claim_px = from_plain(TruthSettings, entry.truth).claim_px
-    return certificate(rig, [(targets, table) for _, targets, _, table in scenes], claim_px, seed)
-
-
-def _misplaced(entry: CameraEntry, scenes: list[Scene]) -> list[str]:
-    """Tables whose target points are not where the stage puts them."""
-    found = []
-    for number, targets, _, table in scenes:
-        names, point = np.array(table.columns["target"]), table.numbers("point_id").astype(int)
-        stated = np.stack([table.numbers(f"camera_{axis}_mm") for axis in "xyz"], axis=1)
-        for target in targets:
-            points, here = target_from_plain(target["target"]).points().position_mm, names == target["name"]
-            where = apply(np.array(target["vision_from_target"]), points)
-            if not np.abs(where[point[here]] - stated[here]).max(initial=0.0) < _SAME_MM:
-                found.append(
-                    f"frame {number}, camera {entry.name}: points of {target['name']} are not where they stand"
-                )
-    return found
+def _judge(folder: HandedIn, camera: JudgedCamera, seed: int, verdict: Verdict) -> None:
+    """Add what is found about a camera to a verdict."""
+    built, other = camera.rig(), camera.rig(_STREAM + seed)
+    scenes: list[tuple[Scene, Rows]] = []
+    for scene in folder.tables_of(camera):
+        try:
+            scenes.append((scene, rows_of_scene(camera, built, scene)))
+        except UnfitTable as error:
+            verdict.problems.append(error.what)
+    for scene, rows in scenes:
+        verdict.problems.extend(broken_rules(camera, built, scene, rows))
+    verdict.problems.extend(wrong_counts(camera.name, folder.manifest.points, scenes))
+    look = second_look(camera, built, scenes, seed)
+    verdict.problems.extend(look.problems)
+    verdict.looks[camera.name] = {"points": look.points, "of": look.of, "rows": look.rows}
+    found = wrong_visibilities(other, [scene for scene, _ in scenes], seed)
+    verdict.problems.extend(f"camera {camera.name}, {wrong}" for wrong in found)
+    tables = [(scene.targets, scene.table) for scene, _ in scenes]
+    verdict.cameras[camera.name] = certificate(other, tables, camera.settings.claim_px, seed)

@@ -1,11 +1,9 @@
 """The visibility of a sample of rows, found again with other rays."""
 
-from typing import Any
-
 import numpy as np
 
-from pipeline.files.tables import Table
 from pipeline.tasks.certificate import rows_of
+from pipeline.tasks.handed_in import Scene
 from pipeline.tasks.surroundings import surroundings_of
 from pipeline.truth.judged import sample
 from pipeline.truth.solve import Rig
@@ -14,16 +12,15 @@ from pipeline.truth.visibility import visibility
 _SAME_SHARE = 0.02
 """What a look by a thousand rays may miss at an edge is some thousandths."""
 
-Scene = tuple[int, list[dict[str, Any]], list[dict[str, Any]], Table]
-"""A frame: its number, its targets and occluders as `truth` reads them, and its table."""
-
 
 def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
     """What is wrong with the visibility of up to `truth.judged.ROWS` rows of a camera, drawn from all frames."""
     found, first = [], 0
-    drawn = sample(np.zeros(sum(len(table.columns["visibility"]) for *_, table in scenes), bool), seed)
-    for frame, targets, occluders, table in scenes:
-        surroundings, names = surroundings_of(targets, occluders), np.array(table.columns["target"])
+    drawn = sample(np.zeros(sum(len(scene.table.columns["visibility"]) for scene in scenes), bool), seed)
+    for scene in scenes:
+        targets, table = scene.targets, scene.table
+        surroundings = surroundings_of(targets, scene.params["occluders"])
+        names = np.array(table.columns["target"], str)
         for number, (planes, cell, x_px, _) in enumerate(rows_of(rig, targets, table)):
             here = drawn[(drawn >= first) & (drawn < first + len(cell))] - first
             first += len(cell)
@@ -33,5 +30,5 @@ def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
             if wrong.any():
                 worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"
                 which = f"{int(wrong.sum())} of {len(here)} rows of {targets[number]['name']}"
-                found.append(f"frame {frame}: {which} state another visibility, {worst}")
+                found.append(f"frame {scene.number}: {which} state another visibility, {worst}")
     return found

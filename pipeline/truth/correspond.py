@@ -173,6 +173,11 @@ class Correspondences:
         }
         return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
 
+    def moved(self, by_px: np.ndarray) -> "Correspondences":
+        """The same rows with their image positions moved by (2,) [px]."""
+        x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
+        return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
+
     def sorted_by(self, axial: np.ndarray) -> "Correspondences":
         """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
         return self.only(np.lexsort((*axial[self.found.cell].T, self.found.point)))

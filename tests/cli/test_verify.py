@@ -56,7 +56,8 @@ def test_a_row_moved_by_a_fiftieth_of_a_pixel_disagrees(built, tmp_path):
         text[i] = ",".join(cells)
     table.write_text("\n".join([*text, ""]), encoding="utf-8")
     verdict = verify(moved)
-    assert not verdict.agrees and len(verdict.problems) == 1
+    assert not verdict.agrees and len(verdict.problems) == 2
+    assert "is not as it was built" in verdict.problems[0] and "another x_px" in verdict.problems[1]
     assert verdict.cameras["Rig.Camera"]["passed"] is False
     assert verdict.cameras["Rig.Camera"]["max_px"] == pytest.approx(0.02, abs=1e-3)
     with pytest.raises(typer.Exit) as ended:

@@ -1,0 +1,221 @@
+"""An output folder as it was handed in: its files against its manifest, its stage and its tables as records.
+
+Nobody vouches for the folder. Its stage is read from a copy, in the sandbox; of its other files only tables are parsed.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipeline.camera.camera import Camera
+from pipeline.camera.focus import focused
+from pipeline.camera.micro_images import micro_images
+from pipeline.camera.request import FocusRequest, solved
+from pipeline.camera.tracer import Tracer
+from pipeline.engine.foreign import ForeignFolder, Unfit
+from pipeline.engine.manifest import Manifest
+from pipeline.engine.project import Project
+from pipeline.errors import UsageError
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.tables import Table, table_of
+from pipeline.limits import how_to_raise, limits
+from pipeline.records import from_plain
+from pipeline.spelling import printable
+from pipeline.tasks.readable import unreadable
+from pipeline.tasks.sandbox import project_of_untrusted
+from pipeline.truth.settings import TruthSettings
+from pipeline.truth.solve import Rig
+
+STAGE = "dataset.usda"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """A frame of a camera: what the task `truth` reads of it, and the table that the folder has.
+
+    Attributes
+    ----------
+    file : str
+        Where the table lies in the folder.
+    params : dict
+        Of the task `truth`, from the stage; targets in the order of the table.
+    table : Table
+    """
+
+    file: str
+    params: dict[str, Any]
+    table: Table
+
+    @property
+    def number(self) -> int:
+        """Time code."""
+        return int(self.params["frame"])
+
+    @property
+    def targets(self) -> list[dict[str, Any]]:
+        """Of {name, target, vision_from_target}."""
+        return list(self.params["targets"])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedCamera:
+    """A camera of the stage.
+
+    Attributes
+    ----------
+    sampling : dict or None
+        supersampling, samples and square_px of its position images; None for the method without.
+    """
+
+    name: str
+    camera: Camera
+    seed: int
+    settings: TruthSettings
+    square_px: float
+    sampling: dict[str, Any] | None
+    tables: dict[int, tuple[str, dict[str, Any]]]
+
+    def rig(self, stream: int = 0) -> Rig:
+        """The camera ready to trace, with the random numbers of the build, or with others."""
+        tracer = Tracer(self.camera, self.seed ^ stream)
+        return Rig(tracer, micro_images(tracer) if self.camera.microlenses else None, self.square_px)
+
+
+@dataclass(slots=True)
+class HandedIn:
+    """The folder.
+
+    Attributes
+    ----------
+    problems : list of str
+        What is wrong with its files.
+    unread : dict
+        Files that are too large to be opened: name -> reason.
+    """
+
+    root: Path
+    manifest: Manifest
+    problems: list[str] = field(default_factory=list)
+    unread: dict[str, str] = field(default_factory=dict)
+
+    def look(self) -> None:
+        """Hold every file against the manifest, and read what other programs would."""
+        size = sum(entry["size"] for entry in self.manifest.files.values())
+        if size > limits().folder_bytes:
+            raise UsageError(
+                f"{self.root} holds {size:,} bytes by its manifest, more than the limit of {limits().folder_bytes:,}",
+                hint=how_to_raise("folder_bytes", size),
+            )
+        folder = ForeignFolder(self.root)
+        for name, entry in sorted(self.manifest.files.items()):
+            try:
+                folder.require_whole(name, entry["size"], entry["sha256"])
+            except Unfit as reason:
+                self._add(f"{name} {reason}")
+        damaged, self.unread = unreadable(self.root, self.manifest.files)
+        for name, why in damaged.items():
+            self._add(f"{name} cannot be read: {why}")
+
+    def project(self) -> Project | None:
+        """What a build of the folder's stage would be; None, and a problem, if it cannot be read."""
+        try:
+            project = _project(ForeignFolder(self.root).read(STAGE, limits().layer_bytes))
+        except Unfit as reason:
+            self._add(f"{STAGE} {reason}")
+            return None
+        except UsageError as error:
+            self._add(f"{STAGE} is no stage that could have been built: {error}")
+            return None
+        self.problems += [f"the manifest lists no {name}" for name in project.files if name not in self.manifest.files]
+        for name, source in project.files.items():
+            listed = self.manifest.files.get(name)
+            if listed and isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != listed["sha256"]:
+                self._add(f"{name} is not what a build of the stage writes")
+        return project
+
+    def tables_of(self, camera: JudgedCamera) -> list[Scene]:
+        """The tables of a camera that can be read; those that cannot are problems."""
+        scenes, folder, left = [], ForeignFolder(self.root), limits().table_bytes
+        for file, params in camera.tables.values():
+            try:
+                data = folder.read(file, left)
+                table, left = table_of(file, data), left - len(data)
+            except Unfit as reason:
+                self._add(f"{file} {reason}")
+            except DamagedFile as error:
+                self._add(error.what)
+            else:
+                scenes.append(Scene(file=file, params=params, table=table))
+        return scenes
+
+    def require_small_tables(self, project: Project) -> None:
+        """Refuse tables that are too much for the memory together, before the first one is read."""
+        names = [name for name in project.files if name.endswith("/correspondences.csv")]
+        size = sum(self.manifest.files[name]["size"] for name in names if name in self.manifest.files)
+        if size > limits().table_bytes:
+            raise UsageError(
+                f"the tables of {self.root} hold {size:,} bytes, more than the limit of {limits().table_bytes:,}",
+                hint=how_to_raise("table_bytes", size),
+            )
+
+    def _add(self, problem: str) -> None:
+        """Names of files may hold anything, escape sequences of terminals included."""
+        problem = "\n".join(map(printable, problem.splitlines()))
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+
+def cameras_of(project: Project) -> list[JudgedCamera]:
+    """All cameras of a project, as its tasks read them."""
+    names = project.findings["certificate"]
+    return [_camera(project, name) for name in names]
+
+
+def _camera(project: Project, name: str) -> JudgedCamera:
+    graph = project.graph
+    truths = [task for task in (graph[one] for one in graph) if task.name.startswith(f"truth/{name}/")]
+    first = truths[0].params
+    rays = f"rays/{name}"
+    sampling = None
+    if rays in graph:
+        sampling = {key: graph[rays].params[key] for key in ("supersampling", "samples")}
+        sampling["square_px"] = first["square_px"]
+    file_of = {source[0]: path for path, source in project.files.items() if not isinstance(source, bytes)}
+    return JudgedCamera(
+        name=name,
+        camera=_focused(graph[f"focus/{name}"].params, graph[f"planes/{name}"].params),
+        seed=first["labels"]["seed"],
+        settings=from_plain(TruthSettings, first["truth"]),
+        square_px=first["square_px"],
+        sampling=sampling,
+        tables={
+            task.params["frame"]: (
+                file_of[task.name],
+                {**task.params, "targets": sorted(task.params["targets"], key=lambda entry: entry["name"])},
+            )
+            for task in truths
+        },
+    )
+
+
+def _focused(focus: dict[str, Any], planes: dict[str, Any]) -> Camera:
+    """The camera that the tasks `focus` and `planes` would make."""
+    has_wishes = "request" in focus
+    asked = from_plain(FocusRequest, focus["request"]) if has_wishes else from_plain(Camera, focus["camera"])
+    return focused(dataclasses.replace(solved(asked), **planes))
+
+
+@functools.lru_cache(maxsize=1)
+def _project(stage: bytes) -> Project:
+    """The project of a stage that is a file of its own: whatever else it wants to read, it does not find."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder).resolve() / STAGE
+        path.write_bytes(stage)
+        try:
+            return project_of_untrusted(path, Path(folder), ())
+        except UsageError as error:
+            raise UsageError(error.what.replace(f"{path.parent}/", ""), hint=error.hint) from None
