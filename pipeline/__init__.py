@@ -8,6 +8,10 @@ Nothing heavy is imported before it is asked for (PEP 562).
 from importlib import import_module
 from typing import Any
 
+from pipeline.processor import pin
+
+pin()  # before anybody imports NumPy
+
 __version__ = "0.1.0"
 
 _HOMES = {
