@@ -2,11 +2,16 @@
 
 `pipeline.build(path)` builds a dataset stage, `pipeline.open_dataset(path)` reads one into plain records,
 `pipeline.Prescription`, `pipeline.Camera` and their friends are the physics, usable without USD.
-Nothing heavy is imported before it is asked for (PEP 562).
+Nothing heavy is imported before it is asked for (PEP 562). Importing this tells NumPy, OpenBLAS and Numba, by the
+environment, what to compute with, so that results do not depend on the processor: docs/engine.md, The machine.
 """
 
 from importlib import import_module
 from typing import Any
+
+from pipeline.processor import pin
+
+pin()  # before anybody imports NumPy
 
 __version__ = "0.1.0"
 

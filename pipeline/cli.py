@@ -296,9 +296,6 @@ app.add_typer(cache, name="cache", rich_help_panel=CARE)
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    from pipeline.engine.perform import ONE_THREAD
-
-    os.environ.update(ONE_THREAD)  # before anybody imports NumPy
     gc.set_threshold(100_000)  # a big plan makes many records that all stay: looking for garbage took a tenth of it
     code = _exit_code()
     try:

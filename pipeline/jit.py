@@ -14,13 +14,11 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from pipeline.processor import settings_of_numba
+
 _LOCK = threading.RLock()
 _PACKAGE = Path(__file__).resolve().parent
 _DECORATED = re.compile(rb"^@(kernel|inline)$", re.MULTILINE)
-
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 
 def cache_folder() -> Path:
@@ -113,6 +111,7 @@ def fma(a: float, b: float, c: float) -> float:
 
 @functools.cache
 def _numba() -> Any:
+    os.environ.update(settings_of_numba())  # again, for programs that loaded NumPy before this package
     import numba.extending
 
     double = numba.float64

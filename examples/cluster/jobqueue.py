@@ -5,6 +5,7 @@ import sys
 from dask_jobqueue import SLURMCluster
 
 import pipeline
+from pipeline.processor import settings
 
 if __name__ == "__main__":
     stage, workers = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 16
@@ -13,6 +14,8 @@ if __name__ == "__main__":
         processes=1,
         memory="4GB",
         walltime="01:00:00",
+        # Dask loads NumPy before the pipeline could tell it which code to choose.
+        job_script_prologue=[f"export {name}={value}" for name, value in settings().items()],
         # Workers end before Slurm ends them, not all at the same time.
         worker_extra_args=["--lifetime", "55m", "--lifetime-stagger", "4m"],
     ) as cluster:

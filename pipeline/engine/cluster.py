@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.engines import Plain
-from pipeline.engine.perform import ONE_THREAD, failed, lost, perform
+from pipeline.engine.perform import failed, lost, perform
 from pipeline.engine.store import Store
 from pipeline.errors import EnvironmentFault, UsageError
 
@@ -229,8 +229,6 @@ def _sees_note(root: str, note: str) -> bool:
 
 def _perform_there(spec: Plain, root: str, packages: list[str]) -> Plain:
     """On a worker."""
-    for name, value in ONE_THREAD.items():
-        os.environ.setdefault(name, value)
     warnings: list[str] = []
     store = Store(root, warn=warnings.append)
     with store.in_use():

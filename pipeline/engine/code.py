@@ -16,14 +16,15 @@ import hashlib
 import importlib.util
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.digest import key_of
-from pipeline.engine.libraries import is_foreign, machine, versions_of
+from pipeline.engine.libraries import is_foreign, versions_of
 from pipeline.engine.store import Store
+from pipeline.machine import facts
 
 
 class UnknownKind(ValueError):
@@ -42,6 +43,9 @@ class _Module:
 
 Modules = dict[str, _Module | None]
 """What the source file of each name says; None if there is none."""
+
+Machine = Callable[[Collection[str]], dict[str, str]]
+"""Facts about a machine as far as libraries decide bits by them."""
 
 _first_seen: dict[str, str] = {}
 """Digest of every module's source when this process first read it, at the latest before a task imported it."""
@@ -75,7 +79,7 @@ def check_kind(kind: str, packages: tuple[str, ...]) -> None:
         raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 
-def code_of(kind: str, seen: Modules | None = None) -> dict[str, Any]:
+def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> dict[str, Any]:
     """Components of a key that stand for the code: version, fingerprint, libraries, machine.
 
     Parameters
@@ -84,18 +88,21 @@ def code_of(kind: str, seen: Modules | None = None) -> dict[str, Any]:
         Module name. The module may say `VERSION = 2` as a literal, to run again although its code is the same.
     seen : dict, optional
         Modules that were looked up already, and are again: kinds share most of what they reach.
+    machine : callable
+        Facts about the machine that decide what libraries compute, of this process unless another is meant.
     """
     reached = _reached(kind, {} if seen is None else seen)
     own = reached.get(kind)
     if own is None:
         raise UnknownKind(f"no source file for the task kind {kind!r}")
     foreign = {name for module in reached.values() for name in module.foreign}
+    libraries = versions_of(foreign)
     return {
         "version": own.version,
         "code": _digest(reached),
         # ast.dump differs between minor versions of Python, and so may the libraries' builds.
-        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **versions_of(foreign)},
-        "machine": machine(),
+        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
+        "machine": machine(libraries),
     }
 
 

@@ -12,8 +12,9 @@ import time
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from pipeline.engine.perform import ONE_THREAD, failed, lost, perform
+from pipeline.engine.perform import failed, lost, perform
 from pipeline.engine.store import Store
+from pipeline.processor import settings
 
 _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.engine.worker import main; main()"
 
@@ -39,9 +40,6 @@ class Inline:
     def __init__(self, store: Store, packages: tuple[str, ...]) -> None:
         self._store, self._packages = store, packages
         self._waiting: collections.deque[Plain] = collections.deque()
-        if "numpy" not in sys.modules:  # afterwards nobody reads them any more, or they make Numba raise
-            for name, value in ONE_THREAD.items():
-                os.environ.setdefault(name, value)
 
     @property
     def free(self) -> int:
@@ -144,7 +142,7 @@ class Processes:
             [sys.executable, "-c", _BOOT, json.dumps(sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, **ONE_THREAD},
+            env={**os.environ, **settings()},
             process_group=0,  # Ctrl-C is for the driver: it decides what becomes of running tasks
         )
         worker = _Worker(process)

@@ -1,10 +1,9 @@
-"""Which installed distributions stand behind imported modules, and what class of machine runs them. Imports nothing."""
+"""Which installed distributions stand behind imported modules. Imports none of them."""
 
 import email
 import functools
 import importlib.metadata
 import importlib.util
-import platform
 import re
 import sys
 from collections.abc import Iterable
@@ -12,13 +11,6 @@ from email.message import Message
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
-
-# What NumPy's elementary functions and OpenBLAS choose their code by; one of them may round differently on the next.
-_LEVELS = {
-    "v4": {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"},
-    "v3": {"avx2", "bmi2", "fma"},
-    "v2": {"sse4_2", "popcnt"},
-}
 
 
 def versions_of(modules: Iterable[str]) -> dict[str, str]:
@@ -56,20 +48,6 @@ def _facts(name: str) -> Message:
     found = importlib.metadata.distribution(name)
     text = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
     return email.message_from_string(text.partition("\n\n")[0])
-
-
-@functools.cache
-def machine() -> str:
-    """Architecture and, where the system says so, the level of its vector instructions: `x86_64-v3`."""
-    name = platform.machine()
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return name
-    flags = re.search(r"^flags\s*:(.*)$", text, re.MULTILINE)
-    has = set(flags[1].split()) if flags else set()
-    level = next((level for level, needs in _LEVELS.items() if needs <= has), None)
-    return f"{name}-{level}" if level else name
 
 
 @functools.cache

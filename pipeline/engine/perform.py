@@ -22,9 +22,7 @@ from pipeline.engine.files import is_machines_fault, machine_errors
 from pipeline.engine.memory import PeakMeter
 from pipeline.engine.store import DamagedBlob, Store
 from pipeline.errors import EnvironmentFault, PipelineError
-
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Numeric libraries must not split sums over threads: their results would depend on the number of cores."""
+from pipeline.processor import settings
 
 _logs = threading.Lock()
 _LINES = 12  # of an error that a failure carries
@@ -134,9 +132,17 @@ def _refuse_other_code(kind: str, components: dict[str, Any], store: Store) -> N
         if value != components[part]:
             raise EnvironmentFault(
                 f"{kind}: this process cannot make what the key says: {part} is {_changed(components[part], value)}",
-                hint="if the code was edited meanwhile, build again; else give all machines the same versions",
+                hint=_way_out(part),
             )
     _refuse_edited_code(kind)
+
+
+def _way_out(part: str) -> str:
+    if part != "machine":
+        return "if the code was edited meanwhile, build again; else give all machines the same versions"
+    kernels = settings().get("OPENBLAS_CORETYPE")
+    set_before = f", started with OPENBLAS_CORETYPE={kernels}" if kernels else ""
+    return f"last digits would differ: use machines of one level, system and environment{set_before}"
 
 
 def _refuse_edited_code(kind: str) -> None:

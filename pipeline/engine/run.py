@@ -14,6 +14,7 @@ from pipeline.engine.memory import Budget, available_bytes
 from pipeline.engine.perform import failed
 from pipeline.engine.spec import Record, Spec, Specs
 from pipeline.engine.store import Store
+from pipeline.processor import pin
 
 MAX_DEATHS = 3  # of workers in one task
 _TICK_S = 0.25  # how long a signal may wait for the loop
@@ -98,7 +99,8 @@ def run(
     Parameters
     ----------
     jobs : int
-        1 runs tasks in this process, more in as many worker processes. With a timeout there is always a worker.
+        1 runs tasks in this process, more in as many worker processes. With a timeout there is always a worker, and
+        in a program that loaded NumPy before `pipeline`.
     engine : Engine, optional
         Another place for tasks; it is closed at the end.
     keep_going : bool
@@ -117,7 +119,7 @@ def run(
         Called once in this process before the first task runs, and not at all if none has to.
     """
     if engine is None:
-        inline = jobs <= 1 and timeout_s is None
+        inline = jobs <= 1 and timeout_s is None and pin()
         engine = (
             Inline(store, graph.packages) if inline else Processes(store, graph.packages, jobs, timeout_s=timeout_s)
         )

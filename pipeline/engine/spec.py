@@ -8,6 +8,7 @@ from pipeline.engine.code import Modules, code_of, remembering
 from pipeline.engine.digest import canonical, canonical_dict, key_of_bytes
 from pipeline.engine.graph import Task
 from pipeline.engine.store import Store
+from pipeline.machine import facts_of_workers
 
 Record = dict[str, Any]
 
@@ -47,7 +48,7 @@ class Specs:
         """Spec of a task whose sources all have records."""
         if task.kind not in self._code:
             with remembering(self._store):
-                code = {"kind": task.kind, **code_of(task.kind, self._modules)}
+                code = {"kind": task.kind, **code_of(task.kind, self._modules, facts_of_workers)}
             self._code[task.kind] = code, {name: canonical(value) for name, value in code.items()}
         code, encoded = self._code[task.kind]
         inputs = {

@@ -11,11 +11,12 @@ from pipeline.engine.engines import Engine
 from pipeline.engine.events import silent
 from pipeline.engine.files import locked
 from pipeline.engine.graph import TASKS
-from pipeline.engine.libraries import installed_version, machine
+from pipeline.engine.libraries import installed_version
 from pipeline.engine.project import Project
 from pipeline.engine.result import Result
 from pipeline.engine.store import Store
 from pipeline.kernel_files import make_folder, read, say, write
+from pipeline.processor import level
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
@@ -184,7 +185,7 @@ def compile_once(warn: Callable[[str], None] = say) -> None:
     from pipeline.jit import cache_folder
 
     folder = cache_folder()
-    listed = folder / f"all-{machine()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
+    listed = folder / f"all-{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
     if _are_whole(listed, warn):
         return
     make_folder(folder, warn)

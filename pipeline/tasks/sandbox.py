@@ -12,9 +12,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.perform import ONE_THREAD
 from pipeline.engine.project import Project, project_from_plain
 from pipeline.errors import UsageError
+from pipeline.processor import settings
 
 MEMORY_BYTES = 4 * 2**30
 CPU_S = 120
@@ -84,7 +84,7 @@ def _ask(question: dict[str, Any]) -> dict[str, Any]:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             timeout=WALL_S,
-            env={**os.environ, **ONE_THREAD},
+            env={**os.environ, **settings()},
             check=False,
         )
     except subprocess.TimeoutExpired:

@@ -13,7 +13,6 @@ import pytest
 from cli import toy_command
 
 from pipeline import cli
-from pipeline.engine.perform import ONE_THREAD
 
 COMMAND = Path(__file__).with_name("toy_command.py")
 STATES = ("executed", "cached", "failed", "skipped")
@@ -38,8 +37,6 @@ def pipeline(tmp_path, kit, monkeypatch, capsys):
     """Run the command in this process, in the same folder: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    for name in ONE_THREAD:
-        monkeypatch.setenv(name, "1")
     for name, module in toy_command.fakes().items():
         monkeypatch.setitem(sys.modules, name, module)
 

@@ -12,7 +12,6 @@ import pytest
 import pipeline as package
 from pipeline import cli
 from pipeline.camera.camera import Camera
-from pipeline.engine.perform import ONE_THREAD
 from pipeline.files.jsonfile import json_bytes
 from pipeline.report.drawing import bundle
 from pipeline.scene.load import load
@@ -28,8 +27,6 @@ TINY = str(ROOT / "tests/data/tiny_plenoptic/dataset.usda")
 def pipeline(tmp_path, monkeypatch, capsys):
     """Run the command in this process: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
-    for name in ONE_THREAD:
-        monkeypatch.setenv(name, "1")
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["pipeline", *arguments])

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from pipeline import cli
-from pipeline.engine.perform import ONE_THREAD
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = ROOT / "stages/targets"
@@ -15,8 +14,6 @@ TARGETS = ROOT / "stages/targets"
 def pipeline(tmp_path, monkeypatch, capsys):
     """Run the command in this process: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
-    for name in ONE_THREAD:
-        monkeypatch.setenv(name, "1")
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["pipeline", *map(str, arguments)])

@@ -142,7 +142,7 @@ def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_
         patch.setattr("pipeline.engine.libraries.installed_version", lambda name: "0.0.1")
         keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
-        patch.setattr("pipeline.engine.code.machine", lambda: "z80")
+        patch.setattr("pipeline.machine.level", lambda: "z80")
         keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     assert len(keys) == 4
 

@@ -47,6 +47,7 @@ def run(folder, command):
     programs = {
         "pipeline": f'exec {sys.executable} -m pipeline.cli "$@"',
         "dask": f'exec {sys.executable} -m dask "$@"',
+        "python": f'exec {sys.executable} "$@"',
         # A batch system: every element of an array is one process, and so is a job, which ends when it is cancelled.
         "sbatch": (
             "for last; do case $last in --array=*) array=${last#--array=0-};; esac; done\n"

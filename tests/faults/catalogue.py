@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from faults.folders import doctored_folders
+from faults.other_numerics import other_numerics
 from faults.shim import fail_at, in_fork, kill_at
 from faults.untrusted import (
     damaged_kernels,
@@ -544,8 +545,9 @@ FAULTS = (
     something_in_the_place_of_folders,
     flips_after_verification,
     things_of_somebody_else,
+    other_numerics,
     doctored_folders,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20, 21, 22, 23, 24, 25)
+SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20, 21, 22, 23, 24, 25, 26)
 """Rows that the tests do too, by number; the others start processes that load everything again."""

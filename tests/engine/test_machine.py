@@ -1,0 +1,125 @@
+"""What a key says about the machine: libraries are told which code to choose, and what they compute is measured."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from engine import toy
+
+from pipeline import machine, processor
+from pipeline.engine.perform import perform
+from pipeline.engine.plan import plan
+from pipeline.engine.run import run
+from pipeline.engine.spec import Specs
+
+TELL = "from pipeline import machine; machine.tell()"
+OTHER_KERNELS = {"OPENBLAS_CORETYPE": "Nehalem"}
+ON_X86 = pytest.mark.skipif(not processor.settings().get("OPENBLAS_CORETYPE"), reason="no levels of processors here")
+
+
+def told_by(code, **environment):
+    """Facts that a process prints which starts in this environment."""
+    settings = {**os.environ, **environment}
+    done = subprocess.run([sys.executable, "-c", code], env=settings, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def results(fact):
+    """The digest in a fact, without its name."""
+    return fact.partition("results ")[2]
+
+
+@pytest.fixture(scope="module")
+def here():
+    """Facts of a process that nobody told anything."""
+    return told_by(TELL)
+
+
+def test_tests_compute_as_the_command_does(here):
+    assert processor.pin()
+    assert machine.facts({"numpy"}) == here
+    assert here.keys() == {"level", "libm", "numpy", "blas"}
+
+
+@ON_X86
+def test_kernels_that_the_environment_asks_for_are_not_taken(here):
+    assert told_by(TELL, OPENBLAS_CORETYPE="SkylakeX", NUMBA_CPU_NAME="generic", OPENBLAS_NUM_THREADS="8") == here
+
+
+@ON_X86
+def test_a_program_that_loaded_numpy_first_knows_what_it_computes_itself_and_what_its_workers_do(here):
+    code = """
+import numpy, json
+from pipeline import machine
+print(json.dumps([machine.facts({"numpy"}), machine.facts_of_workers({"numpy"})]))
+"""
+    own, of_workers = told_by(code, **OTHER_KERNELS)
+    assert of_workers == here
+    assert {name for name in here if own[name] != here[name]} == {"blas"}
+    assert "Nehalem" in own["blas"] and results(own["blas"]) != results(here["blas"])
+
+
+def test_what_numpy_is_forbidden_to_use_shows(here):
+    import numpy._core._multiarray_umath as loops
+
+    used = [name for name in loops.__cpu_dispatch__ if loops.__cpu_features__[name]]
+    if not used:
+        pytest.skip("this NumPy has one kind of loops for this processor")
+    other = told_by(TELL, NPY_DISABLE_CPU_FEATURES=" ".join(used))
+    assert {name for name in here if other[name] != here[name]} == {"numpy"}
+    assert results(other["numpy"]) != results(here["numpy"])
+
+
+@pytest.mark.skipif(not processor.level().endswith(("-v3", "-v4")), reason="libm has one code for this processor")
+def test_another_code_of_libm_shows(here):
+    other = told_by(TELL, GLIBC_TUNABLES="glibc.cpu.hwcaps=-AVX2,-FMA,-AVX2_Usable,-FMA_Usable")
+    assert results(other["libm"]) != results(here["libm"]) and other["blas"] == here["blas"]
+
+
+def test_what_reaches_no_numpy_does_not_depend_on_it():
+    assert machine.facts({"python", "networkx"}).keys() == {"level", "libm"}
+
+
+@pytest.mark.parametrize(
+    ("flags", "level", "kernels"),
+    [
+        ("avx512f avx512bw avx512cd avx512dq avx512vl avx2 bmi2 fma sse4_2 popcnt", "x86_64-v4", "Haswell"),
+        ("avx2 bmi2 fma sse4_2 popcnt avx512f", "x86_64-v3", "Haswell"),
+        ("sse4_2 popcnt avx", "x86_64-v2", "Nehalem"),
+        ("asimd", "x86_64", None),
+    ],
+)
+def test_processors_of_a_level_get_the_same_settings(flags, level, kernels, monkeypatch):
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    monkeypatch.setattr(processor, "_flags", lambda: set(flags.split()))
+    monkeypatch.setattr(processor, "level", processor.level.__wrapped__)
+    assert processor.level() == level
+    settings = processor.settings()
+    assert settings.get("OPENBLAS_CORETYPE") == kernels
+    assert settings.get("NUMBA_CPU_NAME") == (level.replace("_", "-") if kernels else None)
+
+
+@pytest.fixture
+def moved(monkeypatch, store):
+    """A task that was built before libm changed."""
+    graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
+    spec = Specs(store).of(graph["lens"], {})
+    run(graph, store)
+    monkeypatch.setattr(machine, "_libm", lambda: "glibc 9.99, results 01234567")
+    return graph, spec
+
+
+def test_explain_names_the_fact_that_changed(moved, store, kit):
+    graph, spec = moved
+    reasons = plan(graph, store, {"lens": spec.key})[0].reasons
+    assert [(reason.field, reason.new) for reason in reasons] == [("machine.libm", "glibc 9.99, results 01234567")]
+
+
+def test_a_worker_that_computes_otherwise_refuses(moved, store, kit):
+    graph, spec = moved
+    reply = perform({**spec.to_plain(), "force": True}, store, graph.packages)
+    assert reply["state"] == "failed" and reply["machine"]
+    assert "machine is libm glibc 9.99, results 01234567, not" in reply["error"]
+    assert "last digits" in reply["error"]
