@@ -1,4 +1,4 @@
-"""What a misspelt name most likely means."""
+"""Names that were misspelt, and texts as messages show them."""
 
 import re
 from collections.abc import Iterable
@@ -31,6 +31,11 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
     """A hint for a misspelt name, or None."""
     best = nearest(name, choices)
     return f'did you mean "{best}"?' if best else None
+
+
+def printable(text: str) -> str:
+    """A text in which control characters, line breaks included, are written as escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _tails(name: str, choice: str) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
-from pipeline.spelling import did_you_mean
+from pipeline.spelling import did_you_mean, printable
 
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
@@ -97,11 +97,6 @@ def shown_path(path: str | Path) -> str:
         return path.relative_to(Path.cwd()).as_posix()
     except ValueError:
         return path.as_posix()
-
-
-def printable(text: str) -> str:
-    """A text in which control characters, line breaks included, are written as escapes."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def shortened(text: str, most: int = 100) -> str:
