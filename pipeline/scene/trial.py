@@ -17,19 +17,20 @@ BOUNDS = Bounds(cpu_s=20, wall_s=60)
 
 
 def trial(root: Path, roots: list[Path]) -> Iterator[Problem]:
-    """The problem that a process which reads the stage does not survive it."""
+    """The errors that a process found which read the stage; or that it did not survive it."""
     question = {"path": str(root), "roots": [str(one) for one in roots]}
     try:
-        ask("pipeline.scene.trial:attempt", question, readable_for(roots), BOUNDS)
+        found, _ = ask("pipeline.scene.trial:attempt", question, readable_for(roots), BOUNDS)
+        yield from (Problem(**row) for row in found)
     except Ended as error:
         yield unreadable(error, root)
 
 
-def attempt(question: dict[str, Any], guards: Guards) -> None:
-    """The same in the confined process: read the stage, and forget it."""
+def attempt(question: dict[str, Any], guards: Guards) -> list[dict[str, Any]]:
+    """The same in the confined process."""
     from pipeline.scene.load import load
 
-    load(question["path"], question["roots"], guards=guards)
+    return [one.to_dict() for one in load(question["path"], question["roots"], guards=guards).errors]
 
 
 def announce(layer: str) -> None:
