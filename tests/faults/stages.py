@@ -43,11 +43,11 @@ def hostile_stages(bench: Workbench) -> Row:
 def main(whole: bool, folder: str) -> None:
     """Try all of them, and print the counts as JSON."""
     tally = Tally(Path(folder))
-    tally.damage(1000 if whole else 20, 100 if whole else 1)
+    tally.damage(1000 if whole else 20, 60 if whole else 1)
     tally.nesting()
     tally.swaps(1000 if whole else 30)
     if whole:
-        tally.untrusted(40)
+        tally.untrusted(24)
     print(json.dumps({"tried": tally.tried, "failed": tally.failed, "wrong": len(tally.notes), "notes": tally.notes}))
 
 
