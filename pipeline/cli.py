@@ -74,16 +74,20 @@ def check(
     ] = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
-    rows = [row for path in stages for row in _problems(path, tuple(allow_root or ()), untrusted)]
+    found = [_problems(path, tuple(allow_root or ()), untrusted) for path in stages]
+    rows = [row for rows, _ in found for row in rows]
     texts = [row.pop("text") for row in rows]
     errors = sum(row["severity"] == "error" for row in rows)
     if as_json:
-        say(json.dumps({"errors": errors, "warnings": len(rows) - errors, "problems": rows}, indent=1))
+        confined = {"confined": [guards for _, guards in found]} if untrusted else {}
+        say(json.dumps({"errors": errors, "warnings": len(rows) - errors, **confined, "problems": rows}, indent=1))
     else:
         for text in texts:
             say(text)
         counts = f"{number_of(errors, 'error')}, {number_of(len(rows) - errors, 'warning')}"
         note(f"{number_of(len(stages), 'stage')} checked: {counts}")
+        for told in dict.fromkeys(guards["told"] for _, guards in found if guards):
+            note(f"read by a process with {told}")
     if not (errors or untrusted):
         from pipeline.scene.fix import said_of
 
@@ -93,16 +97,19 @@ def check(
     raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 
-def _problems(path: Path, allow_roots: tuple[Path, ...], untrusted: bool) -> list[dict[str, Any]]:
-    """Problems of a stage as in `check --json`, each with its `text`."""
+def _problems(
+    path: Path, allow_roots: tuple[Path, ...], untrusted: bool
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Problems of a stage as in `check --json`, each with its `text`; and what confined the process that read it."""
     if untrusted:
         from pipeline.tasks.sandbox import problems_of_untrusted
 
-        return [{"stage": str(path), **row} for row in problems_of_untrusted(path, allow_roots)]
+        rows, guards = problems_of_untrusted(path, allow_roots)
+        return [{"stage": str(path), **row} for row in rows], {"stage": str(path), **guards.to_dict()}
     from pipeline.scene.load import load
 
     problems = load(path, allow_roots, look=True).problems
-    return [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in problems]
+    return [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in problems], {}
 
 
 def show(

@@ -9,29 +9,13 @@ from pathlib import Path
 
 from pxr import Ar, Sdf, Tf, Usd
 
+from pipeline.roots import real_path
 from pipeline.scene.check_layers import used_layers
-from pipeline.scene.layer_files import real_path
 from pipeline.scene.lines import text_map
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, shown_path
-from pipeline.scene.register import library_path
-
-_PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
 
 HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
-
-
-def allowed_roots(stage_file: Path, more: Iterable[str | Path] = ()) -> list[Path]:
-    """Real paths of the folders whose files a stage may read.
-
-    The project that holds the stage (nearest ancestor with pyproject.toml, pipeline.toml or .git, else the stage's own
-    folder), the shipped library, and what the caller adds.
-    """
-    folder = real_path(stage_file).parent
-    project = next(
-        (up for up in (folder, *folder.parents) if any((up / mark).exists() for mark in _PROJECT_MARKS)), folder
-    )
-    return [project, real_path(library_path()), *map(real_path, more)]
 
 
 def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:

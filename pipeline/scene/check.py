@@ -42,7 +42,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     Parameters
     ----------
     roots : list of Path
-        Folders that the stage may read from, as `asset_roots.allowed_roots` gives them.
+        Folders that the stage may read from, as `roots.allowed_roots` gives them.
     """
     if outside := check_used(stage, roots):
         return outside  # what such a layer says must not be quoted

@@ -6,6 +6,9 @@ value stands, the text is scanned once more: names, brackets and strings are eno
 
 import re
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -14,18 +17,21 @@ from pxr import Ar
 
 from pipeline.scene.whole_numbers import SUFFIX, CutNumbers
 
+# What is opened and not closed goes on to the end, of the line or of all: else each of a million would look for it.
 _TOKEN = re.compile(
-    r'''(?P<string>"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'
-                  |"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
-      | (?P<comment>\#[^\n]*|//[^\n]*|/\*.*?\*/)
-      | (?P<asset>@@@.*?@@@|@[^@\n]*@)
-      | (?P<path><[^>\n]*>)
+    r"""(?P<string>\"{3}(?:\\.|[^\\])*?(?:\"{3}|\Z)|'{3}(?:\\.|[^\\])*?(?:'{3}|\Z)
+                  |"(?:\\.|[^"\\\n])*"?|'(?:\\.|[^'\\\n])*'?)
+      | (?P<comment>\#[^\n]*|//[^\n]*|/\*.*?(?:\*/|\Z))
+      | (?P<asset>@@@.*?(?:@@@|\Z)|@[^@\n]*@?)
+      | (?P<path><[^>\n]*>?)
       | (?P<word>[A-Za-z_][\w:.]*(?:\[\])?)
       | (?P<number>[-+]?[\d.][\w.+-]*)
       | (?P<punct>[{}()\[\]=,;:])
-      | (?P<newline>\n)''',
+      | (?P<newline>\n)""",
     re.VERBOSE | re.DOTALL,
 )
+MOST_NESTED = 200
+"""Brackets in brackets: USD and its parser call themselves once for each, until their stack is full."""
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
 _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
 
@@ -48,6 +54,8 @@ class TextMap:
         Line of what is set for the whole layer.
     cut : list
         (path, what, what USD would take, line) of numbers that USD would cut to whole ones.
+    too_deep : int or None
+        Line from which on brackets are nested deeper than `MOST_NESTED`; nothing behind it is in the map.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
@@ -56,6 +64,10 @@ class TextMap:
     bodies: dict[str, int] = field(default_factory=dict)
     metadata: dict[str, int] = field(default_factory=dict)
     cut: list[tuple[str, str, str, int]] = field(default_factory=list)
+    too_deep: int | None = None
+
+
+_KNOWN: ContextVar[dict[str, TextMap]] = ContextVar("maps of the texts that were read for a stage")
 
 
 def line_of(file: str | Path, spec_path: str) -> int | None:
@@ -75,17 +87,33 @@ def sample_key(time: float) -> str:
     return f"[{float(time)!r}]"
 
 
+@contextmanager
+def knowing() -> Iterator[dict[str, TextMap]]:
+    """While a stage is read: `text_map` answers with these maps and does not look into the files again."""
+    token = _KNOWN.set({})
+    try:
+        yield _KNOWN.get()
+    finally:
+        _KNOWN.reset(token)
+
+
 def text_map(file: str | Path) -> TextMap:
     """Map of a .usda file, or of a member of a package; empty for what is not text."""
+    if (known := _KNOWN.get({}).get(str(file))) is not None:
+        return known
     # USD means a member of a package by package.usdz[member], whatever file may have that name.
     path = Path(Ar.SplitPackageRelativePathOuter(str(file))[0] if Ar.IsPackageRelativePath(str(file)) else file)
     return _scanned(str(file), path.stat().st_mtime_ns) if path.is_file() else TextMap()
 
 
+def map_of(data: bytes) -> TextMap:
+    """Map of the bytes of a layer; empty for what is not text."""
+    return _Scanner().scan(data.decode("utf-8", errors="replace")) if data.startswith(b"#usda") else TextMap()
+
+
 @lru_cache(maxsize=64)
 def _scanned(path: str, _mtime_ns: int) -> TextMap:
-    data = _member(path) if Ar.IsPackageRelativePath(path) else _content(Path(path))
-    return _Scanner().scan(data.decode("utf-8", errors="replace")) if data.startswith(b"#usda") else TextMap()
+    return map_of(_member(path) if Ar.IsPackageRelativePath(path) else _content(Path(path)))
 
 
 def _content(path: Path) -> bytes:
@@ -136,6 +164,9 @@ class _Scanner:
             line += text.count("\n", position, match.start())
             position, self.end = match.start(), match.end()
             self._token(match.lastgroup or "", match.group(), line)
+            if len(self.stack) > MOST_NESTED:
+                self.map.too_deep = line
+                break
         return self.map
 
     def _token(self, kind: str, token: str, line: int) -> None:
@@ -217,7 +248,10 @@ class _Scanner:
         top = self.stack[-1] if self.stack else None
         if top and top[0] == "samples" and self.number:
             token, line = self.number
-            key = sample_key(float(token))
+            try:
+                key = sample_key(float(token))
+            except ValueError:
+                return  # USD will say so
             self.map.lines.setdefault(top[1] + key, line)
             self._note(top[1], key, f"the time sample at {token} is written twice", line)
 

@@ -4,9 +4,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pxr import Tf
+from pxr import Tf, Usd
 
-from pipeline.scene.asset_roots import allowed_roots, file_of
+from pipeline.confine.process import Guards
+from pipeline.roots import allowed_roots, real_path
+from pipeline.scene.asset_roots import file_of
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_doubts import check_doubts
@@ -16,9 +18,9 @@ from pipeline.scene.composed import Composed, composed
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.flatten import flattened, text_for_viewers, write_out_instances
 from pipeline.scene.hints import without_followers
-from pipeline.scene.layer_files import real_path
-from pipeline.scene.opening import open_stage
-from pipeline.scene.prescan import refusals
+from pipeline.scene.lines import knowing
+from pipeline.scene.opening import changed, open_stage
+from pipeline.scene.prescan import Look
 from pipeline.scene.problems import Problem, StageError, shortened, shown_path
 from pipeline.scene.reading import read_camera_entries, read_dataset, read_lens_entry
 from pipeline.scene.reading_targets import read_target_entries
@@ -63,7 +65,9 @@ class Loaded:
         return [problem for problem in self.problems if problem.is_error]
 
 
-def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False) -> Loaded:
+def load(
+    path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False, guards: Guards | None = None
+) -> Loaded:
     """Open, check and read a stage; never raises for what is wrong with it.
 
     Parameters
@@ -74,24 +78,34 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
         Folders that the stage may read from, besides its project and the shipped library.
     look : bool
         Also trace some rays to say what a camera does not see, and parts that hardly belong together: `pipeline check`.
+    guards : Guards or None
+        Those of this process, if it is one that may crash; else binary layers are first read in such a one.
     """
     try:
-        return _loaded(Path(path), allowed_roots(Path(path), allow_roots), look)
+        with knowing() as texts:
+            root, roots = real_path(path), allowed_roots(Path(path), allow_roots)
+            return _loaded(Look(root, roots, texts, guards), look)
     except StageError as error:
-        return Loaded(dataset=None, problems=error.problems, flattened="")
+        return _refused(error.problems)
     except (Tf.ErrorException, UnicodeDecodeError) as error:
         # Bytes of a binary layer that USD's own checks let pass; whatever touches them raises.
         message = f"the stage, or a layer of it, is damaged: {_reason(error)}"
-        found = Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)
-        return Loaded(dataset=None, problems=[found], flattened="")
+        return _refused([Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)])
 
 
-def _loaded(path: Path, roots: list[Path], look: bool) -> Loaded:
-    if problems := refusals(path, roots):
-        return Loaded(dataset=None, problems=problems, flattened="")
-    stage, problems = open_stage(path)
-    problems = without_followers(problems + check(stage, roots))
-    loaded = Loaded(dataset=None, problems=problems, flattened="")
+def _refused(problems: list[Problem]) -> Loaded:
+    return Loaded(dataset=None, problems=problems, flattened="")
+
+
+def _loaded(layers: Look, look: bool) -> Loaded:
+    layers.run()
+    if layers.problems:
+        return _refused(layers.problems)
+    stage, problems = open_stage(layers.root)
+    if new := _changed(stage, layers, problems):
+        return _refused(new)
+    problems = without_followers(problems + check(stage, layers.roots))
+    loaded = _refused(problems)
     if loaded.errors:
         return loaded
     write_out_instances(stage)
@@ -117,6 +131,12 @@ def _loaded(path: Path, roots: list[Path], look: bool) -> Loaded:
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
         composed=kept,
     )
+
+
+def _changed(stage: Usd.Stage, layers: Look, problems: list[Problem]) -> list[Problem]:
+    """Layers that USD opened although nobody had looked at them: nothing of the stage must be told then."""
+    new = [changed(one.realPath) for one in used_layers(stage) if one.identifier not in layers.layers]
+    return new + [one for one in problems if one.code == "changed"]
 
 
 def _reason(error: Exception) -> str:

@@ -5,16 +5,19 @@ from pathlib import Path
 
 from pxr import Pcp, Tf, Usd, UsdUtils
 
+from pipeline.roots import real_path
 from pipeline.scene.hints import of_missing_asset, of_missing_stage, of_syntax
-from pipeline.scene.layer_files import is_plain_file, real_path
+from pipeline.scene.layer_files import is_plain_file
 from pipeline.scene.lines import line_of, text_map
 from pipeline.scene.problems import Problem, StageError, shown_path
 
 _SYNTAX = re.compile(
-    r"(?P<file>[^\n]+?\.usd[ac]?):(?P<line>\d+):(?P<column>\d+): "
+    r"(?P<file>[^\n]+?\.usd[acz]?\]?):(?P<line>\d+):(?P<column>\d+): "
     r"(?P<message>.*?)(?: in <(?P<at>[^>]*)>)?\s*$",
     re.DOTALL,
 )
+_COPY = re.compile(r"/proc/self/fd/\d+")
+"""The name of the bytes that were looked at; messages name their file."""
 _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
 _FORWARD_SLASHES = "asset paths use forward slashes on every system"
 
@@ -37,7 +40,7 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     try:
         stage = Usd.Stage.Open(path.as_posix())
     except Tf.ErrorException as error:
-        raise StageError(_from_exception(error, path)) from None
+        raise StageError(problems_of(error, path)) from None
     finally:
         delegate.TakeUncoalescedDiagnostics()
         del delegate
@@ -46,15 +49,19 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     return stage, list(dict.fromkeys(problems))
 
 
-def _from_exception(exception: Tf.ErrorException, path: Path) -> list[Problem]:
-    texts = [error.commentary.strip() for error in exception.args]
-    found = [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]
+def problems_of(exception: Tf.ErrorException, path: Path, used: str | None = None) -> list[Problem]:
+    """The reasons why USD cannot read a file; `used` says by whom, as a hint."""
+    texts = [_COPY.sub(lambda _: str(path), error.commentary).strip() for error in exception.args]
+    found = [_syntax_problem(match, used) for text in texts if (match := _SYNTAX.match(text))]
     if found:
         return found
     # No position. One text only says that it failed; any other says why.
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
     file = shown_path(path)
-    return [Problem(code="usd-open", message=text.replace(str(path), file), file=file) for text in reasons]
+    return [
+        Problem(code="usd-open", message=text.replace(str(path), file), file=file, line=1, hint=used)
+        for text in reasons
+    ]
 
 
 def _syntax_problem(match: re.Match[str], hint: str | None = None) -> Problem:
@@ -78,7 +85,7 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     layer, path = (files[introduced[1]], introduced[2]) if introduced and introduced[1] in files else _site(error)
     _, _, reason = text.partition(" -- ")
     if inner := _SYNTAX.search(reason.rstrip(".\n ")):
-        return _syntax_problem(inner, f"the file is used by {shown_path(layer)} <{path}>")
+        return changed(inner["file"])  # it parsed a moment ago; whatever it is now must not be quoted
     hint = _FORWARD_SLASHES if "\\" in text else None
     if hint is None and isinstance(error, Pcp.ErrorInvalidAssetPath) and (asset := re.search(r"@([^@]+)@", text)):
         hint = of_missing_asset(_as_written(asset[1], layer), layer)
@@ -90,6 +97,12 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     opens = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
     line = (None if opens else _line_of_asset(layer, str(error))) or line_of(layer, path)
     return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
+
+
+def changed(file: str | Path) -> Problem:
+    """The problem that a file is another one than was looked at."""
+    message = "it changed, or appeared, while the stage was read"
+    return Problem(code="changed", message=message, file=shown_path(file), line=1, hint="try again when it is quiet")
 
 
 def _as_written(asset: str, layer: str) -> str:

@@ -39,13 +39,16 @@ def project(
     allow_roots: Iterable[str | Path] = (),
     *,
     untrusted: bool = False,
+    warn: Callable[[str], None] = say,
 ) -> Project:
     """Everything that a build of a stage consists of. Nothing is run or written.
 
     Parameters
     ----------
     untrusted : bool
-        Read the stage in a process with limits, see `sandbox`.
+        Read the stage in a confined process, see `sandbox`.
+    warn : callable
+        Gets what such a process lacks on this machine.
 
     Raises
     ------
@@ -53,7 +56,7 @@ def project(
         The stage does not pass `check`; the error carries all problems.
     """
     if untrusted:
-        return project_of_untrusted(Path(path), Path(out) if out else None, allow_roots)
+        return project_of_untrusted(Path(path), Path(out) if out else default_out(Path(path)), allow_roots, warn)
     return project_from(load(path, allow_roots), Path(path), out)
 
 
@@ -129,7 +132,7 @@ def build(
     allow_roots : iterable of str or Path
         Further folders that the stage may reference.
     untrusted : bool
-        Read the stage in a process with limits.
+        Read the stage in a confined process.
     engine : str, optional
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     on_event : callable, optional
@@ -151,7 +154,7 @@ def build(
         listener({"event": "warning", "text": text})
 
     return session.build(
-        project(path, out, allow_roots, untrusted=untrusted),
+        project(path, out, allow_roots, untrusted=untrusted, warn=warn),
         jobs=jobs,
         keep_going=keep_going,
         force=force,

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine.foreign import ForeignFolder, Unfit
-from pipeline.engine.perform import ONE_THREAD
 from pipeline.files.damaged import DamagedFile
+from pipeline.processor import settings
 
 MEMORY_BYTES = 4 * 2**30
 _FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
@@ -102,7 +102,7 @@ def _ask(root: Path, names: list[str]) -> tuple[list[str | None], str]:
             input=question.encode(),
             capture_output=True,
             timeout=allowed_s,
-            env={**os.environ, **ONE_THREAD},
+            env={**os.environ, **settings()},
             check=False,
         )
         said, ended = done.stdout, f"ended with code {done.returncode}"

@@ -1,103 +1,94 @@
-"""Reading a stage that nobody vouches for: in a process of its own, with little time, memory and nothing to write.
+"""Reading a stage that nobody vouches for: in a confined process, which has nothing to write and may crash.
 
-Only JSON comes back. The checks of the asset roots run before USD opens a file, see `scene.prescan`.
+Only JSON comes back. The stage's folders, the library and the installation are all that the process may read; the
+checks of the asset roots run there too, see `scene.prescan`, for kernels without Landlock.
 """
 
-import json
-import os
-import resource
-import subprocess
-import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from pipeline.confine.process import Bounds, Ended, Guards, ask
+from pipeline.engine.manifest import is_plain_path
 from pipeline.engine.project import Project, project_from_plain
 from pipeline.errors import UsageError
-from pipeline.processor import settings
+from pipeline.kernel_files import say
+from pipeline.roots import allowed_roots, readable_for
+from pipeline.spelling import printable
 
-MEMORY_BYTES = 4 * 2**30
-CPU_S = 120
-WALL_S = 300
-ANSWER_BYTES = 512 * 2**20
-
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.tasks.sandbox import main; main()"
+BOUNDS = Bounds()
 
 
-def project_of_untrusted(path: Path, out: Path | None, allow_roots: Iterable[str | Path]) -> Project:
-    """The project of a stage, read in the sandbox.
+def project_of_untrusted(
+    path: Path, out: Path, allow_roots: Iterable[str | Path], warn: Callable[[str], None] = say
+) -> Project:
+    """The project of a stage, read in the sandbox; a warning tells of guards that are not in force.
 
     Raises
     ------
     UsageError
         The stage does not pass `check`, or reading it took more than is allowed.
     """
-    answer = _ask({"path": str(path), "out": str(out) if out else None, "allow_roots": _texts(allow_roots)})
-    if "error" in answer:
-        raise UsageError(answer["error"])
-    return project_from_plain(answer["project"])
+    try:
+        told, guards = _ask(path, allow_roots, check=False)
+        if "error" in told:
+            raise UsageError(_shown(told["error"]))
+        project = project_from_plain(told["project"])
+    except Ended as error:
+        raise UsageError(_problem(error, path)["text"]) from None
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise UsageError(f"{path}: reading it gave no project") from None
+    if not (guards.landlock and guards.seccomp):
+        warn(f"{path} was read with less than --untrusted has elsewhere: {guards}")
+    # Whoever takes over that process shall not choose where files go.
+    if not all(map(is_plain_path, project.files)):
+        raise UsageError(f"{path}: it names files outside of the output folder")
+    return replace(project, out=out, stage_id=str(path.resolve()))
 
 
-def problems_of_untrusted(path: Path, allow_roots: Iterable[str | Path]) -> list[dict[str, Any]]:
-    """What `check` finds, read in the sandbox: fields of `Problem`, and its `text`."""
-    problems: list[dict[str, Any]] = _ask({"path": str(path), "check": True, "allow_roots": _texts(allow_roots)})[
-        "problems"
-    ]
-    return problems
+def problems_of_untrusted(path: Path, allow_roots: Iterable[str | Path]) -> tuple[list[dict[str, Any]], Guards]:
+    """What `check` finds, read in the sandbox: fields of `Problem`, and its `text`; and the guards in force."""
+    try:
+        told, guards = _ask(path, allow_roots, check=True)
+        return [{**row, "text": _shown(str(row["text"]))} for row in told["problems"]], guards
+    except Ended as error:
+        return [_problem(error, path)], error.guards
 
 
-def main() -> None:
-    """The process in the sandbox: one question as the second argument, one answer on stdout."""
-    question = json.loads(sys.argv[2])
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # whatever prints must not end up in the answer
-    for limit, value in (
-        (resource.RLIMIT_AS, MEMORY_BYTES),
-        (resource.RLIMIT_CPU, CPU_S),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        resource.setrlimit(limit, (value, value))
-    json.dump(_answer(question), answers)
-    answers.close()
-
-
-def _answer(question: dict[str, Any]) -> dict[str, Any]:
+def answer(question: dict[str, Any], guards: Guards) -> dict[str, Any]:
+    """The same in the sandbox: `problems`, or the `project`, or why there is none as `error`."""
     from pipeline.scene.load import load
     from pipeline.scene.problems import StageError
     from pipeline.tasks.build import project_from
 
-    path, out = Path(question["path"]), question["out"] if question.get("out") else None
-    loaded = load(path, question["allow_roots"], look=bool(question.get("check")))
-    if question.get("check"):
-        return {"problems": [{**problem.to_dict(), "text": str(problem)} for problem in loaded.problems]}
+    path = Path(question["path"])
+    loaded = load(path, question["allow_roots"], look=question["check"], guards=guards)
+    if question["check"]:
+        return {"problems": [_row(problem) for problem in loaded.problems]}
     try:
-        return {"project": project_from(loaded, path, out).to_plain()}
+        return {"project": project_from(loaded, path, None).to_plain()}
     except StageError as error:
         return {"error": str(error)}
 
 
-def _ask(question: dict[str, Any]) -> dict[str, Any]:
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", _BOOT, json.dumps(sys.path), json.dumps(question)],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            timeout=WALL_S,
-            env={**os.environ, **settings()},
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        raise UsageError(f"{question['path']}: reading it took longer than {WALL_S} s", hint=_HINT) from None
-    if done.returncode != 0 or len(done.stdout) > ANSWER_BYTES:
-        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        raise UsageError(f"{question['path']}: reading it ended with: {last[0]}", hint=_HINT)
-    answer: dict[str, Any] = json.loads(done.stdout)
-    return answer
+def _ask(path: Path, allow_roots: Iterable[str | Path], *, check: bool) -> tuple[Any, Guards]:
+    roots = list(map(str, allow_roots))
+    question = {"path": str(path), "check": check, "allow_roots": roots}
+    return ask("pipeline.tasks.sandbox:answer", question, readable_for(allowed_roots(path, roots)), BOUNDS)
 
 
-_HINT = f"--untrusted allows {MEMORY_BYTES // 2**30} GiB and {CPU_S} s of computing; see docs/limits.md"
+def _problem(error: Ended, path: Path) -> dict[str, Any]:
+    from pipeline.scene.trial import unreadable
+
+    hint = f"--untrusted allows {BOUNDS.memory_bytes // 2**30} GiB and {BOUNDS.cpu_s:g} s of computing"
+    return _row(replace(unreadable(error, path), hint=f"{hint}; see docs/limits.md"))
 
 
-def _texts(paths: Iterable[str | Path]) -> list[str]:
-    return [str(path) for path in paths]
+def _row(problem: Any) -> dict[str, Any]:
+    return {**problem.to_dict(), "text": str(problem)}
+
+
+def _shown(text: str) -> str:
+    """A text of the sandbox for a terminal, whatever became of the process there."""
+    return "\n".join(map(printable, text.split("\n")))

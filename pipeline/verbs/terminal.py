@@ -36,7 +36,7 @@ Untrusted = Annotated[
     typer.Option(
         "--untrusted",
         rich_help_panel=READING,
-        help="Read the stage in a process of its own, with limits on time and memory.",
+        help="Read the stage in a process that can read, compute and answer, and nothing else.",
     ),
 ]
 

@@ -18,20 +18,20 @@ import numpy as np
 from faults.folders import doctored_folders
 from faults.other_numerics import other_numerics
 from faults.shim import fail_at, in_fork, kill_at
+from faults.stages import hostile_stages
 from faults.untrusted import (
     damaged_kernels,
     flips_after_verification,
     something_in_the_place_of_folders,
     things_of_somebody_else,
 )
-from faults.workbench import STAGE, Row, Workbench, entries
+from faults.workbench import Row, Workbench, entries
 
 from pipeline.engine import manifest
 from pipeline.engine.care import check, collect
 from pipeline.engine.code import UnknownKind, check_kind
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
-from pipeline.errors import PipelineError
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import read_exr
 from pipeline.files.npy import read_npy
@@ -394,30 +394,6 @@ def _raises(error: type[Exception], work) -> bool:
     return False
 
 
-def malformed_stages(bench: Workbench) -> Row:
-    row = Row("R15", "damaged usda and usdc, read with --untrusted")
-    from pipeline.tasks.sandbox import problems_of_untrusted
-
-    folder = bench.new_place()
-    (folder / "pipeline.toml").touch()
-    binary = folder / "whole.usdc"
-    code = "import sys; from pxr import Sdf; Sdf.Layer.FindOrOpen(sys.argv[1]).Export(sys.argv[2])"
-    subprocess.run([sys.executable, "-c", code, str(STAGE), str(binary)], check=True)
-    for number in range(40 if bench.whole else 1):
-        source = (STAGE, binary)[number % 2]
-        data = bytearray(source.read_bytes())
-        for _ in range(1 + number // 4):
-            data[bench.chance.randrange(len(data))] = bench.chance.randrange(256)
-        path = folder / f"bad{number}{source.suffix}"
-        path.write_bytes(data)
-        row.tried += 1
-        try:
-            row.failed += bool(problems_of_untrusted(path, ()))
-        except PipelineError:
-            row.failed += 1
-    return row
-
-
 def clocks(bench: Workbench) -> Row:
     row = Row("R16", "files of 1970 and of 2100: all hits")
     for seconds in (0, 4102444800):
@@ -533,7 +509,7 @@ FAULTS = (
     soak,
     holder_of_a_lock,
     hostile_entries,
-    malformed_stages,
+    hostile_stages,
     clocks,
     collectors,
     determinism,
@@ -549,5 +525,5 @@ FAULTS = (
     doctored_folders,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20, 21, 22, 23, 24, 25, 26)
+SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 15, 20, 21, 22, 23, 24, 25, 26)
 """Rows that the tests do too, by number; the others start processes that load everything again."""

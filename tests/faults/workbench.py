@@ -13,11 +13,11 @@ from engine import toy
 from faults.shim import Shim, in_fork
 
 from pipeline.engine.care import check
-from pipeline.engine.project import Project, project_from_plain
+from pipeline.engine.project import Project
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
 from pipeline.errors import PipelineError
-from pipeline.tasks.sandbox import _ask
+from pipeline.tasks.sandbox import project_of_untrusted
 
 STAGE = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 
@@ -60,8 +60,7 @@ class Workbench:
         self.folder, self.whole, self.soak_s = folder, whole, soak_s
         self.shim, self.chance = Shim(), random.Random(1)
         # Read in another process: this one must stay free of USD, whose threads do not survive a fork.
-        answer = _ask({"path": str(STAGE), "allow_roots": []})
-        self.project = project_from_plain(answer["project"])
+        self.project = project_of_untrusted(STAGE, folder, ())
         # The first build compiles and loads what forks inherit; the second one is the reference.
         self.build(folder / "warm")
         self.build(folder / "right")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipeline.scene.asset_roots import allowed_roots
+from pipeline.roots import allowed_roots
 from pipeline.scene.load import load
 
 STAGE = """#usda 1.0

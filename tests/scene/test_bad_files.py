@@ -52,7 +52,7 @@ def test_a_bad_file_gives_exactly_the_problems_that_it_announces(file):
 def test_every_problem_names_a_file_and_what_is_known_of_the_place(file):
     for problem in loaded_once(file).problems:
         assert problem.file
-        assert problem.line or problem.code in {"usd-open"}
+        assert problem.line
 
 
 def test_every_mistake_is_reported_in_the_expected_words():

@@ -1,0 +1,30 @@
+"""Two doors to the kernel that Python lacks."""
+
+import ctypes
+import sys
+
+NO_NEW_PRIVILEGES = 38
+END_WITH_PARENT = 1
+FILTER_CALLS = 22
+
+
+def prctl(option: int, *arguments: object) -> bool:
+    """Set something for this process; whether the kernel did."""
+    if sys.platform != "linux":
+        return False
+    filled = [*arguments, 0, 0, 0, 0][:4]
+    return _library().prctl(ctypes.c_int(option), *map(_word, filled)) == 0
+
+
+def syscall(number: int, *arguments: object) -> int:
+    """Answer of a call of the kernel; -1 if it failed or there is no such call."""
+    return int(_library().syscall(_word(number), *map(_word, arguments))) if sys.platform == "linux" else -1
+
+
+def _library() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _word(value: object) -> object:
+    """A number as the 64 bits that the kernel takes it for."""
+    return ctypes.c_long(value) if isinstance(value, int) else value

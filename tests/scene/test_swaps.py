@@ -1,0 +1,109 @@
+"""A file that is exchanged while a stage is read: USD gets what was looked at, or nothing."""
+
+import pytest
+
+from pipeline.confine.process import Guards
+from pipeline.scene import check, layer_files, load, prescan
+from pipeline.scene.load import Look
+
+HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)\n'
+PART = HEAD + 'def Xform "A"\n{\n    custom string said = "PUBLIC"\n}\n'
+SECRET = PART.replace("PUBLIC", "TOPSECRET42")
+STAGE = HEAD + 'def Xform "A" (\n    prepend references = @./folder/part.usda@\n)\n{\n}\n'
+
+
+@pytest.fixture
+def places(tmp_path):
+    """A project with a folder that is a link, and a folder outside of it with a file of the same name."""
+    for name, text in (("project/own", PART), ("outside", SECRET)):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "part.usda").write_text(text)
+    (tmp_path / "project/pipeline.toml").touch()
+    (tmp_path / "project/folder").symlink_to("own")
+    (tmp_path / "project/s.usda").write_text(STAGE)
+    return tmp_path / "project"
+
+
+def swap(project):
+    """The link leads out from now on."""
+    (project / "new").symlink_to("../outside")
+    (project / "new").rename(project / "folder")
+
+
+def told(loaded):
+    """All that a load says."""
+    return loaded.flattened + "\n".join(map(str, loaded.problems))
+
+
+@pytest.mark.parametrize("guards", [None, Guards()])
+@pytest.mark.parametrize(
+    ("module", "step"),
+    [(layer_files, "limits"), (layer_files, "map_of"), (prescan, "read_layer_file"), (load, "open_stage")],
+)
+def test_a_link_that_is_turned_outside_while_a_stage_is_read_changes_nothing(places, module, step, guards, monkeypatch):
+    """At four moments: after the look at the place, after reading, before USD gets the bytes, before it composes."""
+    original, calls = getattr(module, step), []
+
+    def turned(*arguments):
+        calls.append(arguments)
+        if step == "open_stage" or len(calls) == 2:  # the first is the stage itself
+            found = original(*arguments) if step == "read_layer_file" else None
+            swap(places)
+            return found or original(*arguments)
+        return original(*arguments)
+
+    monkeypatch.setattr(module, step, turned)
+    monkeypatch.setattr(check, "check_used", lambda *_: [])  # it would notice the link, and is no reason to pass here
+    loaded = load.load(places / "s.usda", guards=guards)
+
+    assert (places / "folder/part.usda").read_text() == SECRET
+    assert loaded.errors == []
+    assert "PUBLIC" in loaded.flattened
+    assert "TOPSECRET42" not in told(loaded)
+
+
+def test_a_link_that_leads_out_when_it_is_looked_at_is_refused(places):
+    swap(places)
+    (problem,) = load.load(places / "s.usda").problems
+    assert (problem.code, problem.line) == ("asset-outside", 8)
+
+
+@pytest.mark.parametrize("text", [SECRET, "#usda 1.0\nTOPSECRET42 = = 1\n"])
+def test_a_file_that_appears_after_the_look_is_not_told(places, text, monkeypatch):
+    (places.parent / "outside/part.usda").write_text(text)
+    (places / "folder").unlink()
+    run = Look.run
+
+    def then_appears(self):
+        run(self)
+        swap(places)
+
+    monkeypatch.setattr(Look, "run", then_appears)
+    loaded = load.load(places / "s.usda")
+
+    assert [one.code for one in loaded.problems] == ["changed"]
+    assert "TOPSECRET42" not in told(loaded)
+
+
+def test_a_stage_is_read_as_it_was_although_it_is_overwritten_in_place(places, monkeypatch):
+    """The same file with other bytes: those that were judged are used, and lines are theirs."""
+    original = load.open_stage
+
+    def overwritten(path):
+        (places / "own/part.usda").write_text(SECRET)
+        return original(path)
+
+    monkeypatch.setattr(load, "open_stage", overwritten)
+    assert "PUBLIC" in load.load(places / "s.usda").flattened
+
+
+def test_an_unreadable_layer_is_a_problem_at_the_line_that_names_it(places, monkeypatch):
+    def refused(path, roots):
+        if path.endswith("part.usda"):
+            raise PermissionError(13, "Permission denied")
+        return layer_files.read_layer_file(path, roots)
+
+    monkeypatch.setattr(prescan, "read_layer_file", refused)
+    (problem,) = load.load(places / "s.usda").problems
+    assert (problem.code, problem.line) == ("unreadable", 8)
+    assert "Permission denied" in problem.message
