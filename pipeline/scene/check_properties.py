@@ -19,11 +19,13 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of the authored properties of a prim, and of those that it must have and has not."""
     definition = prim.GetPrimDefinition()
     known = set(definition.GetPropertyNames())
+    strange = []
     for prop in prim.GetAuthoredProperties():
         if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
             for time, value in authored_values(prop):
                 yield from check_value(prop, value, time, _MOVES)
         elif prop.GetName() not in known:
+            strange.append(prop.GetName())
             yield from _check_unknown(prop, known)
         elif wrong := _wrong_kind(prop, definition):
             yield wrong
@@ -31,7 +33,6 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             yield from check_attribute(prop, definition)
         else:
             yield from _check_relationship(prop)
-    strange = [prop.GetName() for prop in prim.GetAuthoredProperties() if prop.GetName() not in known]
     yield from _check_required(prim, {nearest(name, known) for name in strange})
 
 

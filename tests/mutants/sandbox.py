@@ -1,6 +1,5 @@
 """A copy of the tree in which mistakes are made, one at a time, and the tests that may notice them."""
 
-import hashlib
 import os
 import re
 import shutil
@@ -64,8 +63,8 @@ class Verdict:
 class Sandbox:
     """A copy of the tree, and of the kernels that are compiled for it.
 
-    Numba recompiles the kernels of a file that changed, not those of other files which call them: `jit.py` of the
-    copy takes the folder of compiled kernels as it is told, and what a mistake reaches is removed from it.
+    Kernels are kept in a folder for all sources together: after one edit all would be compiled again. So `jit.py` of
+    the copy takes the folder as it is told, and only those that a mistake reaches are removed from it.
     """
 
     def __init__(self, folder: Path, nearest: int, root: Path = ROOT) -> None:
@@ -82,17 +81,8 @@ class Sandbox:
         self.imports = Imports(self.tree)
         self.kernels = folder / "kernels"
         shutil.rmtree(self.kernels, ignore_errors=True)
-        self._borrow_kernels(root)
-
-    def _borrow_kernels(self, root: Path) -> None:
-        """Take what is compiled for the checkout: Numba keeps it under a digest of the sources' folder."""
-        for room in filter(Path.is_dir, (self.tree / "pipeline").iterdir()):
-            theirs, ours = (
-                f"{room.name}_{hashlib.sha1(str(path).encode()).hexdigest()}"
-                for path in (root / "pipeline" / room.name, room)
-            )
-            if (cache_folder() / theirs).is_dir():
-                shutil.copytree(cache_folder() / theirs, self.kernels / ours)
+        if root == ROOT and cache_folder().is_dir():
+            shutil.copytree(cache_folder(), self.kernels)
 
     def judge(self, site: Site) -> Verdict:
         """Make a mistake, run the tests of its room, and take it back."""
@@ -148,8 +138,7 @@ class Sandbox:
         """Compiled kernels that a mistake in a module cannot reach, in a folder of its own."""
         folder = self.kernels.with_name("kernels_of_mutant")
         shutil.rmtree(folder, ignore_errors=True)
-        reached = {name.split(".")[-1] for name in self.imports.distances(site.module)}
-        ignore = shutil.ignore_patterns(*(f"{name}.*" for name in reached))
+        ignore = shutil.ignore_patterns(*(f"{module}.*-*" for module in self.imports.distances(site.module)))
         if self.kernels.is_dir():
             shutil.copytree(self.kernels, folder, ignore=ignore)
         return folder
