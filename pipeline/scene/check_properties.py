@@ -10,8 +10,9 @@ from pipeline.scene.problems import Problem, did_you_mean
 from pipeline.scene.values import FOREIGN, Rule, schema_facts, target_paths
 from pipeline.spelling import nearest
 
-# Anyone may add properties here, on any prim.
 _MOVES = Rule(span=FOREIGN["xformOp"])
+_NAMED = 5  # of several targets of one relationship that are missing
+# Anyone may add properties here, on any prim.
 _FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 
 
@@ -86,18 +87,21 @@ def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]
 def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
     stage, name = relationship.GetStage(), relationship.GetName()
     wanted = wanted_target(relationship.GetPrim(), name)
-    for path in target_paths(relationship):
-        if not stage.GetObjectAtPath(path):
-            hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
-            message = f'"{name}" points at <{path}>, which does not exist'
-            yield problem(relationship, "missing-target", message, hint=hint)
-        elif wanted:
-            prim = stage.GetPrimAtPath(path)
-            if not (prim and prim.IsA(wanted)):
-                got = (prim.GetTypeName() or "prim without a type") if prim else "property"
-                yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
-            elif not prim.IsActive():
-                yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
+    missing = [path for path in target_paths(relationship) if not stage.GetObjectAtPath(path)]
+    for path in missing[:_NAMED]:
+        hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
+        message = f'"{name}" points at <{path}>, which does not exist'
+        yield problem(relationship, "missing-target", message, hint=hint)
+    if len(missing) > _NAMED:
+        message = f'"{name}" points at {len(missing) - _NAMED:,} others that do not exist'
+        yield problem(relationship, "missing-target", message)
+    for path in target_paths(relationship) if wanted else ():
+        prim = stage.GetPrimAtPath(path)
+        if stage.GetObjectAtPath(path) and not (prim and prim.IsA(wanted)):
+            got = (prim.GetTypeName() or "prim without a type") if prim else "property"
+            yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
+        elif prim and not prim.IsActive():
+            yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
 
 
 def wanted_target(prim: Usd.Prim, name: str) -> str | None:

@@ -22,10 +22,12 @@ _TOKEN = re.compile(
       | (?P<path><[^>\n]*>)
       | (?P<word>[A-Za-z_][\w:.]*(?:\[\])?)
       | (?P<number>[-+]?[\d.][\w.+-]*)
+      | (?P<numbers>\[(?=[\s(]*+[\d.+-])[\s\d,().eE+-]++\])
       | (?P<punct>[{}()\[\]=,;:])
       | (?P<newline>\n)''',
     re.VERBOSE | re.DOTALL,
 )
+"""Most of a large mesh is arrays of numbers: each is one token, `numbers`."""
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
 _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
 
@@ -144,6 +146,8 @@ class _Scanner:
             self.words.append((token, line))
         elif kind == "number":
             self.number = (token, line)
+        elif kind == "numbers":
+            self.words = []
         elif kind == "string":
             self._string(token.strip("\"'"), line)
         elif kind == "punct":

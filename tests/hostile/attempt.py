@@ -5,6 +5,7 @@ import re
 import resource
 import time
 import traceback
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -46,7 +47,7 @@ class Tally:
         self.wrong.setdefault(what, []).append(f"{attempt}\n{details}")
 
     def __str__(self) -> str:
-        kinds = ("traceback", "hang", "memory", "place", "non-finite")
+        kinds = ("traceback", "hang", "memory", "place", "warning", "non-finite")
         bad = ", ".join(f"{len(self.wrong.get(kind, []))} {kind}" for kind in kinds)
         ends = "".join(f"\n    {text}" for text in sorted(self.ends))
         became = f"{self.built} built, {self.failed_clearly} failed"
@@ -54,19 +55,28 @@ class Tally:
         return f"{values}\n    slowest check {self.slowest_s:.1f} s; wrong: {bad}{ends}"
 
 
-def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
-    """Load the stage of an attempt: what it holds, or None if it has errors."""
+def write(attempt: Attempt, folder: Path) -> Path:
+    """The stage of an attempt, as a file."""
     path = folder / "dataset.usda"
-    text = attempt.text()
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    path.write_bytes(attempt.text().encode("utf-8", "surrogatepass"))
+    return path
+
+
+def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
+    """Ask `pipeline check` about the stage of an attempt: what it holds, or None if it has errors."""
+    path = write(attempt, folder)
     before_s, before_bytes = time.process_time(), _peak_bytes()
     tally.tried += 1
     try:
-        loaded = load(path)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            loaded = load(path, look=True)
         texts = [str(one) for one in loaded.problems]
     except Exception:
         tally.blame("traceback", attempt, traceback.format_exc(limit=-4))
         return None
+    for warning in said:
+        tally.blame("warning", attempt, str(warning))
     seconds = time.process_time() - before_s
     tally.slowest_s = max(tally.slowest_s, seconds)
     if seconds > CHECK_S:
@@ -87,7 +97,7 @@ def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
         return
     out, start = folder / "out", time.process_time()
     try:
-        project = project_from(loaded, folder / "dataset.usda", out)
+        project = project_from(loaded, write(attempt, folder), out)
         result = session.build(project, store=Store(folder / "store"), jobs=1)
     except PipelineError as error:
         tally.failed_clearly += 1

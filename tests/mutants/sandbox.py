@@ -1,5 +1,6 @@
 """A copy of the tree in which mistakes are made, one at a time, and the tests that may notice them."""
 
+import ast
 import os
 import re
 import shutil
@@ -20,12 +21,13 @@ CAMERA = (
     *("camera", "laws/test_focus.py", "laws/test_f_numbers.py", "laws/test_limits.py", "laws/test_depth_of_field.py"),
     *("laws/test_ideal_lens.py", "laws/test_travel.py", "laws/test_arrays.py", "laws/test_offsets.py"),
     *("laws/test_microlenses.py", "laws/test_displacement.py", "laws/test_symmetry.py", "naive/test_bundle.py"),
+    *("laws/test_edges.py", "laws/test_footprint.py", "laws/test_regions.py"),
 )
 TRUTH = (
     *("laws/test_search.py", "laws/test_second_moments.py", "laws/test_second_order.py", "naive/test_quad_search.py"),
     *("laws/test_truth.py", "laws/test_direct.py", "laws/test_hit_fraction.py", "laws/test_visibility.py"),
     *("laws/test_corner_image.py", "laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py"),
-    "naive/test_properties.py",
+    *("naive/test_properties.py", "laws/test_footprint.py", "laws/test_own_bundle.py"),
 )
 ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
@@ -49,6 +51,16 @@ class Site:
     def module(self) -> str:
         """Dotted name."""
         return ".".join(self.file.with_suffix("").parts)
+
+    @property
+    def functions(self) -> set[str]:
+        """Names of the functions around it."""
+        line = self.mutant.place[0]
+        return {
+            node.name
+            for node in ast.walk(ast.parse(self.mutant.original))
+            if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or 0)
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +118,15 @@ class Sandbox:
             self.sound.add(test)
 
     def chosen(self, site: Site) -> list[str]:
-        """Test files of the room that reach the module through the fewest imports, nearest first."""
+        """Test files of the room that name the function, then those that reach the module through fewest imports."""
         away = self.imports.distances(site.module)
         places = [self.tree / "tests" / name for name in ROOMS[site.file.parts[1]]]
         files = [file for place in places for file in (sorted(place.rglob("test_*.py")) if place.is_dir() else [place])]
         names = [str(file.relative_to(self.tree)) for file in files if file.name != "test_jit.py"]
         reached = [name for name in names if module_of(name) in away]
-        return sorted(reached, key=lambda name: away[module_of(name)])[: self.nearest]
+        named = re.compile("|".join(rf"\b{name}\b" for name in site.functions) or "(?!)")
+        silent = {name: not named.search((self.tree / name).read_text(encoding="utf-8")) for name in reached}
+        return sorted(reached, key=lambda name: (silent[name], away[module_of(name)]))[: self.nearest]
 
     def tests(self, files: list[str], kernels: Path) -> str:
         """The first test that fails, or the reason why tests could not run; empty where all pass."""

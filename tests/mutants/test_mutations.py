@@ -116,6 +116,20 @@ def test_all_tests_of_the_rooms_exist_and_reach_what_they_shall_judge() -> None:
     assert "target.test_surfaces" not in away
 
 
+def test_tests_that_name_the_function_come_first(toy: Sandbox, tmp_path: Path) -> None:
+    """Before those that are nearer."""
+    for name in ("aside", "named"):
+        way = (
+            "from pipeline.optics import toy\n"
+            if name == "aside"
+            else "from optics.test_aside import toy\n\ntoy.half\n"
+        )
+        (toy.tree / f"tests/optics/test_{name}.py").write_text(way)
+    toy.imports = Imports(toy.tree)
+    chosen = toy.chosen(draw(["optics"], 1, 1, tmp_path / "toy")[0])
+    assert chosen == [f"tests/optics/test_{name}.py" for name in ("toy", "named", "aside")]
+
+
 @pytest.fixture
 def toy(tmp_path: Path) -> Sandbox:
     """A program of one function with a test that calls it with one value."""
