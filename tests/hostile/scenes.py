@@ -4,18 +4,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pxr import Gf, Sdf, Usd, UsdGeom
+from stage_text import head
 
-BASE = """#usda 1.0
-(
-    defaultPrim = "Scene"
-    doc = "A scene for hostile values."
-    endTimeCode = 1
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-
+BASE = (
+    head("Scene")
+    + """
 def PlenDataset "Scene"
 {
     rel plen:cameras = </Scene/Camera>
@@ -101,6 +94,7 @@ def PlenDataset "Scene"
     }
 }
 """
+)
 
 
 @dataclass(frozen=True)

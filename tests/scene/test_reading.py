@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from stage_text import head
 
 import pipeline
 from pipeline.camera.focus import foci
@@ -20,16 +21,6 @@ from pipeline.scene.reading import read_prescription
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
-HEAD = """#usda 1.0
-(
-    defaultPrim = "Dataset"
-    endTimeCode = 1
-    metersPerUnit = {unit}
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-"""
 
 
 @pytest.fixture
@@ -39,7 +30,7 @@ def write(tmp_path):
     def writer(board, rig="", unit="0.001", dataset=""):
         path = tmp_path / "dataset.usda"
         path.write_text(
-            HEAD.format(unit=unit)
+            head("Dataset", unit=unit)
             + f"""
 def PlenDataset "Dataset"
 {{
@@ -319,7 +310,7 @@ def test_a_surface_carries_its_shape_and_its_aperture(tmp_path):
     """Coefficients in the order of their powers; of the aperture only what its shape reads."""
     path = tmp_path / "dataset.usda"
     path.write_text(
-        HEAD.format(unit="0.001")
+        head("Dataset")
         + f"""
 def "Dataset" (prepend references = @{TINY}@)
 {{
