@@ -39,7 +39,7 @@ class Tally:
     built: int = 0
     failed_clearly: int = 0
     wrong: dict[str, list[str]] = field(default_factory=dict)
-    slowest_s: float = 0.0
+    slowest: tuple[float, str] = (0.0, "")
     ends: set[str] = field(default_factory=set)
 
     def blame(self, what: str, attempt: Attempt | str, details: str) -> None:
@@ -52,7 +52,7 @@ class Tally:
         ends = "".join(f"\n    {text}" for text in sorted(self.ends))
         became = f"{self.built} built, {self.failed_clearly} failed"
         values = f"{self.tried} hostile values: {self.refused} refused, {self.accepted} accepted; of these {became}"
-        return f"{values}\n    slowest check {self.slowest_s:.1f} s; wrong: {bad}{ends}"
+        return f"{values}\n    slowest check {self.slowest[0]:.1f} s: {self.slowest[1]}\n    wrong: {bad}{ends}"
 
 
 def write(attempt: Attempt, folder: Path) -> Path:
@@ -78,7 +78,7 @@ def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
     for warning in said:
         tally.blame("warning", attempt, str(warning))
     seconds = time.process_time() - before_s
-    tally.slowest_s = max(tally.slowest_s, seconds)
+    tally.slowest = max(tally.slowest, (seconds, str(attempt)))
     if seconds > CHECK_S:
         tally.blame("hang", attempt, f"{seconds:.1f} s")
     if _peak_bytes() - before_bytes > CHECK_BYTES:
