@@ -127,10 +127,20 @@ class Scene:
         if self.kind == "PlenMeshTarget":
             Sdf.CopySpec(layer, "/Scene/Screen", layer, "/Scene/Board/Mesh")
             layer.GetPrimAtPath("/Scene/Board/Mesh").ClearInfo("apiSchemas")
+        self._leave_out_what_nobody_asks_for(layer)
         stage = Usd.Stage.Open(layer)
         for (at, name), value in self.edits.items():
             put(stage, at, name, value)
         return stage
+
+    def _leave_out_what_nobody_asks_for(self, layer: Sdf.Layer) -> None:
+        """Checks of thousands of stages take minutes: those without microlenses or occluder have none."""
+        root = layer.GetPrimAtPath("/Scene")
+        if ("Camera", "plen:camera:microlenses") not in self.edits:
+            del root.nameChildren["Array"]
+        if "Screen" not in self.whole:
+            del root.nameChildren["Screen"]
+            del root.properties["plen:occluders"]
 
     def tried(self) -> list[tuple[str, str]]:
         """Pairs of a prim and one of its properties that this scene is there for."""
