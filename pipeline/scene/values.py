@@ -90,6 +90,10 @@ def entries_of(documentation: str) -> tuple[int, int] | None:
     return (int(match[1]), int(match[2])) if match else None
 
 
+_MANY = 100
+"""Entries from which on NumPy is faster: meshes have thousands."""
+
+
 def plain(value: Any) -> Any:
     """A value of USD as Python's own, and -0.0 as 0.0.
 
@@ -103,6 +107,11 @@ def plain(value: Any) -> Any:
         return value.path
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
         return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
+    if len(value) > _MANY and isinstance(value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d):
+        found = np.asarray(value)
+        if found.dtype.kind in "if":
+            rows = (found if found.dtype.kind == "i" else found.astype(np.float64) + 0.0).tolist()
+            return tuple(map(tuple, rows)) if found.ndim == 2 else tuple(rows)
     return tuple(plain(item) for item in value)
 
 

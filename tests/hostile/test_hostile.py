@@ -16,7 +16,7 @@ from pipeline.scene.load import load
 from pipeline.share import share
 
 SHARDS = 10
-BUILT_OF_ACCEPTED = 4
+BUILT_OF_ACCEPTED = 2
 """In `make proofs` one of so many accepted stages is built."""
 FEWEST = 3
 """Hostile values of a property: of flags both, and a text."""
