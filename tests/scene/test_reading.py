@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from pxr import Gf, Vt
 from stage_text import head
 
 import pipeline
@@ -18,6 +19,7 @@ from pipeline.scene.load import load, open_dataset
 from pipeline.scene.opening import open_stage
 from pipeline.scene.problems import StageError
 from pipeline.scene.reading import read_prescription
+from pipeline.scene.values import plain
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
@@ -412,3 +414,19 @@ def test_groups_laid_over_a_lens_are_named_ranges_of_its_surfaces(tmp_path):
 def test_groups_that_no_lens_can_have_are_refused_by_the_record(groups):
     with pytest.raises(PrescriptionError, match="groups"):
         Prescription(surfaces=rigs.tronnier().surfaces, groups=groups)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        Vt.Vec3fArray(200, [Gf.Vec3f(1.1, -0.0, 3.0)]),
+        Vt.IntArray(200, [-5]),
+        Vt.DoubleArray(200, [-0.0]),
+        Vt.TokenArray(200, ["a"]),
+        Vt.QuatdArray(200, [Gf.Quatd(1.0, 2.0, 3.0, -0.0)]),
+    ],
+    ids=lambda array: type(array).__name__,
+)
+def test_a_long_array_becomes_what_its_entries_become(array):
+    """Their types, and 0.0 for -0.0, included."""
+    assert repr(plain(array)) == repr(tuple(plain(item) for item in array))
