@@ -59,5 +59,7 @@ def _edits(a: str, b: str) -> int | None:
             row.append(min(last[j] + 1, row[j - 1] + 1, last[j - 1] + (letter != other)))
             if i > 1 and j > 1 and letter == b[j - 2] and a[i - 2] == other:
                 row[j] = min(row[j], before_last[j - 2] + 1)
+        if min(row) > most and min(last) > most:
+            return None  # it only grows from here
         before = last
     return row[-1] if row[-1] <= most else None

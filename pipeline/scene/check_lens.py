@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 from pxr import Usd
 
@@ -33,15 +34,16 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     if not prims:
         return
     yield from _check_stop(lens, prims)
-    for prim in prims:
-        yield from _check_aperture(prim)
-        yield from _check_shape(prim)
-        yield from _check_steep(prim)
-    for front, behind in pairwise(prims):
+    parts = [_part(prim) for prim in prims]
+    for part in parts:
+        yield from _check_aperture(part.prim)
+        yield from _check_shape(part)
+        yield from _check_steep(part)
+    for front, behind in pairwise(parts):
         yield from _check_in_air(front, behind)
         crossing = list(_check_crossing(front, behind))
         yield from crossing or _check_rim(front, behind)
-    last = _surface(prims[-1])
+    last = parts[-1].surface
     if last and last.index != 1:
         message = f"the medium behind the last surface has index {last.index}, and only air (1) is supported yet"
         yield problem(prims[-1].GetAttribute("plen:index"), "not-yet-supported", message)
@@ -87,14 +89,27 @@ def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
         yield problem(lens, "several-stops", f"the lens has {len(stops)} aperture stops: {', '.join(stops)}")
 
 
-def _surface(prim: Usd.Prim) -> Surface | None:
-    """The record of a surface; None where its values alone are wrong already, and reported as that."""
+class _Part(NamedTuple):
+    """A surface: its prim and its record, or why there is none if its values one by one are right."""
+
+    prim: Usd.Prim
+    surface: Surface | None = None
+    error: PrescriptionError | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.prim.GetName())
+
+
+def _part(prim: Usd.Prim) -> _Part:
     try:
         surface = read_surface(prim)
-    except (PrescriptionError, UnreadableValue):
-        return None
+    except UnreadableValue:
+        return _Part(prim)  # reported as a missing value or a wrong type
+    except PrescriptionError as error:
+        return _Part(prim, error=error)
     finite = math.isfinite(surface.thickness_mm + surface.semi_diameter_mm + surface.index)
-    return surface if finite else None
+    return _Part(prim, surface if finite else None)
 
 
 def _check_aperture(prim: Usd.Prim) -> Iterator[Problem]:
@@ -116,23 +131,21 @@ def _check_aperture(prim: Usd.Prim) -> Iterator[Problem]:
         yield problem(prim.GetAttribute("plen:apertureRotation"), "aperture-value", message, hint="remove it")
 
 
-def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
-    try:
-        read_surface(prim)
-    except UnreadableValue:
-        pass  # reported as a missing value or a wrong type
-    except PrescriptionError as error:
-        if "beyond" in error.what:
-            yield problem(prim, "beyond-sphere", error.what)
-        elif "ideal thin lens" in error.what:
-            yield problem(prim.GetAttribute("plen:focalLength"), "ideal-lens", error.what, hint=error.hint)
-        elif "obstruction" in error.what:
-            yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
+def _check_shape(part: _Part) -> Iterator[Problem]:
+    prim, error = part.prim, part.error
+    if error is None:
+        return
+    if "beyond" in error.what:
+        yield problem(prim, "beyond-sphere", error.what)
+    elif "ideal thin lens" in error.what:
+        yield problem(prim.GetAttribute("plen:focalLength"), "ideal-lens", error.what, hint=error.hint)
+    elif "obstruction" in error.what:
+        yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
 
 
-def _check_steep(prim: Usd.Prim) -> Iterator[Problem]:
+def _check_steep(part: _Part) -> Iterator[Problem]:
     """An asphere that no lens can be: at its rim it stands further from its vertex than any real one."""
-    surface = _surface(prim)
+    surface = part.surface
     if surface is None:
         return
     sag, most = surface.sag_mm(surface.semi_diameter_mm), _STEEPEST * surface.semi_diameter_mm
@@ -141,35 +154,33 @@ def _check_steep(prim: Usd.Prim) -> Iterator[Problem]:
             f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {surface.semi_diameter_mm:g} mm"
         )
         hint = "are conic and coefficients those of millimetres, and in the right order?"
-        yield problem(prim, "sag", message, hint=hint)
+        yield problem(part.prim, "sag", message, hint=hint)
 
 
-def _check_in_air(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
-    first, second = _surface(front), _surface(behind)
+def _check_in_air(front: _Part, behind: _Part) -> Iterator[Problem]:
+    first, second = front.surface, behind.surface
     if first and second and second.focal_length_mm is not None and first.index != 1:
-        message = (
-            f'"{behind.GetName()}", an ideal thin lens, stands in a medium of index {first.index:g}, and not in air'
-        )
-        yield problem(behind.GetAttribute("plen:focalLength"), "ideal-lens", message)
+        message = f'"{behind.name}", an ideal thin lens, stands in a medium of index {first.index:g}, and not in air'
+        yield problem(behind.prim.GetAttribute("plen:focalLength"), "ideal-lens", message)
 
 
-def _check_crossing(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
-    first, second = _surface(front), _surface(behind)
+def _check_crossing(front: _Part, behind: _Part) -> Iterator[Problem]:
+    first, second = front.surface, behind.surface
     if not first or not second:
         return
     gap, height = min(gaps_mm(first, second))
     if gap < -_TOUCH_MM:
         message = (
-            f'surfaces "{front.GetName()}" and "{behind.GetName()}" cross: {first.thickness_mm:g} mm apart on the axis,'
+            f'surfaces "{front.name}" and "{behind.name}" cross: {first.thickness_mm:g} mm apart on the axis,'
             f" {gap:.4g} mm at {height:g} mm from it"
         )
         hint = "enlarge the thickness or reduce a semi-diameter"
-        yield problem(front.GetAttribute("plen:thickness"), "surfaces-cross", message, hint=hint)
+        yield problem(front.prim.GetAttribute("plen:thickness"), "surfaces-cross", message, hint=hint)
 
 
-def _check_rim(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
+def _check_rim(front: _Part, behind: _Part) -> Iterator[Problem]:
     """An element without glass, or with hardly any, at its rim."""
-    first, second = _surface(front), _surface(behind)
+    first, second = front.surface, behind.surface
     if not first or not second or first.index == 1:
         return
     widest = max(first.semi_diameter_mm, second.semi_diameter_mm)
@@ -181,7 +192,7 @@ def _check_rim(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
         rim = flat
     if rim >= 2 * widest * _THIN:
         return
-    what = f'the element between "{front.GetName()}" and "{behind.GetName()}" is'
+    what = f'the element between "{front.name}" and "{behind.name}" is'
     if rim < -_TOUCH_MM:
         message = f"{what} {-rim:.4g} mm short of glass at its rim, {widest:g} mm from the axis"
         severity = "error"
@@ -189,4 +200,4 @@ def _check_rim(front: Usd.Prim, behind: Usd.Prim) -> Iterator[Problem]:
         message = f"{what} {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
         severity = "warning"
     hint = "enlarge the thickness or reduce a semi-diameter"
-    yield problem(front.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)
+    yield problem(front.prim.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)

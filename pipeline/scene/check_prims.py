@@ -7,6 +7,9 @@ from pxr import Plug, Tf, Usd, Vt
 from pipeline.scene.places import problem
 from pipeline.scene.problems import Problem, did_you_mean
 
+_MOST_OPS = 100
+"""Operations that move one prim: real stages have fewer than ten."""
+
 
 def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
     """Every prim that is defined, abstract ones, inactive ones and instances included, in stage order."""
@@ -82,6 +85,10 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     value = order.Get() if order else None
     # What is no array of tokens is reported as a wrong type.
     named = [token.removeprefix("!invert!") for token in value] if isinstance(value, Vt.TokenArray) else []
+    if len(named) > _MOST_OPS:
+        message = f'"xformOpOrder" has {len(named)} entries, and not 0 to {_MOST_OPS}'
+        yield problem(order, "entries", message)
+        return
     for name in named:
         if name != "!resetXformStack!" and not prim.HasProperty(name):
             # USD raises later, when somebody asks for the transform.

@@ -10,8 +10,9 @@ from pipeline.scene.problems import Problem, did_you_mean
 from pipeline.scene.values import FOREIGN, Rule, schema_facts, target_paths
 from pipeline.spelling import nearest
 
-# Anyone may add properties here, on any prim.
 _MOVES = Rule(span=FOREIGN["xformOp"])
+_NAMED = 5  # of several targets of one relationship that are missing
+# Anyone may add properties here, on any prim.
 _FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 
 
@@ -19,11 +20,13 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of the authored properties of a prim, and of those that it must have and has not."""
     definition = prim.GetPrimDefinition()
     known = set(definition.GetPropertyNames())
+    strange = []
     for prop in prim.GetAuthoredProperties():
         if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
             for time, value in authored_values(prop):
                 yield from check_value(prop, value, time, _MOVES)
         elif prop.GetName() not in known:
+            strange.append(prop.GetName())
             yield from _check_unknown(prop, known)
         elif wrong := _wrong_kind(prop, definition):
             yield wrong
@@ -31,7 +34,6 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             yield from check_attribute(prop, definition)
         else:
             yield from _check_relationship(prop)
-    strange = [prop.GetName() for prop in prim.GetAuthoredProperties() if prop.GetName() not in known]
     yield from _check_required(prim, {nearest(name, known) for name in strange})
 
 
@@ -85,18 +87,21 @@ def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]
 def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
     stage, name = relationship.GetStage(), relationship.GetName()
     wanted = wanted_target(relationship.GetPrim(), name)
-    for path in target_paths(relationship):
-        if not stage.GetObjectAtPath(path):
-            hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
-            message = f'"{name}" points at <{path}>, which does not exist'
-            yield problem(relationship, "missing-target", message, hint=hint)
-        elif wanted:
-            prim = stage.GetPrimAtPath(path)
-            if not (prim and prim.IsA(wanted)):
-                got = (prim.GetTypeName() or "prim without a type") if prim else "property"
-                yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
-            elif not prim.IsActive():
-                yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
+    missing = [path for path in target_paths(relationship) if not stage.GetObjectAtPath(path)]
+    for path in missing[:_NAMED]:
+        hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
+        message = f'"{name}" points at <{path}>, which does not exist'
+        yield problem(relationship, "missing-target", message, hint=hint)
+    if len(missing) > _NAMED:
+        message = f'"{name}" points at {len(missing) - _NAMED:,} others that do not exist'
+        yield problem(relationship, "missing-target", message)
+    for path in target_paths(relationship) if wanted else ():
+        prim = stage.GetPrimAtPath(path)
+        if stage.GetObjectAtPath(path) and not (prim and prim.IsA(wanted)):
+            got = (prim.GetTypeName() or "prim without a type") if prim else "property"
+            yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
+        elif prim and not prim.IsActive():
+            yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
 
 
 def wanted_target(prim: Usd.Prim, name: str) -> str | None:

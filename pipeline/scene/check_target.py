@@ -20,7 +20,8 @@ OFF_MESH_MM = 1e-3
 
 def check_target(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of a PlenTarget whose values are right one by one."""
-    if any(one.is_error for one in check_properties(prim)):
+    parts = filter(None, (prim, target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None))
+    if any(one.is_error for part in parts for one in check_properties(part)):
         return  # reported as that
     found = [*_check_shape(prim), *_check_mesh(prim)]
     yield from found

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 from pxr import Ar
 
 from pipeline.scene.whole_numbers import SUFFIX, CutNumbers
@@ -26,10 +27,12 @@ _TOKEN = re.compile(
       | (?P<path><[^>\n]*>?)
       | (?P<word>[A-Za-z_][\w:.]*(?:\[\])?)
       | (?P<number>[-+]?[\d.][\w.+-]*)
+      | (?P<numbers>\[(?=[\s(]*+[\d.+-])[\s\d,().eE+-]++\])
       | (?P<punct>[{}()\[\]=,;:])
       | (?P<newline>\n)""",
     re.VERBOSE | re.DOTALL,
 )
+"""Most of a large mesh is arrays of numbers: each is one token, `numbers`."""
 MOST_NESTED = 200
 """Brackets in brackets: USD and its parser call themselves once for each, until their stack is full."""
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
@@ -164,7 +167,8 @@ class _Scanner:
             line += text.count("\n", position, match.start())
             position, self.end = match.start(), match.end()
             self._token(match.lastgroup or "", match.group(), line)
-            if len(self.stack) > MOST_NESTED:
+            within = _depth(match.group()) if match.lastgroup == "numbers" else 0
+            if len(self.stack) + within > MOST_NESTED:
                 self.map.too_deep = line
                 break
         return self.map
@@ -175,6 +179,8 @@ class _Scanner:
             self.words.append((token, line))
         elif kind == "number":
             self.number = (token, line)
+        elif kind == "numbers":
+            self.words = []
         elif kind == "string":
             self._string(token.strip("\"'"), line)
         elif kind == "punct":
@@ -274,3 +280,9 @@ class _Scanner:
             elif kind == "prim":
                 path += name if path.endswith("}") else "/" + name
         return path
+
+
+def _depth(numbers: str) -> int:
+    """Most brackets in each other in an array of numbers."""
+    letters = np.frombuffer(numbers.encode(), np.uint8)
+    return 1 + int(np.cumsum((letters == ord("(")).astype(np.int64) - (letters == ord(")"))).max())

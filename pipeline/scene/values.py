@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -90,6 +90,10 @@ def entries_of(documentation: str) -> tuple[int, int] | None:
     return (int(match[1]), int(match[2])) if match else None
 
 
+_MANY = 100
+"""Entries from which on NumPy is faster: meshes have thousands."""
+
+
 def plain(value: Any) -> Any:
     """A value of USD as Python's own, and -0.0 as 0.0.
 
@@ -103,6 +107,11 @@ def plain(value: Any) -> Any:
         return value.path
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
         return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
+    if len(value) > _MANY and isinstance(value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d):
+        found = np.asarray(value)
+        if found.dtype.kind in "if":
+            rows = (found if found.dtype.kind == "i" else found.astype(np.float64) + 0.0).tolist()
+            return tuple(map(tuple, rows)) if found.ndim == 2 else tuple(rows)
     return tuple(plain(item) for item in value)
 
 
@@ -142,12 +151,15 @@ class Rule:
         Fewest and most entries of an array.
     tokens : frozenset of str
         Allowed ones; empty: all.
+    fallback : Any
+        The schema's value where none is written, as Python's own.
     """
 
     kind: type | None = None
     span: Range | None = None
     entries: tuple[int, int] | None = None
     tokens: frozenset[str] = frozenset()
+    fallback: Any = None
 
     def holds(self, value: Any) -> bool:
         """Whether a value of USD is of the type, of the length, in the range, and its texts are fit to be shown."""
@@ -183,12 +195,14 @@ def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
     text = definition.GetPropertyMetadata(name, "documentation") or ""
     is_ours = name.startswith("plen:")
     tokens = definition.GetPropertyMetadata(name, "allowedTokens") or []
-    return Rule(
+    rule = Rule(
         kind=type(attribute.GetTypeName().defaultValue),
         span=range_of(text) if is_ours else FOREIGN.get(name),
         entries=entries_of(text) if is_ours else None,
         tokens=frozenset(tokens),
     )
+    fallback = attribute.GetFallbackValue()
+    return replace(rule, fallback=plain(fallback)) if fallback is not None and rule.holds(fallback) else rule
 
 
 def read(prim: Usd.Prim, name: str) -> Any:
@@ -200,6 +214,8 @@ def read(prim: Usd.Prim, name: str) -> Any:
     attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
     if not attribute or not rule:
         return None
+    if not attribute.HasAuthoredValue():
+        return rule.fallback
     value = attribute.Get(_ANY_TIME)
     # A wrongly typed opinion wins in USD, although the attribute claims the type of the schema.
     return plain(value) if value is not None and rule.holds(value) else None

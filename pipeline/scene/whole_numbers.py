@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
 """What usda writes behind the name of an attribute."""
 _WHOLE = re.compile(r"(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))(?:\[\])?")
+_DIGITS = re.compile(r"[\s\d,()[\]-]*")
+_NUMBER = re.compile(r"[-+]?[\d.][\w.+-]*")
 
 
 @dataclass(slots=True)
@@ -43,8 +45,21 @@ class CutNumbers:
             self._words.append(token)
         elif token not in ("[", "]", "="):  # int [] is a type, too
             self._words = []
-        if self._depth is not None and kind not in ("newline", "comment"):
+        if self._depth is not None and kind == "numbers":
+            self._array(token, line, depth)
+        elif self._depth is not None and kind not in ("newline", "comment"):
             self._value(kind, token, line, depth)
+
+    def _array(self, token: str, line: int, depth: int) -> None:
+        """Take an array of numbers alone, with its brackets."""
+        assert self._depth is not None
+        if self._is_bool or not _DIGITS.fullmatch(token):  # most are digits: large meshes have millions
+            for offset, text in enumerate(token.split("\n")):
+                for number in _NUMBER.findall(text):
+                    self._judge(number, line + offset)
+        self._number = None
+        if depth <= self._depth:
+            self._depth = None
 
     def _value(self, kind: str, token: str, line: int, depth: int) -> None:
         assert self._depth is not None
@@ -61,8 +76,6 @@ class CutNumbers:
             self._depth = None
 
     def _judge(self, token: str, line: int) -> None:
-        if token.isdigit() and not self._is_bool:
-            return  # most are: large meshes have millions
         try:
             number = float(token)
         except ValueError:

@@ -4,14 +4,15 @@ The process writes a line per file, so that one whose reader crashes is known, a
 """
 
 import json
+import math
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from pipeline.confine.process import Bounds, confine
 from pipeline.engine.foreign import ForeignFolder, Unfit
 from pipeline.files.damaged import DamagedFile
 from pipeline.processor import settings
@@ -41,16 +42,12 @@ def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[s
 
 
 def main() -> None:
-    """The process with limits: root and names on stdin, on stdout a line of JSON per file."""
+    """The confined process: root and names on stdin, on stdout a line of JSON per file."""
     question = json.load(sys.stdin)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # whatever prints must not end up among the answers
-    for limit, value in (
-        (resource.RLIMIT_AS, MEMORY_BYTES),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        resource.setrlimit(limit, (value, value))
+    bounds = Bounds(memory_bytes=MEMORY_BYTES, cpu_s=question["cpu_s"], file_bytes=0)
+    confine([Path(question["root"])], bounds, question["parent"])
     for name in question["names"]:
         print(json.dumps(_reason(Path(question["root"]), name)), file=answers, flush=True)
 
@@ -95,11 +92,11 @@ def _reader(name: str) -> Reader:
 def _ask(root: Path, names: list[str]) -> tuple[list[str | None], str]:
     """Answers about the first names, and how the process ended before it answered about the others."""
     allowed_s = _FILE_S * len(names) + sum(_sizes(root, names)) / _SLOWEST_BYTES_PER_S
-    question = json.dumps({"root": str(root.absolute()), "names": names})
+    order = {"root": str(root.absolute()), "names": names, "cpu_s": math.ceil(allowed_s), "parent": os.getpid()}
     try:
         done = subprocess.run(
             [sys.executable, "-c", _BOOT, json.dumps(sys.path)],
-            input=question.encode(),
+            input=json.dumps(order).encode(),
             capture_output=True,
             timeout=allowed_s,
             env={**os.environ, **settings()},

@@ -2,12 +2,14 @@
 
 import json
 import math
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from files import lens_writers as write
+from files import on_the_spot
 from laws import rigs
 from scipy.spatial import cKDTree
 
@@ -18,6 +20,7 @@ from pipeline.files.lenses.text import UnreadableLens
 from pipeline.importing import import_camera, write_stage
 from pipeline.scene.load import load
 
+refused = partial(on_the_spot.refused, read_camera_file)
 BLENDER = """objective_file_name;table
 prop_objective_scale;1.0
 prop_aperture_blades;6
@@ -70,13 +73,6 @@ def imported(folder: Path, name: str, text: str):
 def blender_folder(folder: Path) -> Path:
     (folder / "table.csv").write_bytes(write.blender(rigs.tronnier()))
     return folder
-
-
-def refused(folder: Path, name: str, text: str, **options) -> str:
-    (folder / name).write_text(text, encoding="utf-8")
-    with pytest.raises(UnreadableLens) as error:
-        read_camera_file(folder / name, **options)
-    return str(error.value).replace(f"{folder}/", "")
 
 
 def test_a_camera_of_the_add_on_is_the_rig_that_it_describes(tmp_path):

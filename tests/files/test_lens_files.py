@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from files import lens_writers as write
-from pxr import Usd
+from files import on_the_spot
+from files.on_the_spot import LENSES, before, stage_prescription
 from tolerances import ROUND_TRIP_MM
 
 from pipeline.errors import PipelineError
@@ -20,9 +22,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_sensor
-from pipeline.scene.reading import read_prescription
 
-LENSES = Path(__file__).resolve().parents[2] / "stages/lenses"
 FORMATS = {
     "zemax utf-16": ("lens.zmx", write.zemax),
     "zemax utf-8": ("lens.zmx", lambda lens: write.zemax(lens, "utf-8")),
@@ -35,13 +35,8 @@ FORMATS = {
     "blender": ("lens.csv", write.blender),
 }
 # Without planes in air besides the stop; one of them has no thickness behind its last surface.
+read, refused = (partial(act, read_lens) for act in (on_the_spot.read, on_the_spot.refused))
 NAMES = ["double_gauss_100mm_tronnier", "double_gauss_99p5mm_zemax", "telephoto_250mm_sigler", "fisheye_10mm_muller"]
-
-
-def stage_prescription(path: Path) -> Prescription:
-    """The lens of a stage."""
-    stage = Usd.Stage.Open(path.as_posix())
-    return read_prescription(stage.GetDefaultPrim())
 
 
 def rays(lens: Prescription) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -51,10 +46,7 @@ def rays(lens: Prescription) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     spread = rng.uniform(-0.6, 0.6, (500, 2)) * pupil.diameter_mm
     direction = np.column_stack([rng.uniform(-0.1, 0.1, (500, 2)), np.ones(500)])
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    start_mm = lens.vertices_from_stop_mm[0] - 5
-    position = np.column_stack([spread, np.full(500, -pupil.z_mm)])
-    position += direction * ((start_mm + pupil.z_mm) / direction[:, 2])[:, None]
-    alive = np.ones(500)
+    position, alive = before(lens, spread, direction), np.ones(500)
     trace_rays(towards_sensor(lens), position, direction, alive)
     return position, direction, alive
 
@@ -87,20 +79,6 @@ def test_every_lens_of_the_library_survives_zemax(name: str, tmp_path: Path) -> 
         assert one.radius_mm == pytest.approx(other.radius_mm, rel=1e-15)
         assert (one.thickness_mm, one.index, one.is_stop) == (other.thickness_mm, other.index, other.is_stop)
         assert one.semi_diameter_mm == other.semi_diameter_mm
-
-
-def read(tmp_path: Path, name: str, text: str | bytes, **options: str):
-    """The lens of a file written on the spot."""
-    path = tmp_path / name
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    return read_lens(path, **options)
-
-
-def refused(tmp_path: Path, name: str, text: str | bytes, **options: str) -> str:
-    """What is said about a file that cannot be read."""
-    with pytest.raises(UnreadableLens) as error:
-        read(tmp_path, name, text, **options)
-    return str(error.value).replace(f"{tmp_path}/", "")
 
 
 def zmx(*surface: str) -> str:

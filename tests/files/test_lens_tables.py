@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from files.test_lens_files import LENSES, stage_prescription
+from files import on_the_spot
+from files.on_the_spot import LENSES, before, stage_prescription
 
 from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.table import NAMES
-from pipeline.files.lenses.text import UnreadableLens
 from pipeline.importing import import_lens, write_stage
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
@@ -30,14 +30,11 @@ BEAM = {"f_number": 5.0, "half_field_deg": 20.0}
 
 
 def read(tmp_path, text, name="lens.csv", **beam):
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    return read_lens(tmp_path / name, **beam)
+    return on_the_spot.read(read_lens, tmp_path, name, text, **beam)
 
 
 def refused(tmp_path, text, name="lens.csv", **beam):
-    with pytest.raises(UnreadableLens) as error:
-        read(tmp_path, text, name, **beam)
-    return str(error.value).replace(f"{tmp_path}/", "")
+    return on_the_spot.refused(read_lens, tmp_path, name, text, **beam)
 
 
 def shapes(lens):
@@ -73,11 +70,9 @@ def passing(lens, field_deg, part):
     pupil = first_order(lens).entrance_pupil
     radius, turn = np.meshgrid(np.linspace(0, part * pupil.diameter_mm / 2, 9), np.linspace(0, 2 * math.pi, 24))
     across = [(radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()]
-    position = np.column_stack([*across, np.full(radius.size, -pupil.z_mm)])
     slope = math.tan(math.radians(field_deg))
     direction = np.tile(np.array([0.0, slope, 1.0]) / math.hypot(1, slope), (radius.size, 1))
-    start_mm = lens.vertices_from_stop_mm[0] - 5
-    position += direction * ((start_mm - position[:, 2]) / direction[:, 2])[:, None]
+    position = before(lens, np.column_stack(across), direction)
     alive = np.ones(radius.size)
     trace_rays(towards_sensor(lens), position, direction, alive)
     return alive.mean()

@@ -5,6 +5,7 @@ import re
 import resource
 import time
 import traceback
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ class Tally:
     built: int = 0
     failed_clearly: int = 0
     wrong: dict[str, list[str]] = field(default_factory=dict)
-    slowest_s: float = 0.0
+    slowest: tuple[float, str] = (0.0, "")
     ends: set[str] = field(default_factory=set)
 
     def blame(self, what: str, attempt: Attempt | str, details: str) -> None:
@@ -46,29 +47,38 @@ class Tally:
         self.wrong.setdefault(what, []).append(f"{attempt}\n{details}")
 
     def __str__(self) -> str:
-        kinds = ("traceback", "hang", "memory", "place", "non-finite")
+        kinds = ("traceback", "hang", "memory", "place", "warning", "non-finite")
         bad = ", ".join(f"{len(self.wrong.get(kind, []))} {kind}" for kind in kinds)
         ends = "".join(f"\n    {text}" for text in sorted(self.ends))
         became = f"{self.built} built, {self.failed_clearly} failed"
         values = f"{self.tried} hostile values: {self.refused} refused, {self.accepted} accepted; of these {became}"
-        return f"{values}\n    slowest check {self.slowest_s:.1f} s; wrong: {bad}{ends}"
+        return f"{values}\n    slowest check {self.slowest[0]:.1f} s: {self.slowest[1]}\n    wrong: {bad}{ends}"
+
+
+def write(attempt: Attempt, folder: Path) -> Path:
+    """The stage of an attempt, as a file."""
+    path = folder / "dataset.usda"
+    path.write_bytes(attempt.text().encode("utf-8", "surrogatepass"))
+    return path
 
 
 def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
-    """Load the stage of an attempt: what it holds, or None if it has errors."""
-    path = folder / "dataset.usda"
-    text = attempt.text()
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    """Ask `pipeline check` about the stage of an attempt: what it holds, or None if it has errors."""
+    path = write(attempt, folder)
     before_s, before_bytes = time.process_time(), _peak_bytes()
     tally.tried += 1
     try:
-        loaded = load(path)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            loaded = load(path, look=True)
         texts = [str(one) for one in loaded.problems]
     except Exception:
         tally.blame("traceback", attempt, traceback.format_exc(limit=-4))
         return None
+    for warning in said:
+        tally.blame("warning", attempt, str(warning))
     seconds = time.process_time() - before_s
-    tally.slowest_s = max(tally.slowest_s, seconds)
+    tally.slowest = max(tally.slowest, (seconds, str(attempt)))
     if seconds > CHECK_S:
         tally.blame("hang", attempt, f"{seconds:.1f} s")
     if _peak_bytes() - before_bytes > CHECK_BYTES:
@@ -87,7 +97,7 @@ def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
         return
     out, start = folder / "out", time.process_time()
     try:
-        project = project_from(loaded, folder / "dataset.usda", out)
+        project = project_from(loaded, write(attempt, folder), out)
         result = session.build(project, store=Store(folder / "store"), jobs=1)
     except PipelineError as error:
         tally.failed_clearly += 1

@@ -3,19 +3,12 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from pxr import Gf, Sdf, Usd
+from pxr import Gf, Sdf, Usd, UsdGeom
+from stage_text import head
 
-BASE = """#usda 1.0
-(
-    defaultPrim = "Scene"
-    doc = "A scene for hostile values."
-    endTimeCode = 1
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-
+BASE = (
+    head("Scene")
+    + """
 def PlenDataset "Scene"
 {
     rel plen:cameras = </Scene/Camera>
@@ -101,6 +94,7 @@ def PlenDataset "Scene"
     }
 }
 """
+)
 
 
 @dataclass(frozen=True)
@@ -114,7 +108,7 @@ class Scene:
     kind : str
         Prim type of "Board", with values of its own.
     whole : tuple of str
-        Prims of which every attribute is tried, not the edited ones alone.
+        Prims of which every property is tried, not the edited ones alone: ours, and of cameras and meshes USD's own.
     """
 
     edits: dict[tuple[str, str], Any] = field(default_factory=dict)
@@ -130,17 +124,31 @@ class Scene:
             board.typeName = self.kind
             for name in [prop.name for prop in board.properties if prop.name.startswith("plen:")]:
                 del board.properties[name]
+        if self.kind == "PlenMeshTarget":
+            Sdf.CopySpec(layer, "/Scene/Screen", layer, "/Scene/Board/Mesh")
+            layer.GetPrimAtPath("/Scene/Board/Mesh").ClearInfo("apiSchemas")
+        self._leave_out_what_nobody_asks_for(layer)
         stage = Usd.Stage.Open(layer)
         for (at, name), value in self.edits.items():
             put(stage, at, name, value)
         return stage
 
+    def _leave_out_what_nobody_asks_for(self, layer: Sdf.Layer) -> None:
+        """Checks of thousands of stages take minutes: those without microlenses or occluder have none."""
+        root = layer.GetPrimAtPath("/Scene")
+        if ("Camera", "plen:camera:microlenses") not in self.edits:
+            del root.nameChildren["Array"]
+        if "Screen" not in self.whole:
+            del root.nameChildren["Screen"]
+            del root.properties["plen:occluders"]
+
     def tried(self) -> list[tuple[str, str]]:
         """Pairs of a prim and one of its properties that this scene is there for."""
         stage, found = self.stage(), dict.fromkeys(self.edits)
         for at in self.whole:
-            names = path_of(stage, at).GetPrimDefinition().GetPropertyNames()
-            found |= dict.fromkeys((at, name) for name in names if name.startswith("plen:"))
+            prim = path_of(stage, at)
+            names, is_read = prim.GetPrimDefinition().GetPropertyNames(), prim.GetTypeName() in ("Camera", "Mesh")
+            found |= dict.fromkeys((at, name) for name in names if is_read or name.startswith("plen:"))
         return list(found)
 
 
@@ -176,6 +184,7 @@ _PLENOPTIC = {
     ("Camera", "plen:camera:sensorDistance"): 62.4,
     ("Sensor", "plen:pixelPitch"): 0.05,
 }
+_MARKED = _of("Board", points=[(5.0, 1.0, -300.0)], normals=[(0.0, 0.0, 1.0)], mesh=[Sdf.Path("/Scene/Board/Mesh")])
 _FACES = _of("Array", model="refractive", index=1.5, thickness=0.1, frontRadii=[0.7], rearRadii=[-5.0])
 
 SCENES: dict[str, Scene] = {
@@ -224,37 +233,27 @@ SCENES: dict[str, Scene] = {
     "stars": Scene(_of("Board", columns=3, rows=2, spacing=5.0, diameter=4.0), "PlenStars", ("Board",)),
     "siemens": Scene(_of("Board", spokes=6, diameter=15.0), "PlenSiemensStar", ("Board",)),
     "edge": Scene(_of("Board", width=20.0, height=15.0), "PlenSlantedEdge", ("Board",)),
+    "mesh": Scene(_MARKED, "PlenMeshTarget", ("Board", "Board/Mesh")),
     "lines": Scene(_of("Board", columns=2, rows=2, spacing=5.0, lineWidth=1.0), "PlenLines", ("Board",)),
 }
 
-FOREIGN: dict[str, tuple[tuple[str, str], ...]] = {
-    "Camera": (
-        ("horizontalAperture", "float"),
-        ("verticalAperture", "float"),
-        ("horizontalApertureOffset", "float"),
-        ("focalLength", "float"),
-        ("clippingRange", "float2"),
-        ("visibility", "token"),
-    ),
-    "Screen": (
-        ("points", "point3f[]"),
-        ("faceVertexCounts", "int[]"),
-        ("faceVertexIndices", "int[]"),
-        ("holeIndices", "int[]"),
-        ("orientation", "token"),
-        ("primvars:displayColor", "color3f[]"),
-        ("extent", "float3[]"),
-        ("visibility", "token"),
-    ),
-}
-"""Attributes of USD's own types that a stage of ours uses."""
+_FEW = (UsdGeom.XformOp.TypeTranslate, UsdGeom.XformOp.TypeOrient, UsdGeom.XformOp.TypeTransform)
 
-XFORM_OPS = {
-    "xformOp:translate": "double3",
-    "xformOp:rotateXYZ": "double3",
-    "xformOp:rotateZ": "double",
-    "xformOp:scale": "double3",
-    "xformOp:orient": "quatd",
-    "xformOp:transform": "matrix4d",
-}
-METADATA = ("startTimeCode", "endTimeCode", "metersPerUnit", "timeCodesPerSecond", "framesPerSecond")
+
+def xform_ops(every: bool) -> dict[str, str]:
+    """Name -> type of the operations that move a prim, in doubles; every one, and some also shorter, or a few."""
+    stage = Usd.Stage.CreateInMemory()
+    moved = UsdGeom.Xform.Define(stage, "/Moved")
+    kinds = UsdGeom.XformOp.Type.allValues[1:] if every else _FEW
+    ops = [moved.AddXformOp(kind, UsdGeom.XformOp.PrecisionDouble) for kind in kinds]
+    for precision in (UsdGeom.XformOp.PrecisionFloat, UsdGeom.XformOp.PrecisionHalf) if every else ():
+        ops += [moved.AddXformOp(kind, precision, precision.name) for kind in _FEW[:2]]
+    return {str(op.GetOpName()): str(op.GetAttr().GetTypeName()) for op in ops}
+
+
+def metadata() -> dict[str, Any]:
+    """What may be said of a whole stage, as usda writes it, and a usual value."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    keys = layer.pseudoRoot.GetMetaDataInfoKeys()
+    found = {{"documentation": "doc"}.get(key, key): layer.pseudoRoot.GetInfo(key) for key in sorted(keys)}
+    return found | {"subLayers": []}

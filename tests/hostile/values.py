@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from hostile.scenes import FOREIGN, METADATA, SCENES, XFORM_OPS, path_of, put
+from hostile.scenes import SCENES, metadata, path_of, put, xform_ops
 from pxr import Sdf, Usd, Vt
 
 from pipeline.scene.values import range_of
@@ -15,16 +15,37 @@ INTS = (0, -1, 1, 7, 65536, 2**31 - 1, -(2**31))
 LONG = "n" * 100_000
 TEXTS = ("", "bogus", LONG, "a\x1b[31m\x07\r\nb", "\u202eabc", "Ünïcode", "../../x", "%s{}")
 LENGTHS = (0, 1, 2, 1_000, 100_000)
-NOWHERE = [Sdf.Path("/Nowhere")]
-LINKS = (
+BACK = "/Scene/Back.custom:rel"
+"""A relationship that points at whatever points at it."""
+LINKS: tuple[list[str], ...] = (
     [],
-    NOWHERE,
-    [Sdf.Path("/Scene")],
-    [Sdf.Path("/Scene/Board"), Sdf.Path("/Scene/Board")],
-    [Sdf.Path("/Scene/Camera"), Sdf.Path("/Scene/Board"), Sdf.Path("/Scene/Screen")],
-    [Sdf.Path("/Scene/Board.plen:white")],
-    [Sdf.Path(f"/Scene/N{number}") for number in range(1000)],
+    ["/Nowhere"],
+    ["/Scene"],
+    ["/Scene/Board", "/Scene/Board"],
+    ["/Scene/Camera", "/Scene/Board", "/Scene/Screen"],
+    ["/Scene/Board.plen:white"],
+    [f"/Scene/N{number}" for number in range(1000)],
+    [BACK],
 )
+"""Beside these, every relationship is pointed at its own prim and at itself."""
+ORDERS = (
+    [],
+    ["xformOp:translate"] * 2,
+    ["!invert!xformOp:translate"],
+    ["!resetXformStack!", "xformOp:translate"],
+    ["bogus"],
+    [LONG],
+    ["a"] * 1000,
+)
+WRITTEN = {
+    str: lambda: [_quoted(text) for text in TEXTS],
+    float: lambda: [*(repr(number) for number in FLOATS), "2000000000", "1.5", '"text"', "None"],
+    bool: lambda: ["0", "7", '"text"', "None"],
+    Sdf.AssetPath: lambda: ["@@", "@./nowhere.ocio@", "@/dev/zero@", '"text"'],
+    list: lambda: ["[]", "[@@]", "[@./nowhere.usda@]", "[@./dataset.usda@]", '"text"'],
+    dict: lambda: ["{}", '{ string a = "b" }', "{ string a = 1 }", '"text"', "None"],
+}
+"""Metadata of a stage as usda has it, by the type of a usual value."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +65,10 @@ class Attempt:
         stage = SCENES[self.scene].stage()
         prim = path_of(stage, self.at)
         if self.type_name == "rel":
-            put(stage, self.at, self.name, self.value)
+            put(stage, self.at, self.name, [Sdf.Path(path) for path in self.value])
+            if BACK in self.value:
+                back = stage.DefinePrim(Sdf.Path(BACK).GetPrimPath()).CreateRelationship("custom:rel")
+                back.SetTargets([prim.GetPath().AppendProperty(self.name)])
         else:
             attribute = prim.GetAttribute(self.name)
             if not attribute or self.type_name == "wrong":
@@ -67,17 +91,13 @@ class Attempt:
 def attempts() -> list[Attempt]:
     """All of them, in the same order at every run."""
     found = [one for name in SCENES for one in _of_scene(name)]
-    for at, attributes in FOREIGN.items():
-        found += [Attempt("conventional", at, name, kind, v) for name, kind in attributes for v in values(kind)]
     for at in ("Board", "Camera", "Screen"):
-        found += [Attempt("conventional", at, name, kind, v) for name, kind in XFORM_OPS.items() for v in values(kind)]
-        for order in ([], ["xformOp:translate"] * 2, ["!invert!xformOp:translate"], ["bogus"], [LONG], ["a"] * 1000):
-            found.append(Attempt("conventional", at, "xformOpOrder", "token[]", order))
-    for key in METADATA:
-        texts = [repr(number) for number in FLOATS] + ["2000000000", "1.5", '"text"', "None"]
-        found += [Attempt("conventional", "", key, "metadata", text) for text in texts]
-    for key in ("upAxis", "defaultPrim", "doc", "comment"):
-        found += [Attempt("conventional", "", key, "metadata", _quoted(text)) for text in TEXTS]
+        operations = xform_ops(every=at == "Board")
+        found += [Attempt("conventional", at, name, kind, v) for name, kind in operations.items() for v in values(kind)]
+        found += [Attempt("conventional", at, "xformOpOrder", "token[]", order) for order in ORDERS]
+    for key, usual in metadata().items():
+        kind = next((kind for kind in WRITTEN if isinstance(usual, kind)), float)
+        found += [Attempt("conventional", "", key, "metadata", text) for text in WRITTEN[kind]()]
     return found
 
 
@@ -88,7 +108,8 @@ def _of_scene(scene: str) -> Iterator[Attempt]:
         definition = prim.GetPrimDefinition()
         attribute = definition.GetAttributeDefinition(name)
         if not attribute:
-            yield from (Attempt(scene, at, name, "rel", link) for link in LINKS)
+            links = [*LINKS, [str(prim.GetPath())], [f"{prim.GetPath()}.{name}"]]
+            yield from (Attempt(scene, at, name, "rel", link) for link in links)
             continue
         kind = str(attribute.GetTypeName())
         doc = definition.GetPropertyMetadata(name, "documentation") or ""
@@ -133,14 +154,14 @@ def _ends(doc: str, scalar: str) -> list[float]:
 
 def _item(scalar: str, number: Any) -> Any:
     """A value whose every number is the one given."""
-    if scalar in ("token", "string", "bool", "int", "double", "float"):
+    if scalar in ("token", "string", "bool", "int", "double", "float", "half"):
         return number
     kind = _type(scalar).type.pythonClass
-    if scalar == "quatd":
+    if scalar.startswith("quat"):
         return kind(number, number, number, number)
     if scalar == "matrix4d":
         return kind(*[number] * 16)
-    return kind(*[number] * {"2": 2, "3": 3}[next(c for c in scalar if c in "23")])
+    return kind(*[number] * int(next(letter for letter in scalar if letter in "234")))
 
 
 def _tokens(kind: str, tokens: Any) -> list[Any]:

@@ -151,3 +151,26 @@ def test_the_search_finds_the_edge_that_bisection_finds(make, steps: int) -> Non
     assert rays - len(owner) <= (steps + 4) * open_.sum()
     if steps == 24 and make is not displaced_with_blades:
         assert rays - len(owner) < 12 * open_.sum()
+
+
+def test_chords_are_as_far_from_the_middle_in_any_direction_as_where_a_ray_meets_them() -> None:
+    """Three outlines about a point, their corners in any order and their angles in any turn."""
+    rng, corners = np.random.default_rng(5), 12
+    owner = np.repeat(np.arange(3), corners)
+    angle = np.tile(np.arange(corners) * 2 * np.pi / corners, 3) + rng.uniform(-0.2, 0.2, 36)
+    radius, order = rng.uniform(0.5, 2.0, 36), rng.permutation(36)
+    chords = flux._chords(owner[order], angle[order] + 2 * np.pi * rng.integers(-1, 2, 36), radius[order])
+    corner = (radius * np.exp(1j * angle)).reshape(3, corners)
+    side = np.roll(corner, -1, axis=1) - corner
+    for number, way in [(number, way) for number in range(3) for way in np.linspace(-3.1, 6.2, 25)]:
+        across = cross(np.exp(1j * way), side[number])
+        share = cross(corner[number], np.exp(1j * way)) / across
+        distance = cross(corner[number], side[number]) / across
+        met = (share >= 0) & (share <= 1) & (distance > 0)
+        np.testing.assert_allclose(chords.at(np.array([number]), np.array([way])), distance[met][0], rtol=1e-9)
+    np.testing.assert_allclose(chords.area(3), 0.5 * cross(corner, side).sum(axis=1), rtol=1e-12)
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of vectors of the plane as complex numbers."""
+    return np.asarray((a.conj() * b).imag)

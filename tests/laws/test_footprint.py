@@ -10,7 +10,9 @@ from laws import rigs
 from laws.test_direct import rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
+from pipeline.camera import squares
 from pipeline.camera.integrals import integrals
+from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.tasks.positions import position_image
@@ -111,3 +113,29 @@ def test_a_tracer_has_the_hit_fraction_of_a_square(point: Rig) -> None:
     for edge in (0.0, 4.0):
         exact = integrals(wide.tracer, x, np.array([3]), planes, 2, edge).moments
         assert wide.hit_fraction(exact)[0] == pytest.approx(1.0, rel=0, abs=1e-6)
+
+
+def test_bundles_of_a_square_joined_are_the_bundle_of_all_their_rays() -> None:
+    """Weighted mean and covariance of all rays at once; of the four nodes of one square the last is dark."""
+    rng = np.random.default_rng(3)
+    crossing, weight = rng.normal((1e3, 0.0, 0.0, 0.0), size=(2, 4, 20, 4)), rng.uniform(size=(2, 4, 20))
+    nodes, share = squares.nodes(2)
+    weight[1, 3], found = 0.0, np.full((2, 4, COLUMNS), np.nan)
+    found[..., WEIGHT], found[..., FREE_WEIGHT] = weight.sum(axis=2), 2.0
+    for place in set(np.ndindex(2, 4)) - {(1, 3)}:
+        found[place][MEAN:COVARIANCE], found[place][COVARIANCE:WEIGHT] = mean_and_covariance(
+            crossing[place], weight[place]
+        )
+    joined = squares.joined(found, share)
+    for row, rays, light in zip(joined, crossing, weight * share[:, None], strict=True):
+        mean, covariance = mean_and_covariance(rays.reshape(-1, 4), light.ravel())
+        np.testing.assert_allclose(row[MEAN:COVARIANCE], mean, rtol=1e-12)
+        np.testing.assert_allclose(row[COVARIANCE:WEIGHT], covariance, rtol=0, atol=1e-9)
+        assert row[WEIGHT] == pytest.approx(light.sum(), rel=1e-12) and row[FREE_WEIGHT] == pytest.approx(2.0)
+    np.testing.assert_allclose([nodes.T @ share, (nodes**2).T @ share], [[0, 0], [1 / 12, 1 / 12]], atol=1e-15)
+
+
+def mean_and_covariance(rays: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of crossings (n, 4): (4,), and the upper triangle of the covariance (10,)."""
+    covariance = np.cov(rays.T, aweights=weight, ddof=0)
+    return np.average(rays, axis=0, weights=weight), covariance[np.triu_indices(4)]

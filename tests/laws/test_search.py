@@ -11,7 +11,7 @@ from tolerances import HALF_PIXEL_PX
 
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.truth import quadratic, search
-from pipeline.truth.correspond import correspond, find
+from pipeline.truth.correspond import _pooled_error, correspond, find
 from pipeline.truth.grid import RayGrid, fine_from_image
 from pipeline.truth.position_image import on_target
 from pipeline.truth.settings import TruthSettings
@@ -225,6 +225,19 @@ def test_the_error_of_a_row_comes_from_its_own_cell() -> None:
     np.testing.assert_allclose(found.sigma_px, expected, rtol=1e-9)
     near_the_edge = np.abs(found.found.x_px - (width - 1) / 2) < 1.0
     assert np.isfinite(found.sigma_px[near_the_edge]).all() and near_the_edge.sum() > 5
+
+
+def test_the_error_of_a_row_pools_the_nine_positions_around_it_each_once() -> None:
+    """Root mean square of those that are known; each alone is taken as it is."""
+    around = np.arange(1.0, 10.0).reshape(3, 3)
+    grid = dataclasses.replace(grid_of(1), cell=np.zeros((20, 24), np.int64), error_px=np.full((20, 24, 2), np.nan))
+    at = np.array([7]), np.array([5]), np.array([0])
+    for j, i in np.ndindex(3, 3):
+        grid.error_px[6 + j, 4 + i] = around[j, i]
+        np.testing.assert_allclose(_pooled_error(grid, *at), around[j, i], rtol=1e-15)
+        grid.error_px[6 + j, 4 + i] = np.nan
+    grid.error_px[6:9, 4:7] = around[..., None]
+    np.testing.assert_allclose(_pooled_error(grid, *at), np.sqrt(np.mean(around**2)), rtol=1e-15)
 
 
 def test_a_surface_through_sixteen_values_is_exact_where_they_exist_and_abstains_elsewhere() -> None:

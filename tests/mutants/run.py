@@ -10,6 +10,7 @@ Golden files are left out: they say that something changed, not that it is wrong
 
 import argparse
 import itertools
+import json
 import os
 import random
 import sys
@@ -23,7 +24,8 @@ from mutants.mutations import mutants, parses
 from mutants.sandbox import ROOMS, ROOT, Sandbox, Site, Verdict
 
 FOLDER = ROOT / "build" / "mutants"
-"""Copies of the tree, one per job."""
+"""Copies of the tree, one per job, and the verdicts so far."""
+VERDICTS = FOLDER / "verdicts.jsonl"
 
 
 def draw(rooms: list[str], count: int, seed: int, root: Path = ROOT) -> list[Site]:
@@ -47,10 +49,23 @@ def judge_all(sites: list[Site], jobs: int, nearest: int) -> list[Verdict]:
         finally:
             idle.put(sandbox)
         print(_lines(verdict), flush=True)
+        with VERDICTS.open("a", encoding="utf-8") as file:
+            file.write(json.dumps([*_key(site), verdict.noticed_by, verdict.seconds]) + "\n")
         return verdict
 
     with ThreadPoolExecutor(jobs) as pool:
         return list(pool.map(one, sorted(sites, key=lambda site: site.mutant.in_kernel)))
+
+
+def judged(sites: list[Site], text: str) -> list[Verdict]:
+    """Verdicts of an earlier run on some of these mistakes, from its file; where it was cut off, its last line is."""
+    rows = [json.loads(line) for line in text.split("\n")[:-1]]
+    known = {tuple(row[:4]): row[4:] for row in rows}
+    return [Verdict(site, *known[_key(site)]) for site in sites if _key(site) in known]
+
+
+def _key(site: Site) -> tuple[str, int, str, str]:
+    return (str(site.file), *site.mutant.place)
 
 
 def _lines(verdict: Verdict) -> str:
@@ -68,11 +83,17 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at a time")
     parser.add_argument("--nearest", type=int, default=4, help="how many test files may notice each")
     parser.add_argument("--only", metavar="FILE:LINE", nargs="+", help="of those drawn, only the ones in these places")
+    parser.add_argument("--resume", action="store_true", help="go on with a run of the same tree that was stopped")
     options = parser.parse_args()
     start, sites = time.monotonic(), draw(options.rooms, options.count, options.seed)
     if options.only:
         sites = [site for site in sites if f"{site.file}:{site.mutant.place[0]}" in options.only]
-    verdicts = judge_all(sites, options.jobs, options.nearest)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    if not options.resume:
+        VERDICTS.write_text("", encoding="utf-8")
+    verdicts = judged(sites, VERDICTS.read_text(encoding="utf-8")) if VERDICTS.exists() else []
+    known = {_key(verdict.site) for verdict in verdicts}
+    verdicts += judge_all([site for site in sites if _key(site) not in known], options.jobs, options.nearest)
     survivors = [verdict for verdict in verdicts if not verdict.noticed_by]
     minutes = (time.monotonic() - start) / 60
     print(f"\n{len(verdicts)} mistakes, {len(verdicts) - len(survivors)} noticed, {len(survivors)} survived;", end=" ")

@@ -1,6 +1,6 @@
 """A copy of the tree in which mistakes are made, one at a time, and the tests that may notice them."""
 
-import hashlib
+import ast
 import os
 import re
 import shutil
@@ -21,12 +21,13 @@ CAMERA = (
     *("camera", "laws/test_focus.py", "laws/test_f_numbers.py", "laws/test_limits.py", "laws/test_depth_of_field.py"),
     *("laws/test_ideal_lens.py", "laws/test_travel.py", "laws/test_arrays.py", "laws/test_offsets.py"),
     *("laws/test_microlenses.py", "laws/test_displacement.py", "laws/test_symmetry.py", "naive/test_bundle.py"),
+    *("laws/test_edges.py", "laws/test_footprint.py", "laws/test_regions.py"),
 )
 TRUTH = (
     *("laws/test_search.py", "laws/test_second_moments.py", "laws/test_second_order.py", "naive/test_quad_search.py"),
     *("laws/test_truth.py", "laws/test_direct.py", "laws/test_hit_fraction.py", "laws/test_visibility.py"),
     *("laws/test_corner_image.py", "laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py"),
-    "naive/test_properties.py",
+    *("naive/test_properties.py", "laws/test_footprint.py", "laws/test_own_bundle.py"),
 )
 ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
@@ -51,6 +52,16 @@ class Site:
         """Dotted name."""
         return ".".join(self.file.with_suffix("").parts)
 
+    @property
+    def functions(self) -> set[str]:
+        """Names of the functions around it."""
+        line = self.mutant.place[0]
+        return {
+            node.name
+            for node in ast.walk(ast.parse(self.mutant.original))
+            if isinstance(node, ast.FunctionDef) and node.lineno <= line <= (node.end_lineno or 0)
+        }
+
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -64,8 +75,8 @@ class Verdict:
 class Sandbox:
     """A copy of the tree, and of the kernels that are compiled for it.
 
-    Numba recompiles the kernels of a file that changed, not those of other files which call them: `jit.py` of the
-    copy takes the folder of compiled kernels as it is told, and what a mistake reaches is removed from it.
+    Kernels are kept in a folder for all sources together: after one edit all would be compiled again. So `jit.py` of
+    the copy takes the folder as it is told, and only those that a mistake reaches are removed from it.
     """
 
     def __init__(self, folder: Path, nearest: int, root: Path = ROOT) -> None:
@@ -82,17 +93,8 @@ class Sandbox:
         self.imports = Imports(self.tree)
         self.kernels = folder / "kernels"
         shutil.rmtree(self.kernels, ignore_errors=True)
-        self._borrow_kernels(root)
-
-    def _borrow_kernels(self, root: Path) -> None:
-        """Take what is compiled for the checkout: Numba keeps it under a digest of the sources' folder."""
-        for room in filter(Path.is_dir, (self.tree / "pipeline").iterdir()):
-            theirs, ours = (
-                f"{room.name}_{hashlib.sha1(str(path).encode()).hexdigest()}"
-                for path in (root / "pipeline" / room.name, room)
-            )
-            if (cache_folder() / theirs).is_dir():
-                shutil.copytree(cache_folder() / theirs, self.kernels / ours)
+        if root == ROOT and cache_folder().is_dir():
+            shutil.copytree(cache_folder(), self.kernels)
 
     def judge(self, site: Site) -> Verdict:
         """Make a mistake, run the tests of its room, and take it back."""
@@ -116,13 +118,15 @@ class Sandbox:
             self.sound.add(test)
 
     def chosen(self, site: Site) -> list[str]:
-        """Test files of the room that reach the module through the fewest imports, nearest first."""
+        """Test files of the room that name the function, then those that reach the module through fewest imports."""
         away = self.imports.distances(site.module)
         places = [self.tree / "tests" / name for name in ROOMS[site.file.parts[1]]]
         files = [file for place in places for file in (sorted(place.rglob("test_*.py")) if place.is_dir() else [place])]
         names = [str(file.relative_to(self.tree)) for file in files if file.name != "test_jit.py"]
         reached = [name for name in names if module_of(name) in away]
-        return sorted(reached, key=lambda name: away[module_of(name)])[: self.nearest]
+        named = re.compile("|".join(rf"\b{name}\b" for name in site.functions) or "(?!)")
+        silent = {name: not named.search((self.tree / name).read_text(encoding="utf-8")) for name in reached}
+        return sorted(reached, key=lambda name: (silent[name], away[module_of(name)]))[: self.nearest]
 
     def tests(self, files: list[str], kernels: Path) -> str:
         """The first test that fails, or the reason why tests could not run; empty where all pass."""
@@ -148,8 +152,7 @@ class Sandbox:
         """Compiled kernels that a mistake in a module cannot reach, in a folder of its own."""
         folder = self.kernels.with_name("kernels_of_mutant")
         shutil.rmtree(folder, ignore_errors=True)
-        reached = {name.split(".")[-1] for name in self.imports.distances(site.module)}
-        ignore = shutil.ignore_patterns(*(f"{name}.*" for name in reached))
+        ignore = shutil.ignore_patterns(*(f"{module}.*-*" for module in self.imports.distances(site.module)))
         if self.kernels.is_dir():
             shutil.copytree(self.kernels, folder, ignore=ignore)
         return folder

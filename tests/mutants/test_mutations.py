@@ -2,14 +2,21 @@
 which tests notice it, and takes it back.
 """
 
+import json
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mutants.imports import Imports
 from mutants.mutations import mutants, parses
-from mutants.run import draw
+from mutants.run import draw, judged
 from mutants.sandbox import ROOMS, ROOT, Sandbox
+
+from pipeline.kernel_cache import used
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.table import towards_sensor
 
 TOY = '''"""a + b in words"""
 from pipeline.jit import kernel
@@ -95,11 +102,32 @@ def test_the_seed_alone_decides_which_mistakes_are_drawn() -> None:
     assert draw(["optics"], 10, 3) == one[:10]  # a longer run begins with a shorter one
 
 
+def test_a_run_that_was_cut_off_is_taken_up_where_it_stopped() -> None:
+    first, second, third = draw(["optics"], 3, 3)
+    lines = [json.dumps([str(site.file), *site.mutant.place, "a test", 1.5]) for site in (first, third, second)]
+    done = judged([first, second, third], "\n".join(lines)[:-9])
+    assert [verdict.site for verdict in done] == [first, third] and done[0].noticed_by == "a test"
+
+
 def test_all_tests_of_the_rooms_exist_and_reach_what_they_shall_judge() -> None:
     assert all((ROOT / "tests" / name).exists() for names in ROOMS.values() for name in names)
     away = Imports(ROOT).distances("pipeline.truth.second_order")
     assert away["laws.test_second_order"] == 1 and away["pipeline.tasks.truth"] == 1
     assert "target.test_surfaces" not in away
+
+
+def test_tests_that_name_the_function_come_first(toy: Sandbox, tmp_path: Path) -> None:
+    """Before those that are nearer."""
+    for name in ("aside", "named"):
+        way = (
+            "from pipeline.optics import toy\n"
+            if name == "aside"
+            else "from optics.test_aside import toy\n\ntoy.half\n"
+        )
+        (toy.tree / f"tests/optics/test_{name}.py").write_text(way)
+    toy.imports = Imports(toy.tree)
+    chosen = toy.chosen(draw(["optics"], 1, 1, tmp_path / "toy")[0])
+    assert chosen == [f"tests/optics/test_{name}.py" for name in ("toy", "named", "aside")]
 
 
 @pytest.fixture
@@ -118,6 +146,22 @@ def toy(tmp_path: Path) -> Sandbox:
         (root / name).write_text(text)
     subprocess.run(["git", "init", "-q", str(root)], check=True)
     return Sandbox(tmp_path / "sandbox", 4, root)
+
+
+def test_kernels_that_a_mistake_reaches_are_compiled_again_and_no_others(toy: Sandbox, tmp_path: Path) -> None:
+    toy.kernels.mkdir()
+    for name in ("pipeline.optics.toy.half-1f", "pipeline.optics.other.half-1f", "tests.optics.test_toy.f-1f"):
+        (toy.kernels / name).touch()
+    [site, *_] = draw(["optics"], 1, 1, tmp_path / "toy")
+    left = {path.name for path in toy._kernels_without(site).iterdir()}
+    assert left == {"pipeline.optics.other.half-1f", "tests.optics.test_toy.f-1f"}
+
+
+def test_kernels_are_kept_under_the_names_of_their_modules(tronnier: Prescription) -> None:
+    """By these names the copy of the tree knows which to compile again."""
+    rays = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1)
+    trace_rays(towards_sensor(tronnier), *rays)
+    assert any(name.startswith("pipeline.optics.kernels.trace_rays-") for name in used)
 
 
 def test_a_mistake_is_noticed_or_survives_and_is_taken_back(toy: Sandbox, tmp_path: Path) -> None:

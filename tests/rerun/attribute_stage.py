@@ -1,15 +1,10 @@
 """A stage for `test_attributes`: a conventional and a plenoptic camera, an occluder, and a target of every kind."""
 
-STAGE = """#usda 1.0
-(
-    defaultPrim = "Scene"
-    endTimeCode = 2
-    metersPerUnit = 0.001
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
+from stage_text import head
 
+STAGE = (
+    head("Scene", end=2)
+    + """
 def PlenDataset "Scene"
 {
     rel plen:cameras = [</Scene/A/Camera>, </Scene/B/Camera>]
@@ -176,3 +171,4 @@ def PlenDataset "Scene"
     }
 }
 """
+)

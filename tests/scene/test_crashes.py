@@ -27,6 +27,7 @@ NESTED = {
     "dictionaries": ('def "A" (\ncustomData = {\n' + "dictionary a = {\n", "", "}\n"),
     "arrays": ("def 'A' { double[] a = " + "[", "", "]"),
     "tuples": ("def 'A' { double3 a = " + "(", "", ")"),
+    "numbers": ("def 'A' { double3[] a = [1, " + "(", "1", ")"),
 }
 
 
@@ -34,10 +35,11 @@ def nested(kind, count):
     """A text with so many brackets in each other."""
     opening, middle, closing = NESTED[kind]
     first, last = opening.rsplit("\n", 2)[0] if kind == "dictionaries" else "", opening
-    if kind in ("dictionaries", "arrays", "tuples"):
+    if kind in ("dictionaries", "arrays", "tuples", "numbers"):
         cut = -1 if kind != "dictionaries" else -len("dictionary a = {\n")
         first, last = opening[:cut], opening[cut:]
-    return HEAD + first + last * count + middle + closing * count
+    end = "]" if kind == "numbers" else ""
+    return HEAD + first + last * count + middle + closing * count + end
 
 
 @pytest.mark.parametrize("kind", NESTED)

@@ -135,3 +135,32 @@ def test_the_first_layer_of_a_package_is_looked_through(tmp_path):
 
     assert [line for *_, line in text_map(package).cut] == [4]
     assert [line for *_, line in text_map(f"{package}[inner.usda]").cut] == [4]
+
+
+def test_cut_numbers_are_found_on_their_own_lines_of_an_array(tmp_path):
+    """Arrays of digits alone, with brackets inside, in time samples, and with words among the numbers."""
+    path = tmp_path / "a.usda"
+    path.write_text("""#usda 1.0
+def "A"
+{
+    int[] a = [1,
+        2.5, -3,
+        4e-1]
+    int2[] b = [(1, 2),
+        (3, 4.5)]
+    bool[] c = [0, 1,
+        2]
+    int[] d.timeSamples = {
+        1: [1, 2],
+        2: [3, 0.5],
+    }
+    int[] e = []
+    int[] f = [1, 1.5, inf]
+    double[] g = [1.5, 2.5]
+    int h = 7
+}
+""")
+    found = [(at, line) for at, *_, line in text_map(path).cut]
+    assert found == [("/A.a", 5), ("/A.a", 6), ("/A.b", 8), ("/A.c", 10), ("/A.d", 13), ("/A.f", 16)]
+    lines = text_map(path).lines
+    assert (lines["/A.d[2.0]"], lines["/A.e"], lines["/A.h"]) == (13, 15, 18)

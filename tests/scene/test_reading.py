@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from pxr import Gf, Vt
+from stage_text import head
 
 import pipeline
 from pipeline.camera.focus import foci
@@ -17,19 +19,10 @@ from pipeline.scene.load import load, open_dataset
 from pipeline.scene.opening import open_stage
 from pipeline.scene.problems import StageError
 from pipeline.scene.reading import read_prescription
+from pipeline.scene.values import plain
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
-HEAD = """#usda 1.0
-(
-    defaultPrim = "Dataset"
-    endTimeCode = 1
-    metersPerUnit = {unit}
-    startTimeCode = 1
-    timeCodesPerSecond = 24
-    upAxis = "Y"
-)
-"""
 
 
 @pytest.fixture
@@ -39,7 +32,7 @@ def write(tmp_path):
     def writer(board, rig="", unit="0.001", dataset=""):
         path = tmp_path / "dataset.usda"
         path.write_text(
-            HEAD.format(unit=unit)
+            head("Dataset", unit=unit)
             + f"""
 def PlenDataset "Dataset"
 {{
@@ -319,7 +312,7 @@ def test_a_surface_carries_its_shape_and_its_aperture(tmp_path):
     """Coefficients in the order of their powers; of the aperture only what its shape reads."""
     path = tmp_path / "dataset.usda"
     path.write_text(
-        HEAD.format(unit="0.001")
+        head("Dataset")
         + f"""
 def "Dataset" (prepend references = @{TINY}@)
 {{
@@ -421,3 +414,19 @@ def test_groups_laid_over_a_lens_are_named_ranges_of_its_surfaces(tmp_path):
 def test_groups_that_no_lens_can_have_are_refused_by_the_record(groups):
     with pytest.raises(PrescriptionError, match="groups"):
         Prescription(surfaces=rigs.tronnier().surfaces, groups=groups)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        Vt.Vec3fArray(200, [Gf.Vec3f(1.1, -0.0, 3.0)]),
+        Vt.IntArray(200, [-5]),
+        Vt.DoubleArray(200, [-0.0]),
+        Vt.TokenArray(200, ["a"]),
+        Vt.QuatdArray(200, [Gf.Quatd(1.0, 2.0, 3.0, -0.0)]),
+    ],
+    ids=lambda array: type(array).__name__,
+)
+def test_a_long_array_becomes_what_its_entries_become(array):
+    """Their types, and 0.0 for -0.0, included."""
+    assert repr(plain(array)) == repr(tuple(plain(item) for item in array))
