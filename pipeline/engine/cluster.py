@@ -127,6 +127,10 @@ class Dask:
             done = {future for future in self._running if future.done()}
         return [self._reply(future) for future in done if future in self._running]
 
+    def drop_waiting(self) -> list[str]:
+        """None: the scheduler does not say which tasks wait."""
+        return []
+
     def close(self) -> None:
         """Drop what is not finished; the cluster stays."""
         with contextlib.suppress(Exception):  # a scheduler that is gone has nothing to drop

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from pxr import Tf
 
+from pipeline.errors import UsageError
+from pipeline.places import flaw_of
 from pipeline.scene.asset_roots import allowed_roots, file_of
 from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
@@ -70,7 +72,14 @@ def load(path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool
         Folders that the stage may read from, besides its project and the shipped library.
     look : bool
         Also trace some rays to say what a camera does not see, and parts that hardly belong together: `pipeline check`.
+
+    Raises
+    ------
+    UsageError
+        The path cannot be one of a stage.
     """
+    if flaw := flaw_of(Path(path)):
+        raise UsageError(f"the path of the stage {flaw}", hint="give it another name")
     try:
         return _loaded(Path(path), allowed_roots(Path(path), allow_roots), look)
     except StageError as error:
