@@ -68,11 +68,11 @@ class Rights:
             return
         for folder in (self.root / name for name in names):
             if folder.is_dir() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
-                who = "g" if self.mode & stat.S_IWGRP else "a"
+                root, who = shlex.quote(str(self.root)), "g" if self.mode & stat.S_IWGRP else "a"
+                mending = f"chgrp -R {self.group} {root} && find {root} -type d -exec chmod {who}+rwx {{}} +"
                 raise EnvironmentFault(
                     f"you may write to the store {self.root}, but not to its folder {folder.name}",
-                    hint=f"{_name(folder)}, or root, mends it: "
-                    f"find {shlex.quote(str(self.root))} -type d -exec chmod {who}+rwx {{}} +",
+                    hint=f"{_name(folder)}, or root, mends it: {mending}",
                 )
 
 

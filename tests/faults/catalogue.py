@@ -16,12 +16,15 @@ from pathlib import Path
 
 import numpy as np
 from faults.shim import fail_at, in_fork, kill_at
+from faults.signals import signals_at_any_moment
+from faults.surroundings import odd_surroundings
 from faults.untrusted import (
     damaged_kernels,
     flips_after_verification,
     something_in_the_place_of_folders,
     things_of_somebody_else,
 )
+from faults.users import second_users
 from faults.workbench import STAGE, Row, Workbench, entries
 
 from pipeline.engine import manifest
@@ -543,7 +546,10 @@ FAULTS = (
     something_in_the_place_of_folders,
     flips_after_verification,
     things_of_somebody_else,
+    signals_at_any_moment,
+    second_users,
+    odd_surroundings,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20, 21, 22, 23, 24)
+SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 15, 20, 21, 22, 23, 24, 27)
 """Rows that the tests do too, by number; the others start processes that load everything again."""
