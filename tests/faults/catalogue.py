@@ -40,9 +40,9 @@ from pipeline.files.png import read_png
 
 
 def killed_at_every_step(bench: Workbench) -> Row:
-    steps = bench.steps_of_a_build()
+    steps = bench.steps_of_a_build
     row = Row("R1", f"SIGKILL before each of {steps} steps of a build")
-    for number in bench.some(steps, 4):
+    for number in bench.some(steps, 2):
         place = bench.new_place()
         row.failed += bench.build_in_fork(place, kill_at(number)) == -signal.SIGKILL
         row.tried += 1
@@ -54,7 +54,7 @@ def power_failures(bench: Workbench) -> Row:
     row = Row("R2", "power failure: entry missing, empty, cut, or zeros")
     names = [path.relative_to(bench.folder / "right") for path in entries(bench.folder / "right")]
     states = [(name, state) for name in names for state in ("missing", "empty", "cut", "zeros")]
-    for number in bench.some(len(states), 3):
+    for number in bench.some(len(states), 2):
         name, state = states[number - 1]
         place = bench.new_place(built=True)
         shutil.rmtree(place / "out")
@@ -132,7 +132,7 @@ def entries_of_another_kind(bench: Workbench) -> Row:
         "folder": lambda path: path.mkdir(),
     }
     cases = [(name, maker) for name in names[1:] for maker in makers]
-    for number in bench.some(len(cases), 4):
+    for number in bench.some(len(cases), 2):
         name, maker = cases[number - 1]
         precious.write_text("precious")
         place = bench.new_place(built=True)
@@ -146,7 +146,7 @@ def entries_of_another_kind(bench: Workbench) -> Row:
 
 
 def errors_of_the_system(bench: Workbench, number: str, fault: str, error: int, *, for_good: bool, most: int) -> Row:
-    steps = bench.steps_of_a_build()
+    steps = bench.steps_of_a_build
     row = Row(number, f"{fault}, at each of {steps} steps{', and from there on' if for_good else ''}")
     for step in bench.some(steps, most):
         place = bench.new_place()
@@ -264,7 +264,8 @@ def builders_without_common_locks(bench: Workbench) -> Row:
     def no_locks(handle: int, operation: int) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    for flock in (lambda handle, operation: None, no_locks) * (10 if bench.whole else 1):
+    kinds = (no_locks, lambda handle, operation: None)
+    for flock in kinds * 10 if bench.whole else kinds[:1]:
         place = bench.new_place()
 
         def prepare(number: int, flock=flock) -> None:
@@ -438,7 +439,7 @@ def collectors(bench: Workbench) -> Row:
     steps, bench.shim._root = bench.shim.steps, None
     row = Row("R19", f"collector killed at each of {steps} steps, and beside a running build")
     row.wrong += dropped.records != len(bench.project.graph) or dropped.bytes_left != 0
-    for number in bench.some(steps, 2):
+    for number in bench.some(steps, 1):
         place = _forsaken(bench)
 
         def work(place: Path = place, number: int = number) -> int:
@@ -455,7 +456,7 @@ def collectors(bench: Workbench) -> Row:
     if pid == 0:
         while True:
             collect(Store(place / "store"), 0)
-    for _ in range(3):
+    for _ in range(3 if bench.whole else 1):
         row.tried += 1
         row.wrong += bench.build_in_fork(place) != 0
         shutil.rmtree(place / "out")
@@ -527,7 +528,7 @@ FAULTS = (
     flipped_bits,
     entries_of_another_kind,
     full_disks,
-    lambda bench: errors_of_the_system(bench, "R6", "disk full (ENOSPC)", errno.ENOSPC, for_good=True, most=2),
+    lambda bench: errors_of_the_system(bench, "R6", "disk full (ENOSPC)", errno.ENOSPC, for_good=True, most=1),
     read_only,
     several_builders,
     builders_without_common_locks,
@@ -539,9 +540,9 @@ FAULTS = (
     collectors,
     determinism,
     lost_workers,
-    lambda bench: errors_of_the_system(bench, "R24", "I/O error (EIO), once", errno.EIO, for_good=False, most=2),
-    lambda bench: errors_of_the_system(bench, "R24", "too many open files", errno.EMFILE, for_good=False, most=2),
-    lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=2),
+    lambda bench: errors_of_the_system(bench, "R24", "I/O error (EIO), once", errno.EIO, for_good=False, most=1),
+    lambda bench: errors_of_the_system(bench, "R24", "too many open files", errno.EMFILE, for_good=False, most=1),
+    lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=1),
     damaged_kernels,
     something_in_the_place_of_folders,
     flips_after_verification,
