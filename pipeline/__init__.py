@@ -6,7 +6,10 @@ Nothing heavy is imported before it is asked for (PEP 562).
 """
 
 from importlib import import_module
-from typing import Any
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # the command begins here, and Ctrl-C means something else until it has looked after that
+    from typing import Any
 
 __version__ = "0.1.0"
 
@@ -24,7 +27,7 @@ _HOMES = {
 __all__ = ["__version__", *_HOMES]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
