@@ -7,9 +7,12 @@ environment, what to compute with, so that results do not depend on the processo
 """
 
 from importlib import import_module
-from typing import Any
 
 from pipeline.processor import pin
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # the command begins here, and Ctrl-C means something else until it has looked after that
+    from typing import Any
 
 pin()  # before anybody imports NumPy
 
@@ -29,7 +32,7 @@ _HOMES = {
 __all__ = ["__version__", *_HOMES]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.errors import Exit, PipelineError, UsageError
+from pipeline.room import require_room
 from pipeline.verbs import building, graph, tasks, watch
 from pipeline.verbs.cache import cache
 from pipeline.verbs.terminal import (
@@ -31,6 +32,7 @@ from pipeline.verbs.terminal import (
     note,
     number_of,
     say,
+    written,
 )
 
 app = new_family(
@@ -307,17 +309,20 @@ def main() -> None:
     code = _exit_code()
     try:
         sys.stdout.flush()
-    except BrokenPipeError:
-        code = Exit.READER_GONE
-    if code == Exit.READER_GONE:  # nothing more may be written, also not by the interpreter at its end
+    except OSError:  # that was told; nothing more may be written, also not by the interpreter at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
 
 
 def _exit_code() -> int:
+    from pipeline.engine.files import is_machines_fault
+
     try:
+        require_room()
         # Not standalone: errors come here, and an Exit gives its code.
-        return int(app(standalone_mode=False) or 0)
+        code = int(app(standalone_mode=False) or 0)
+        written()
+        return code
     except ReaderGone:
         return Exit.READER_GONE
     except (KeyboardInterrupt, typer.Abort):
@@ -327,6 +332,9 @@ def _exit_code() -> int:
         note(error.told)
         return error.exit_code
     except Exception as error:
+        if is_machines_fault(error):
+            note(f"error: {error}")
+            return Exit.MACHINE
         if hasattr(error, "show") and hasattr(error, "exit_code"):  # wrong usage, found by the option parser
             error.show()
             return int(error.exit_code)

@@ -17,6 +17,7 @@ class Exit(IntEnum):
     MACHINE = 5
     NOT_CONFIRMED = 6
     BUG = 70
+    HUNG_UP = 129
     INTERRUPTED = 130
     READER_GONE = 141
     TERMINATED = 143
@@ -53,6 +54,19 @@ class UsageError(PipelineError):
     """A wrong argument, or a stage that does not pass `check` (exit code 2)."""
 
     exit_code = Exit.USAGE
+
+
+class Interrupted(PipelineError):
+    """A signal ended the command; the exit code says which one."""
+
+    def __init__(self, exit_code: int) -> None:
+        super().__init__("interrupted")
+        self.exit_code = Exit(exit_code)
+
+    @property
+    def told(self) -> str:
+        """As the command prints it: no error."""
+        return self.what
 
 
 class EnvironmentFault(PipelineError):

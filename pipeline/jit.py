@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.processor import settings_of_numba
+from pipeline.user_cache import user_cache
 
 _LOCK = threading.RLock()
 _PACKAGE = Path(__file__).resolve().parent
@@ -25,21 +26,23 @@ def cache_folder() -> Path:
     """Where compiled kernels are kept: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
 
     Keyed by a digest of all sources that kernels reach: a callee in another file may change, or a constant, which is
-    compiled in.
+    compiled in. Where that of another user lies under the same name, ours is named after us: code of others is not run.
     """
     home = os.environ.get("PIPELINE_JIT_CACHE")
-    root = Path(home) if home else _user_cache() / "jit"
-    return root / _digest_of_this()
+    folder = (Path(home) if home else user_cache() / "jit") / _digest_of_this()
+    return folder if _may_be_ours(folder) else folder.with_name(f"{folder.name}-{os.geteuid()}")
+
+
+def _may_be_ours(folder: Path) -> bool:
+    try:
+        return folder.lstat().st_uid in (os.geteuid(), 0)
+    except OSError:
+        return True
 
 
 @functools.cache
 def _digest_of_this() -> str:
     return _source_digest()
-
-
-def _user_cache() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline"
 
 
 def _source_digest(package: Path = _PACKAGE) -> str:

@@ -115,14 +115,14 @@ class Bar:
         self._bar = self._progress.add_task("", total=None)
 
     def __enter__(self) -> "Bar":
-        self._progress.start()
-        return self
+        return self  # it starts with the first event: whatever ends the process before leaves the cursor as it is
 
     def __exit__(self, *error: object) -> None:
         self._progress.stop()
 
     def __call__(self, event: Event) -> None:
         """Move the bar."""
+        self._progress.start()
         self._tally.add(event)
         if event["event"] == "warning":
             self._progress.console.print(f"warning: {event['text']}", markup=False, highlight=False)

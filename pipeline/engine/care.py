@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest, quarantine
-from pipeline.engine.files import is_unreadable, locked
+from pipeline.engine.files import is_unreadable
+from pipeline.engine.locks import Errand, locked
+from pipeline.engine.seen import Seen
 from pipeline.engine.store import Store
 from pipeline.engine.workspace import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
@@ -117,7 +119,7 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
     that of use (times of the record files, never compared with a clock). Results of the last build of every output
     folder that still has its manifest stay, also beyond the limit.
     """
-    with locked(store.root / "gc.lock", timeout_s=wait_s) as held:
+    with locked(store.root / "gc.lock", timeout_s=wait_s, errand=Errand(doing="collects what is not used")) as held:
         if not held and not dry_run:
             return Collected(records=0, blobs=0, bytes=0, bytes_left=store.size(), limit_bytes=limit_bytes, busy=True)
         sizes = {name: facts.st_size for name, facts in store.entries("blob")}
@@ -165,16 +167,24 @@ def check(store: Store) -> Checked:
 
 
 def pinned_keys(store: Store) -> set[str]:
-    """Keys of the last build of every output folder that is still there with its manifest."""
+    """Keys of the last build of every output folder that still holds its manifest, or a file of a partial delivery."""
     keys: set[str] = set()
     for name in store.notes("history"):
         note = store.read_note("history", name)
         try:
-            if (Path(note["out"]) / manifest.NAME).is_file():
+            if _holds_something(store, Path(note["out"])):
                 keys.update(note["keys"].values())
         except (TypeError, KeyError, AttributeError):
             continue  # not a history of ours: nothing to keep for it
     return keys
+
+
+def _holds_something(store: Store, out: Path) -> bool:
+    """Whether an output folder is finished, or holds a file that was put there while it was not."""
+    if (out / manifest.NAME).is_file():
+        return True
+    ours = Seen(out, store).ours
+    return manifest.NAME not in ours and any((out / path).is_file() for path in ours)
 
 
 def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set[str], set[str]]:

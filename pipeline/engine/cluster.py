@@ -8,18 +8,20 @@ import asyncio
 import contextlib
 import logging
 import os
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from pipeline.engine.engines import Plain
 from pipeline.engine.perform import failed, lost, perform
 from pipeline.engine.store import Store
-from pipeline.errors import EnvironmentFault, UsageError
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 
 _CONNECT_S = 30
 _NO_WORKERS_S = 120.0
+_OF_DASK = re.compile(r"distributed\.")
 _SETTINGS = {
     # A worker that holds the interpreter's lock for long is not dead.
     "distributed.scheduler.worker-ttl": "30 minutes",
@@ -73,7 +75,8 @@ class Dask:
         import distributed
 
         dask.config.set(_SETTINGS)
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said by us
+        for name in ("distributed", *filter(_OF_DASK.match, logging.root.manager.loggerDict)):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said by us
         self._store, self._packages, self._timeout_s = store, packages, timeout_s
         self._running: dict[Any, tuple[Plain, float]] = {}
         self._submitted = 0
@@ -86,7 +89,8 @@ class Dask:
             raise EnvironmentFault(
                 f"cannot reach the Dask scheduler {where}: {error}", hint="is it running, and is this its address?"
             ) from error
-        self._require_same_store()
+        with self._reaching():
+            self._require_same_store()
 
     @property
     def free(self) -> int:
@@ -97,16 +101,17 @@ class Dask:
     def submit(self, spec: Plain) -> None:
         """Give a task to the cluster."""
         self._submitted += 1
-        future = self._client.submit(
-            _perform_there,
-            spec,
-            str(self._store.root),
-            list(self._packages),
-            # Never a key that Dask knows already: it would give the old result.
-            key=f"{spec['components']['kind']}-{spec['key'][:32]}-{os.getpid()}-{self._submitted}",
-            pure=False,
-            priority=-self._submitted,  # in the order of the driver, which sends the longest path first
-        )
+        with self._reaching():
+            future = self._client.submit(
+                _perform_there,
+                spec,
+                str(self._store.root),
+                list(self._packages),
+                # Never a key that Dask knows already: it would give the old result.
+                key=f"{spec['components']['kind']}-{spec['key'][:32]}-{os.getpid()}-{self._submitted}",
+                pure=False,
+                priority=-self._submitted,  # in the order of the driver, which sends the longest path first
+            )
         self._running[future] = spec, time.monotonic()
 
     def wait(self, timeout_s: float) -> list[Plain]:
@@ -126,6 +131,10 @@ class Dask:
         except (distributed.CancelledError, asyncio.CancelledError, OSError):
             done = {future for future in self._running if future.done()}
         return [self._reply(future) for future in done if future in self._running]
+
+    def drop_waiting(self) -> list[str]:
+        """None: the scheduler does not say which tasks wait."""
+        return []
 
     def close(self) -> None:
         """Drop what is not finished; the cluster stays."""
@@ -201,6 +210,21 @@ class Dask:
         raise EnvironmentFault(
             "the Dask scheduler is gone", hint="start it and build again: what was finished is in the store"
         )
+
+    @contextlib.contextmanager
+    def _reaching(self) -> Iterator[None]:
+        """Work for which the scheduler must be there. A client that has lost it raises this and that."""
+        try:
+            yield
+        except PipelineError:
+            raise
+        except (Exception, asyncio.CancelledError) as error:
+            of_dask = type(error).__module__.partition(".")[0] in ("asyncio", "distributed", "tornado")
+            if of_dask or isinstance(error, OSError) or self._client.status != "running":
+                with contextlib.suppress(Exception):
+                    self._client.close(timeout=5)
+                self._gone()
+            raise
 
     def _require_same_store(self) -> None:
         """Every worker must see this store under this path: it is the only thing that we share."""

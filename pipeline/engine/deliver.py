@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.engine import manifest
-from pipeline.engine.files import chosen_place, locked_folder, machine_errors, read_regular
+from pipeline.engine.files import chosen_place, machine_errors, read_regular
 from pipeline.engine.folder import ASIDE, Folder
+from pipeline.engine.locks import Errand, locked_folder
 from pipeline.engine.seen import Seen, name_of
 from pipeline.engine.spec import Record
 from pipeline.engine.store import Store
@@ -74,7 +75,8 @@ def deliver(
     with chosen_place("write to", out):
         out.mkdir(parents=True, exist_ok=True)
     # The store's lock may reach other machines; the folder's own reaches builders with other stores.
-    with store.single_flight(name_of(out)), locked_folder(out) as alone, _errors_told(out, goal):
+    flight, errand = store.single_flight(name_of(out), f"fills {out}"), Errand(say=store.say_waiting)
+    with flight, locked_folder(out, errand=errand) as alone, _errors_told(out, goal):
         there = manifest.read_of(out, head.get("stage"))
         if not whole:
             goal = replace(goal, whole=False, manifest=there.data if _agrees(there, entries) else None)

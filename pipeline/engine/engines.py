@@ -22,7 +22,11 @@ Plain = dict[str, Any]
 
 
 class Engine(Protocol):
-    """A place for tasks. `free` is the number of tasks that it can take now."""
+    """A place for tasks. `free` is the number of tasks that it can take now.
+
+    `wait` gives replies of tasks, and of such as still wait for another builder what they say about that (state
+    waiting). `drop_waiting` gives up these, as far as it knows of any, and gives their names.
+    """
 
     @property
     def free(self) -> int: ...
@@ -30,6 +34,8 @@ class Engine(Protocol):
     def submit(self, spec: Plain) -> None: ...
 
     def wait(self, timeout_s: float) -> list[Plain]: ...
+
+    def drop_waiting(self) -> list[str]: ...
 
     def close(self) -> None: ...
 
@@ -55,6 +61,10 @@ class Inline:
         replies = [perform(spec, self._store, self._packages) for spec in self._waiting]
         self._waiting.clear()
         return replies
+
+    def drop_waiting(self) -> list[str]:
+        """None: what waits in this process is stopped by the signal itself."""
+        return []
 
     def close(self) -> None:
         """Nothing to end."""
@@ -108,8 +118,9 @@ class Processes:
             for line in map(json.loads, lines):
                 if "begun" in line:
                     worker.since = time.monotonic()
-                else:
-                    replies.append(line)
+                    continue
+                replies.append(line)
+                if line["state"] != "waiting":
                     worker.spec = None
             if not data:
                 replies += self._bury(worker)
@@ -129,6 +140,16 @@ class Processes:
                 text = f"it took longer than {self._timeout_s:g} s and was ended (--timeout)"
                 replies.append(failed(name, key, text, self._store, seconds))
         return replies
+
+    def drop_waiting(self) -> list[str]:
+        """End workers whose task has not begun, because another builder has it."""
+        names = []
+        for worker in list(self._workers):
+            if worker.spec is not None and worker.since is None:
+                names.append(worker.spec["name"])
+                worker.process.kill()
+                self._forget(worker)
+        return names
 
     def close(self) -> None:
         """End all workers at once; what they had not finished leaves nothing behind."""

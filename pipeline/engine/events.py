@@ -4,6 +4,7 @@
 and `usual_seconds`), `warning` with a text, and `end` with the summary of the build.
 """
 
+import contextlib
 import json
 import time
 from collections.abc import Callable, Iterable
@@ -21,6 +22,11 @@ Emit = Callable[[Event], None]
 
 def silent(event: Event) -> None:
     """Nobody listens."""
+
+
+def warner(on_event: Emit) -> Callable[[str], None]:
+    """What turns texts into warnings for a listener."""
+    return lambda text: on_event({"event": "warning", "text": text})
 
 
 def fan_out(listeners: Iterable[Emit]) -> Emit:
@@ -61,7 +67,8 @@ class EventFile:
     def close(self) -> None:
         """Flush and close."""
         if self._stream is not None:
-            self._stream.close()
+            with contextlib.suppress(OSError):  # told when it was written
+                self._stream.close()
 
 
 def _beginning(path: Path) -> bytes:

@@ -1,4 +1,4 @@
-"""Reading, writing aside, copying and locking plain files: what the store and the delivery are made of."""
+"""Reading, writing aside and copying plain files: what the store and the delivery are made of."""
 
 import contextlib
 import errno
@@ -7,7 +7,6 @@ import hashlib
 import os
 import shutil
 import stat
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,54 +138,3 @@ def copy(source: Path, target: Path) -> None:
             fcntl.ioctl(writer.fileno(), _FICLONE, reader.fileno())
             return
         shutil.copyfileobj(reader, writer, _CHUNK)
-
-
-def try_lock(handle: int, *, shared: bool = False) -> bool | None:
-    """Try once to lock an open file; None means that this file system has no locks."""
-    try:
-        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except OSError as error:
-        return False if error.errno in (errno.EWOULDBLOCK, errno.EINTR) else None
-    return True
-
-
-@contextlib.contextmanager
-def locked(path: Path, timeout_s: float = 3600.0, *, shared: bool = False) -> Iterator[bool]:
-    """Hold a lock that dies with this process; False after the timeout, or where nothing can be locked.
-
-    Shared locks exclude exclusive ones only.
-
-    Locks only save work: who goes on without one computes the same bytes once more.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError:
-        yield False
-        return
-    with _held(handle, timeout_s, shared=shared) as held:
-        yield held
-
-
-@contextlib.contextmanager
-def locked_folder(folder: Path, timeout_s: float = 3600.0) -> Iterator[bool]:
-    """As `locked`, for a folder itself: nothing is written into it, and it may be read-only."""
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:
-        yield False
-        return
-    with _held(handle, timeout_s) as held:
-        yield held
-
-
-@contextlib.contextmanager
-def _held(handle: int, timeout_s: float, *, shared: bool = False) -> Iterator[bool]:
-    """Wait for the lock of an open file, and close the file in the end."""
-    give_up = time.monotonic() + timeout_s
-    try:
-        while (held := try_lock(handle, shared=shared)) is False and time.monotonic() < give_up:
-            time.sleep(0.02)
-        yield bool(held)
-    finally:
-        os.close(handle)

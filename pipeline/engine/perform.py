@@ -48,11 +48,11 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
     key, start = spec["key"], time.perf_counter()
     log = store.file_for("log", key)
     try:
-        with store.single_flight(key):
+        with store.single_flight(key, f"makes {spec['name']}"):
             record = None if spec.get("force") else store.record(key)  # somebody may have made it meanwhile
             if record is not None:
                 return {"name": spec["name"], "state": "cached", "seconds": 0.0, "record": record}
-            with _logging(log):
+            with _logging(log, store):
                 record, differs = _compute(spec, store, packages)
     except (Exception, SystemExit) as error:
         expected = isinstance(error, EnvironmentFault | DamagedBlob)
@@ -186,7 +186,7 @@ def _outputs(out: Path) -> Iterator[tuple[str, Path]]:
 
 
 @contextlib.contextmanager
-def _logging(log: Path) -> Iterator[None]:
+def _logging(log: Path, store: Store) -> Iterator[None]:
     """Send what the task prints to its log: stdout is data of the command, stderr belongs to the progress."""
     if not _logs.acquire(blocking=False):  # another thread's task owns the streams of this process
         yield
@@ -194,6 +194,7 @@ def _logging(log: Path) -> Iterator[None]:
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.open("w").close()
+        store.rights.give(log)
         with (
             log.open(
                 "a", encoding="utf-8", buffering=1

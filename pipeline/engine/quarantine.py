@@ -11,6 +11,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.engine.sharing import rights_of
+
 _ENTRY = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 
 
@@ -22,7 +24,7 @@ def put_away(root: Path, path: Path) -> Path | None:
             folder.rename(root / f"quarantine.{time.time_ns()}")
         if path == folder:
             return folder
-        folder.mkdir(exist_ok=True)
+        rights_of(root).make_folder(folder)
         return path.rename(folder / f"{time.time_ns()}-{path.name}")
     except OSError:  # a read-only store keeps it
         return None

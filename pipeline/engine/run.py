@@ -1,5 +1,6 @@
 """The one driver loop, whatever the engine: look up, submit what is missing, collect."""
 
+import contextlib
 import heapq
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -7,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.engine.engines import Engine, Inline, Processes
-from pipeline.engine.events import Emit, silent
+from pipeline.engine.events import Emit, silent, warner
 from pipeline.engine.graph import TaskGraph
-from pipeline.engine.interrupts import Interrupts
+from pipeline.engine.interrupts import Interrupts, impatient, patient
 from pipeline.engine.memory import Budget, available_bytes
 from pipeline.engine.perform import failed
 from pipeline.engine.spec import Record, Spec, Specs
@@ -93,6 +94,7 @@ def run(
     places: dict[str, str] | None = None,
     on_event: Emit = silent,
     prepare: Callable[[], None] | None = None,
+    interrupts: Interrupts | None = None,
 ) -> Outcome:
     """Make every task of a graph be in the store.
 
@@ -116,7 +118,9 @@ def run(
     places : dict, optional
         `Project.places`.
     prepare : callable, optional
-        Called once in this process before the first task runs, and not at all if none has to.
+        Called once in this process before the first task runs, and not at all if none has to. Signals stop it at once.
+    interrupts : Interrupts, optional
+        Open ones of the caller, who does more that signals may end.
     """
     if engine is None:
         inline = jobs <= 1 and timeout_s is None and pin()
@@ -135,12 +139,11 @@ def run(
         on_event=on_event,
         prepare=prepare,
     )
-    with Interrupts(lambda text: on_event({"event": "warning", "text": text})) as interrupts:
-        try:
-            interrupts.stoppable(lambda: driver.loop(interrupts))
-        finally:
-            engine.close()
-    driver.outcome.interrupted = interrupts.exit_code
+    with contextlib.ExitStack() as stack:
+        own = interrupts or stack.enter_context(Interrupts(warner(on_event)))
+        stack.callback(engine.close)
+        own.stoppable(lambda: driver.loop(own))
+    driver.outcome.interrupted = own.exit_code
     return driver.finish()
 
 
@@ -177,14 +180,18 @@ class _Driver:
             self._queue_if_ready(name)
 
     def loop(self, interrupts: Interrupts) -> None:
-        while True:
-            going = interrupts.signal is None and not self._broken and (self.keep_going or not self._failed())
-            while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
-                self._take(heapq.heappop(self._ready)[1])
-            if not self._running and not (going and self._ready):
-                return
-            for reply in self.engine.wait(_TICK_S):
-                self._collect(reply)
+        with patient():
+            while True:
+                going = interrupts.signal is None and not self._broken and (self.keep_going or not self._failed())
+                while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
+                    self._take(heapq.heappop(self._ready)[1])
+                if not self._running and not (going and self._ready):
+                    return
+                for reply in self.engine.wait(_TICK_S):
+                    self._collect(reply)
+                if interrupts.signal is not None:
+                    for name in self.engine.drop_waiting():
+                        del self._running[name]
 
     def _may_start(self, name: str) -> bool:
         if self._alone & self._running.keys() or (name in self._alone and self._running):
@@ -220,17 +227,20 @@ class _Driver:
             self._settle(TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key), record)
             return
         if self.prepare is not None:
-            self.prepare()
+            with impatient():
+                self.prepare()
             self.prepare = None
         self._running[name] = spec
         self.on_event({"event": "started", "task": name, "kind": task.short_kind, "key": spec.key})
         self.engine.submit({**spec.to_plain(), "force": name in self.force})
 
     def _collect(self, reply: dict[str, Any]) -> None:
-        name = reply["name"]
-        spec = self._running.pop(name)
         for text in reply.get("warnings", ()):
             self.on_event({"event": "warning", "text": text})
+        name = reply["name"]
+        if reply["state"] == "waiting":
+            return
+        spec = self._running.pop(name)
         if reply.get("damaged") and name not in self._healed:
             self._heal(name)
         elif reply["state"] == "lost":

@@ -1,5 +1,6 @@
 """From a project to its output folder: run the graph, deliver the files, say what happened."""
 
+import contextlib
 import json
 import math
 import os
@@ -14,8 +15,9 @@ from pipeline.engine.care import collect, limit_from_environment
 from pipeline.engine.deliver import Delivery, deliver
 from pipeline.engine.digest import key_of
 from pipeline.engine.engines import Engine
-from pipeline.engine.events import Emit, Event, silent
+from pipeline.engine.events import Emit, Event, silent, warner
 from pipeline.engine.graph import TaskGraph
+from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.plan import PlannedTask, plan
 from pipeline.engine.project import Project, files_of, selection, tasks_of
 from pipeline.engine.result import Result
@@ -24,6 +26,7 @@ from pipeline.engine.seen import Seen
 from pipeline.engine.status import TaskStatus, status
 from pipeline.engine.store import DamagedBlob, Store, writable
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.places import flaw_of
 
 _SOURCES_KEPT = 4
 
@@ -63,24 +66,24 @@ def build(
         Makes another place for tasks than processes of this machine, from a store and the packages of task kinds.
     """
     start = time.perf_counter()
-    manifest.read_of(project.out, project.head.get("stage"))
-    _require_apart(project)
+    _require_place(project)
     emit, keep_events = _recorded(on_event)
     limit_bytes = limit_from_environment()
-    warn = _warner(emit)
+    warn = warner(emit)
     store = writable(store or Store(warn=warn))
     Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     targets = tuple(targets)
     graph, forced = selection(project, force, until, targets)
     wanted = {path: project.files[path] for target in targets for path in files_of(project, target)}
-    emit(_begin(project, graph, _jobs(jobs)))
     history = _history(project, store)
+
     options: dict[str, Any] = {"jobs": _jobs(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
     options |= {"keep_going": keep_going, "prepare": prepare, "peaks": history["peaks"], "places": project.places}
 
-    def place() -> Engine | None:
-        return engine(store, graph.packages) if engine else None
+    def make(**more: Any) -> Outcome:
+        place = engine(store, graph.packages) if engine else None
+        return run(graph, store, engine=place, interrupts=interrupts, **options, **more)
 
     delivery: Delivery | None = None
     error: PipelineError | None = None
@@ -98,42 +101,51 @@ def build(
             head = {**head, **_findings(project, outcome, store)}
             delivery = deliver(project.out, project.files, head, **places)
 
-    with store.in_use():
-        outcome = run(graph, store, force=forced, engine=place(), **options)
+    with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
+        emit(_begin(project, graph, _jobs(jobs)))
+        interrupts.stoppable(lambda: stack.enter_context(store.in_use()))
+        outcome = make(force=forced)
         if check_percent and outcome.interrupted is None:
-            _check_again(outcome, run(graph, store, force=_sample(outcome, check_percent), engine=place(), **options))
+            _check_again(outcome, make(force=_sample(outcome, check_percent)))
         _remember(project, store, outcome, history, whole=len(graph) == len(project.graph))
         try:
-            _fill_again_if_lost(fill, lambda: _take_over(outcome, run(graph, store, engine=place(), **options)), warn)
+            interrupts.stoppable(lambda: _fill_again_if_lost(fill, lambda: _take_over(outcome, make()), warn))
         except PipelineError as caught:
             error = caught
-    store.sweep()  # workers that were ended could not tidy up
-    result = Result(
-        stage=project.head.get("stage"),
-        out=project.out.absolute(),
-        seconds=time.perf_counter() - start,
-        certificate=head.get("certificate"),
-        points=head.get("points"),
-        tasks=tuple(outcome.results[name] for name in graph),
-        store=store.root,
-        store_bytes=_within_limit(store, limit_bytes, warn),
-        delivery=delivery,
-        interrupted=outcome.interrupted,
-        error=error,
-        checked=outcome.checked,
-    )
-    emit({"event": "end", "summary": result.to_dict(), **result.ending()})
-    keep_events(store, _history_name(project))
-    return result
+        outcome.interrupted = interrupts.exit_code
+        stack.close()
+        store.sweep()  # workers that were ended could not tidy up
+        store_bytes = _within_limit(store, limit_bytes, warn)
+        result = Result(
+            stage=project.head.get("stage"),
+            out=project.out.absolute(),
+            seconds=time.perf_counter() - start,
+            certificate=head.get("certificate"),
+            points=head.get("points"),
+            tasks=tuple(outcome.results[name] for name in graph),
+            store=store.root,
+            store_bytes=store_bytes,
+            delivery=delivery,
+            interrupted=outcome.interrupted,
+            error=error,
+            checked=outcome.checked,
+        )
+        emit({"event": "end", "summary": result.to_dict(), **result.ending()})
+        keep_events(store, _history_name(project))
+        return result
 
 
-def _require_apart(project: Project) -> None:
-    """Refuse an output folder that the stage itself lies in: a build delivers a `dataset.usda`, too.
+def _require_place(project: Project) -> None:
+    """Refuse an output folder that no build of this stage can fill: `plan` and `status` as `build`.
 
     Raises
     ------
     UsageError
+        It is no folder, has no possible name, holds another build, or the stage itself lies in it.
     """
+    if flaw := flaw_of(project.out, project.files):
+        raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
+    manifest.read_of(project.out, project.head.get("stage"))
     out = Path(os.path.realpath(project.out))
     inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
     if inside:
@@ -181,8 +193,16 @@ def plan_of(
     until: Iterable[str] = (),
     targets: Iterable[str] = (),
 ) -> list[PlannedTask]:
-    """What `build` would do with the same arguments."""
+    """What `build` would do with the same arguments.
+
+    Raises
+    ------
+    UsageError
+        As `build`, of the output folder too.
+    """
+    _require_place(project)
     store = writable(store or Store())
+    Seen(project.out, store, project.stage_id).require_same_stage()
     graph, forced = selection(project, force, until, targets)
     return plan(graph, store, _history(project, store)["keys"], force=forced)
 
@@ -306,7 +326,3 @@ def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
     if size > limit:
         warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: results of finished builds stay")
     return size
-
-
-def _warner(on_event: Emit) -> Callable[[str], None]:
-    return lambda text: on_event({"event": "warning", "text": text})

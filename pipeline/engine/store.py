@@ -41,6 +41,7 @@ from pipeline.engine.files import (
 from pipeline.engine.sealed import seal, unseal
 from pipeline.engine.store_folder import StoreFolder
 from pipeline.engine.structure import is_folder, is_store
+from pipeline.user_cache import user_cache
 
 _BELOW = "below"
 _FORMAT = 1
@@ -67,7 +68,7 @@ class Verified:
 def default_root() -> Path:
     """$PIPELINE_CACHE, or `store/` in the user's cache folder."""
     chosen = os.environ.get("PIPELINE_CACHE")
-    return Path(chosen) if chosen else _user_cache() / "store"
+    return Path(chosen) if chosen else user_cache() / "store"
 
 
 def writable(store: "Store") -> "Store":
@@ -75,17 +76,12 @@ def writable(store: "Store") -> "Store":
     if os.access(store.root, os.W_OK):
         return store
     name = hashlib.sha256(os.fsencode(store.root)).hexdigest()[:16]
-    private = _user_cache() / "above" / name
+    private = user_cache() / "above" / name
     with machine_errors("make a store for", private):
         above = Store(private, warn=store.warn)
         above.put_above(store.root)
     store.warn(f"the store {store.root} may only be read; what is new goes to {private}")
     return Store(private, warn=store.warn)
-
-
-def _user_cache() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "plenoptic-pipeline"
 
 
 class Store(StoreFolder):

@@ -11,10 +11,13 @@ from pathlib import Path
 
 from pipeline.engine import quarantine
 from pipeline.engine.digest import DIGEST
-from pipeline.engine.files import chosen_place, is_no_file, locked, read_regular
-from pipeline.engine.structure import TABLES, VERSION, misplaced, require_store
+from pipeline.engine.files import chosen_place, is_no_file, read_regular
+from pipeline.engine.locks import Errand, locked
+from pipeline.engine.sharing import rights_of
+from pipeline.engine.structure import FOLDERS, TABLES, VERSION, misplaced, require_store
 from pipeline.engine.workspace import Workspace, sweep
 from pipeline.errors import EnvironmentFault
+from pipeline.places import flaw_of
 
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
@@ -26,6 +29,8 @@ class StoreFolder:
     ----------
     displaced : tuple of str
         What stood in the place of a folder or file, and went to quarantine when this was opened.
+    rights : Rights
+        Of everything that is made in it.
     counts : Counter
         How much went to quarantine (`damaged`), and how many keys gave two results (`nondeterministic`).
 
@@ -38,13 +43,17 @@ class StoreFolder:
     def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
         self.root, self.warn = root, warn
         self.counts: Counter[str] = Counter()
-        self._workspace = Workspace(self.root / "tmp")
+        if flaw := flaw_of(self.root):
+            raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
         if self.root.exists() and not self.root.is_dir():
             raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
         with chosen_place("make the store", self.root):
             if not self.root.is_dir():
                 self.root.mkdir(parents=True, exist_ok=True)
             require_store(self.root)
+        self.rights = rights_of(self.root)
+        self.rights.require_same_inside(FOLDERS)
+        self._workspace = Workspace(self.root / "tmp", self.rights)
         self.displaced = self._mend()
         if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
             with chosen_place("make the store", self.root):
@@ -61,15 +70,21 @@ class StoreFolder:
         return f"{self.root}/{TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
     @contextlib.contextmanager
-    def single_flight(self, key: str) -> Iterator[bool]:
-        """Hold the lock of a key, so that two builders compute it once."""
-        with locked(self.file_for("lock", key)) as held:
+    def single_flight(self, key: str, doing: str) -> Iterator[bool]:
+        """Hold the lock of a key, so that two builders compute it once; `doing` is what others are told."""
+        with locked(self.file_for("lock", key), errand=Errand(doing=doing, say=self.say_waiting)) as held:
             yield held
+
+    def say_waiting(self, text: str) -> None:
+        """Tell for whom this process waits."""
+        self.warn(text)
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[bool]:
         """While this is open nothing is collected, by anybody."""
-        with locked(self.root / "gc.lock", timeout_s=60.0, shared=True) as held:
+        errand = Errand(say=self.say_waiting)
+        self.rights.make_file(self.root / "gc.lock")
+        with locked(self.root / "gc.lock", timeout_s=60.0, shared=True, errand=errand) as held:
             yield held
 
     def file_for(self, table: str, name: str) -> Path:
@@ -77,7 +92,18 @@ class StoreFolder:
         path = self.path(table, name)
         if is_no_file(path):
             self._quarantine(path)
+        if self.rights.is_shared:
+            self._share(table, path)
         return path
+
+    def _share(self, table: str, path: Path) -> None:
+        """Let all users have a lock; a log belongs to whoever did the task last."""
+        with contextlib.suppress(OSError):  # whoever needs it says so
+            self.rights.make_folder(path.parent)
+            if table == "lock":
+                self.rights.make_file(path)
+            elif path.lstat().st_uid != os.geteuid():
+                path.unlink()
 
     def new_path(self) -> Path:
         """A path on the store's file system for this process alone; what is left there is removed later."""
@@ -109,10 +135,10 @@ class StoreFolder:
 
     def _keep(self, aside: Path, final: Path) -> None:
         try:
-            final.parent.mkdir(parents=True, exist_ok=True)
+            self.rights.make_folder(final.parent)
         except (FileExistsError, NotADirectoryError):
             self._mend()
-            final.parent.mkdir(parents=True, exist_ok=True)
+            self.rights.make_folder(final.parent)
         aside.chmod(0o444)
         if final.is_dir() and not final.is_symlink():  # nothing else has to give way: a rename replaces it
             self._quarantine(final)

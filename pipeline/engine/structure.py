@@ -1,5 +1,6 @@
 """The skeleton of a store: whether a folder is one, and what stands where its folders and files belong."""
 
+import contextlib
 import os
 import re
 import stat
@@ -18,6 +19,7 @@ TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs"
 _PARENTS = ("cas", "ac")
 _OTHERS = ("tmp", "quarantine", "history", "sources", "events", "index")
 _FILES = ("VERSION", "below", "gc.lock")
+FOLDERS = (*_PARENTS, *TABLES.values(), *_OTHERS)
 _NAMES = {*_PARENTS, *TABLES.values(), *_OTHERS, *_FILES}
 _BEGUN = {"VERSION", "below", "gc.lock", "tmp"}
 _SHARD = re.compile(r"[0-9a-f]{2}")
@@ -67,7 +69,7 @@ def is_store(root: Path) -> bool:
 
 def misplaced(root: Path) -> Iterator[Path]:
     """Whatever is no folder, or no file, where the store has one: damage that no entry shows."""
-    for name in (*_PARENTS, *TABLES.values(), *_OTHERS):
+    for name in FOLDERS:
         if os.path.lexists(root / name) and not is_folder(root / name):
             yield root / name
     for name in _FILES:
@@ -75,9 +77,9 @@ def misplaced(root: Path) -> Iterator[Path]:
             yield root / name
     for table in TABLES.values():
         if is_folder(root / table):
-            with os.scandir(root / table) as found:
+            with contextlib.suppress(PermissionError), os.scandir(root / table) as found:
                 wrong = [entry.name for entry in found if _SHARD.fullmatch(entry.name) and not entry.is_dir()]
-            yield from (root / table / name for name in sorted(wrong))
+                yield from [root / table / name for name in sorted(wrong)]
 
 
 def is_folder(path: Path) -> bool:

@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from pipeline.engine.perform import perform
 from pipeline.engine.store import Store
@@ -22,13 +23,18 @@ class _Announcing(Store):
     """A store that tells the driver when a task has its lock: what another builder takes is not the task's time."""
 
     replies: int
+    task: str
 
     @contextlib.contextmanager
-    def single_flight(self, key: str) -> Iterator[bool]:
+    def single_flight(self, key: str, doing: str) -> Iterator[bool]:
         """As in any store."""
-        with super().single_flight(key) as held:
-            _send(self.replies, json.dumps({"begun": key}).encode() + b"\n")
+        with super().single_flight(key, doing) as held:
+            _send(self.replies, {"begun": key})
             yield held
+
+    def say_waiting(self, text: str) -> None:
+        """Let the driver tell it now, not when the task is done."""
+        _send(self.replies, {"name": self.task, "state": "waiting", "warnings": [text]})
 
 
 def main() -> None:
@@ -45,14 +51,15 @@ def main() -> None:
     store.replies = replies
     while True:
         spec = json.loads(lines.get())
+        store.task = spec["name"]
         with _descriptors_in(store.file_for("log", spec["key"])):
             reply = perform(spec, store, packages)
-        _send(replies, json.dumps({**reply, "warnings": warnings}).encode() + b"\n")
+        _send(replies, {**reply, "warnings": warnings})
         warnings.clear()
 
 
-def _send(handle: int, data: bytes) -> None:
-    view = memoryview(data)
+def _send(handle: int, message: dict[str, Any]) -> None:
+    view = memoryview(json.dumps(message).encode() + b"\n")
     while view:
         view = view[os.write(handle, view) :]
 

@@ -9,7 +9,8 @@ import uuid
 import weakref
 from pathlib import Path
 
-from pipeline.engine.files import try_lock
+from pipeline.engine.locks import try_lock
+from pipeline.engine.sharing import Rights
 
 ABANDONED_S = 86400.0
 """Files being written by other machines are theirs for a day: no lock of theirs may reach here [s]."""
@@ -25,14 +26,14 @@ def is_workspace(name: str) -> bool:
 class Workspace:
     """A folder in `tmp/`, made when first needed, removed with this object or swept once its process is dead."""
 
-    def __init__(self, tmp: Path) -> None:
-        self._tmp = tmp
+    def __init__(self, tmp: Path, rights: Rights) -> None:
+        self._tmp, self._rights = tmp, rights
         self._folder: Path | None = None
 
     def new_path(self) -> Path:
         """A path in the folder that nobody else uses."""
         if self._folder is None or not self._folder.is_dir():
-            self._folder, lock = _locked_folder(self._tmp)
+            self._folder, lock = _locked_folder(self._tmp, self._rights)
             weakref.finalize(self, _remove, self._folder, lock)
         return self._folder / uuid.uuid4().hex
 
@@ -61,10 +62,12 @@ def sweep(tmp: Path, older_than_s: float | None = None) -> int:
     return swept
 
 
-def _locked_folder(tmp: Path) -> tuple[Path, int]:
+def _locked_folder(tmp: Path, rights: Rights) -> tuple[Path, int]:
     while True:
         folder = tmp / f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex}"
-        folder.mkdir(parents=True)
+        rights.make_folder(tmp)
+        folder.mkdir()
+        rights.give(folder)
         handle = _open_folder(folder)
         # Somebody may have swept the folder before it was locked.
         if handle is not None and try_lock(handle) is not False and folder.is_dir():

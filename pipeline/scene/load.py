@@ -7,6 +7,8 @@ from pathlib import Path
 from pxr import Tf, Usd
 
 from pipeline.confine.process import Guards
+from pipeline.errors import UsageError
+from pipeline.places import flaw_of
 from pipeline.roots import allowed_roots, real_path
 from pipeline.scene.asset_roots import file_of
 from pipeline.scene.check import check
@@ -80,7 +82,14 @@ def load(
         Also trace some rays to say what a camera does not see, and parts that hardly belong together: `pipeline check`.
     guards : Guards or None
         Those of this process, if it is one that may crash; else binary layers are first read in such a one.
+
+    Raises
+    ------
+    UsageError
+        The path cannot be one of a stage.
     """
+    if flaw := flaw_of(Path(path)):
+        raise UsageError(f"the path of the stage {flaw}", hint="give it another name")
     try:
         with knowing() as texts:
             root, roots = real_path(path), allowed_roots(Path(path), allow_roots)

@@ -9,12 +9,13 @@ import pipeline
 from pipeline.engine import session
 from pipeline.engine.engines import Engine
 from pipeline.engine.events import silent
-from pipeline.engine.files import locked
 from pipeline.engine.graph import TASKS
 from pipeline.engine.libraries import installed_version
+from pipeline.engine.locks import Errand, locked
 from pipeline.engine.project import Project
 from pipeline.engine.result import Result
 from pipeline.engine.store import Store
+from pipeline.errors import UsageError
 from pipeline.kernel_files import make_folder, read, say, write
 from pipeline.processor import level
 from pipeline.scene.load import Loaded, load, require_dataset
@@ -28,9 +29,18 @@ _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillo
 
 
 def default_out(stage: Path) -> Path:
-    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`, in the working directory."""
+    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`, in the working directory.
+
+    Raises
+    ------
+    UsageError
+        The file has no name to take.
+    """
     stage = stage.resolve()
-    return Path("build") / (stage.parent.name if stage.stem == "dataset" else stage.stem)
+    name = stage.parent.name if stage.stem == "dataset" else stage.stem
+    if name in ("", ".", ".."):  # as of `...usda`, whose folder would be the working directory
+        raise UsageError(f"no output folder can be named after {stage}", hint="name one with -o")
+    return Path("build") / name
 
 
 def project(
@@ -192,7 +202,7 @@ def compile_once(warn: Callable[[str], None] = say) -> None:
     if _are_whole(listed, warn):
         return
     make_folder(folder, warn)
-    with locked(folder / "lock"):
+    with locked(folder / "lock", errand=Errand(doing="compiles kernels", say=warn)):
         if not _are_whole(listed, warn):
             from pipeline import kernel_cache
             from pipeline.tasks.compile import compile_kernels

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.errors import Exit
+from pipeline.errors import Exit, Interrupted
 from pipeline.progress import human
 from pipeline.verbs.building import Target, project_of
 from pipeline.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
@@ -22,12 +22,17 @@ def run_task(
     as_json: Json = False,
 ) -> None:
     """Run single tasks from their files, in this process: to repeat a failure, or in an array of a batch system."""
+    from pipeline.engine.interrupts import Interrupts
     from pipeline.engine.single import run_task as run
     from pipeline.engine.store import Store, writable
     from pipeline.tasks.build import TASKS
 
     store = writable(Store(warn=note))
-    replies = [run(path, store, TASKS, force=force) for path in specs]
+    replies: list[dict[str, Any]] = []
+    with Interrupts() as interrupts:
+        interrupts.stoppable(lambda: replies.extend(run(path, store, TASKS, force=force) for path in specs))
+    if interrupts.exit_code is not None:
+        raise Interrupted(interrupts.exit_code)
     for reply in replies:
         if reply["state"] == "failed":
             note(f"error: task {reply['name']} failed")

@@ -1,12 +1,17 @@
 """What all verbs share: stdout is data, stderr is log and progress."""
 
+import contextlib
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 import typer.core
+
+from pipeline.errors import EnvironmentFault
+from pipeline.places import flaw_of
 
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
 """Panels of `--help`."""
@@ -45,7 +50,7 @@ def library_file(path: Any) -> Any:
     """A stage that was typed; if it is not there, that of the shipped library, as stages find `@lenses/...@`."""
     if isinstance(path, (list, tuple)):
         return [library_file(one) for one in path]
-    if path is None or path.exists() or path.is_absolute():
+    if path is None or flaw_of(path) or path.exists() or path.is_absolute():
         return path
     from pipeline.share import share
 
@@ -103,11 +108,32 @@ class ReaderGone(Exception):
 
 
 def say(text: str) -> None:
-    """Print data to stdout."""
-    try:
+    """Print data to stdout.
+
+    Raises
+    ------
+    ReaderGone
+    EnvironmentFault
+        It cannot be written, for example because a disk is full.
+    """
+    with _writing():
         print(text)
+
+
+def written() -> None:
+    """Write what waits in a buffer; raises as `say`."""
+    with _writing():
+        sys.stdout.flush()
+
+
+@contextlib.contextmanager
+def _writing() -> Iterator[None]:
+    try:
+        yield
     except BrokenPipeError:
         raise ReaderGone from None
+    except OSError as error:
+        raise EnvironmentFault(f"cannot write to standard output: {error.strerror}") from error
 
 
 def say_json(value: Any) -> None:

@@ -5,19 +5,19 @@ ends a build that is running: frames that are superseded are dropped, what was f
 """
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
+from pipeline.engine.interrupts import GRACE_S, Interrupts
+from pipeline.errors import Exit, Interrupted
 from pipeline.verbs.terminal import Jobs, Out, Roots, Stage, note
 
 _LOOK_S = 0.15
 _QUIET_S = 0.3
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from pipeline.cli import main; main()"
+_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from pipeline.__main__ import main; main()"
 
 Looks = dict[Path, tuple[int, int] | None]
 
@@ -31,6 +31,12 @@ def watch(
     """Build, and build again on every edit of the stage, its layers or the code; Ctrl-C ends it."""
     arguments = ["build", str(stage), *(["-o", str(out)] if out else []), *(["-j", str(jobs)] if jobs else [])]
     arguments += [f"--allow-root={root}" for root in allow_root or ()]
+    with Interrupts() as interrupts:
+        interrupts.stoppable(lambda: _build_on_every_edit(stage, arguments))
+    raise Interrupted(interrupts.exit_code or Exit.INTERRUPTED)
+
+
+def _build_on_every_edit(stage: Path, arguments: list[str]) -> None:
     files = _near(stage)
     with tempfile.TemporaryDirectory() as folder:
         events = Path(folder) / "events.jsonl"
@@ -55,9 +61,14 @@ def _start(arguments: list[str]) -> "subprocess.Popen[bytes]":
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
+    """End a build; it tidies up, unless that takes longer than a signal to us may take."""
     if process.poll() is None:
-        os.kill(process.pid, signal.SIGTERM)
-        process.wait()
+        process.terminate()
+        try:
+            process.wait(GRACE_S / 2)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def _near(stage: Path) -> set[Path]:

@@ -15,8 +15,8 @@ from engine import toy
 
 from pipeline.engine import manifest, seen
 from pipeline.engine import store as store_module
-from pipeline.engine.files import locked_folder
 from pipeline.engine.folder import Folder
+from pipeline.engine.locks import locked_folder
 from pipeline.engine.seen import Seen
 from pipeline.engine.session import build, logs_of, plan_of, status_of
 from pipeline.engine.store import Store

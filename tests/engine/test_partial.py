@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 from engine import toy
 
+from pipeline.engine.care import collect
 from pipeline.engine.session import build, sources_of, status_of
 from pipeline.errors import UsageError
 
@@ -54,6 +55,14 @@ def test_parts_add_up_and_the_whole_build_takes_them_over(out, tmp_path):
     assert result.delivery.written == ("report/index.html",) and result.delivery.foreign == ()
     assert {name: facts for name, facts in toy.snapshot(out).items() if name in before} == before
     assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "at once"), jobs=1).out)
+
+
+def test_what_a_part_was_made_of_is_not_collected_as_long_as_its_files_are_there(out, store):
+    part(out, IMAGE)
+    assert collect(store, 0).records == 0
+    assert part(out, IMAGE).executed == 0
+    (out / IMAGE).unlink()
+    assert collect(store, 0).records == 3
 
 
 def test_a_part_of_a_finished_build_leaves_all_as_it_is(out):

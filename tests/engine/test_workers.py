@@ -100,7 +100,7 @@ def test_waiting_for_another_builder_is_no_time_of_the_task(tmp_path, store):
     [key] = [task.key for task in plan_of(project) if task.name == "lens"]
 
     def hold():
-        with store.single_flight(key):
+        with store.single_flight(key, "holds it"):
             held.set()
             time.sleep(3.0)
 

@@ -18,13 +18,16 @@ import numpy as np
 from faults.folders import doctored_folders
 from faults.other_numerics import other_numerics
 from faults.shim import fail_at, in_fork, kill_at
+from faults.signals import signals_at_any_moment
 from faults.stages import hostile_stages
+from faults.surroundings import odd_surroundings
 from faults.untrusted import (
     damaged_kernels,
     flips_after_verification,
     something_in_the_place_of_folders,
     things_of_somebody_else,
 )
+from faults.users import second_users
 from faults.workbench import Row, Workbench, entries
 
 from pipeline.engine import manifest
@@ -39,9 +42,9 @@ from pipeline.files.png import read_png
 
 
 def killed_at_every_step(bench: Workbench) -> Row:
-    steps = bench.steps_of_a_build()
+    steps = bench.steps_of_a_build
     row = Row("R1", f"SIGKILL before each of {steps} steps of a build")
-    for number in bench.some(steps, 4):
+    for number in bench.some(steps, 2):
         place = bench.new_place()
         row.failed += bench.build_in_fork(place, kill_at(number)) == -signal.SIGKILL
         row.tried += 1
@@ -53,7 +56,7 @@ def power_failures(bench: Workbench) -> Row:
     row = Row("R2", "power failure: entry missing, empty, cut, or zeros")
     names = [path.relative_to(bench.folder / "right") for path in entries(bench.folder / "right")]
     states = [(name, state) for name in names for state in ("missing", "empty", "cut", "zeros")]
-    for number in bench.some(len(states), 3):
+    for number in bench.some(len(states), 2):
         name, state = states[number - 1]
         place = bench.new_place(built=True)
         shutil.rmtree(place / "out")
@@ -131,7 +134,7 @@ def entries_of_another_kind(bench: Workbench) -> Row:
         "folder": lambda path: path.mkdir(),
     }
     cases = [(name, maker) for name in names[1:] for maker in makers]
-    for number in bench.some(len(cases), 4):
+    for number in bench.some(len(cases), 2):
         name, maker = cases[number - 1]
         precious.write_text("precious")
         place = bench.new_place(built=True)
@@ -145,7 +148,7 @@ def entries_of_another_kind(bench: Workbench) -> Row:
 
 
 def errors_of_the_system(bench: Workbench, number: str, fault: str, error: int, *, for_good: bool, most: int) -> Row:
-    steps = bench.steps_of_a_build()
+    steps = bench.steps_of_a_build
     row = Row(number, f"{fault}, at each of {steps} steps{', and from there on' if for_good else ''}")
     for step in bench.some(steps, most):
         place = bench.new_place()
@@ -263,7 +266,8 @@ def builders_without_common_locks(bench: Workbench) -> Row:
     def no_locks(handle: int, operation: int) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    for flock in (lambda handle, operation: None, no_locks) * (10 if bench.whole else 1):
+    kinds = (no_locks, lambda handle, operation: None)
+    for flock in kinds * 10 if bench.whole else kinds[:1]:
         place = bench.new_place()
 
         def prepare(number: int, flock=flock) -> None:
@@ -335,7 +339,7 @@ def holder_of_a_lock(bench: Workbench) -> Row:
     reading, writing = os.pipe()
     pid = os.fork()
     if pid == 0:
-        with store.single_flight(key):
+        with store.single_flight(key, "sleeps"):
             os.write(writing, b"x")
             time.sleep(60)
         os._exit(0)
@@ -343,7 +347,7 @@ def holder_of_a_lock(bench: Workbench) -> Row:
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
     start = time.monotonic()
-    with store.single_flight(key) as held:
+    with store.single_flight(key, "tries") as held:
         row.tried += 1
         row.wrong += not held or time.monotonic() - start > 1
     return row
@@ -413,7 +417,7 @@ def collectors(bench: Workbench) -> Row:
     steps, bench.shim._root = bench.shim.steps, None
     row = Row("R19", f"collector killed at each of {steps} steps, and beside a running build")
     row.wrong += dropped.records != len(bench.project.graph) or dropped.bytes_left != 0
-    for number in bench.some(steps, 2):
+    for number in bench.some(steps, 1):
         place = _forsaken(bench)
 
         def work(place: Path = place, number: int = number) -> int:
@@ -430,7 +434,7 @@ def collectors(bench: Workbench) -> Row:
     if pid == 0:
         while True:
             collect(Store(place / "store"), 0)
-    for _ in range(3):
+    for _ in range(3 if bench.whole else 1):
         row.tried += 1
         row.wrong += bench.build_in_fork(place) != 0
         shutil.rmtree(place / "out")
@@ -502,7 +506,7 @@ FAULTS = (
     flipped_bits,
     entries_of_another_kind,
     full_disks,
-    lambda bench: errors_of_the_system(bench, "R6", "disk full (ENOSPC)", errno.ENOSPC, for_good=True, most=2),
+    lambda bench: errors_of_the_system(bench, "R6", "disk full (ENOSPC)", errno.ENOSPC, for_good=True, most=1),
     read_only,
     several_builders,
     builders_without_common_locks,
@@ -514,16 +518,19 @@ FAULTS = (
     collectors,
     determinism,
     lost_workers,
-    lambda bench: errors_of_the_system(bench, "R24", "I/O error (EIO), once", errno.EIO, for_good=False, most=2),
-    lambda bench: errors_of_the_system(bench, "R24", "too many open files", errno.EMFILE, for_good=False, most=2),
-    lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=2),
+    lambda bench: errors_of_the_system(bench, "R24", "I/O error (EIO), once", errno.EIO, for_good=False, most=1),
+    lambda bench: errors_of_the_system(bench, "R24", "too many open files", errno.EMFILE, for_good=False, most=1),
+    lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=1),
     damaged_kernels,
     something_in_the_place_of_folders,
     flips_after_verification,
     things_of_somebody_else,
     other_numerics,
     doctored_folders,
+    signals_at_any_moment,
+    second_users,
+    odd_surroundings,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 15, 20, 21, 22, 23, 24, 25, 26)
+SHORT = (0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 15, 20, 21, 22, 23, 24, 25, 26, 29)
 """Rows that the tests do too, by number; the others start processes that load everything again."""

@@ -1,6 +1,7 @@
 """The real pipeline at small size, a right result to compare with, and what counts as wrong."""
 
 import dataclasses
+import functools
 import random
 import shutil
 import tempfile
@@ -61,22 +62,23 @@ class Workbench:
         self.shim, self.chance = Shim(), random.Random(1)
         # Read in another process: this one must stay free of USD, whose threads do not survive a fork.
         self.project = project_of_untrusted(STAGE, folder, ())
-        # The first build compiles and loads what forks inherit; the second one is the reference.
-        self.build(folder / "warm")
-        self.build(folder / "right")
+        self.build(folder / "right")  # which compiles and loads what forks inherit
         self.right = toy.contents(folder / "right" / "out")
 
-    def at(self, place: Path) -> Project:
+    def at(self, place: Path, out: str = "out") -> Project:
         """The project with its output folder below a place."""
-        return dataclasses.replace(self.project, out=place / "out")
+        return dataclasses.replace(self.project, out=place / out)
 
-    def build(self, place: Path, *, jobs: int = 1, on_event=None):
+    def build(self, place: Path, *, jobs: int = 1, on_event=None, out: str = "out"):
         """Build into `out` with the store `store`, both below a place."""
         options = {"on_event": on_event} if on_event else {}
-        return build(self.at(place), store=Store(place / "store"), jobs=jobs, **options)
+        return build(self.at(place, out), store=Store(place / "store"), jobs=jobs, **options)
 
-    def build_in_fork(self, place: Path, act=None, meanwhile=None) -> int:
-        """The same in a fork, with a fault at a step, or one that `meanwhile` arms; gives its exit code."""
+    def build_in_fork(self, place: Path, act=None, meanwhile=None, out: str = "out", said: Path | None = None) -> int:
+        """The same in a fork, with a fault at a step, or one that `meanwhile` arms; gives its exit code.
+
+        What an error says goes to the file `said`.
+        """
 
         def work() -> int:
             if act is not None:
@@ -84,8 +86,10 @@ class Workbench:
             if meanwhile is not None:
                 meanwhile()
             try:
-                return self.build(place).exit_code
+                return self.build(place, out=out).exit_code
             except PipelineError as error:
+                if said is not None:
+                    said.write_text(str(error))
                 return error.exit_code
             except Exception:  # the command would say: this is a bug of ours
                 (self.folder / "unexpected.txt").write_text(traceback.format_exc())
@@ -125,10 +129,11 @@ class Workbench:
         row.bad += bool(found.damaged or found.incomplete or list((place / "out").glob(".pipeline-*")))
         shutil.rmtree(place)
 
-    def differs(self, place: Path) -> bool:
+    def differs(self, place: Path, out: str = "out") -> bool:
         """Whether the output folder of a place holds anything else than the right files."""
-        return toy.contents(place / "out") != self.right
+        return toy.contents(place / out) != self.right
 
+    @functools.cached_property
     def steps_of_a_build(self) -> int:
         """How many steps a cold build takes."""
         place = self.new_place()

@@ -1,0 +1,144 @@
+"""Locks of the kernel: they die with the process that holds them, also if it is killed.
+
+They only save work: whoever goes on without one computes the same bytes once more. A holder writes into the file who it
+is, and whoever waits says so.
+"""
+
+import contextlib
+import datetime
+import errno
+import fcntl
+import json
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.interrupts import impatient
+
+_POLL_S = 0.02
+_SILENT_S = 1.0
+_REPEAT_S = 60.0
+
+Say = Callable[[str], None]
+
+
+def silent(text: str) -> None:
+    """Nobody is told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errand:
+    """Why a lock is held or wanted.
+
+    Attributes
+    ----------
+    doing : str
+        What the holder does, after "which": `makes rays/Left`.
+    say : callable
+        Gets a sentence about the holder after a second of waiting, and again every minute.
+    """
+
+    doing: str = "works there"
+    say: Say = silent
+
+
+def try_lock(handle: int, *, shared: bool = False) -> bool | None:
+    """Try once to lock an open file; None means that this file system has no locks."""
+    try:
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except OSError as error:
+        return False if error.errno in (errno.EWOULDBLOCK, errno.EINTR) else None
+    return True
+
+
+@contextlib.contextmanager
+def locked(
+    path: Path, timeout_s: float = 3600.0, *, shared: bool = False, errand: Errand | None = None
+) -> Iterator[bool]:
+    """Hold a lock; False after the timeout, or where nothing can be locked. Shared ones exclude exclusive ones only."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = _opened(path)
+    except OSError:
+        yield False
+        return
+    with _held(handle, timeout_s, path, errand or Errand(), shared=shared) as held:
+        yield held
+
+
+@contextlib.contextmanager
+def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | None = None) -> Iterator[bool]:
+    """As `locked`, for a folder itself: nothing is written into it, and it may be read-only."""
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:
+        yield False
+        return
+    with _held(handle, timeout_s, folder, errand or Errand()) as held:
+        yield held
+
+
+def _opened(path: Path) -> int:
+    """The file, made if it is not there. Another user's need not be writable: it can be locked."""
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except PermissionError:
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+
+
+@contextlib.contextmanager
+def _held(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared: bool = False) -> Iterator[bool]:
+    """Wait for the lock of an open file, and close the file in the end."""
+    try:
+        held = try_lock(handle, shared=shared)
+        if held is False:
+            with impatient():
+                held = _waited(handle, timeout_s, path, errand, shared=shared)
+        if held and not shared:
+            _sign(handle, errand.doing)
+        yield bool(held)
+    finally:
+        os.close(handle)
+
+
+def _waited(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared: bool) -> bool | None:
+    start = time.monotonic()
+    say_at = start + _SILENT_S
+    while (held := try_lock(handle, shared=shared)) is False and time.monotonic() < start + timeout_s:
+        if time.monotonic() >= say_at:
+            errand.say(f"waiting for {_holder(handle, path)}")
+            say_at += _REPEAT_S
+        time.sleep(_POLL_S)
+    return held
+
+
+def _sign(handle: int, doing: str) -> None:
+    """Write into a lock file who holds it; a folder, or somebody else's file, says nothing."""
+    since = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+    note = {"host": socket.gethostname(), "pid": os.getpid(), "since": since, "doing": doing}
+    with contextlib.suppress(OSError):
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, json.dumps(note).encode(), 0)
+
+
+def _holder(handle: int, path: Path) -> str:
+    """Who holds a lock, in words: the last one who signed it."""
+    try:
+        note = json.loads(os.pread(handle, 4096, 0))
+        who = f"process {int(note['pid'])} on {note['host']}, which {note['doing']} since {note['since']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return f"another process, which holds {path}"
+    return f"{who}{_if_stopped(note)}"
+
+
+def _if_stopped(note: dict[str, Any]) -> str:
+    """What to do about a holder on this machine that was stopped, as by Ctrl-Z; empty if it was not."""
+    with contextlib.suppress(OSError, IndexError):
+        state = Path(f"/proc/{note['pid']}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+        if state == "T" and note["host"] == socket.gethostname():
+            return f"; it is stopped, and `kill -CONT {note['pid']}` lets it go on"
+    return ""

@@ -1,0 +1,26 @@
+"""Paths that a user chose and that cannot be used, in words."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+_ASIDE = 64  # longer than what is added while files are put into place
+
+
+def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
+    """Why nothing can be read or written under a path, or under names below it; None if nothing is known against it.
+
+    Texts of ours, and USD, are UTF-8; a file system allows so many bytes.
+    """
+    whole = str(folder.absolute())
+    try:
+        whole.encode()
+    except UnicodeEncodeError:
+        return f"is not UTF-8: {os.fsencode(folder)!r}"
+    name_max, path_max = os.pathconf("/", "PC_NAME_MAX"), os.pathconf("/", "PC_PATH_MAX")
+    if any(len(os.fsencode(name)) > name_max for name in whole.split("/")):
+        return f"has a name of more than {name_max} bytes"
+    longest = max((os.fsencode(f"/{file}") for file in files), key=len, default=b"")
+    if len(os.fsencode(whole)) + len(longest) + _ASIDE > path_max:
+        return f"is longer than {path_max} bytes with all that comes below it"
+    return None

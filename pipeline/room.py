@@ -1,0 +1,41 @@
+"""The limits that the system set for this process: enough for the libraries, or an error in words.
+
+Below these they end with a crash, or with an import that fails anywhere.
+"""
+
+import resource
+
+from pipeline.errors import EnvironmentFault
+
+FILES = 64
+"""Open files: a driver with two workers takes about half of them."""
+
+ADDRESSES = 1_500_000_000
+"""Bytes of address space: USD, Numba and their compiled code take most of it before the first ray."""
+
+
+def require_room() -> None:
+    """Raise the limits as far as this process may, and see whether that is enough.
+
+    Raises
+    ------
+    EnvironmentFault
+        With the command that mends it.
+    """
+    _require(resource.RLIMIT_NOFILE, FILES, "open files", f"ulimit -n {FILES * 16}")
+    _require(resource.RLIMIT_AS, ADDRESSES, "bytes of address space", "ulimit -v unlimited")
+
+
+def _require(which: int, least: int, what: str, command: str) -> None:
+    soft, hard = resource.getrlimit(which)
+    if _is_enough(soft, least):
+        return
+    if not _is_enough(hard, least):
+        raise EnvironmentFault(
+            f"this process may have {hard:,} {what}, and needs {least:,}", hint=f"`{command}` in the shell, before"
+        )
+    resource.setrlimit(which, (least, hard))
+
+
+def _is_enough(limit: int, least: int) -> bool:
+    return limit == resource.RLIM_INFINITY or limit >= least

@@ -1,0 +1,94 @@
+"""Ctrl-C, SIGTERM and SIGHUP end the command in bounded time, at every moment, and without a traceback."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from cli.test_command import command, pipeline, slow, stage, started
+from faults.signals import BOUND_S, ended, held_by_another
+
+__all__ = ["command", "pipeline", "stage"]
+
+
+def task_of(tmp_path, kind):
+    """A stage with a single task that says `ran-…` and takes a minute."""
+    tasks = [[f"{kind}/a", kind, {"folder": str(tmp_path), "seconds": 60}]]
+    return {"project": {"extra": [*tasks, [f"{kind}/b", "report", {}, {}]], "poses": []}}
+
+
+@pytest.mark.parametrize(("kind", "number"), [("deaf", signal.SIGTERM), ("hard", signal.SIGHUP)])
+def test_a_stop_that_no_python_hears_ends_the_process(command, stage, tmp_path, kind, number):
+    """In a callback of C, whose exceptions are dropped; and in a call of C that does not return."""
+    process = command("build", stage(**task_of(tmp_path, kind)), "-j1", f"{kind}/a")
+    started(tmp_path)
+    code, log, seconds = ended(process, number)
+    assert code == 128 + number and seconds < BOUND_S
+    assert "Traceback" not in log and "Exception ignored" not in log
+
+
+def test_one_ctrl_c_ends_a_build_that_compiles(command, stage, tmp_path):
+    """Nothing is lost: what was compiled is kept."""
+    (tmp_path / "compiling").touch()
+    process = command("build", stage(), "-j1")
+    started(tmp_path)
+    code, log, seconds = ended(process, signal.SIGINT)
+    assert code == 130 and seconds < BOUND_S and "Traceback" not in log
+    assert "press Ctrl-C again" not in log
+
+
+@pytest.mark.parametrize("jobs", ["-j1", "-j2"])
+def test_one_ctrl_c_ends_a_waiter_which_has_said_for_whom_it_waits(command, pipeline, stage, tmp_path, cache, jobs):
+    stage()
+    key = next(t["key"] for t in json.loads(pipeline("plan", "s.json", "--json")[1])["tasks"] if t["name"] == "lens")
+    with held_by_another(cache, key, stopped=True) as holder:
+        process = command("build", "s.json", jobs)
+        said = next(line for line in process.stderr if "waiting for" in line)
+        assert re.search(rf"process {holder} on \S+, which sleeps since \d{{4}}-\S+", said)
+        assert f"it is stopped, and `kill -CONT {holder}` lets it go on" in said
+        code, log, seconds = ended(process, signal.SIGINT)
+    assert code == 130 and seconds < BOUND_S and "Traceback" not in log
+    assert pipeline("build", "s.json", "-j1")[0] == 0
+
+
+def test_a_signal_in_the_first_second_ends_without_a_word(tmp_path):
+    """Wherever it meets the start: in an import, before the first line of ours has run or after."""
+    (tmp_path / "s.usda").write_text("#usda 1.0\n")
+    for number, delay_s in ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.45), (signal.SIGHUP, 0.6), (signal.SIGINT, 0.75)):
+        code = "import sys; print(1, flush=True); from pipeline.__main__ import main; sys.argv = sys.argv[1:]; main()"
+        arguments = [sys.executable, "-c", code, "pipeline", "check", *["s.usda"] * 200]
+        process = subprocess.Popen(
+            arguments, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        process.stdout.readline()
+        time.sleep(delay_s)
+        code, log, seconds = ended(process, number)
+        assert code in (-number, 128 + number) and log == "" and seconds < BOUND_S
+
+
+def test_nohup_is_respected(command, stage, tmp_path):
+    process = command(
+        "build",
+        stage(**slow(tmp_path, 1.0)),
+        "-j1",
+        "slow/a",
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    )
+    started(tmp_path)
+    process.send_signal(signal.SIGHUP)
+    process.communicate(timeout=60)
+    assert process.returncode == 0
+
+
+def test_run_task_is_stopped_and_tidies_up(command, pipeline, stage, tmp_path, cache):
+    pipeline("plan", stage(**slow(tmp_path, 60)), "--specs", "specs")
+    [path] = [path for path in Path(tmp_path, "specs").iterdir() if "slow/a" in path.read_text()]
+    process = command("run-task", str(path))
+    started(tmp_path)
+    code, log, seconds = ended(process, signal.SIGTERM)
+    assert code == 143 and seconds < BOUND_S and log == "interrupted\n"
+    assert not list((cache / "tmp").iterdir())

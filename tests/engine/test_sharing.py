@@ -1,0 +1,143 @@
+"""A store of several users: root becomes others in forks of this process, after it has loaded everything."""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import traceback
+from pathlib import Path
+
+import pytest
+from engine import toy
+from faults.shim import in_fork
+
+from pipeline.engine.care import check
+from pipeline.engine.session import build
+from pipeline.engine.sharing import rights_of
+from pipeline.engine.store import Store
+from pipeline.errors import EnvironmentFault, PipelineError
+
+GROUP, FIRST, SECOND = 54320, 54321, 54322
+
+pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be another user")
+
+
+@pytest.fixture
+def place(tmp_path, kit):
+    """A folder that everybody reaches, with one for each user."""
+    build(toy.project(tmp_path / "warm"), jobs=1)  # loads what the forks inherit: others may not read our Python
+    with tempfile.TemporaryDirectory() as name:
+        place = Path(name)
+        place.chmod(0o755)
+        for folder in (tmp_path, *tmp_path.parents):
+            if folder.stat().st_uid == os.geteuid() and folder != Path("/"):
+                folder.chmod(folder.stat().st_mode | 0o055)
+        for user in (FIRST, SECOND):
+            (place / str(user)).mkdir()
+            os.chown(place / str(user), user, user)
+        yield place
+
+
+def make_store(place, mode, user=0, group=GROUP):
+    root = place / "store"
+    root.mkdir()
+    os.chown(root, user, group)
+    root.chmod(mode)
+
+
+def build_as(place, user, umask):
+    """Exit code of a build of that user, and what was said."""
+    said = place / f"{user}/said.txt"
+
+    def work():
+        os.environ["XDG_CACHE_HOME"] = str(place / f"{user}/cache")
+        os.setgroups([GROUP])
+        os.setgid(user)
+        os.setuid(user)
+        os.umask(umask)
+        try:
+            warnings = []
+            result = build(
+                toy.project(place / f"{user}/out"), store=Store(place / "store", warn=warnings.append), jobs=1
+            )
+            said.write_text("\n".join([*warnings, *(str(task.error) for task in result.failures)]))
+            return result.exit_code
+        except PipelineError as error:
+            said.write_text(str(error))
+            return error.exit_code
+        except BaseException:
+            said.write_text(traceback.format_exc())
+            return 70
+
+    return in_fork(work), said.read_text()
+
+
+@pytest.mark.parametrize(("mode", "umask"), [(0o2770, 0o022), (0o770, 0o077), (0o777, 0o077)])
+def test_users_of_a_group_go_on_where_the_other_was(place, mode, umask):
+    make_store(place, mode)
+    assert build_as(place, FIRST, umask) == (0, "")
+    shutil.rmtree(place / "store/ac")
+    shutil.rmtree(place / "store/history")
+    assert build_as(place, SECOND, umask) == (0, "")
+    assert build_as(place, FIRST, umask) == (0, "")
+    folders = [path for path in (place / "store").rglob("*") if path.is_dir()]
+    assert {(path.stat().st_gid, path.stat().st_mode & 0o777) for path in folders} == {(GROUP, mode & 0o777)}
+    assert not check(Store(place / "store")).damaged
+    assert toy.contents(place / str(FIRST) / "out") == toy.contents(place / str(SECOND) / "out")
+
+
+def test_a_store_whose_root_alone_was_opened_is_refused_with_what_mends_it(place):
+    make_store(place, 0o755, FIRST)
+    assert build_as(place, FIRST, 0o077) == (0, "")
+    (place / "store").chmod(0o2770)
+    code, said = build_as(place, SECOND, 0o077)
+    assert code == 5 and "you may write to the store" in said
+    subprocess.run(said.partition("mends it: ")[2], shell=True, check=True)
+    assert build_as(place, SECOND, 0o077) == (0, "")
+
+
+def test_a_store_that_others_only_read_is_left_alone(place):
+    make_store(place, 0o755, FIRST, FIRST)
+    assert build_as(place, FIRST, 0o022) == (0, "")
+    shutil.rmtree(place / "store/ac")
+    code, said = build_as(place, SECOND, 0o022)
+    assert code == 0 and "may only be read; what is new goes to" in said
+
+
+def test_a_store_for_one_user_has_the_rights_of_the_umask(tmp_path):
+    before = os.umask(0o077)
+    try:
+        store = Store(tmp_path / "own")
+        store.put_bytes(b"x")
+    finally:
+        os.umask(before)
+    assert not rights_of(store.root).is_shared
+    assert {path.stat().st_mode & 0o077 for path in store.root.rglob("*") if path.is_dir()} == {0}
+
+
+def test_compiled_kernels_of_another_user_are_left_alone(tmp_path, monkeypatch):
+    from pipeline.jit import cache_folder
+
+    monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path))
+    usual = cache_folder()
+    usual.mkdir()
+    assert cache_folder() == usual
+    os.chown(usual, FIRST, FIRST)
+    assert cache_folder() == usual.with_name(f"{usual.name}-0")
+
+
+def test_without_a_home_the_way_out_is_named(monkeypatch):
+    from pipeline.user_cache import user_cache
+
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+
+    def work():
+        os.setuid(54323)
+        try:
+            user_cache()
+        except EnvironmentFault as error:
+            return 5 if "set XDG_CACHE_HOME" in str(error) else 1
+        return 0
+
+    assert in_fork(work) == 5
