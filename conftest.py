@@ -1,6 +1,12 @@
 """Options of the whole test run."""
 
+import signal
+
 import pipeline  # noqa: F401 (before anybody imports NumPy: tests compute as the command does)
+
+# A shell that runs this in the background tells it to ignore Ctrl-C, and what the tests start would ignore it too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_addoption(parser):

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.moments import cross
-from pipeline.camera.packets import draw, start_packet
+from pipeline.camera.packets import aim_into, draw, region_drift, send_packet
 from pipeline.camera.polygon import fan
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.camera.sobol import hash32, sobol_bits
@@ -129,9 +129,8 @@ def _means(
             for i in range(PACKET):
                 start_x[i] = sx + width * (start_x[i] - 0.5)
                 start_y[i] = sy + width * (start_y[i] - 0.5)
-            start_packet(
-                table, optics, lenses, mosaic, lens[n], sx, sy, start_x, start_y, region, fan_of, PACKET, packet
-            )
+            aim_into(region, fan_of, region_drift(optics, lens[n]), sx, sy, start_x, start_y, x, y)
+            send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, PACKET, packet)
             for p in range(planes.shape[0]):
                 started_here = _add(planes[p], packet, started, pivot[p], sums[p])
             started = started_here

@@ -50,5 +50,5 @@ def test_check_names_the_line_of_every_mistake_and_a_way_out():
 
 @pytest.mark.parametrize("name", ["tiny_conventional", "tiny_plenoptic"])
 def test_without_the_mistakes_the_command_sees_none(name):
-    clean = when_wrong.Case("", "", "check dataset.usda", "", "", dataset=name)
+    clean = when_wrong.Case(title="", wrong="", command="check dataset.usda", said="", mend="", dataset=name)
     assert when_wrong.answer(clean) == "1 stage checked: 0 errors, 0 warnings"

@@ -90,7 +90,7 @@ def cut_at_every_byte(bench: Workbench) -> Row:
         path.write_bytes(whole[:size])
         row.tried += 1
         row.wrong += bool(manifest.read(path.parent).files)
-    for note in [note for folder in ("history", "sources", "index") for note in (place / "store" / folder).iterdir()]:
+    for note in [note for folder in ("history", "sources", "index") for note in (place / "store" / folder).glob("*")]:
         whole = note.read_bytes()
         for size in (0, 1, len(whole) // 2, len(whole) - 1):
             note.unlink()
