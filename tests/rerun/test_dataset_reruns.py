@@ -92,11 +92,11 @@ def test_one_pose_sample_reruns_that_frame_and_undoing_it_reruns_nothing(convent
 
 def test_plan_and_explain_name_the_edit_and_its_line(conventional, monkeypatch):
     monkeypatch.chdir(conventional.stage.parent)
-    conventional.edit("2: (0.3, -0.2, -432)", "2: (0.31, -0.2, -432)")
+    conventional.edit("2: (0.3, -0.2, -432)", "2: (0.317, -0.2, -432)")
     lines = conventional.stage.read_text(encoding="utf-8").splitlines()
-    (line,) = (number for number, text in enumerate(lines, 1) if "(0.31, -0.2, -432)" in text)
+    (line,) = (number for number, text in enumerate(lines, 1) if "(0.317, -0.2, -432)" in text)
     told = f"dataset.usda:{line}: </TinyConventional/Board.xformOp:translate> at frame 2:"
-    told += " (0.3, -0.2, -432) -> (0.31, -0.2, -432)"
+    told += " (0.3, -0.2, -432) -> (0.317, -0.2, -432)"
 
     def said(*arguments):
         return CliRunner().invoke(app, [*arguments[:1], "dataset.usda", *arguments[1:], "-o", "out"]).stdout
@@ -106,7 +106,7 @@ def test_plan_and_explain_name_the_edit_and_its_line(conventional, monkeypatch):
     (task,) = json.loads(said("explain", "truth/Rig.Camera/2", "--json"))["tasks"]
     (edit,) = task["reasons"][0]["edits"]
     assert (edit["at"], edit["time"]) == ("/TinyConventional/Board.xformOp:translate", 2.0)
-    assert (edit["old"], edit["new"]) == ([0.3, -0.2, -432.0], [0.31, -0.2, -432.0])
+    assert (edit["old"], edit["new"]) == ([0.3, -0.2, -432.0], [0.317, -0.2, -432.0])
     assert (edit["file"], edit["line"]) == ("dataset.usda", line)
 
 

@@ -120,12 +120,13 @@ def test_a_link_to_itself_or_a_name_too_long_is_no_traceback(name, tmp_path):
     assert load(tmp_path / "dataset.usda").errors
 
 
-def test_a_binary_layer_with_any_byte_flipped_is_read_or_refused(tmp_path):
+@pytest.mark.parametrize("flips", [8, pytest.param(120, marks=pytest.mark.heavy)])
+def test_a_binary_layer_with_any_byte_flipped_is_read_or_refused(flips, tmp_path):
     from pxr import Sdf
 
     Sdf.Layer.FindOrOpen(str(stage(tmp_path))).Export(str(tmp_path / "flat.usdc"))
     whole = (tmp_path / "flat.usdc").read_bytes()
-    for number, place in enumerate(range(90, len(whole), len(whole) // 60)):
+    for number, place in enumerate(range(90, len(whole), len(whole) // flips)):
         path = tmp_path / f"{number}.usdc"  # USD keeps layers by their names
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
         assert all(one.file and str(one).replace("\n", "").isprintable() for one in load(path).problems)
