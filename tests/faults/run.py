@@ -12,6 +12,7 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).parents[1])]
 
+import pipeline  # noqa: F401, I001 (before anybody imports NumPy: else every build starts workers)
 from faults.catalogue import FAULTS, SHORT
 from faults.workbench import Row, Workbench
 
