@@ -66,6 +66,14 @@ def send_mixed(table, optics, lenses, mosaic, lens, owner, start_x, start_y, siz
 
     A packet that is not full costs nearly as much as a full one, and a position may have two rays.
     """
+    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet)
+    trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
+
+
+@inline
+def aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet):
+    """Send such rays as far as the main lens."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
     plain, first = lens[owner[0]] < 0 or mosaic[0][MODEL] == PLAIN, 0
     while first < size:
@@ -81,7 +89,6 @@ def send_mixed(table, optics, lenses, mosaic, lens, owner, start_x, start_y, siz
         first = end
     if plain:
         _aim(optics, mosaic[0], lens[owner[0]] >= 0, start_x, start_y, size, packet)
-    trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
 
 
 @inline

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import DISC, KIND, MODEL, PLAIN, free_weight, towards_microlens
 from pipeline.camera.moments import accumulate, cross, cross_packet, finish, set_pivot
-from pipeline.camera.packets import send_mixed, send_packet
+from pipeline.camera.packets import aim_mixed, send_mixed, send_packet
 from pipeline.camera.polygon import fan, point_in_fan
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.jit import inline, kernel
@@ -95,7 +95,7 @@ def label_packet(camera, lens, owner, points, start_x, start_y, size, packet, la
     """
     optics, table, lenses, aperture, mosaic = camera
     alive, rows, detail = packet[6], table.shape[0], mosaic[0]
-    send_mixed(table[:0], optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet)
+    aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet)
     for i in range(size):
         label[i] = PASSES if alive[i] > 0.0 else rows
         clearance[i] = 1.0
