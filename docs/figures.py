@@ -38,8 +38,12 @@ DOCUMENTS = sorted(
 COPIED = ("benchmarks", "docs", "examples", "stages", "pyproject.toml")
 
 TIME = re.compile(r"(?<![\w.])[\d.]+(?:e[-+]?\d+)? (?=(?:s|µs|rays/s|ray-surfaces/s)\b)")
-ELSEWHERE = ((re.compile(r"; store .*"), ""), (re.compile(r"\[[0-9a-f]{12}\]"), "[…]"))
-"""What an output says of this machine's store, and digests of keys: neither is kept."""
+ELSEWHERE = (
+    (re.compile(r"; store .*"), ""),
+    (re.compile(r"\[[0-9a-f]{12}\]"), "[…]"),
+    (re.compile(r"^warning: waiting for .*\n", re.MULTILINE), ""),
+)
+"""What an output says of this machine's store, digests of keys, and waits for other processes: none is kept."""
 
 
 @dataclass(frozen=True)

@@ -37,9 +37,9 @@ Before the first build, run `pipeline check dataset.usda`: it reads the stage, a
 in seconds. `pipeline show dataset.usda` says what the cameras do.
 """
 LEFT_OUT = "[…]"
-PROGRESS = re.compile(r"\[\d+/\d+ ")
+PROGRESS = re.compile(r"\[\d+/\d+ |warning: waiting for ")
 CHANGING = re.compile(r" in [\d.]+ s; store .*|  \[[0-9a-f]{12}\]$|^\tError in .* : ")
-"""What a build prints of single tasks, how long it took, digests of keys, and places in the source of USD."""
+"""What a build prints of single tasks and of waits for others, times, digests of keys, places in the source of USD."""
 
 
 @dataclass(frozen=True)
