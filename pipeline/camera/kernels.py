@@ -183,7 +183,7 @@ def image_rays(
     """
     region, packet = new_region(), new_packet()
     start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
-    x, y, samples, lens_of = packet[0], packet[1], bits.shape[1], strata.copy().reshape(-1)
+    x, y, samples, lens_of = packet[0], packet[1], bits.shape[1], strata.reshape(-1)
     held, written = 0, 0
     for n in range(positions.shape[0]):
         sx, sy = positions[n]

@@ -147,4 +147,5 @@ def strata(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray)
     """Microlenses that light of the pixel around each position may pass, that of its own cell first, (n, s)."""
     if images is None:
         return np.full((len(positions_mm), 1), NO_MICROLENS)
-    return images.contributors(positions_mm, tracer.camera.sensor.pitch_mm * np.sqrt(0.5))
+    # Contiguous: kernels are compiled for that alone.
+    return np.ascontiguousarray(images.contributors(positions_mm, tracer.camera.sensor.pitch_mm * np.sqrt(0.5)))
