@@ -46,7 +46,7 @@ WRITE, BUILD, LOOK, CARE = "Before a build", "Build", "What was done, and why", 
 
 
 class Spacing(StrEnum):
-    """Where the thicknesses of a pbrt table lie: before or after the surface of their row."""
+    """Place of the thicknesses in a pbrt table: before or after the surface of their row."""
 
     BEFORE = "before"
     AFTER = "after"

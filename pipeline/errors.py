@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class Exit(IntEnum):
-    """What the exit code of a command means: the table of docs/engine.md."""
+    """Meaning of the exit code of a command: the table of docs/engine.md."""
 
     DONE = 0
     FAILED = 1

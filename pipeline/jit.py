@@ -23,7 +23,7 @@ _DECORATED = re.compile(rb"^@(kernel|inline)$", re.MULTILINE)
 
 
 def cache_folder() -> Path:
-    """Where compiled kernels are kept: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
+    """Folder of compiled kernels: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
 
     Keyed by a digest of all sources that kernels reach: a callee in another file may change, or a constant, which is
     compiled in. Where that of another user lies under the same name, ours is named after us: code of others is not run.

@@ -1,4 +1,4 @@
-"""Where Numba looks for compiled code: a file for each kernel and types, named by all that decides what is in it.
+"""Compiled code for Numba: a file for each kernel and types, named by all that decides what is in it.
 
 Numba's own cache believes whatever it finds: a file that lost its end breaks every build for ever, and one that
 somebody else wrote is executed. This one does for a dispatcher what `numba.core.caching.FunctionCache` does.

@@ -33,7 +33,7 @@ def say(text: str) -> None:
 
 
 def read(path: Path, warn: Warn = say) -> bytes | None:
-    """What `write` wrote. Anything else that lies there is removed, with a warning that names it, and None."""
+    """Bytes that `write` wrote. Anything else that lies there is removed, with a warning that names it, and None."""
     with _folder_of(path, warn) as folder:
         if folder is None or not _is_there(path.name, folder):
             return None
@@ -97,7 +97,7 @@ def make_folder(folder: Path, warn: Warn = say) -> None:
 
 @contextlib.contextmanager
 def _kept(folder: Path, size: int, warn: Warn) -> Iterator[None]:
-    """What goes wrong while something is put into a folder."""
+    """Tell errors that happen while something is put into a folder."""
     try:
         yield
     except OSError as error:
@@ -152,5 +152,5 @@ def _aside(path: Path, why: str) -> Path:
 
 
 def _digest(path: Path, body: bytes) -> bytes:
-    """Of the bytes, and of the name that they belong to."""
+    """Digest of the bytes, and of the name that they belong to."""
     return hashlib.sha256(path.name.encode() + b"\0" + body).hexdigest().encode() + b"\n"

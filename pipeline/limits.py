@@ -1,4 +1,4 @@
-"""How large a dataset may be, asked before anything is allocated for it; see docs/limits.md."""
+"""Limits of the size of a dataset, asked before anything is allocated for it; see docs/limits.md."""
 
 import difflib
 import os

@@ -39,14 +39,14 @@ FUNCTIONS = {
 """Functions of one number by their names in C, each with an interval on which it is defined."""
 
 ARGUMENTS = 999
-"""Of each function. Those of glibc with FMA and without differ for about one in a thousand; a multiple of 9."""
+"""Arguments for each function. glibc with FMA and without differs for about one in a thousand; a multiple of 9."""
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _ASK = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline import machine; machine.tell()"
 
 
 def facts(libraries: Collection[str]) -> dict[str, str]:
-    """What this process computes with: level and libm, and if NumPy is among the libraries, numpy and blas.
+    """Facts about what this process computes with: level and libm, and if NumPy is among the libraries, numpy and blas.
 
     Returns
     -------

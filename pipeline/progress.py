@@ -1,4 +1,4 @@
-"""What a person sees of a running build, on stderr; everything comes from the stream of events.
+"""A running build as a person sees it, on stderr; everything comes from the stream of events.
 
 Rich is imported only for a terminal.
 """
@@ -138,7 +138,7 @@ class Bar:
 
 
 class Ending:
-    """What stands below a build that has ended: every failure with its log and the command that repeats it, a summary.
+    """Lines below a build that has ended: every failure with its log and the command that repeats it, a summary.
 
     Parameters
     ----------

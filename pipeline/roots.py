@@ -1,4 +1,4 @@
-"""Which folders may a stage read? Its project, the shipped library, and what the caller adds."""
+"""Folders that a stage may read: its project, the shipped library, and what the caller adds."""
 
 import os
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Where results and compiled kernels are kept unless somebody says otherwise."""
+"""The folder of results and compiled kernels, unless somebody says otherwise."""
 
 import os
 from pathlib import Path

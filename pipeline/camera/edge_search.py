@@ -1,4 +1,4 @@
-"""How far light reaches from inner points of bundles, found by real rays. Kernels only; vision frame, mm."""
+"""Search of the edge of what passes, from inner points of bundles, by real rays. Kernels only; vision frame, mm."""
 
 import math
 

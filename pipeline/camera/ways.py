@@ -41,7 +41,7 @@ class Ways:
 
     @property
     def camera(self) -> tuple[Any, ...]:
-        """What kernels of single rays need: optics, table, lenses, aperture and mosaic."""
+        """Arguments of kernels of single rays: optics, table, lenses, aperture and mosaic."""
         optics, table, _, lenses, aperture, mosaic = self.arrays
         return optics, table, lenses, aperture, mosaic
 

@@ -22,7 +22,7 @@ _ASK_VERSION = 1
 _PATH_BENEATH = 1
 _READ_FILE, _READ_DIR = 1 << 2, 1 << 3
 _RIGHTS_OF_VERSION = {1: 13, 2: 14, 3: 15, 4: 15, 5: 16}
-"""How many rights about files a version knows; those after 5 know no more."""
+"""Number of rights about files that each version knows; those after 5 know no more."""
 _NO_TCP, _NO_SCOPES = 0b11, 0b11  # bind and connect; abstract sockets and signals
 
 

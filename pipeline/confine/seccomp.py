@@ -57,7 +57,7 @@ _LIMITED = {
     "openat": (257, 56, _THIRD, _TO_WRITE),
     "prlimit64": (302, 261, _THIRD, 0xFFFFFFFF),
 }
-"""Which argument may have none of which bits: how a file is opened, where new limits lie."""
+"""Arguments of calls, and the bits that they may not have: how a file is opened, where new limits lie."""
 _CLONE = (56, 220)
 _MACHINES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 

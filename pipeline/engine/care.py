@@ -23,7 +23,7 @@ _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What lies in a store; sizes in bytes.
+    """Content of a store; sizes in bytes.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Contents:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collected:
-    """What a collection dropped, or would drop; sizes in bytes. `quarantined` are damaged entries."""
+    """Entries that a collection dropped, or would drop; sizes in bytes. `quarantined` are damaged entries."""
 
     records: int
     blobs: int
@@ -97,7 +97,7 @@ def bytes_of(text: str) -> int:
 
 
 def info(store: Store, limit_bytes: int | None = None) -> Contents:
-    """What lies in a store."""
+    """Count the content of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     kept = _blobs_of(store, pinned_keys(store))
     damaged = list(quarantine.entries(store.root))

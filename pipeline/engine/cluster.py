@@ -32,7 +32,7 @@ _SETTINGS = {
 
 
 def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
-    """What `--engine dask:…` means: an address as tcp://host:8786, or the file that a scheduler wrote.
+    """Meaning of `--engine dask:…`: an address as tcp://host:8786, or the file that a scheduler wrote.
 
     Raises
     ------

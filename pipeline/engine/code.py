@@ -1,4 +1,4 @@
-"""What the code of a task kind contributes to its keys.
+"""Code of a task kind, as it enters its keys.
 
 The fingerprint covers the module of the kind and every module of its own package which that imports, directly or not,
 inside functions too. Comments, layout and docstrings do not count; any other edit does. Modules of other distributions
@@ -33,7 +33,7 @@ class UnknownKind(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Module:
-    """What one source file says, read by its syntax tree."""
+    """Statements of one source file that matter, read by its syntax tree."""
 
     digest: str
     imports: list[str]
@@ -42,7 +42,7 @@ class _Module:
 
 
 Modules = dict[str, _Module | None]
-"""What the source file of each name says; None if there is none."""
+"""Modules by the name of their source file; None if there is none."""
 
 Machine = Callable[[Collection[str]], dict[str, str]]
 """Facts about a machine as far as libraries decide bits by them."""
@@ -68,7 +68,7 @@ def remembering(store: Store) -> Iterator[None]:
 
 @functools.cache
 def _reader() -> str:
-    """What parses: another Python or an edit of this module may read the same source in another way."""
+    """Version of the parser: another Python or an edit of this module may read the same source in another way."""
     return key_of("reader/v1", [sys.version, hashlib.sha256(Path(__file__).read_bytes()).hexdigest()])
 
 

@@ -25,12 +25,12 @@ from pipeline.engine.store import Store
 from pipeline.errors import EnvironmentFault
 
 Source = bytes | tuple[str, str]
-"""Where a file comes from: its bytes, or (task name, output name)."""
+"""Source of a file: its bytes, or (task name, output name)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delivery:
-    """What changed in the folder; paths are posix and relative.
+    """Changes in the folder; paths are posix and relative.
 
     `asked` are the files that a partial delivery put or found there; None after a whole one. `finished` says whether
     the folder has a manifest now.
@@ -89,7 +89,7 @@ def deliver(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Goal:
-    """What a folder shall hold, and the store that has it. If it is not `whole`, other files of ours may stay."""
+    """Files that a folder shall hold, and the store that has it. If it is not `whole`, other files of ours may stay."""
 
     files: Mapping[str, Source]
     entries: dict[str, dict[str, Any]]
@@ -99,12 +99,12 @@ class _Goal:
 
     @property
     def digests(self) -> dict[str, str]:
-        """Of all files but the manifest."""
+        """Digests of all files but the manifest."""
         return {path: entry["sha256"] for path, entry in self.entries.items()}
 
     @property
     def note(self) -> dict[str, str]:
-        """Of all files, with the manifest if there shall be one."""
+        """Digests of all files, with the manifest if there shall be one."""
         own = {} if self.manifest is None else {manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
         return {**self.digests, **own}
 
@@ -167,7 +167,7 @@ def _is_ours(out: Path, seen: Seen, goal: _Goal) -> bool:
 
 @contextlib.contextmanager
 def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
-    """What goes wrong because of the disk, or of others in the folder, is no bug of ours."""
+    """Turn errors of the disk, or of others in the folder, into faults of the environment: no bug of ours."""
     try:
         with machine_errors("write to", out, needed=sum(entry["size"] for entry in goal.entries.values())):
             yield

@@ -1,4 +1,4 @@
-"""Where tasks run: in this process, or in worker processes that may die."""
+"""Places to run tasks: this process, or in worker processes that may die."""
 
 import collections
 import contextlib

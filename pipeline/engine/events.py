@@ -1,4 +1,4 @@
-"""What happens during a build, as a stream of plain dicts; progress, event files and reports read nothing else.
+"""Events of a build, as a stream of plain dicts; progress, event files and reports read nothing else.
 
 `{"event": "begin", "tasks": {name: kind}}`, then per task `started` and `done` (with the fields of a task's result
 and `usual_seconds`), `warning` with a text, and `end` with the summary of the build.
@@ -25,7 +25,7 @@ def silent(event: Event) -> None:
 
 
 def warner(on_event: Emit) -> Callable[[str], None]:
-    """What turns texts into warnings for a listener."""
+    """A function that turns texts into warnings for a listener."""
     return lambda text: on_event({"event": "warning", "text": text})
 
 

@@ -24,7 +24,7 @@ Signature = list[int]
 
 
 def signature(facts: os.stat_result) -> Signature:
-    """What changes when somebody writes to a file. ctime cannot be set back, mtime can."""
+    """Facts about a file that change when somebody writes to it. ctime cannot be set back, mtime can."""
     return [facts.st_size, facts.st_ino, facts.st_mtime_ns, facts.st_ctime_ns]
 
 
@@ -40,7 +40,7 @@ def is_machines_fault(error: BaseException) -> bool:
 
 @dataclass(slots=True)
 class Disk:
-    """How many bytes some work needs at least, as far as it knows; it may learn more while it runs."""
+    """Bytes that some work needs at least, as far as it knows; it may learn more while it runs."""
 
     needed: int | None = None
 

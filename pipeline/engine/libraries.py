@@ -1,4 +1,4 @@
-"""Which installed distributions stand behind imported modules. Imports none of them."""
+"""Installed distributions behind imported modules. Imports none of them."""
 
 import email
 import functools

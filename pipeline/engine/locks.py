@@ -136,7 +136,7 @@ def _holder(handle: int, path: Path) -> str:
 
 
 def _if_stopped(note: dict[str, Any]) -> str:
-    """What to do about a holder on this machine that was stopped, as by Ctrl-Z; empty if it was not."""
+    """Advice about a holder on this machine that was stopped, as by Ctrl-Z; empty if it was not."""
     with contextlib.suppress(OSError, IndexError):
         state = Path(f"/proc/{note['pid']}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
         if state == "T" and note["host"] == socket.gethostname():

@@ -18,7 +18,7 @@ _BYTES_PER_FRAME = 1 << 14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """What a manifest says; empty if there is none that can be read.
+    """Content of a manifest; empty if there is none that can be read.
 
     Attributes
     ----------

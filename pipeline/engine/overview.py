@@ -38,13 +38,13 @@ class Group:
 
     @property
     def label(self) -> tuple[str, str]:
-        """What stands in the node: its name, and how many of its tasks are in which state."""
+        """Text of the node: its name, and the number of its tasks in each state."""
         states = ", ".join(f"{count:,} {state}" for state, count in sorted(self.states.items()))
         return self.name, states
 
     @property
     def colour(self) -> str:
-        """Of what is least finished."""
+        """Colour of the least finished of its states."""
         return _COLOURS[next(state for state in ("run", "maybe", "cached") if self.states[state])]
 
     def to_dict(self) -> dict[str, Any]:

@@ -121,7 +121,7 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
 
 
 def _refuse_other_code(kind: str, components: dict[str, Any], store: Store) -> None:
-    """What runs must be what the key says: code, libraries and machine.
+    """Refuse to run anything but what the key says: code, libraries and machine.
 
     The source may have been edited since the driver read it, and a worker on another machine may have another version
     of anything.
@@ -218,7 +218,7 @@ def _append(log: Path, text: str) -> None:
 
 
 def _said(error: BaseException) -> str:
-    """What a user is told; the traceback is in the log."""
+    """Words for the user; the traceback is in the log."""
     if isinstance(error, PipelineError):
         return str(error)
     text = "\n".join(f"{type(error).__name__}: {error}".strip(" :\n").splitlines()[-_LINES:])

@@ -1,4 +1,4 @@
-"""What would run and why, without running anything. Reasons are data first, text second."""
+"""Tasks that would run, and why, without running anything. Reasons are data first, text second."""
 
 import enum
 from collections.abc import Iterable, Iterator, Mapping

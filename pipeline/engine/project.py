@@ -1,4 +1,4 @@
-"""What is to be built: a graph, and what of its results goes where. Plain data, so it may come from another process."""
+"""Projects: a graph, and what of its results goes where. Plain data, so one may come from another process."""
 
 import base64
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Where damaged entries of a store go, for a person to look at: `quarantine/<time>-<name>`.
+"""A place for damaged entries of a store, for a person to look at: `quarantine/<time>-<name>`.
 
 What the store made itself is removed by the next collection. Anything else that stood in the way stays for ever: it may
 be somebody's.

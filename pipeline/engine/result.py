@@ -1,4 +1,4 @@
-"""What a build did."""
+"""Results of builds."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from pipeline.errors import Exit, PipelineError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What a build did; `to_dict()` is what `build --json` prints.
+    """The result of a build; `to_dict()` is what `build --json` prints.
 
     Attributes
     ----------
@@ -105,13 +105,13 @@ class Result:
         return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file"
 
     def ending(self) -> dict[str, Any]:
-        """What the event `end` says beside the summary."""
+        """Fields of the event `end` beside the summary."""
         facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": self.delivery is not None}
         facts |= {"untouched": self.untouched, "partial": self._partial()}
         return {**facts, "exit_code": self.exit_code, "checked": list(self.checked)}
 
     def _partial(self) -> dict[str, Any] | None:
-        """What a partial delivery put where; None after a whole one."""
+        """Files of a partial delivery, and their places; None after a whole one."""
         if self.delivery is None or self.delivery.asked is None:
             return None
         return {"files": list(self.delivery.asked), "finished": self.delivery.finished}

@@ -23,7 +23,7 @@ _TICK_S = 0.25  # how long a signal may wait for the loop
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskResult:
-    """What became of a task.
+    """The end of a task.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ def seal(value: Any) -> bytes:
 
 
 def unseal(raw: bytes | None) -> Any:
-    """What was sealed; None if a byte is missing or another, or if it is no JSON that a reader survives."""
+    """The sealed content; None if a byte is missing or another, or if it is no JSON that a reader survives."""
     body, _, tail = (raw or b"").rpartition(_TRAILER)
     if tail != hashlib.sha256(body).hexdigest().encode() + b"\n":
         return None

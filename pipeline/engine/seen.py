@@ -1,4 +1,4 @@
-"""What the store remembers of an output folder: the bytes that we put there, and how files looked when we knew them.
+"""Memory of an output folder in the store: the bytes that we put there, and how files looked when we knew them.
 
 A file is ours only if its bytes are those that we put under its name: whatever else it holds is somebody's. A file that
 still looks the same need not be read again. Only what was certain is remembered: a file that somebody else may have

@@ -177,7 +177,7 @@ def _take_over(outcome: Outcome, again: Outcome) -> None:
 
 
 def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any]:
-    """What tasks found for the head of the manifest."""
+    """Findings of tasks for the head of the manifest."""
 
     def content(task: str, output: str) -> Any:
         return json.loads(store.read(outcome.records[task]["outputs"][output]["sha256"]))
@@ -193,7 +193,7 @@ def plan_of(
     until: Iterable[str] = (),
     targets: Iterable[str] = (),
 ) -> list[PlannedTask]:
-    """What `build` would do with the same arguments.
+    """Plan what `build` would do with the same arguments.
 
     Raises
     ------
@@ -208,18 +208,18 @@ def plan_of(
 
 
 def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
-    """What the project was made of when its tasks were last built, latest first; more than one after partial builds."""
+    """Sources of the project when its tasks were last built, latest first; more than one after partial builds."""
     kept = writable(store or Store()).read_note("sources", _history_name(project))
     return kept if isinstance(kept, list) else []
 
 
 def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatus]:
-    """What of the project lies finished in its output folder."""
+    """State of the project's files in its output folder."""
     return status(plan_of(project, store=store), project.files, project.out)
 
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
-    """What is known of the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
+    """Facts about the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
     store = writable(store or Store())
     keys = _history(project, store)["keys"]
     last = store.read_facts("events", _history_name(project))
@@ -247,7 +247,7 @@ def _history_name(project: Project) -> str:
 
 
 def _history(project: Project, store: Store) -> dict[str, Any]:
-    """What the last builds of this stage into this folder left: `keys` by task and `peaks` of memory by kind."""
+    """Memory of the last builds of this stage into this folder: `keys` by task and `peaks` of memory by kind."""
     note = store.read_facts("history", _history_name(project))
     return {name: note[name] if isinstance(note.get(name), dict) else {} for name in ("keys", "peaks")}
 

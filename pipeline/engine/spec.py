@@ -32,7 +32,7 @@ class Spec:
     components: dict[str, Any]
 
     def to_plain(self) -> dict[str, Any]:
-        """What crosses a process border."""
+        """Plain values that cross a process border."""
         return {"name": self.name, "key": self.key, "components": self.components}
 
 

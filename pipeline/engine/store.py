@@ -271,7 +271,7 @@ class Store(StoreFolder):
         return self.complete(key, self.peek(key))
 
     def complete(self, key: str, record: dict[str, Any] | None) -> dict[str, Any] | None:
-        """What `peek` gave for a key, if all its blobs are whole; else None, and the record waits for them."""
+        """The record that `peek` gave for a key, if all its blobs are whole; else None: it waits for them."""
         if record is None or not all(self.is_whole(entry) for entry in record["outputs"].values()):
             return None
         with contextlib.suppress(OSError):  # in use: what was unused longest is collected first
@@ -311,7 +311,7 @@ class Store(StoreFolder):
             self._write(self.root / folder / f"{name}.json", seal(note))
 
     def read_note(self, folder: str, name: str) -> Any:
-        """What `write_note` kept; None if it is not there or damaged."""
+        """The note that `write_note` kept; None if it is not there or damaged."""
         note = unseal(read_regular(self.root / folder / f"{name}.json"))
         return self._below.read_note(folder, name) if note is None and self._below is not None else note
 

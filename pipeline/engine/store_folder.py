@@ -60,7 +60,7 @@ class StoreFolder:
                 self._write(self.root / "VERSION", VERSION)
 
     def path(self, table: str, name: str) -> Path:
-        """Where an entry lives. Only digests get in, so no path leads outside."""
+        """Path of an entry. Only digests get in, so no path leads outside."""
         return Path(self._at(table, name))
 
     def _at(self, table: str, name: str) -> str:
@@ -88,7 +88,7 @@ class StoreFolder:
             yield held
 
     def file_for(self, table: str, name: str) -> Path:
-        """Where a lock or a log is, or will be; whatever else stands there goes out of the way."""
+        """Path of a lock or a log that is, or will be, there; whatever else stands there goes out of the way."""
         path = self.path(table, name)
         if is_no_file(path):
             self._quarantine(path)

@@ -12,7 +12,7 @@ from pipeline.engine.workspace import is_workspace
 from pipeline.errors import EnvironmentFault
 
 VERSION = b"plenoptic-pipeline store 1\n"
-"""What the file VERSION says. Without it a folder that holds anything is somebody's, and nothing in it is touched."""
+"""Content of the file VERSION. Without it a folder that holds anything is somebody's, and nothing in it is touched."""
 
 TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
 

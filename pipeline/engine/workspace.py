@@ -1,4 +1,4 @@
-"""Where this process writes before it renames: a folder of its own in the store, locked for as long as it lives."""
+"""Workspaces: one folder of the store for each process, which writes there before it renames, locked while it lives."""
 
 import os
 import re

@@ -27,7 +27,7 @@ def write_json(path: str | Path, obj: Any) -> None:
 
 
 def json_bytes(obj: Any) -> bytes:
-    """What `write_json` writes."""
+    """Text that `write_json` writes."""
     return (_text(obj, "\n", ("$",)) + "\n").encode()
 
 

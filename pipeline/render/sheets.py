@@ -1,4 +1,4 @@
-"""Which of several flat sheets does a ray meet first? Kernels only; vision frame, mm."""
+"""The first of several flat sheets that a ray meets. Kernels only; vision frame, mm."""
 
 from pipeline.jit import kernel
 

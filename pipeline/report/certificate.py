@@ -1,4 +1,4 @@
-"""What a certificate says, in lines for a terminal."""
+"""A certificate, in lines for a terminal."""
 
 from typing import Any
 

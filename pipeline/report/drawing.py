@@ -26,7 +26,7 @@ from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, 
 
 _FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
 _RIM = 0.99
-"""Where a bundle at the rim of the image circle is drawn: at the rim itself it has no width."""
+"""Share of the image circle at which a bundle of its rim is drawn: at the rim itself it has no width."""
 _STEEPEST = math.tan(math.radians(86))
 """Slope in the scene up to which bundles are drawn; light from beyond 90 degrees would go backwards."""
 _WIDEST_RAD = math.radians(60)
@@ -187,7 +187,7 @@ def _fan(central: tuple[float, float, float], offsets: np.ndarray, distance: flo
 
 
 def _entry(first: tuple[float, float], slope: float, left_mm: float, limit_mm: float) -> tuple[float, float]:
-    """Where a ray that meets the lens comes into the drawing: at its left side, or from above or below."""
+    """Point at which a ray that meets the lens comes into the drawing: at its left side, or from above or below."""
     x, y = first
     at_left = y + slope * (left_mm - x)
     if abs(at_left) <= limit_mm:
@@ -251,7 +251,7 @@ def _height(camera: Camera, field: float) -> float:
 
 
 def _half_height(camera: Camera) -> float:
-    """Of the drawing above and below the axis."""
+    """Reach of the drawing above and below the axis."""
     return 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
 
 

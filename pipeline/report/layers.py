@@ -13,13 +13,13 @@ Point = tuple[float, float]
 Line = tuple[Point, Point]
 
 WIDTH, HEIGHT, GAP = 210.0, 44.0, 60.0
-"""Of a box, and between columns [px]."""
+"""Size of a box, and room between columns [px]."""
 _BOX_GAP, _LANE_GAP, _SWEEPS = 18.0, 10.0, 8
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where things are, in pixels from the left upper corner.
+    """Places of things, in pixels from the left upper corner.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class _Place:
     left_ones: list["_Place"] = field(default_factory=list)
     right_ones: list["_Place"] = field(default_factory=list)
     y: float = 0.0
-    """Of its middle."""
+    """Place of its middle."""
 
     @property
     def left(self) -> Point:
@@ -143,7 +143,7 @@ def layout(reads: Mapping[str, Sequence[str]]) -> Layout:
 
 
 def _line(start: _Place, end: _Place) -> Line:
-    """Of an arrow: to the near side of its box."""
+    """Ends of an arrow, each at the near side of its box."""
     if start.column < end.column:
         return start.right, end.left
     return (start.left if start.column > end.column else start.right), end.right

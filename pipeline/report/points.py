@@ -1,4 +1,4 @@
-"""How many points of each target were seen in each frame, in lines for a terminal."""
+"""Numbers of points of each target that were seen in each frame, in lines for a terminal."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Which files may a stage read? Only those below the roots that we allow.
+"""Files that a stage may read: only those below the roots that we allow.
 
 A ten-line stage can name any file of the machine, and USD resolves it. Real paths are compared, so that neither `..`
 nor a link leads out.

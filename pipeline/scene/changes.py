@@ -92,7 +92,7 @@ def _fields(spec: Sdf.PrimSpec) -> set[str]:
 
 
 def _content(spec: Sdf.PropertySpec | None) -> dict[str, Any]:
-    """What a property says, by field."""
+    """Fields of a property."""
     return {} if not spec else {field: spec.GetInfo(field) for field in _fields(spec)}
 
 

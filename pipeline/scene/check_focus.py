@@ -1,4 +1,4 @@
-"""What a camera is asked to focus: whether it can, and what its microlenses then see sharp."""
+"""Focus that a camera is asked for: whether it can be had, and what its microlenses then see sharp."""
 
 from collections import Counter
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What every layer of a stage must say, and say alike; and statements that USD drops in silence."""
+"""Statements that every layer of a stage must make, and make alike; and statements that USD drops in silence."""
 
 from collections.abc import Iterator
 

@@ -59,7 +59,7 @@ def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
 
 
 def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
-    """What helps with a name that resembles no other."""
+    """Hint for a name that resembles no other."""
     if not is_ours:
         return 'write "custom" in front of it if it is meant to be extra data'
     prim = prop.GetPrim()
@@ -72,7 +72,7 @@ def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
 
 
 def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
-    """What is missing, except those whose names were misspelt: `meant` are the right names of these."""
+    """Names that are missing, except those whose names were misspelt: `meant` are the right names of these."""
     ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
     if prim.IsAbstract() or not all(prim.CanApplyAPI(name) for name in ours):
         return  # a misapplied schema is reported as that

@@ -49,7 +49,7 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """What a camera sees of a target.
+    """The part of a target that a camera sees.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ _REASONS = {
 
 
 def _hint(camera: Camera, view: _View, blank: dict[int, int]) -> str:
-    """How to mend the first of the frames."""
+    """Hint that mends the first of the frames."""
     number, fate = next(iter(blank.items()))
     index = view.numbers.index(number)
     x, y, z = view.points_mm[index].mean(axis=0)

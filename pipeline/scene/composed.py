@@ -20,7 +20,7 @@ Site = tuple[str, str]
 
 
 class Arc(NamedTuple):
-    """What brings other prims or layers in: prim on the composed stage, field, and the site that says it."""
+    """An arc that brings other prims or layers in: prim on the composed stage, field, and the site that says it."""
 
     prim: str
     field: str
@@ -58,7 +58,7 @@ class Composed:
 
 
 def composed_from_plain(plain: dict[str, Any]) -> Composed | None:
-    """What `to_plain` wrote; None if another version of it did."""
+    """The record that `to_plain` wrote; None if another version of it did."""
     if plain.get("format") != _FORMAT:
         return None
     sites = {path: (site[0], site[1]) for path, site in plain["sites"].items()}
@@ -91,7 +91,7 @@ def written(specs: list[Sdf.Spec]) -> list[Sdf.Spec]:
 
 
 def site_of(spec: Sdf.Spec) -> Site:
-    """Where a spec stands."""
+    """Layer and path of a spec."""
     return str(spec.layer.realPath), str(spec.path)
 
 

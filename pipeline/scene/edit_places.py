@@ -1,4 +1,4 @@
-"""Where an edit was made: the file and line of what differs, is new, or has gone, between two states of a stage."""
+"""Places of edits: the file and line of what differs, is new, or has gone, between two states of a stage."""
 
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ class EditPlaces:
         self._files = {layer.realPath for layer in stage.GetUsedLayers()}
 
     def of_opinion(self, path: Sdf.Path, time: float | None = None) -> Place:
-        """Of a prim, a property or a time sample."""
+        """Place of a prim, a property or a time sample."""
         was, now = self.before.sites.get(str(path)), self.now.sites.get(str(path))
         if now is None:
             return place_of_gone(was, GONE) if was else Place(remark="removed")
@@ -48,7 +48,7 @@ class EditPlaces:
         return place_of_gone(was, f"removed here; {file}:{line} counts now")
 
     def of_metadata(self, path: Sdf.Path, field: str) -> Place:
-        """Of metadata of a prim, or of the whole layer."""
+        """Place of metadata of a prim, or of the whole layer."""
         if path == Sdf.Path.absoluteRootPath:
             root = self.stage.GetRootLayer().realPath
             return Place(shown_path(root), line_of_metadata(root, field))

@@ -27,7 +27,7 @@ from pipeline.scene.reading import read_dataset
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EditUnit:
-    """What is taken back together.
+    """Edits that are taken back together.
 
     Attributes
     ----------

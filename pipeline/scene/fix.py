@@ -28,7 +28,7 @@ _SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
 
 @dataclass(frozen=True, slots=True)
 class Lacking:
-    """What viewers miss in the root layer of a stage.
+    """Statements that viewers miss in the root layer of a stage.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Lacking:
 
     @property
     def count(self) -> int:
-        """Of lines."""
+        """Number of lines."""
         return sum(map(len, self.lines.values()))
 
 
@@ -107,7 +107,7 @@ def fix(path: Path) -> Lacking:
 
 
 def said_of(path: Path, *, write: bool) -> list[str]:
-    """What `pipeline check` says of viewers, as lines for a person; with `write` after the file was mended."""
+    """Tell what viewers miss, as lines for a person; with `write` after the file was mended."""
     name = shown_path(path.resolve())
     if write:
         found = fix(path)
@@ -124,7 +124,7 @@ def said_of(path: Path, *, write: bool) -> list[str]:
 
 
 def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[int, str]]:
-    """Where in a text, and what."""
+    """A piece of text, and its place."""
     bodies, found = text_map(path).bodies, list[tuple[int, str]]()
     for prim, lines in wanted.items():
         if prim:

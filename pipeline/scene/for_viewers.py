@@ -1,4 +1,4 @@
-"""What a flattened stage needs so that any USD viewer shows the scene, without our plug-in, too.
+"""Additions to a flattened stage, so that any USD viewer shows the scene, without our plug-in, too.
 
 Types that USD shall take ours for, the view of each Camera as USD's own pinhole, a mesh for each target. No build reads
 any of it: a stage with and without is the same dataset. What a lens or a target decides is written over what was there.
@@ -24,7 +24,7 @@ PREVIEW = "Preview"
 _TENTHS = 10.0
 """USD counts film backs and focal lengths of a Camera in tenths of the stage's unit."""
 _FARTHEST_MM, _LEAST_MM = 1e6, 1.0
-"""Of the clipping range: the far end, and the least near end, where the stop is the first thing of the lens."""
+"""Ends of the clipping range: the far end, and the least near end, where the stop is the first thing of the lens."""
 _LARGEST = 1e30
 """USD keeps these values in single precision."""
 
@@ -58,7 +58,7 @@ def add_fallback_types(layer: Sdf.Layer) -> None:
 
 
 def fallback_types(names: Iterable[str]) -> dict[str, Vt.TokenArray]:
-    """What USD shall take types for where it does not know them, of those that are ours, in the order of the names."""
+    """Types that USD shall take for those of ours that it does not know, in the order of the names."""
     known = Usd.SchemaRegistry().GetFallbackPrimTypes()
     return {name: known[name] for name in sorted(names) if name in known}
 
@@ -76,7 +76,7 @@ def types_in(layer: Sdf.Layer) -> list[str]:
 
 
 def view_of(camera: CameraEntry) -> Viewfinder | None:
-    """What a camera sees; None of one that cannot be built: to say so is the business of others."""
+    """Field of view of a camera; None of one that cannot be built: to say so is the business of others."""
     try:
         return viewfinder(solved(camera.camera))
     except PipelineError:

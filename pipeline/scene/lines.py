@@ -41,7 +41,7 @@ _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
 
 @dataclass(slots=True)
 class TextMap:
-    """What stands where in one file.
+    """Lines of statements in one file.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def line_of_metadata(file: str | Path, key: str) -> int:
 
 
 def sample_key(time: float) -> str:
-    """How `TextMap.lines` writes a time."""
+    """A time as `TextMap.lines` writes it."""
     return f"[{float(time)!r}]"
 
 

@@ -30,7 +30,7 @@ from pipeline.scene.reading_targets import read_target_entries
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """What became of a stage.
+    """A stage that was read, or why it cannot be.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ def _changed(stage: Usd.Stage, layers: Look, problems: list[Problem]) -> list[Pr
 
 
 def _reason(error: Exception) -> str:
-    """What USD, or the decoder of texts, says first."""
+    """First line of what USD, or the decoder of texts, says."""
     said = [one.commentary for one in error.args if hasattr(one, "commentary")]
     return shortened((said or [str(error)])[0].strip())
 

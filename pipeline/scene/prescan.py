@@ -188,7 +188,7 @@ def _clips(layer: Sdf.Layer) -> Iterator[Problem]:
 
 
 def _mentions(layer: Sdf.Layer) -> Iterator[_Mention]:
-    """What USD would open: layers, and packages that hold an asset value, which it looks into to find that."""
+    """Files that USD would open: layers, and packages that hold an asset value, which it looks into to find that."""
     for asset in layer.GetCompositionAssetDependencies():
         yield _Mention(layer.ComputeAbsolutePath(asset), layer.realPath, asset)
     for asset in _asset_values(layer):

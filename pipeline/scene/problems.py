@@ -1,4 +1,4 @@
-"""What can be wrong with a stage, as data and as text."""
+"""Problems of a stage, as data and as text."""
 
 import contextlib
 from collections.abc import Iterable, Iterator

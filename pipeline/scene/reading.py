@@ -39,7 +39,7 @@ APERTURE_VALUES = {
     "rectangular": {"half_widths_mm": "plen:halfWidths"},
     "polygonal": {"blades": "plen:blades"},
 }
-"""Which attributes give an aperture of a shape its size, by the fields of `Surface`."""
+"""Attributes that give an aperture of a shape its size, by the fields of `Surface`."""
 
 ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
     "all": {},
@@ -49,7 +49,7 @@ ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
         "acceptance_roll_off_deg": "plen:acceptanceRollOff",
     },
 }
-"""Which attributes give a pixel's acceptance of a shape its numbers, by the fields of `Sensor`."""
+"""Attributes that give a pixel's acceptance of a shape its numbers, by the fields of `Sensor`."""
 
 
 def read_dataset(root: Usd.Prim) -> Dataset:
@@ -218,7 +218,7 @@ def read_surface(prim: Usd.Prim) -> Surface:
 
 
 def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
-    """What a surface's aperture cuts from the circle of its semi-diameter."""
+    """Fields of a surface's aperture, which it cuts from the circle of its semi-diameter."""
     shape = need(prim, "plen:apertureShape")
     fields = {field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()}
     if shape in ("rectangular", "polygonal"):

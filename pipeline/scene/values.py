@@ -85,7 +85,7 @@ def range_of(documentation: str) -> Range | None:
 
 
 def entries_of(documentation: str) -> tuple[int, int] | None:
-    """How few and how many entries an array may have, as its documentation states; None if it states nothing."""
+    """Least and largest number of entries of an array, as its documentation states; None if it states nothing."""
     match = _ENTRIES.search(documentation)
     return (int(match[1]), int(match[2])) if match else None
 
@@ -139,7 +139,7 @@ def bad_text(value: Any) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """What the schemas say about the values of an attribute.
+    """Rules of the schemas about the values of an attribute.
 
     Attributes
     ----------
@@ -236,7 +236,7 @@ def need(prim: Usd.Prim, name: str) -> Any:
 
 
 def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
-    """What our plugInfo.json says under `key` of the type and the applied schemas of a prim."""
+    """Entry of our plugInfo.json under `key` of the type and the applied schemas of a prim."""
     registry = Usd.SchemaRegistry()
     found = []
     for schema in [prim.GetPrimTypeInfo().GetSchemaTypeName(), *prim.GetAppliedSchemas()]:

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
-"""What usda writes behind the name of an attribute."""
+"""Suffixes that usda writes behind the name of an attribute."""
 _WHOLE = re.compile(r"(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))(?:\[\])?")
 _DIGITS = re.compile(r"[\s\d,()[\]-]*")
 _NUMBER = re.compile(r"[-+]?[\d.][\w.+-]*")

@@ -13,7 +13,7 @@ from pipeline.scene.writing import filled, new_layer, text_of, write_lens
 
 _TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
 _VIEW = ("focalLength", *(f"{side}Aperture{end}" for side in ("horizontal", "vertical") for end in ("", "Offset")))
-"""What is written of the pinhole that sees what a camera sees."""
+"""Attributes that are written of the pinhole that sees what a camera sees."""
 
 
 def camera_text(camera: PrintedCamera) -> str:

@@ -23,7 +23,7 @@ _SPOKE_STEPS, _MOST_SPOKE_STEPS = 4, 160
 _AROUND, _ACROSS = 64, 24
 """Faces around a cylinder, and along each direction of a bent board, at least."""
 _MOST_CELLS, _MOST_SHAPES = 100_000, 20_000
-"""Of a piece of a target; what has more is shown as a blank sheet of the mean of its two colours."""
+"""Limits of a piece of a target; what has more is shown as a blank sheet of the mean of its two colours."""
 _SAME = 7
 """Digits, relative to the half sheet, to which lines of different shapes are one."""
 
@@ -93,7 +93,7 @@ def _is_too_fine(drawing: Drawing) -> bool:
 
 
 def _lines(drawing: Drawing, axis: int) -> np.ndarray:
-    """Where cells begin and end along x (0) or y (1), both edges of the sheet included, (n,)."""
+    """Borders of cells along x (0) or y (1), both edges of the sheet included, (n,)."""
     half = (drawing.half_x_mm, drawing.half_y_mm)[axis]
     found = [np.array([-half, half]), *(_lines_of(shape, axis) for shape in drawing.shapes)]
     lines = np.clip(np.concatenate(found), -half, half)

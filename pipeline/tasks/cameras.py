@@ -1,4 +1,4 @@
-"""What several task kinds share: reading a focused camera and making its tracer."""
+"""Common parts of several task kinds: reading a focused camera and making its tracer."""
 
 import dataclasses
 from collections.abc import Iterator

@@ -25,7 +25,7 @@ _FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sens
 
 
 def document(labels: dict[str, Any], camera: Camera, pinhole: Pinhole | None) -> dict[str, Any]:
-    """What camera.json says of a focused camera and its pinhole; `labels` is what it says besides."""
+    """Content of camera.json: a focused camera, its pinhole, and `labels` besides."""
     figures = report(camera)
     lens = {"name": labels["lens_name"], "index_source": labels["index_source"], **figures.pop("lens")}
     head = {name: figures.pop(name) for name in _FIRST}

@@ -21,7 +21,7 @@ KIND = "pipeline.tasks."
 
 
 def image_params(entry: CameraEntry) -> dict[str, Any]:
-    """What every image of a camera reads."""
+    """Params that every image of a camera reads."""
     return {
         "samples": entry.image_samples,
         "seed": entry.sampling.seed,
@@ -130,7 +130,7 @@ class FrameTasks:
 
 
 def _truth_params(entry: CameraEntry) -> dict[str, Any]:
-    """What `truth` reads in every frame."""
+    """Params that `truth` reads in every frame."""
     labels = {
         "weight": entry.weight,
         "wavelength_nm": entry.wavelength_nm,

@@ -104,7 +104,7 @@ def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
 
 
 def labels_of(entry: CameraEntry) -> dict[str, Any]:
-    """What camera.json says of a camera besides its figures."""
+    """Labels of a camera in camera.json, besides its figures."""
     names = ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")
     labels = {key: getattr(entry, key) for key in names}
     asked = entry.asked

@@ -57,7 +57,7 @@ class Scene:
 
     @property
     def targets(self) -> list[dict[str, Any]]:
-        """Of {name, target, vision_from_target}."""
+        """Records {name, target, vision_from_target}."""
         return list(self.params["targets"])
 
 
@@ -121,7 +121,7 @@ class HandedIn:
             self._add(f"{name} cannot be read: {why}")
 
     def project(self) -> Project | None:
-        """What a build of the folder's stage would be; None, and a problem, if it cannot be read."""
+        """Project of the folder's stage; None, and a problem, if it cannot be read."""
         try:
             project = _project(ForeignFolder(self.root).read(STAGE, limits().layer_bytes))
         except Unfit as reason:

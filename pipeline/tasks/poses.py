@@ -1,4 +1,4 @@
-"""Where everything stands in the frame of a camera, and one JSON per target."""
+"""Poses of everything in the frame of a camera, and one JSON per target."""
 
 import math
 from typing import Any

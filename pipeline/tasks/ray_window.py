@@ -67,7 +67,7 @@ def window_around(rig: Rig, x_px: np.ndarray, sampling: dict[str, Any]) -> Windo
 
 
 def _grid(rig: Rig, piece: Stretch, shape: tuple[int, int], first_px: np.ndarray, sampling: dict[str, Any]) -> RayGrid:
-    """What `rays.exr` would say of the positions, rounded as it is."""
+    """Values of `rays.exr` at the positions, rounded as it is."""
     camera, lattice, k = rig.tracer.camera, rig.tracer.lattice, sampling["supersampling"]
     assert camera.near_mm is not None and camera.far_mm is not None
     found, second = (values.astype(np.float32) for values in traced(rig.tracer, piece, sampling))
@@ -101,7 +101,7 @@ def rows_near(
     settings: TruthSettings,
     sampling: dict[str, Any],
 ) -> Correspondences:
-    """What the search finds of one point (3,) of a tangent plane in a window; positions count from the whole image."""
+    """Rows that the search finds of one point (3,) of a tangent plane in a window; positions are those of the image."""
     image = _position_image(rig, window, vision_from_plane, settings.method, sampling)
     found, counts = find(image, point_mm[None], window.grid, settings)
     rows = completed(found, counts, window.grid, vision_from_plane, settings)

@@ -71,7 +71,7 @@ def _reason(root: Path, name: str) -> str | None:
 
 
 def _reader(name: str) -> Reader:
-    """How a file is read, by its ending; libraries are loaded when the first of a kind comes."""
+    """Reader of a file, by its ending; libraries are loaded when the first of a kind comes."""
     if name.endswith(".exr"):
         from pipeline.files.exr import read_exr
 

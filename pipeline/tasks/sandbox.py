@@ -48,7 +48,7 @@ def project_of_untrusted(
 
 
 def problems_of_untrusted(path: Path, allow_roots: Iterable[str | Path]) -> tuple[list[dict[str, Any]], Guards]:
-    """What `check` finds, read in the sandbox: fields of `Problem`, and its `text`; and the guards in force."""
+    """Problems that `check` finds in the sandbox (fields of `Problem`, and its `text`), and the guards in force."""
     try:
         told, guards = _ask(path, allow_roots, check=True)
         return [{**row, "text": _shown(str(row["text"]))} for row in told["problems"]], guards

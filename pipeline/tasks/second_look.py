@@ -31,17 +31,17 @@ _SAME_SIGMA = 1e-3
 _SAME_SHARE = 1e-3
 """Hit fractions: two levels of quadrature differ by 3e-5 at the rim of a micro-image."""
 _SAME_BLUR = 0.02
-"""Of the trace of the blur: it is as exact as the derivative of J, which the last steps of the solution change."""
+"""Share of the blur's trace: it is as exact as the derivative of J, which the last steps of the solution change."""
 _SAME_BLUR_PX2 = 1e-5
 _SAME_OTHERS_PX = 2e-3
-"""Of the positions of column sets [px]: they err by some 1e-4 px."""
+"""Tolerance of the positions of column sets [px]: they err by some 1e-4 px."""
 _EDGE_PX, _EDGE_SHARE = 1e-3, 1e-3
 """A row this near to the edge of its cell, or to the smallest hit fraction, may be there or not."""
 
 
 @dataclass(frozen=True, slots=True)
 class SecondLook:
-    """What came of it.
+    """Findings of a second look.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class _Group:
         return found, others
 
     def _searched(self, points: TargetPoints, pose: np.ndarray, planes: np.ndarray) -> Correspondences:
-        """What the search finds in position images around stated rows, and around where else rows may be."""
+        """Rows that the search finds in position images around stated rows, and around where else rows may be."""
         camera, rig = self.camera, self.rig
         assert camera.sampling is not None
         whatever = unfiltered(camera.settings)
@@ -168,7 +168,7 @@ class _Group:
         others: dict[str, np.ndarray],
         theirs: np.ndarray,
     ) -> Iterator[str]:
-        """Which columns differ by more than they may, and by how much."""
+        """Columns that differ by more than they may, and by how much."""
         stated = {column: values[theirs] for column, values in self.rows.values.items()}
         expected = self._expected(again)
         expected |= {column: (values, _SAME_OTHERS_PX) for column, values in others.items()}

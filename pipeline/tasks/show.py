@@ -1,4 +1,4 @@
-"""What `pipeline show` says of a camera: the same records and figures as a build, without a build."""
+"""Content of `pipeline show`: the same records and figures as a build, without a build."""
 
 import json
 import math
@@ -25,8 +25,8 @@ from pipeline.tasks.first_order import CONVENTIONS, document
 from pipeline.tasks.graph import labels_of
 
 _CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
-"""Of the sensor before which a lens alone is shown: half its diagonal over the focal length, the first with a chief ray
-in its corners, and pixels along an edge."""
+"""Sensor before which a lens alone is shown: half its diagonal over the focal length, the first with a chief ray in its
+corners, and pixels along an edge."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Shown:
 
     @property
     def name(self) -> str:
-        """Of the camera."""
+        """Name of the camera."""
         return self.entry.name
 
     @cached_property
@@ -64,7 +64,7 @@ class Shown:
         return field_curves(self.camera, middle_focus(self.camera))
 
     def json(self) -> str:
-        """What camera.json says, and the curves."""
+        """Plain values: those of camera.json, and the curves."""
         return json_bytes({**self.document, "field_curves": self.curves.to_plain()}).decode()
 
     def page(self) -> list[str]:
@@ -87,7 +87,7 @@ class ShownLens:
 
     @property
     def name(self) -> str:
-        """Of the prim of the lens."""
+        """Name of the prim of the lens."""
         return self.entry.name
 
     @property
@@ -177,7 +177,7 @@ def _shown(entry: CameraEntry, problems: list[Problem]) -> Shown:
 
 
 def plain_json(shown: list[Shown | ShownLens]) -> str:
-    """What one thing says, or several by their names."""
+    """Plain values of one thing, or of several by their names."""
     if len(shown) == 1:
         return shown[0].json()
     return json_bytes({one.name: json.loads(one.json()) for one in shown}).decode()

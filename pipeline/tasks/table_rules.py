@@ -1,4 +1,4 @@
-"""What holds for every row of a table of correspondences, whatever light did: no ray is traced for it."""
+"""Rules for every row of a table of correspondences, whatever light did: no ray is traced for it."""
 
 import math
 import re
@@ -81,7 +81,7 @@ def rows_of_scene(camera: JudgedCamera, rig: Rig, scene: Scene) -> Rows:
 
 
 def broken_rules(camera: JudgedCamera, rig: Rig, scene: Scene, rows: Rows) -> Iterator[str]:
-    """What is wrong with a table by itself, and against the stage."""
+    """Faults of a table by itself, and against the stage."""
     for wrong, what in (
         *_labels(scene, rig, rows, camera.name),
         *_places(scene, rig, rows),
@@ -93,7 +93,7 @@ def broken_rules(camera: JudgedCamera, rig: Rig, scene: Scene, rows: Rows) -> It
 
 
 def wrong_counts(camera: str, stated: Any, scenes: list[tuple[Scene, Rows]]) -> Iterator[str]:
-    """Where the `points` of a manifest count other rows than the tables have."""
+    """Places in which the `points` of a manifest count other rows than the tables have."""
     frames = stated.get(camera, {}).get("frames") if isinstance(stated, dict) and _is_dict(stated, camera) else None
     known = {row.get("frame"): row for row in frames if isinstance(row, dict)} if isinstance(frames, list) else {}
     for scene, rows in scenes:

@@ -87,7 +87,7 @@ def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Corresponde
 
 
 def unfiltered(settings: TruthSettings) -> TruthSettings:
-    """Of the search: whether a row has light enough its own bundle says, not that of the nearest position."""
+    """Settings without a least hit fraction: its own bundle says whether a row has light enough, not its neighbour."""
     return dataclasses.replace(settings, min_hit_fraction=0.0)
 
 

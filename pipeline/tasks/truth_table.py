@@ -86,7 +86,7 @@ def columns_of(
 
 
 def note_of(found: Correspondences | None, points: TargetPoints, pose: np.ndarray) -> str:
-    """What became of a target: counts by reason."""
+    """Counts of the rows of a target by reason."""
     if found is None:
         return "no rows, because the camera sees its back"
     said = [f"{name} {count}" for name, count in found.counts.items()]

@@ -21,7 +21,7 @@ _STREAM = 0x7E51
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a verification found.
+    """Findings of a verification.
 
     Attributes
     ----------

@@ -10,11 +10,11 @@ from pipeline.truth.solve import Rig
 from pipeline.truth.visibility import visibility
 
 _SAME_SHARE = 0.02
-"""What a look by a thousand rays may miss at an edge is some thousandths."""
+"""Tolerance: a look by a thousand rays may miss some thousandths at an edge."""
 
 
 def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
-    """What is wrong with the visibility of up to `truth.judged.ROWS` rows of a camera, drawn from all frames."""
+    """Faults in the visibility of up to `truth.judged.ROWS` rows of a camera, drawn from all frames."""
     found, first = [], 0
     drawn = sample(np.zeros(sum(len(scene.table.columns["visibility"]) for scene in scenes), bool), seed)
     for scene in scenes:

@@ -313,7 +313,7 @@ def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
 
 
 def _say_points(cameras: Any) -> None:
-    """How many points are seen in which frames, to stderr."""
+    """Tell the numbers of points that are seen in each frame, to stderr."""
     from pipeline.report.points import lines
 
     for line in lines(cameras or {}):

@@ -1,4 +1,4 @@
-"""What all verbs share: stdout is data, stderr is log and progress."""
+"""Common ground of all verbs: stdout is data, stderr is log and progress."""
 
 import contextlib
 import json

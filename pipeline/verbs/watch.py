@@ -72,7 +72,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _near(stage: Path) -> set[Path]:
-    """What is looked at as long as no build has said what it reads."""
+    """Files that are looked at as long as no build has said what it reads."""
     code = Path(__file__).parents[1]
     return {stage.resolve(), *stage.resolve().parent.glob("*.usd*"), *code.rglob("*.py")}
 
@@ -88,7 +88,7 @@ def _read_files(events: Path) -> set[Path]:
 
 
 def _looks(files: set[Path]) -> Looks:
-    """How files look: a hint that they may have changed; content decides, in the build."""
+    """Looks of files: a hint that they may have changed; content decides, in the build."""
     found: Looks = {}
     for path in sorted(files):
         try:

@@ -72,7 +72,7 @@ def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
             warnings.simplefilter("always")
             loaded = load(path, look=True)
         texts = [str(one) for one in loaded.problems]
-    except Exception:
+    except Exception:  # whatever it is: counted as wrong, and the others go on
         tally.blame("traceback", attempt, traceback.format_exc(limit=-4))
         return None
     for warning in said:
@@ -103,7 +103,7 @@ def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
         tally.failed_clearly += 1
         tally.ends.add(str(error).split("\n")[0][:100])
         return
-    except Exception:
+    except Exception:  # as above
         tally.blame("traceback", attempt, traceback.format_exc(limit=-6))
         return
     if time.process_time() - start > BUILD_S:

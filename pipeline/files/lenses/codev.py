@@ -50,7 +50,7 @@ class _Row:
 
 
 class _Sequence:
-    """What a file says, command by command."""
+    """Statements of a file, command by command."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = path

@@ -13,7 +13,7 @@ from pipeline.optics.printed import Lost, PrintedLens, prescription_of
 
 @dataclass(slots=True)
 class Beam:
-    """What a file says about the beam: diameter of the entrance pupil [unit of the file] or f-number, and fields.
+    """The beam of a file: diameter of the entrance pupil [unit of the file] or f-number, and fields.
 
     `said` and `line` are the file's own words for the pupil or f-number, and where they stand.
     """
@@ -32,7 +32,7 @@ class Beam:
         (self.fields if along_y else self.others).extend(angles_deg)
 
     def vignet(self, upper: bool, fractions: list[float]) -> None:
-        """What the pupil loses at its upper or lower edge, for each field along y."""
+        """Note the loss of the pupil at its upper or lower edge, for each field along y."""
         (self.upper if upper else self.lower).extend(fractions)
 
     @property

@@ -63,7 +63,7 @@ class _Row:
 
 
 class _System:
-    """What a file says, line by line."""
+    """Statements of a file, line by line."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = path
