@@ -16,7 +16,7 @@ import typer
 
 from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.room import require_room
-from pipeline.verbs import building, graph, tasks, watch
+from pipeline.verbs import building, graph, planning, tasks, watch
 from pipeline.verbs.cache import cache
 from pipeline.verbs.terminal import (
     CHECKING,
@@ -287,11 +287,11 @@ _VERBS = (
     (WRITE, "show", show),
     (WRITE, "target", print_target),
     (BUILD, "build", building.build),
-    (BUILD, "plan", building.plan),
+    (BUILD, "plan", planning.plan),
     (BUILD, "watch", watch.watch),
     (BUILD, "run-task", tasks.run_task),
-    (LOOK, "status", building.status),
-    (LOOK, "explain", building.explain),
+    (LOOK, "status", planning.status),
+    (LOOK, "explain", planning.explain),
     (LOOK, "graph", graph.graph),
     (LOOK, "logs", tasks.logs),
     (LOOK, "verify", verify),

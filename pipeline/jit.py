@@ -16,6 +16,7 @@ from typing import Any
 
 from pipeline.processor import settings_of_numba
 from pipeline.user_cache import user_cache
+from pipeline.work import calling, loading, work
 
 _LOCK = threading.RLock()
 _PACKAGE = Path(__file__).resolve().parent
@@ -75,13 +76,14 @@ class Kernel:
 
     def __init__(self, function: Any, *, cache: bool) -> None:
         functools.update_wrapper(self, function)
+        self.name: str = function.__name__
         self._function, self._cache, self._compiled = function, cache, None
 
     @property
     def compiled(self) -> Any:
         """Numba's dispatcher of the function."""
         if self._compiled is None:
-            with _LOCK:  # workers with several threads: one dispatcher, one compilation
+            with loading(), _LOCK:  # workers with several threads: one dispatcher, one compilation
                 self._compiled = self._compiled or self._dispatcher()
         return self._compiled
 
@@ -91,10 +93,28 @@ class Kernel:
             from pipeline.kernel_cache import KernelCache
 
             dispatcher._cache = KernelCache(self._function, cache_folder())  # where `cache=True` puts Numba's own
+            dispatcher._compile_for_args = _timed(dispatcher._compile_for_args)
         return dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
-        return self.compiled(*arguments)
+        with calling(self.name):
+            return self.compiled(*arguments)
+
+    def count(self, rays: int, surfaces: int) -> None:
+        """Note that calls of this kernel, in this thread, have started so many rays through so many surfaces."""
+        done = work().kernels[self.name]
+        done.rays += rays
+        done.crossings += rays * surfaces
+
+
+def _timed(compile_for_arguments: Any) -> Any:
+    """The same function of Numba, which loads or compiles code when types are new; its time is tallied."""
+
+    def timed(*arguments: Any, **more: Any) -> Any:
+        with loading():
+            return compile_for_arguments(*arguments, **more)
+
+    return timed
 
 
 def kernel(function: Any) -> Any:

@@ -132,6 +132,7 @@ class Contours:
             0,
             blocker,
         )
+        pencils.edges.count(blocker.size, len(self._camera[1]))
         passes = (blocker.reshape(n, d, count, rings) == PASSES).any(axis=3)
         # The middle of the first run: far from each other two parts of the rim may be lit.
         begins = np.argmax(passes & ~np.roll(passes, 1, axis=2), axis=2)[..., None]

@@ -75,6 +75,7 @@ def bundle_hits(
     planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)
     starts = found.positions, own, np.repeat(owner, len(shares)), points.reshape(-1, 2)
     probes.hits(found.camera, planes, *starts, hit)
+    probes.hits.count(len(hit), len(arrays[1]))
     nodes = hit.reshape(n, directions, len(shares), 4)
     whole = held & (nodes[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
     density = nodes[..., 2] * (radius**2).reshape(n, directions, 1)
@@ -96,4 +97,5 @@ def single_hits(
     hit = np.empty((len(positions_mm), 4))
     given = map(np.ascontiguousarray, (planes, positions_mm, lens, np.arange(len(lens)), aims_mm))
     probes.hits((optics, table, lenses, aperture, mosaic), *given, hit)
+    probes.hits.count(len(hit), len(table))
     return np.where(hit[:, 3:] > 0, hit[:, :2], np.nan)

@@ -120,6 +120,7 @@ class Apertures:
             steps,
             blocker,
         )
+        pencils.edges.count(blocker.size * (steps + 2), len(self.camera[1]))
         return (low + high) / 2, blocker
 
     def _around(

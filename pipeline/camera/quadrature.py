@@ -84,6 +84,7 @@ class Edges(Ways):
             arguments = self.positions, self.lens, np.repeat(owner, some.sum(axis=1)), points[some], measure[some]
             planes = np.ascontiguousarray(planes)
             probes.integrate(self.camera, planes, *arguments, result, whole)
+            probes.integrate.count(len(arguments[-1]), len(self.arrays[1]))
             rays += len(arguments[-1]) + len(owner)
             whole &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:

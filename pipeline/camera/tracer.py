@@ -15,7 +15,7 @@ from pipeline.camera.mosaic import Microlenses, is_plain, microlenses
 from pipeline.camera.pupil import MARGIN, Outlines, outlines
 from pipeline.camera.pupil_grid import grid_outlines, upright
 from pipeline.camera.quadrature import NOT_STAR_SHAPED, edges
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.regions import NO_MICROLENS, SKIP
 from pipeline.camera.sobol import sobol_bits
 from pipeline.optics.table import is_centred, towards_scene
 
@@ -167,6 +167,7 @@ class Tracer:
             np.ascontiguousarray(lens, np.int64),
             result,
         )
+        kernels.bundle_moments.count(int(np.count_nonzero(lens != SKIP)) * samples, len(self.table))
         return result
 
     @cached_property

@@ -60,6 +60,7 @@ class Ways:
         """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
         label = np.empty(len(owner), np.int64)
         probes.probe(self.camera, self.positions, self.lens, owner, np.ascontiguousarray(points), label)
+        probes.probe.count(len(owner), len(self.arrays[1]))
         return label
 
     def find(
@@ -75,6 +76,7 @@ class Ways:
         radius = np.empty(len(owner))
         way = self.positions, self.lens, self.centres, owner, angle, limit
         rays = edge_search.find_edges(self.camera, *way, steps, radius, label)
+        edge_search.find_edges.count(rays, len(self.arrays[1]))
         return radius, label, limit, rays
 
     def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:

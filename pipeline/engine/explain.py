@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from pipeline.edits import Edit
+from pipeline.engine.forecast import Forecast
 from pipeline.engine.plan import PlannedTask, Reason, ReasonType
 
 _SHOWN = 5  # tasks that are explained one by one
@@ -16,17 +17,27 @@ _SAMPLES_SHOWN = 3  # of one attribute
 _PATHS_SHOWN = 4  # of the edits behind tasks that are only counted
 
 
-def describe(planned: Iterable[PlannedTask]) -> Iterator[str]:
-    """Lines about a plan: counts, the first tasks with all their reasons, the others by what changed."""
+def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) -> Iterator[str]:
+    """Lines about a plan: counts, the work to come, the first tasks with all their reasons, the others by cause."""
     tasks = list(planned)
     counts = Counter(task.state for task in tasks)
     yield f"{len(tasks)} tasks: {counts['cached']} cached, {counts['run']} to run, {counts['maybe']} maybe"
+    if to_come is not None and to_come.tasks:
+        yield f"to come: {_work(to_come)}"
     work = sorted((task for task in tasks if task.state != "cached"), key=lambda task: task.state != "run")
     for task in work[:_SHOWN]:
         yield from describe_task(task, _REASONS_SHOWN)
     groups = Counter((task.state, task.kind, _cause(task)) for task in work[_SHOWN:])
     for (state, kind, cause), count in groups.items():
         yield f"… and {count:,} more {kind} ({state}): {cause}"
+
+
+def _work(to_come: Forecast) -> str:
+    if to_come.unknown == to_come.tasks:
+        return "nobody knows, for no task of these kinds ever ran here"
+    known = f"about {to_come.cpu_seconds:.3g} s of processor time, {to_come.rays:.2g} rays,"
+    known += f" {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
+    return known + (f"; {to_come.unknown} of a kind that never ran here" if to_come.unknown else "")
 
 
 def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:

@@ -23,6 +23,7 @@ from pipeline.engine.memory import PeakMeter
 from pipeline.engine.store import DamagedBlob, Store
 from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.processor import settings
+from pipeline.work import work
 
 _logs = threading.Lock()
 _LINES = 12  # of an error that a failure carries
@@ -103,7 +104,7 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
         for role, blobs in components["inputs"].items()
     }
     with _folder_for_outputs(store) as out:
-        meter, start = PeakMeter(), time.perf_counter()
+        meter, start, cpu_s, before = PeakMeter(), time.perf_counter(), time.process_time(), work().copy()
         # A copy, by the order of names: a task sees no order that its key does not know, and changes nobody's params.
         params = json.loads(json.dumps(components["params"], sort_keys=True))
         importlib.import_module(kind).run(params, inputs, out)
@@ -111,6 +112,7 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
         store.confirm(read.values())  # what the task has read since is what was verified before
         seconds = round(time.perf_counter() - start, 4)
         made_by: dict[str, Any] = {"seconds": seconds, "peak_bytes": meter.read_bytes()}
+        made_by |= {"cpu_seconds": round(time.process_time() - cpu_s, 4), **work().since(before).to_plain()}
         outputs = {name: store.put_file(path) for name, path in _outputs(out)}
         when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
         made_by |= {"host": socket.gethostname(), "pid": os.getpid(), "when": when}

@@ -43,6 +43,8 @@ class TaskResult:
         Outputs that came out other than before, for the same key.
     peak_bytes : int or None
         Memory that its process took at most, if it ran now.
+    made_by : dict or None
+        What its record says of the run that made it, this one or an earlier one.
     """
 
     name: str
@@ -57,6 +59,7 @@ class TaskResult:
     spec: str | None = None
     differs: tuple[str, ...] = ()
     peak_bytes: int | None = None
+    made_by: dict[str, Any] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As in the summary of a build."""
@@ -224,7 +227,8 @@ class _Driver:
         spec = self._specs.of(task, self.outcome.records)
         record = None if name in self.force else self.store.record(spec.key)
         if record is not None:
-            self._settle(TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key), record)
+            found = TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key, made_by=record["made_by"])
+            self._settle(found, record)
             return
         if self.prepare is not None:
             with impatient():
@@ -257,6 +261,8 @@ class _Driver:
         if reply["state"] == "failed":
             facts["place"] = self.places.get(name.split("/")[1]) if "/" in name else None
             facts["spec"] = self.store.keep_spec(spec.key, spec.to_plain())
+        if record is not None:
+            facts["made_by"] = record["made_by"]
         if reply["state"] == "executed" and record is not None:
             facts["peak_bytes"] = record["made_by"].get("peak_bytes", 0)
             self.budget.learn(kind, facts["peak_bytes"])

@@ -16,6 +16,7 @@ from pipeline.engine.deliver import Delivery, deliver
 from pipeline.engine.digest import key_of
 from pipeline.engine.engines import Engine
 from pipeline.engine.events import Emit, Event, silent, warner
+from pipeline.engine.forecast import Forecast, Past, Size, forecast, means_by_kind
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.plan import PlannedTask, plan
@@ -207,6 +208,18 @@ def plan_of(
     return plan(graph, store, _history(project, store)["keys"], force=forced)
 
 
+def forecast_of(
+    project: Project, planned: Iterable[PlannedTask], size: Size, *, store: Store | None = None
+) -> Forecast:
+    """Work that a plan of the project will take, by what it took before, here or in other builds of the store."""
+    store = writable(store or Store())
+    own, name = _history(project, store), _history_name(project)
+    others = (store.read_facts("history", other).get("costs") for other in store.notes("history") if other != name)
+    kinds = [own["costs"], *(costs for costs in others if isinstance(costs, dict))]
+    past = Past(store, own["keys"], kinds, size)
+    return forecast(planned, lambda task: project.graph[task].params, past)
+
+
 def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
     """Sources of the project when its tasks were last built, latest first; more than one after partial builds."""
     kept = writable(store or Store()).read_note("sources", _history_name(project))
@@ -247,18 +260,20 @@ def _history_name(project: Project) -> str:
 
 
 def _history(project: Project, store: Store) -> dict[str, Any]:
-    """Memory of the last builds of this stage into this folder: `keys` by task and `peaks` of memory by kind."""
+    """History of the builds of this stage into this folder: `keys` by task, `peaks` of memory and `costs` by kind."""
     note = store.read_facts("history", _history_name(project))
-    return {name: note[name] if isinstance(note.get(name), dict) else {} for name in ("keys", "peaks")}
+    return {name: note[name] if isinstance(note.get(name), dict) else {} for name in ("keys", "peaks", "costs")}
 
 
 def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str, Any], *, whole: bool) -> None:
     """Keep the key of every task that is there now, so that the next plan can say what changed since."""
     keys = {name: key for name, key in before["keys"].items() if name in project.graph or not whole}
     keys |= {name: record["key"] for name, record in outcome.records.items()}
-    peaks = {**before["peaks"], **outcome.peaks}
-    if {"keys": keys, "peaks": peaks} != before:
-        note = {"out": os.path.realpath(project.out), "stage": project.stage_id, "keys": keys, "peaks": peaks}
+    ran = [(task.kind, outcome.records[name]) for name, task in outcome.results.items() if task.state == "executed"]
+    after = {"keys": keys, "peaks": {**before["peaks"], **outcome.peaks}}
+    after["costs"] = {**before["costs"], **means_by_kind(ran)}
+    if after != before:
+        note = {"out": os.path.realpath(project.out), "stage": project.stage_id, **after}
         store.write_note("history", _history_name(project), note)
     if project.source is not None:
         _remember_source(project, store, len(outcome.records) == len(project.graph))

@@ -69,6 +69,7 @@ def irradiance_and_crosstalk(
             lenses,
             *buffers,
         )
+        kernels.image_rays.count(most, len(tracer.table))
         value = weight[:count]
         if radiance is not None:
             value = value * radiance(origin[:count], direction[:count])

@@ -18,9 +18,11 @@ from pipeline.engine.store import Store
 from pipeline.errors import UsageError
 from pipeline.kernel_files import make_folder, read, say, write
 from pipeline.processor import level
+from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
+from pipeline.tasks.preview import folder_of, only_images, preview_of
 from pipeline.tasks.sandbox import project_of_untrusted
 
 __all__ = ["TASKS", "build", "compile_once", "default_out", "project"]
@@ -49,6 +51,7 @@ def project(
     allow_roots: Iterable[str | Path] = (),
     *,
     untrusted: bool = False,
+    preview: bool = False,
     warn: Callable[[str], None] = say,
 ) -> Project:
     """Everything that a build of a stage consists of. Nothing is run or written.
@@ -57,22 +60,32 @@ def project(
     ----------
     untrusted : bool
         Read the stage in a confined process, see `sandbox`.
+    preview : bool
+        Pictures of a quarter of the size instead, see `preview`, by default into a folder of their own.
     warn : callable
-        Gets what such a process lacks on this machine.
+        Gets what a confined process lacks on this machine.
 
     Raises
     ------
     StageError
         The stage does not pass `check`; the error carries all problems.
     """
+    place = Path(out) if out else default_out(Path(path))
+    place = folder_of(place) if preview and not out else place
     if untrusted:
-        return project_of_untrusted(Path(path), Path(out) if out else default_out(Path(path)), allow_roots, warn)
-    return project_from(load(path, allow_roots), Path(path), out)
+        return project_of_untrusted(Path(path), place, allow_roots, preview=preview, warn=warn)
+    return project_from(load(path, allow_roots), Path(path), place, preview=preview)
 
 
-def project_from(loaded: Loaded, path: Path, out: str | Path | None) -> Project:
-    """The project of a stage that was loaded."""
+def project_from(loaded: Loaded, path: Path, out: Path, *, preview: bool = False) -> Project:
+    """The project of a stage that was loaded, or of its preview."""
     dataset = require_dataset(loaded, path)
+    if preview:
+        return only_images(_project_of(preview_of(dataset), loaded, path, out))
+    return _project_of(dataset, loaded, path, out)
+
+
+def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Project:
     graph, files, certificates = graph_of(dataset)
     files["dataset.usda"] = loaded.flattened.encode()
     head = {
@@ -92,7 +105,7 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None) -> Project:
             "certificate": certificates,
             "points": {name: (task, "points.json") for name, (task, _) in certificates.items()},
         },
-        out=Path(out) if out else default_out(path),
+        out=out,
         stage_id=str(path.resolve()),
         reads=loaded.files,
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
@@ -114,6 +127,7 @@ def build(
     check_percent: float = 0.0,
     allow_roots: Iterable[str | Path] = (),
     untrusted: bool = False,
+    preview: bool = False,
     engine: str | None = None,
     on_event: Callable[[dict[str, Any]], None] | None = None,
 ) -> Result:
@@ -143,6 +157,8 @@ def build(
         Further folders that the stage may reference.
     untrusted : bool
         Read the stage in a confined process.
+    preview : bool
+        Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
     engine : str, optional
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     on_event : callable, optional
@@ -164,7 +180,7 @@ def build(
         listener({"event": "warning", "text": text})
 
     return session.build(
-        project(path, out, allow_roots, untrusted=untrusted, warn=warn),
+        project(path, out, allow_roots, untrusted=untrusted, preview=preview, warn=warn),
         jobs=jobs,
         keep_going=keep_going,
         force=force,

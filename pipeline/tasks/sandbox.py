@@ -21,7 +21,12 @@ BOUNDS = Bounds()
 
 
 def project_of_untrusted(
-    path: Path, out: Path, allow_roots: Iterable[str | Path], warn: Callable[[str], None] = say
+    path: Path,
+    out: Path,
+    allow_roots: Iterable[str | Path],
+    *,
+    preview: bool = False,
+    warn: Callable[[str], None] = say,
 ) -> Project:
     """The project of a stage, read in the sandbox; a warning tells of guards that are not in force.
 
@@ -31,7 +36,7 @@ def project_of_untrusted(
         The stage does not pass `check`, or reading it took more than is allowed.
     """
     try:
-        told, guards = _ask(path, allow_roots, check=False)
+        told, guards = _ask(path, allow_roots, check=False, preview=preview)
         if "error" in told:
             raise UsageError(_shown(told["error"]))
         project = project_from_plain(told["project"])
@@ -44,7 +49,8 @@ def project_of_untrusted(
     # Whoever takes over that process shall not choose where files go.
     if not all(map(is_plain_path, project.files)):
         raise UsageError(f"{path}: it names files outside of the output folder")
-    return replace(project, out=out, stage_id=str(path.resolve()))
+    stage_id = f"{path.resolve()}{' preview' if preview else ''}"
+    return replace(project, out=out, stage_id=stage_id)
 
 
 def problems_of_untrusted(path: Path, allow_roots: Iterable[str | Path]) -> tuple[list[dict[str, Any]], Guards]:
@@ -67,14 +73,14 @@ def answer(question: dict[str, Any], guards: Guards) -> dict[str, Any]:
     if question["check"]:
         return {"problems": [_row(problem) for problem in loaded.problems]}
     try:
-        return {"project": project_from(loaded, path, None).to_plain()}
+        return {"project": project_from(loaded, path, Path(), preview=question["preview"]).to_plain()}
     except StageError as error:
         return {"error": str(error)}
 
 
-def _ask(path: Path, allow_roots: Iterable[str | Path], *, check: bool) -> tuple[Any, Guards]:
+def _ask(path: Path, allow_roots: Iterable[str | Path], *, check: bool, preview: bool = False) -> tuple[Any, Guards]:
     roots = list(map(str, allow_roots))
-    question = {"path": str(path), "check": check, "allow_roots": roots}
+    question = {"path": str(path), "check": check, "preview": preview, "allow_roots": roots}
     return ask("pipeline.tasks.sandbox:answer", question, readable_for(allowed_roots(path, roots)), BOUNDS)
 
 

@@ -107,6 +107,7 @@ def shares(
         weight,
         owner,
     )
+    kernels.image_rays.count(n * rays, len(tracer.table))
     row, weight, owner = owner[:count] // REPLICAS, weight[:count], owner[:count]
     hidden = surroundings.hides(target, planes[row, 0], planes[row, 3], origin[:count], direction[:count])
     leaving = np.bincount(owner, weight, n * REPLICAS).reshape(n, REPLICAS)

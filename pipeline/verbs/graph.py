@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from pipeline.errors import UsageError
-from pipeline.verbs.building import project_of
+from pipeline.verbs.options import project_of
 from pipeline.verbs.terminal import OUTPUT, Out, Roots, Stage, note, say, say_json
 
 

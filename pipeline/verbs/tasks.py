@@ -7,7 +7,7 @@ import typer
 
 from pipeline.errors import Exit, Interrupted
 from pipeline.progress import human
-from pipeline.verbs.building import Target, project_of
+from pipeline.verbs.options import Target, project_of
 from pipeline.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
 
 

@@ -49,7 +49,7 @@ def said_of(path, *, write):
     return []
 
 
-def project(path, out=None, allow_roots=(), untrusted=False):
+def project(path, out=None, allow_roots=(), untrusted=False, preview=False):
     """A project, if the stage has no errors."""
     errors = [str(problem) for problem in load(path).problems if problem.severity == "error"]
     if errors:
@@ -60,7 +60,7 @@ def project(path, out=None, allow_roots=(), untrusted=False):
     return toy.project(out or Path("build") / path.stem, **facts.get("project", {}))
 
 
-def build(path, out=None, allow_roots=(), untrusted=False, engine=None, **arguments):
+def build(path, out=None, allow_roots=(), untrusted=False, preview=False, engine=None, **arguments):
     """Build a stage."""
     place = engine_of(engine) if engine else None
     prepare = compiling if Path("compiling").exists() else None

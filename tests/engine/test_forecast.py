@@ -1,0 +1,85 @@
+"""Forecasts of plans: from the same task before, from its kind here, from its kind in other builds of the store."""
+
+from dataclasses import replace
+
+import pytest
+from engine import toy
+
+from pipeline.engine.explain import describe
+from pipeline.engine.forecast import means_by_kind
+from pipeline.engine.session import build, forecast_of, plan_of
+
+UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
+
+
+def size(kind, params):
+    """Work of the toy's rays grows with their samples."""
+    return float(params["samples"]) if kind == "rays" else 0.0
+
+
+@pytest.fixture
+def known(tmp_path, store):
+    """A build of which every task took two seconds and a hundred rays."""
+    project = toy.project(tmp_path / "out")
+    build(project, jobs=1)
+    (name,) = store.notes("history")
+    note = store.read_note("history", name)
+    for key in note["keys"].values():
+        record = store.peek(key)
+        made_by = {"cpu_seconds": 2.0, "peak_bytes": 1 << 20, "kernels": {"k": {"rays": 100}}}
+        store.path("record", key).unlink()
+        store.put_record(key, {**record, "made_by": {**record["made_by"], **made_by}})
+    store.write_note("history", name, {**note, "costs": dict.fromkeys(("lens", "rays", "image", "report"), UNSIZED)})
+    return project
+
+
+def to_come(project, store, **options):
+    return forecast_of(project, plan_of(project, store=store, **options), size, store=store)
+
+
+def test_nothing_is_to_come_when_all_is_there(known, store):
+    found = to_come(known, store)
+    assert (found.tasks, found.cpu_seconds, found.rays, found.peak_bytes) == (0, 0, 0, 0)
+
+
+def test_a_task_will_take_what_it_took(known, store):
+    found = to_come(known, store, force=["image"])
+    assert (found.tasks, found.unknown) == (3, 0)  # two images, and maybe the report
+    assert (found.cpu_seconds, found.rays, found.peak_bytes) == (6.0, 300, 1 << 20)
+
+
+def test_four_times_the_samples_take_four_times_as_long(known, store, tmp_path):
+    found = to_come(toy.project(tmp_path / "out", samples=32), store)
+    assert (found.tasks, found.cpu_seconds) == (4, 4 * 2.0 + 3 * 2.0)
+
+
+def test_another_dataset_learns_from_the_kinds_of_this_one(known, store, tmp_path):
+    other = replace(toy.project(tmp_path / "other", power=5.0, stage="other"), stage_id="other")
+    found = to_come(other, store)
+    assert (found.tasks, found.unknown, found.cpu_seconds) == (5, 0, 10.0)
+
+
+def test_kinds_that_never_ran_are_counted_and_told(known, store, tmp_path):
+    extra = ("fail", "fail", {"flag": str(tmp_path / "flag")})
+    project = toy.project(tmp_path / "out", extra=[extra])
+    found = to_come(project, store)
+    assert (found.tasks, found.unknown, found.cpu_seconds) == (1, 1, 0)
+    assert "to come: nobody knows" in "\n".join(describe(plan_of(project, store=store), found))
+
+
+def test_a_plan_tells_work_in_words(known, store):
+    tasks = plan_of(known, store=store, force=["image"])
+    told = list(describe(tasks, forecast_of(known, tasks, size, store=store)))
+    assert told[1].startswith("to come: about 6 s of processor time, 3e+02 rays, 0.001 GB in one process at most")
+
+
+def test_a_build_keeps_the_mean_of_each_kind(tmp_path, store):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    (name,) = store.notes("history")
+    costs = store.read_note("history", name)["costs"]
+    assert set(costs) == {"lens", "rays", "image", "report"}
+    assert all(cost["peak_bytes"] > 1 << 20 and cost["cpu_seconds"] >= 0 for cost in costs.values())
+
+
+def test_records_of_older_versions_count_nothing():
+    assert means_by_kind([("image", {"made_by": {"seconds": 1.0}})]) == {}

@@ -1,0 +1,45 @@
+"""Tally of the work of kernels: times of loading and of calls do not mix; threads are apart."""
+
+import threading
+import time
+
+from pipeline.work import calling, loading, work
+
+
+def busy(seconds):
+    """Take processor time of this thread."""
+    end = time.thread_time() + seconds
+    while time.thread_time() < end:
+        pass
+
+
+def test_time_to_load_is_no_time_of_the_kernel():
+    before = work().copy()
+    with calling("k"):
+        with loading():
+            busy(0.04)
+        busy(0.01)
+    done = work().since(before)
+    assert 0.01 <= done.kernels["k"].seconds < 0.03 and done.kernels["k"].calls == 1
+    assert 0.04 <= done.loading_s < 0.06
+
+
+def test_nested_loading_counts_once():
+    before = work().copy()
+    with loading():
+        busy(0.01)
+        with loading():
+            busy(0.02)
+    assert 0.03 <= work().since(before).loading_s < 0.045
+
+
+def test_each_thread_has_its_own():
+    def other():
+        with calling("elsewhere"):
+            pass
+
+    before = work().copy()
+    thread = threading.Thread(target=other)
+    thread.start()
+    thread.join()
+    assert "elsewhere" not in work().since(before).to_plain()["kernels"]
