@@ -1,11 +1,11 @@
 """The level of this processor, and what libraries are told so that all processors of a level give the same bits.
 
-Imports no library: they read their settings once, when they are loaded.
+Imports no library: they read their settings once, when they are loaded. And little else: the command begins with this,
+and answers signals itself only afterwards.
 """
 
 import functools
 import os
-import platform
 import sys
 
 _NEEDS = {
@@ -22,7 +22,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 @functools.cache
 def level() -> str:
     """Architecture and, where the system says so, the level of its vector instructions: `x86_64-v3`."""
-    name = platform.machine()
+    name = os.uname().machine
     has = _flags()
     found = next((level for level, needs in _NEEDS.items() if needs <= has), None)
     return f"{name}-{found}" if found else name

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from engine import toy
@@ -94,7 +95,7 @@ def test_what_reaches_no_numpy_does_not_depend_on_it():
     ],
 )
 def test_processors_of_a_level_get_the_same_settings(flags, level, kernels, monkeypatch):
-    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    monkeypatch.setattr(processor.os, "uname", lambda: SimpleNamespace(machine="x86_64"))
     monkeypatch.setattr(processor, "_flags", lambda: set(flags.split()))
     monkeypatch.setattr(processor, "level", processor.level.__wrapped__)
     assert processor.level() == level
