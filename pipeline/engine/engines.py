@@ -7,16 +7,14 @@ import os
 import selectors
 import signal
 import subprocess
-import sys
 import time
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from pipeline.another_python import command
 from pipeline.engine.perform import failed, lost, perform
 from pipeline.engine.store import Store
 from pipeline.processor import settings
-
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.engine.worker import main; main()"
 
 Plain = dict[str, Any]
 
@@ -171,7 +169,7 @@ class Processes:
 
     def _start(self) -> _Worker:
         process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, json.dumps(sys.path)],
+            command("pipeline.engine.worker:main"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **settings()},
