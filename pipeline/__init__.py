@@ -6,8 +6,6 @@ Nothing heavy is imported before it is asked for (PEP 562). Importing this tells
 environment, what to compute with, so that results do not depend on the processor: docs/engine.md, The machine.
 """
 
-from importlib import import_module
-
 from pipeline.processor import pin
 
 TYPE_CHECKING = False
@@ -34,6 +32,8 @@ __all__ = ["__version__", *_HOMES]
 
 def __getattr__(name: str) -> "Any":
     if name in _HOMES:
+        from importlib import import_module
+
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

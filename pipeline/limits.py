@@ -39,6 +39,8 @@ class Limits:
         Of all files of an output folder that `verify` reads.
     table_bytes : int
         Of all tables of correspondences among them.
+    task_bytes, task_s : int
+        Memory, in addresses, and time [s] that a task of a stage read with `--untrusted` may take.
     """
 
     frames: int = 5_000
@@ -52,6 +54,8 @@ class Limits:
     layer_bytes: int = 256 * 2**20
     folder_bytes: int = 256 * 2**30
     table_bytes: int = 256 * 2**20
+    task_bytes: int = 16 * 2**30
+    task_s: int = 3600
 
 
 def limits() -> Limits:

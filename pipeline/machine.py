@@ -13,9 +13,9 @@ import os
 import platform
 import struct
 import subprocess
-import sys
 from collections.abc import Collection, Iterable
 
+from pipeline.another_python import command
 from pipeline.processor import level, pin, settings
 
 FUNCTIONS = {
@@ -42,7 +42,6 @@ ARGUMENTS = 999
 """Arguments for each function. glibc with FMA and without differs for about one in a thousand; a multiple of 9."""
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-_ASK = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline import machine; machine.tell()"
 
 
 def facts(libraries: Collection[str]) -> dict[str, str]:
@@ -69,8 +68,9 @@ def tell() -> None:
 
 @functools.cache
 def _asked() -> dict[str, str]:
-    command = [sys.executable, "-c", _ASK, json.dumps(sys.path)]
-    done = subprocess.run(command, capture_output=True, check=True, env={**os.environ, **settings()})
+    done = subprocess.run(
+        command("pipeline.machine:tell"), capture_output=True, check=True, env={**os.environ, **settings()}
+    )
     answer: dict[str, str] = json.loads(done.stdout)
     return answer
 

@@ -1,11 +1,11 @@
 """The level of this processor, and what libraries are told so that all processors of a level give the same bits.
 
-Imports no library: they read their settings once, when they are loaded.
+Imports no library: they read their settings once, when they are loaded. And little else: the command begins with this,
+and answers signals itself only afterwards.
 """
 
 import functools
 import os
-import platform
 import sys
 
 _NEEDS = {
@@ -19,10 +19,14 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """Numeric libraries must not split sums over threads: their results would depend on the number of cores."""
 
 
+_USUAL_CODE = {"DISABLE_JIT": 0, "OPT": 3, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE": 0, "BOUNDSCHECK": 0, "DEBUGINFO": 0}
+"""Numba's own defaults, said aloud: it reads others from a file in the working directory, which may be anybody's."""
+
+
 @functools.cache
 def level() -> str:
     """Architecture and, where the system says so, the level of its vector instructions: `x86_64-v3`."""
-    name = platform.machine()
+    name = os.uname().machine
     has = _flags()
     found = next((level for level, needs in _NEEDS.items() if needs <= has), None)
     return f"{name}-{found}" if found else name
@@ -39,7 +43,8 @@ def settings_of_numba() -> dict[str, str]:
     target = compiler_target()
     chosen = {"NUMBA_CPU_NAME": target, "NUMBA_CPU_FEATURES": ""} if target else {}
     # SVML is a library of Intel's that Numba takes for the functions of libm if it happens to be installed.
-    return {**chosen, "NUMBA_DISABLE_INTEL_SVML": "1"}
+    usual = {f"NUMBA_{name}": str(value) for name, value in _USUAL_CODE.items()}
+    return {**chosen, **usual, "NUMBA_DISABLE_INTEL_SVML": "1"}
 
 
 def settings() -> dict[str, str]:

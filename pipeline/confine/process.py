@@ -18,11 +18,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from pipeline.another_python import command
 from pipeline.confine import landlock, seccomp
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
 from pipeline.processor import settings
 
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.confine.process import main; main()"
 _WORDS = 64 * 2**10
 """Bytes of its last words that are read."""
 _SYSTEM = (
@@ -121,13 +121,12 @@ def ask(function: str, question: Any, readable: Iterable[Path], bounds: Bounds) 
     """
     order = {"function": function, "question": question, "parent": os.getpid(), "bounds": asdict(bounds)}
     order["readable"] = [str(path) for path in readable]
-    command = [sys.executable, "-c", _BOOT, json.dumps(sys.path)]
     with _scratch() as orders, _scratch() as answer, _scratch() as words:
         orders.write(json.dumps(order).encode())
         orders.seek(0)
         try:
             done = subprocess.run(
-                command,
+                command("pipeline.confine.process:main"),
                 stdin=orders,
                 stdout=answer,
                 stderr=words,

@@ -7,16 +7,14 @@ import os
 import selectors
 import signal
 import subprocess
-import sys
 import time
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from pipeline.another_python import command
 from pipeline.engine.perform import failed, lost, perform
 from pipeline.engine.store import Store
 from pipeline.processor import settings
-
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.engine.worker import main; main()"
 
 Plain = dict[str, Any]
 
@@ -85,10 +83,21 @@ class Processes:
     ----------
     timeout_s : float, optional
         A task that takes longer is ended with its worker, and has failed. Waiting for another builder does not count.
+    memory_bytes : int, optional
+        Addresses that a worker may take; a task that asks for more has failed.
     """
 
-    def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:
+    def __init__(
+        self,
+        store: Store,
+        packages: tuple[str, ...],
+        jobs: int,
+        *,
+        timeout_s: float | None = None,
+        memory_bytes: int | None = None,
+    ) -> None:
         self._store, self._packages, self._jobs, self._timeout_s = store, packages, jobs, timeout_s
+        self._memory_bytes = memory_bytes
         self._workers: list[_Worker] = []
         self._ready = selectors.DefaultSelector()
 
@@ -160,7 +169,7 @@ class Processes:
 
     def _start(self) -> _Worker:
         process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, json.dumps(sys.path)],
+            command("pipeline.engine.worker:main"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **settings()},
@@ -170,7 +179,8 @@ class Processes:
         # A signal may end this between any two lines: what `close` finds among the workers is registered.
         self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
         self._workers.append(worker)
-        self._send(worker, {"store": str(self._store.root), "packages": self._packages})
+        setup = {"store": str(self._store.root), "packages": self._packages, "memory_bytes": self._memory_bytes}
+        self._send(worker, setup)
         return worker
 
     def _send(self, worker: _Worker, message: Plain) -> None:

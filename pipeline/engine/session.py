@@ -79,7 +79,7 @@ def build(
     wanted = {path: project.files[path] for target in targets for path in files_of(project, target)}
     history = _history(project, store)
 
-    options: dict[str, Any] = {"jobs": _jobs(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
+    options: dict[str, Any] = {"jobs": worker_count(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
     options |= {"keep_going": keep_going, "prepare": prepare, "peaks": history["peaks"], "places": project.places}
 
     def make(**more: Any) -> Outcome:
@@ -103,7 +103,7 @@ def build(
             delivery = deliver(project.out, project.files, head, **places)
 
     with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
-        emit(_begin(project, graph, _jobs(jobs)))
+        emit(_begin(project, graph, worker_count(jobs)))
         interrupts.stoppable(lambda: stack.enter_context(store.in_use()))
         outcome = make(force=forced)
         if check_percent and outcome.interrupted is None:
@@ -248,7 +248,8 @@ def logs_of(project: Project, target: str, *, store: Store | None = None) -> lis
     return found
 
 
-def _jobs(jobs: int | None) -> int:
+def worker_count(jobs: int | None) -> int:
+    """So many workers as asked for, or one per core."""
     if jobs is not None:
         return max(1, jobs)
     # What this process may use, where the system can tell; a container often may use less than there is.

@@ -16,7 +16,7 @@ _SYNTAX = re.compile(
     r"(?P<message>.*?)(?: in <(?P<at>[^>]*)>)?\s*$",
     re.DOTALL,
 )
-_COPY = re.compile(r"/proc/self/fd/\d+")
+_COPY = re.compile(r"/proc/self/fd/\d+(?:/judged\.usd[acz]?(?:\[[^\]]*\])?)?")
 """The name of the bytes that were looked at; messages name their file."""
 _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
 _FORWARD_SLASHES = "asset paths use forward slashes on every system"

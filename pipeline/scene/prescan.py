@@ -5,7 +5,6 @@ Layers are therefore opened one by one here, from the very bytes that were looke
 allowed roots. As long as they are held, USD composes the stage of them and does not look into their files again.
 """
 
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from pxr import Ar, Sdf, Tf, UsdUtils
 from pipeline.confine.process import Guards
 from pipeline.limits import how_to_raise, limits
 from pipeline.scene.asset_roots import file_of, outside
+from pipeline.scene.judged_layers import layer_of
 from pipeline.scene.layer_files import LayerFile, is_plain_file, read_layer_file
 from pipeline.scene.lines import TextMap, line_of, text_map
 from pipeline.scene.opening import problems_of
@@ -154,7 +154,7 @@ class Look:
         if self.guards:
             announce(resolved)
         try:
-            layer = _opened(mention.identifier, resolved, file)
+            layer = layer_of(mention.identifier, resolved, file, confined=self.guards is not None)
         except Tf.ErrorException as error:
             used = None if mention.asset is None else f"the file is used by {shown_path(mention.user)}:{mention.line}"
             self.problems += problems_of(error, Path(resolved), used)
@@ -162,21 +162,6 @@ class Look:
         if layer:
             self.layers[layer.identifier] = layer
         return layer
-
-
-def _opened(identifier: str, resolved: str, file: LayerFile) -> Sdf.Layer | None:
-    known = Sdf.Layer.Find(identifier)
-    kind = Sdf.FileFormat.FindByExtension(resolved)
-    if known or kind is None:
-        return known  # a caller has it open; or nothing knows its format, and USD says so with its place
-    if file.is_package or not hasattr(os, "memfd_create"):
-        return Sdf.Layer.FindOrOpen(identifier)  # USD makes no packages of bytes
-    layer = Sdf.Layer.New(kind, resolved)
-    with os.fdopen(os.memfd_create("layer"), "wb") as copy:
-        copy.write(file.data)
-        copy.flush()
-        layer.Import(f"/proc/self/fd/{copy.fileno()}")
-    return layer
 
 
 def _clips(layer: Sdf.Layer) -> Iterator[Problem]:

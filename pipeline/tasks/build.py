@@ -7,7 +7,7 @@ from typing import Any
 
 import pipeline
 from pipeline.engine import session
-from pipeline.engine.engines import Engine
+from pipeline.engine.engines import Engine, Processes
 from pipeline.engine.events import silent
 from pipeline.engine.graph import TASKS
 from pipeline.engine.libraries import installed_version
@@ -17,6 +17,7 @@ from pipeline.engine.result import Result
 from pipeline.engine.store import Store
 from pipeline.errors import UsageError
 from pipeline.kernel_files import make_folder, read, say, write
+from pipeline.limits import limits
 from pipeline.processor import level
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
@@ -156,9 +157,13 @@ def build(
     allow_roots : iterable of str or Path
         Further folders that the stage may reference.
     untrusted : bool
+<<<<<<< HEAD
         Read the stage in a confined process.
     preview : bool
         Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
+=======
+        Read the stage in a confined process, and bound memory and time of each task by `limits`.
+>>>>>>> hard12
     engine : str, optional
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     on_event : callable, optional
@@ -189,16 +194,28 @@ def build(
         retries=retries,
         timeout_s=timeout_s,
         check_percent=check_percent,
-        engine=_cluster(engine, timeout_s) if engine else None,
+        engine=_place(engine, jobs, timeout_s, untrusted=untrusted),
         on_event=listener,
         prepare=lambda: compile_once(warn),
     )
 
 
-def _cluster(where: str, timeout_s: float | None) -> Callable[[Store, tuple[str, ...]], Engine]:
-    from pipeline.engine.cluster import engine_of
+def _place(
+    cluster: str | None, jobs: int | None, timeout_s: float | None, *, untrusted: bool
+) -> Callable[[Store, tuple[str, ...]], Engine] | None:
+    """Another place for tasks than usual: a cluster, or workers that may not take whatever a stage makes them need."""
+    most = limits()
+    if untrusted and timeout_s is None:
+        timeout_s = most.task_s
+    if cluster:
+        from pipeline.engine.cluster import engine_of
 
-    return engine_of(where, timeout_s)
+        return engine_of(cluster, timeout_s)
+    if not untrusted:
+        return None
+    return lambda store, packages: Processes(
+        store, packages, session.worker_count(jobs), timeout_s=timeout_s, memory_bytes=most.task_bytes
+    )
 
 
 def compile_once(warn: Callable[[str], None] = say) -> None:

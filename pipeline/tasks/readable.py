@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from pipeline.another_python import command
 from pipeline.confine.process import Bounds, confine
 from pipeline.engine.foreign import ForeignFolder, Unfit
 from pipeline.files.damaged import DamagedFile
@@ -20,7 +21,6 @@ from pipeline.processor import settings
 MEMORY_BYTES = 4 * 2**30
 _FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
 """A file may take so long, and longer if it is large."""
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.tasks.readable import main; main()"
 _TOO_LARGE = f"needs more than {MEMORY_BYTES // 2**30} GiB of memory"
 
 Reader = Callable[[Path], Any]
@@ -95,7 +95,7 @@ def _ask(root: Path, names: list[str]) -> tuple[list[str | None], str]:
     order = {"root": str(root.absolute()), "names": names, "cpu_s": math.ceil(allowed_s), "parent": os.getpid()}
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _BOOT, json.dumps(sys.path)],
+            command("pipeline.tasks.readable:main"),
             input=json.dumps(order).encode(),
             capture_output=True,
             timeout=allowed_s,

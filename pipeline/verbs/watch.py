@@ -6,18 +6,17 @@ ends a build that is running: frames that are superseded are dropped, what was f
 
 import json
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
+from pipeline.another_python import command
 from pipeline.engine.interrupts import GRACE_S, Interrupts
 from pipeline.errors import Exit, Interrupted
 from pipeline.verbs.terminal import Jobs, Out, Roots, Stage, note
 
 _LOOK_S = 0.15
 _QUIET_S = 0.3
-_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from pipeline.__main__ import main; main()"
 
 Looks = dict[Path, tuple[int, int] | None]
 
@@ -57,7 +56,7 @@ def _build_on_every_edit(stage: Path, arguments: list[str]) -> None:
 
 def _start(arguments: list[str]) -> "subprocess.Popen[bytes]":
     # A group of its own: Ctrl-C is for us, and we say once what becomes of the build.
-    return subprocess.Popen([sys.executable, "-c", _BOOT, json.dumps(sys.path), *arguments], process_group=0)
+    return subprocess.Popen(command("pipeline.__main__:main", *arguments), process_group=0)
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from engine import toy
@@ -49,6 +50,16 @@ def test_kernels_that_the_environment_asks_for_are_not_taken(here):
 
 
 @ON_X86
+def test_numba_compiles_as_ever_whatever_lies_in_the_working_directory(tmp_path):
+    """It reads .numba_config.yaml from there; without compiling, a build takes days."""
+    pytest.importorskip("yaml")
+    (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\nopt: 0\nloop_vectorize: 0\nboundscheck: 1\n")
+    code = "from pipeline.jit import _numba; from numba.core import config as c; _numba(); "
+    code += "print(c.DISABLE_JIT, int(c.OPT), c.LOOP_VECTORIZE, c.SLP_VECTORIZE, c.BOUNDSCHECK)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["0", "3", "1", "0", "0"]
+
+
 def test_a_program_that_loaded_numpy_first_knows_what_it_computes_itself_and_what_its_workers_do(here):
     code = """
 import numpy, json
@@ -94,7 +105,7 @@ def test_what_reaches_no_numpy_does_not_depend_on_it():
     ],
 )
 def test_processors_of_a_level_get_the_same_settings(flags, level, kernels, monkeypatch):
-    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    monkeypatch.setattr(processor.os, "uname", lambda: SimpleNamespace(machine="x86_64"))
     monkeypatch.setattr(processor, "_flags", lambda: set(flags.split()))
     monkeypatch.setattr(processor, "level", processor.level.__wrapped__)
     assert processor.level() == level

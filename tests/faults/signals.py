@@ -69,8 +69,9 @@ def signals_at_any_moment(bench: Workbench) -> Row:
             row.failed += 1
             lets_end = numbers == (signal.SIGINT,) and "press Ctrl-C again" in log
             late = seconds > BOUND_S and not lets_end
-            row.wrong += code not in (128 + numbers[0], -numbers[0]) or late or "Traceback" in log
-            row.notes += [log[-300:]] if "Traceback" in log else []
+            wrong = code not in (128 + numbers[0], -numbers[0]) or late or "Traceback" in log
+            row.wrong += wrong
+            row.notes += [f"{numbers}: {code} after {seconds:.1f} s: {log[-300:]}"] if wrong else []
             bench.judge(row, place)
     return row
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from pathlib import Path
 
 from faults.workbench import Row, Workbench
@@ -45,7 +46,8 @@ def main(whole: bool, folder: str) -> None:
     tally = Tally(Path(folder))
     tally.damage(1000 if whole else 20, 60 if whole else 1)
     tally.nesting()
-    tally.swaps(1000 if whole else 30)
+    tally.swaps("part.usda", 1000 if whole else 30)
+    tally.swaps("part.usdz", 100 if whole else 3)
     if whole:
         tally.untrusted(24)
     print(json.dumps({"tried": tally.tried, "failed": tally.failed, "wrong": len(tally.notes), "notes": tally.notes}))
@@ -71,15 +73,18 @@ class Tally:
         for opening, closing in (('def "A"\n{\n', "}\n"), ("(", ")"), ("[", "]"), ("{", "}")):
             self._read("nested.usda", (HEAD + opening * 100_000 + closing * 100_000).encode())
 
-    def swaps(self, count: int) -> None:
-        """A link that leads now inside and now outside while a stage is read."""
+    def swaps(self, name: str, count: int) -> None:
+        """A link that leads now inside and now outside while a stage is read that references a file below it."""
         from pipeline.scene.load import load
 
         outside = Path(tempfile.mkdtemp(dir=self.folder.parent))
         for place, text in ((outside, PART.replace("PUBLIC", "SECRET")), (self.folder / "own", PART)):
             place.mkdir(exist_ok=True)
             (place / "part.usda").write_text(text)
-        (self.folder / "swapped.usda").write_text(STAGE)
+            with zipfile.ZipFile(place / "part.usdz", "w") as archive:
+                archive.write(place / "part.usda", "part.usda")
+        (self.folder / "swapped.usda").write_text(STAGE.replace("part.usda", name))
+        (self.folder / "folder").unlink(missing_ok=True)
         (self.folder / "folder").symlink_to("own")
         code = "import itertools, os, sys\nfor to in itertools.cycle(sys.argv[2:]):\n"
         code += "    os.symlink(to, sys.argv[1] + '.new'); os.rename(sys.argv[1] + '.new', sys.argv[1])"

@@ -124,7 +124,9 @@ class Workbench:
             row.bad += bool(check(store).damaged)
             if (place / "out" / "manifest.json").exists():
                 row.wrong += self.differs(place)
-        row.wrong += self.build_in_fork(place) != 0 or self.differs(place)
+        code = self.build_in_fork(place)
+        row.wrong += code != 0 or self.differs(place)
+        row.notes += [f"the build after it ended with {code}"] if code else []
         found = check(Store(place / "store"))
         row.bad += bool(found.damaged or found.incomplete or list((place / "out").glob(".pipeline-*")))
         shutil.rmtree(place)

@@ -1,9 +1,11 @@
 """A file that is exchanged while a stage is read: USD gets what was looked at, or nothing."""
 
+import zipfile
+
 import pytest
 
 from pipeline.confine.process import Guards
-from pipeline.scene import check, layer_files, load, prescan
+from pipeline.scene import check, judged_layers, layer_files, load, prescan
 from pipeline.scene.load import Look
 
 HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)\n'
@@ -107,3 +109,54 @@ def test_an_unreadable_layer_is_a_problem_at_the_line_that_names_it(places, monk
     (problem,) = load.load(places / "s.usda").problems
     assert (problem.code, problem.line) == ("unreadable", 8)
     assert "Permission denied" in problem.message
+
+
+def package(path, text):
+    """A usdz whose first member references its second."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("first.usda", STAGE.replace("folder/", ""))
+        archive.writestr("part.usda", text)
+
+
+@pytest.fixture
+def packages(places):
+    """The same places with packages of one name in them."""
+    package(places / "own/part.usdz", PART)
+    package(places.parent / "outside/part.usdz", SECRET)
+    (places / "s.usda").write_text(STAGE.replace(".usda@", ".usdz@"))
+    return places
+
+
+def test_a_package_that_nobody_touches_is_read(packages):
+    loaded = load.load(packages / "s.usda")
+    assert loaded.errors == [] and "PUBLIC" in loaded.flattened
+
+
+@pytest.mark.parametrize("secret", [SECRET, "#usda 1.0\nTOPSECRET42 = = 1\n"])
+@pytest.mark.parametrize("nth", [1, 2])
+def test_a_package_that_is_exchanged_before_usd_opens_it_is_refused(packages, nth, secret, monkeypatch):
+    """USD opens packages by name: what it got is compared with the bytes that were judged, layer by layer."""
+    package(packages.parent / "outside/part.usdz", secret)
+    original, calls = judged_layers.layer_of, []
+
+    def turned(identifier, *arguments, **options):
+        calls.append(identifier)
+        if sum("usdz" in one for one in calls) == nth:
+            swap(packages)
+        return original(identifier, *arguments, **options)
+
+    monkeypatch.setattr(prescan, "layer_of", turned)
+    monkeypatch.setattr(check, "check_used", lambda *_: [])
+    loaded = load.load(packages / "s.usda")
+
+    assert (packages / "folder/part.usdz").read_bytes() == (packages.parent / "outside/part.usdz").read_bytes()
+    assert [one.code for one in loaded.problems] == ["changed"]
+    assert "TOPSECRET42" not in told(loaded)
+
+
+def test_a_syntax_error_in_a_package_is_told_by_its_own_name(packages):
+    package(packages / "own/part.usdz", "#usda 1.0\nnonsense = = 1\n")
+    (problem,) = load.load(packages / "s.usda").problems
+    assert problem.code == "usd-syntax"
+    assert problem.file.endswith("folder/part.usdz[part.usda]")
+    assert "judged" not in str(problem)

@@ -105,6 +105,16 @@ def test_reading_has_an_end(monkeypatch):
         project(TINY, untrusted=True)
 
 
+def test_tasks_of_an_untrusted_build_are_ended_when_their_time_is_up(tmp_path, monkeypatch):
+    """By workers also where one process would do all; a stage that is trusted may take as long as it needs."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    monkeypatch.setenv("PIPELINE_LIMITS", "task_s=0")
+    result = pipeline.build(TINY, tmp_path / "out", jobs=1, untrusted=True)
+    (error,) = {task.error for task in result.tasks if task.state == "failed"}
+    assert result.exit_code == 1 and "took longer than 0 s" in error
+    assert pipeline.build(TINY, tmp_path / "out", jobs=1, untrusted=True, timeout_s=300.0).exit_code == 0
+
+
 def test_no_module_knows_pickle_eval_or_yaml():
     """Of what stores and readers are made of."""
     words = ("pickle.", "import pickle", "marshal", "shelve", "yaml.load", " eval(", "exec(", "allow_pickle=True")

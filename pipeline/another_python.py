@@ -1,0 +1,22 @@
+"""Another Python process of ours: it finds the modules that this one finds, and none in the working directory."""
+
+import json
+import sys
+
+_BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from {0} import {1}; {1}()"
+
+
+def command(function: str, *arguments: str) -> list[str]:
+    """Command of a process that calls a function.
+
+    `-P`, because Python with `-c` looks for modules in the working directory first, which may be a folder that somebody
+    else has filled: its json.py would run before anything is confined.
+
+    Parameters
+    ----------
+    function : str
+        `module:name` of a function of ours without parameters.
+    arguments : str
+        The rest of its `sys.argv`.
+    """
+    return [sys.executable, "-P", "-c", _BOOT.format(*function.split(":")), json.dumps(sys.path), *arguments]
