@@ -24,8 +24,9 @@ from pipeline.files.exr_layout import Header, UnknownLayout
 Rows = Callable[[int, int], dict[str, np.ndarray]]
 """First and end row to channels (rows, w)."""
 
-_BAND_PX = 1 << 22
-"""Pixels of a band: 16 MB a channel. Wide images have bands of one row of tiles."""
+_BAND_PX = 1 << 20
+"""Pixels of a band: 4 MB a channel, and what makes them takes some hundred bytes a pixel. A band of an image that is
+wider than 8,192 pixels is one row of tiles."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
