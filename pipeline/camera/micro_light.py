@@ -59,8 +59,8 @@ class MicroLight:
     light_mm: np.ndarray
 
 
-def micro_light(tracer: Tracer, images: MicroImages) -> MicroLight:
-    """Trace the light of all microlenses that reaches the image.
+def micro_light(tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1) -> MicroLight:
+    """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def micro_light(tracer: Tracer, images: MicroImages) -> MicroLight:
     array, grid = tracer.camera.microlenses, tracer.lattice
     if array is None or grid is None:
         raise CameraError("a conventional camera has no micro-images")
-    rows = reaching(tracer, images)
+    rows = np.array_split(reaching(tracer, images), tiles)[tile]
     shift, limit = _motion(tracer, images, rows)
     lit = limit > 0
     rows, shift, limit, kind = rows[lit], shift[lit], limit[lit], grid.type[rows[lit]]

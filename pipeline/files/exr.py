@@ -31,11 +31,11 @@ _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 # Encode in the calling thread: more threads are not faster at our sizes, and workers share the machine already.
 _IN_CALLING_THREAD = 0
 
-_CRC, _PART_COUNT = "content_crc32", "part_count"
+CRC, PART_COUNT = "content_crc32", "part_count"
 
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
 _GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
-_RESERVED = _STRUCTURE | _GEOMETRY | {_CRC, _PART_COUNT}
+RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class Part:
         shapes = {np.shape(pixels) for pixels in self.channels.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
             raise ValueError(f'part "{self.name}" needs channels of one shape (h, w), not {sorted(shapes)}')
-        if taken := sorted(_RESERVED & self.attributes.keys()):
+        if taken := sorted(RESERVED & self.attributes.keys()):
             raise ValueError(f'part "{self.name}": OpenEXR or this module uses the attributes {taken} itself')
 
     @property
@@ -119,7 +119,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     except (RuntimeError, ValueError) as error:
         raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
     found = [_decode(path, encoded) for encoded in file.parts]
-    counts = {encoded.header[_PART_COUNT] for encoded in file.parts}
+    counts = {encoded.header[PART_COUNT] for encoded in file.parts}
     if counts != {str(len(found))}:
         raise DamagedFile(path, f"{len(found)} parts can be read, {'/'.join(sorted(counts)) or 'more'} were written")
     return {part.name: part for part in found}
@@ -150,7 +150,7 @@ def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:
 def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) -> OpenEXR.Part:
     channels = {name: np.array(pixels, dtype=np.float32, order="C") for name, pixels in sorted(part.channels.items())}
     header: dict[str, Any] = {name: _text(part, name, value) for name, value in sorted(part.attributes.items())}
-    header |= {_CRC: _crc32(part.name, channels, header), _PART_COUNT: str(part_count)}
+    header |= {CRC: _crc32(part.name, channels, header), PART_COUNT: str(part_count)}
     header |= {"compression": _COMPRESSION, "dataWindow": _window(part.shape), "displayWindow": _window(display)}
     header["type"] = OpenEXR.tiledimage if tiled else OpenEXR.scanlineimage
     if tiled:
@@ -162,13 +162,13 @@ def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) 
 
 def _decode(path: Path, encoded: OpenEXR.Part) -> Part:
     header, name = encoded.header, encoded.name()
-    if _CRC not in header or _PART_COUNT not in header:
+    if CRC not in header or PART_COUNT not in header:
         raise DamagedFile(path, f'part "{name}" carries no checksum: this program did not write it')
     channels = {channel: content.pixels for channel, content in encoded.channels.items()}
-    attributes = {key: value for key, value in header.items() if key not in _RESERVED}
-    if not all(isinstance(value, str) for value in [header[_PART_COUNT], *attributes.values()]):
+    attributes = {key: value for key, value in header.items() if key not in RESERVED}
+    if not all(isinstance(value, str) for value in [header[PART_COUNT], *attributes.values()]):
         raise DamagedFile(path, f'the header of part "{name}" holds more than text')
-    if any(pixels is None for pixels in channels.values()) or _crc32(name, channels, attributes) != header[_CRC]:
+    if any(pixels is None for pixels in channels.values()) or _crc32(name, channels, attributes) != header[CRC]:
         raise DamagedFile(path, f'the content of part "{name}" does not match its checksum')
     return Part(name=name, channels=channels, attributes=attributes)
 

@@ -1,8 +1,10 @@
 """NumPy's own files, for arrays between tasks."""
 
 import math
+import os
 from pathlib import Path
 from tokenize import TokenError
+from typing import BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -31,17 +33,59 @@ def read_npy(path: str | Path) -> np.ndarray:
     DamagedFile
         If it is not an .npy file, holds objects (which would be a pickle), or not as many bytes as its header says.
     """
-    path = Path(path)
-    with path.open("rb") as stream:
-        try:
-            version = npy.read_magic(stream)
-            read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
-            shape, _, dtype = read_header(stream, max_header_size=_HEADER_BYTES)
-        except (ValueError, KeyError, OSError, SyntaxError, TypeError, TokenError) as error:
-            raise DamagedFile(path, f"not a readable .npy file ({error})") from error
-        if dtype.hasobject:
-            raise DamagedFile(path, "it holds objects, not numbers")
-        promised, there = math.prod(shape) * dtype.itemsize, path.stat().st_size - stream.tell()
-        if min(shape, default=0) < 0 or promised != there:
-            raise DamagedFile(path, f"its header promises {promised} bytes, and there are {there}")
+    with Path(path).open("rb") as stream:
+        _header(stream, Path(path))
     return np.load(path, allow_pickle=False)  # type: ignore[no-any-return]
+
+
+class StackedRows:
+    """Files that `write_npy` wrote, of arrays that are alike but for their number of rows: one below the other.
+
+    Parameters
+    ----------
+    paths : list of path
+        From the top. Only headers are read now.
+
+    Raises
+    ------
+    DamagedFile
+        As `read_npy`.
+    """
+
+    def __init__(self, paths: list[Path]) -> None:
+        self._paths = paths
+        shapes = []
+        for path in paths:
+            with path.open("rb") as stream:
+                shapes.append(_header(stream, path)[0])
+        self._edges = np.cumsum([0, *(shape[0] for shape in shapes)]).tolist()
+        self.shape = int(self._edges[-1]), *shapes[0][1:]
+
+    def rows(self, first: int, end: int) -> np.ndarray:
+        """The rows [first, end) of all of them."""
+        pieces = []
+        for path, above, below in zip(self._paths, self._edges, self._edges[1:], strict=False):
+            low, high = max(first, above), min(end, below)
+            if low < high:
+                with path.open("rb") as stream:
+                    (_, *rest), dtype = _header(stream, path)
+                    stream.seek((low - above) * math.prod(rest) * dtype.itemsize, os.SEEK_CUR)
+                    values = np.fromfile(stream, dtype, (high - low) * math.prod(rest))
+                pieces.append(values.reshape(high - low, *rest))
+        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+
+
+def _header(stream: BinaryIO, path: Path) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type; the stream is then at the first number."""
+    try:
+        version = npy.read_magic(stream)
+        read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+        shape, _, dtype = read_header(stream, max_header_size=_HEADER_BYTES)
+    except (ValueError, KeyError, OSError, SyntaxError, TypeError, TokenError) as error:
+        raise DamagedFile(path, f"not a readable .npy file ({error})") from error
+    if dtype.hasobject:
+        raise DamagedFile(path, "it holds objects, not numbers")
+    promised, there = math.prod(shape) * dtype.itemsize, path.stat().st_size - stream.tell()
+    if min(shape, default=0) < 0 or promised != there:
+        raise DamagedFile(path, f"its header promises {promised} bytes, and there are {there}")
+    return shape, dtype

@@ -16,7 +16,13 @@ Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _RAYS_PER_CHUNK = 1 << 20
 
 
-def irradiance(tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None) -> np.ndarray:
+def irradiance(
+    tracer: Tracer,
+    images: MicroImages | None,
+    samples: int,
+    radiance: Radiance | None,
+    rows: tuple[int, int] | None = None,
+) -> np.ndarray:
     """Integral of L over each pixel's rays, by the camera's weight, relative to that of a white scene on the axis.
 
     Parameters
@@ -27,16 +33,22 @@ def irradiance(tracer: Tracer, images: MicroImages | None, samples: int, radianc
         Rays per pixel and microlens, a power of two.
     radiance : callable or None
         None stands for a white scene: the white image.
+    rows : (int, int), optional
+        First and end of the rows that are wanted: the values of the whole image there.
 
     Returns
     -------
     (height, width) float64
     """
-    return irradiance_and_crosstalk(tracer, images, samples, radiance)[0]
+    return irradiance_and_crosstalk(tracer, images, samples, radiance, rows)[0]
 
 
 def irradiance_and_crosstalk(
-    tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None
+    tracer: Tracer,
+    images: MicroImages | None,
+    samples: int,
+    radiance: Radiance | None,
+    rows: tuple[int, int] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, and its part that came through other microlenses than that of the pixel's cell.
 
@@ -46,13 +58,15 @@ def irradiance_and_crosstalk(
         See `irradiance`.
     """
     sensor = tracer.camera.sensor
-    result, foreign = np.zeros((2, sensor.height_px * sensor.width_px))
+    first_row, end_row = rows or (0, sensor.height_px)
+    before = first_row * sensor.width_px
+    result, foreign = np.zeros((2, (end_row - first_row) * sensor.width_px))
     bits = sobol_bits(samples)
     chunk = max(1, _RAYS_PER_CHUNK // (samples * _ways(tracer, images)))
     buffers = _buffers(0)
     for first in range(0, result.size, chunk):
         pixel = np.arange(first, min(first + chunk, result.size))
-        x_px, y_px = pixel % sensor.width_px, pixel // sensor.width_px
+        x_px, y_px = pixel % sensor.width_px, (pixel + before) // sensor.width_px
         positions = tracer.positions_mm(x_px, y_px)
         lenses = strata(tracer, images, positions)
         most = int(np.count_nonzero(lenses != SKIP)) * samples
@@ -76,7 +90,7 @@ def irradiance_and_crosstalk(
         row, way = np.divmod(owner[:count], lenses.shape[1])
         result[pixel] = np.bincount(row, value, minlength=len(pixel))
         foreign[pixel] = np.bincount(row[way > 0], value[way > 0], minlength=len(pixel))
-    shape = sensor.height_px, sensor.width_px
+    shape = end_row - first_row, sensor.width_px
     return result.reshape(shape) / tracer.reference_weight_sr, foreign.reshape(shape) / tracer.reference_weight_sr
 
 

@@ -12,6 +12,7 @@ from pipeline.camera.micro_images import MicroImages, micro_images, owners
 from pipeline.camera.pinhole import Pinhole
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
+from pipeline.files.npy import StackedRows
 from pipeline.records import from_plain
 from pipeline.truth.grid import image_from_fine
 
@@ -40,6 +41,12 @@ def tracer_of(inputs: Inputs, seed: int) -> tuple[Tracer, MicroImages | None]:
     return tracer, micro_images(tracer) if tracer.camera.microlenses else None
 
 
+def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
+    """Arrays that tiles wrote, one below the other."""
+    rows = StackedRows([inputs[f"tile{number}"][name] for number in range(tiles)])
+    return rows.rows(0, rows.shape[0])
+
+
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """Some positions of the fine grid, row by row.
@@ -65,11 +72,11 @@ class Stretch:
 def stretches(
     tracer: Tracer, images: MicroImages | None, supersampling: int, first_row: int, end_row: int
 ) -> Iterator[Stretch]:
-    """The fine grid over a band of rows of the image, in pieces that fit into memory."""
+    """A band of rows of the fine grid, in pieces that fit into memory."""
     width = tracer.camera.sensor.width_px * supersampling
-    count = (end_row - first_row) * supersampling * width
+    count = (end_row - first_row) * width
     for first in range(0, count, _POSITIONS_AT_ONCE):
         index = np.arange(first, min(first + _POSITIONS_AT_ONCE, count))
-        pixels = np.stack([index % width, index // width + first_row * supersampling], axis=1)
+        pixels = np.stack([index % width, index // width + first_row], axis=1)
         positions = tracer.positions_mm(*image_from_fine(pixels.T, supersampling))
         yield Stretch(index, pixels, positions, owners(images, positions))

@@ -14,6 +14,7 @@ from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.poses import target_poses
 from pipeline.tasks.things import Things, matrix
+from pipeline.tasks.tiles import Bands, image_bands
 from pipeline.truth.on_points import plane_name
 from pipeline.truth.settings import TruthSettings
 
@@ -30,10 +31,21 @@ def image_params(entry: CameraEntry) -> dict[str, Any]:
     }
 
 
+def add_tiles(
+    graph: TaskGraph, name: str, params: dict[str, Any], reads: dict[str, str], rows: Bands
+) -> dict[str, str]:
+    """Tasks of tiles, each with its rows in the params; role and name of each. One tile alone is no task."""
+    kind = name.partition("/")[0]
+    return {
+        f"tile{number}": graph.add(f"{name}/{number:04d}", f"{KIND}{kind}", {**params, "rows": list(some)}, reads)
+        for number, some in enumerate(rows if len(rows) > 1 else [])
+    }
+
+
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame that a task, or a field of its parameters, belongs to; None if to all."""
-    if task.short_kind in ("image", "truth", "positions"):
-        return int(task.name.rpartition("/")[2])
+    if task.short_kind.removesuffix("_tile") in ("image", "truth", "positions"):
+        return int(task.name.split("/")[2])
     match = re.match(r"params\.frames\[(\d+)\]", field or "")
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
 
@@ -74,7 +86,7 @@ class FrameTasks:
         targets = {target: matrix(pose) for target, pose in poses.items()}
         camera_from_world = frame.camera_from_world[self.entry.name]
         self._posed.append({"number": frame.number, "camera_from_world": camera_from_world, "targets": targets})
-        image = self.graph.add(f"image/{name}", f"{KIND}image", self._image_params(frame, poses), self._reads)
+        image = self._add_image(name, self._image_params(frame, poses))
         truth = self._add_truth(name, folder, frame, poses)
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
@@ -94,6 +106,14 @@ class FrameTasks:
         params |= {"frames": self._judged, "seed": self.entry.sampling.seed}
         truths = {f"frame{n}": f"truth/{self.entry.name}/{n:04d}" for n in (frame["number"] for frame in self._judged)}
         return self.graph.add(f"certificate/{self.entry.name}", f"{KIND}certificate", params, {**self._reads, **truths})
+
+    def _add_image(self, name: str, params: dict[str, Any]) -> str:
+        rows = image_bands(self.entry.asked.sensor, self.entry.image_samples)
+        tiles = add_tiles(self.graph, f"image_tile/{name}", params, self._reads, rows)
+        if tiles:
+            params = {key: params[key] for key in image_params(self.entry)}
+        params = {**params, "tiles": len(tiles)}
+        return self.graph.add(f"image/{name}", f"{KIND}image", params, {**self._reads, **tiles})
 
     def _image_params(self, frame: Frame, poses: dict[str, np.ndarray]) -> dict[str, Any]:
         targets = self.painted.targets(poses)

@@ -16,10 +16,10 @@ from pipeline.records import to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.problems import blamed_on
 from pipeline.tasks.baselines import BASELINES
-from pipeline.tasks.frame_tasks import KIND, FrameTasks, image_params
+from pipeline.tasks.frame_tasks import KIND, FrameTasks, add_tiles, image_params
 from pipeline.tasks.poses import targets_json
-from pipeline.tasks.rays_tile import tile_rows
 from pipeline.tasks.things import Things
+from pipeline.tasks.tiles import bundle_bands, image_bands, microlens_tiles
 
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
@@ -83,13 +83,31 @@ def _add_white(
     tables_at: str,
 ) -> None:
     """The white image and the micro-images of a camera with its stop as set."""
-    white = graph.add(f"white/{name}", f"{KIND}white", image_params(entry), reads)
+    params = image_params(entry)
+    tiles = add_tiles(graph, f"white_tile/{name}", params, reads, image_bands(entry.asked.sensor, entry.image_samples))
+    white = graph.add(f"white/{name}", f"{KIND}white", {**params, "tiles": len(tiles)}, {**reads, **tiles})
     files[f"{white_at}.exr"] = (white, "white.exr")
     files[f"{white_at}.png"] = (white, "white.png")
     if entry.asked.microlenses:
-        tables = graph.add(f"micro_images/{name}", f"{KIND}micro_images", {}, reads)
+        tables = _add_micro_images(graph, entry, reads, name)
         for table in ("micro_images.csv", "micro_image_outlines.csv"):
             files[f"{tables_at}{table}"] = (tables, table)
+
+
+def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> str:
+    """The task of the tables of micro-images, with its tiles; gives its name."""
+    assert entry.asked.microlenses is not None
+    count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
+    tiles = {
+        f"tile{number}": graph.add(
+            f"micro_images_tile/{name}/{number:04d}",
+            f"{KIND}micro_images_tile",
+            {"tile": number, "tiles": count},
+            reads,
+        )
+        for number in range(count if count > 1 else 0)
+    }
+    return graph.add(f"micro_images/{name}", f"{KIND}micro_images", {"tiles": len(tiles)}, {**reads, **tiles})
 
 
 def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
@@ -121,8 +139,7 @@ def labels_of(entry: CameraEntry) -> dict[str, Any]:
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
     """The tile tasks of a camera and the task that joins them; returns its name."""
-    sensor, sampling = entry.asked.sensor, to_plain(entry.sampling)
-    rows = tile_rows(sensor.width_px, sensor.height_px, entry.sampling.supersampling, entry.sampling.samples)
+    sampling = to_plain(entry.sampling)
     tiles = {
         f"tile{number}": graph.add(
             f"rays_tile/{entry.name}/{number:04d}",
@@ -130,7 +147,7 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
             {"first_row": first, "end_row": end, **sampling, "square_px": entry.square_px},
             reads,
         )
-        for number, (first, end) in enumerate(rows)
+        for number, (first, end) in enumerate(bundle_bands(entry.asked.sensor, entry.sampling))
     }
     light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
     params = {"tiles": len(tiles), **sampling, **light}

@@ -1,4 +1,4 @@
-"""Task `image`: the image of one camera in one frame, linear and as a preview."""
+"""Task `image`: the image of one camera in one frame, linear and as a preview; joined from tiles where it has some."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,25 +6,31 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.files.exr import Part, write_exr
+from pipeline.camera.tracer import Tracer
+from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.png import write_png
-from pipeline.render.imaging import irradiance
-from pipeline.render.light import TargetLight
 from pipeline.render.spectra import srgb_preview
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.surroundings import placed_occluders, placed_targets
+from pipeline.tasks.cameras import Inputs, focused_camera, stacked
+from pipeline.tasks.image_tile import PIXELS, image_rows
+
+_PREVIEW_ROWS = 512
+"""Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: targets (list of {target, vision_from_target}), occluders, background, samples, seed, ..."""
-    tracer, images = tracer_of(inputs, params["seed"])
-    targets, occluders = placed_targets(params["targets"]), placed_occluders(params["occluders"])
-    light = TargetLight(targets, params["background"], occluders)
-    write_image(out, "image", irradiance(tracer, images, params["samples"], light.radiance), params, tracer)
+    """Params: tiles (number), weight, wavelength_nm, samples, seed; without tiles also targets (list of {target,
+    vision_from_target}), occluders, background."""
+    pixels = stacked(inputs, params["tiles"], PIXELS) if params["tiles"] else image_rows(params, inputs)
+    write_image(out, "image", pixels, params, Tracer(focused_camera(inputs), params["seed"]))
 
 
 def write_image(
-    out: Path, name: str, pixels: np.ndarray, params: dict[str, Any], tracer: Any, more: Sequence[Part] = ()
+    out: Path,
+    name: str,
+    pixels: np.ndarray,
+    params: dict[str, Any],
+    tracer: Tracer,
+    more: Sequence[BandedPart] = (),
 ) -> None:
     """Write `name`.exr, relative irradiance with its reference in the header, and `name`.png, an 8-bit preview."""
     by_area = tracer.camera.weight == "area"
@@ -34,5 +40,17 @@ def write_image(
         "W_ref_mm2" if by_area else "W_ref_sr": tracer.reference_weight_sr,
         **{key: params[key] for key in ("weight", "wavelength_nm", "samples", "seed")},
     }
-    write_exr(out / f"{name}.exr", [Part(name=name, channels={"Y": pixels}, attributes=attributes), *more])
-    write_png(out / f"{name}.png", srgb_preview(pixels, 1.0))
+    write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *more])
+    bands = range(0, len(pixels), _PREVIEW_ROWS)
+    preview = [srgb_preview(pixels[first : first + _PREVIEW_ROWS], 1.0) for first in bands]
+    write_png(out / f"{name}.png", np.concatenate(preview))
+
+
+def part_of(name: str, pixels: np.ndarray, attributes: dict[str, Any]) -> BandedPart:
+    """A part with one channel, (h, w)."""
+
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        return {"Y": pixels[first:end]}
+
+    height, width = pixels.shape
+    return BandedPart(name=name, shape=(height, width), channels=("Y",), rows=rows, attributes=attributes)

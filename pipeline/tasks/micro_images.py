@@ -1,5 +1,6 @@
 """Task `micro_images`: centre, centroid, radius and outline of every micro-image of a plenoptic camera."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from pipeline.camera.micro_light import OUTLINE_DEG, MicroLight, micro_light
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import write_table
-from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.cameras import Inputs, stacked, tracer_of
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
 _ALONE = (
@@ -38,11 +39,12 @@ _DECIMALS = 6
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: none."""
+    """Params: tiles (number)."""
     tracer, images = tracer_of(inputs, 0)
     grid, array = tracer.lattice, tracer.camera.microlenses
     assert images is not None and grid is not None and array is not None
-    found, pitch = micro_light(tracer, images), tracer.camera.sensor.pitch_mm
+    found = _joined(inputs, params["tiles"]) if params["tiles"] else micro_light(tracer, images)
+    pitch = tracer.camera.sensor.pitch_mm
     centre, centroid = tracer.pixels_at(images.centre_mm), np.full((len(grid.k), 2), np.nan)
     centroid[found.rows] = tracer.pixels_at(found.centroid_mm)
     area_radius, complete = np.full(len(grid.k), np.nan), np.zeros(len(grid.k), np.int64)
@@ -70,6 +72,11 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         radii = np.round(radii_mm / pitch, _DECIMALS)
         outlines |= {f"{name}_{angle}_px": radii[:, i] for i, angle in enumerate(OUTLINE_DEG)}
     write_table(out / "micro_image_outlines.csv", OUTLINES_HEADER, outlines)
+
+
+def _joined(inputs: Inputs, tiles: int) -> MicroLight:
+    """The light of the microlenses of all tiles."""
+    return MicroLight(*(stacked(inputs, tiles, f"{field.name}.npy") for field in dataclasses.fields(MicroLight)))
 
 
 def _is_inside(tracer: Tracer, found: MicroLight) -> np.ndarray:

@@ -3,6 +3,7 @@
 Only where target points may be seen, unless the whole image is asked for: the candidates are those of method `direct`.
 """
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -10,40 +11,53 @@ import numpy as np
 
 from pipeline.camera.micro_images import MicroImages
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
-from pipeline.files.exr import Part, write_exr
+from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.tasks.cameras import Inputs, stretches, tracer_of
 from pipeline.truth.candidates import candidates
 from pipeline.truth.grid import fine_from_image
+
+Tile = tuple[slice, slice]
+"""Rows and columns of the fine grid."""
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: planes (list of {name, vision_from_target, points_mm}), extent, supersampling, samples, square_px, ..."""
     tracer, images = tracer_of(inputs, params["seed"])
     names = ("extent", "supersampling", "samples", "seed", "weight", "footprint", "wavelength_nm")
-    head = {name: params[name] for name in names}
+    head = {"frame": "frame of the tangent plane, mm: x right, y up, z = 0", **{name: params[name] for name in names}}
+    sensor, k = tracer.camera.sensor, params["supersampling"]
+    shape = sensor.height_px * k, sensor.width_px * k
     parts = []
     for plane in params["planes"]:
-        wanted = None
-        if params["extent"] == "tiles":
-            wanted = tiles(tracer, images, np.array(plane["points_mm"]), params["supersampling"])
-        pixels = position_image(tracer, images, np.array(plane["vision_from_target"]), params, wanted)
-        attributes = {"frame": "frame of the tangent plane, mm: x right, y up, z = 0", **head}
-        parts.append(
-            Part(name=plane["name"], channels={"X": pixels[..., 0], "Y": pixels[..., 1]}, attributes=attributes)
-        )
-    write_exr(out / "positions.exr", parts)
+        wanted = tiles(tracer, images, np.array(plane["points_mm"]), k) if params["extent"] == "tiles" else None
+        rows = functools.partial(_rows, tracer, images, np.array(plane["vision_from_target"]), params, wanted)
+        parts.append(BandedPart(name=plane["name"], shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
+    write_bands(out / "positions.exr", parts)
 
 
-def tiles(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray, supersampling: int) -> np.ndarray:
-    """Fine positions where images of points (p, 3) may lie, with room for the search, (K h, K w) bool."""
-    sensor, k = tracer.camera.sensor, supersampling
-    wanted = np.zeros((sensor.height_px * k, sensor.width_px * k), bool)
+def _rows(
+    tracer: Tracer,
+    images: MicroImages | None,
+    vision_from_target: np.ndarray,
+    params: dict[str, Any],
+    wanted: list[Tile] | None,
+    first: int,
+    end: int,
+) -> dict[str, np.ndarray]:
+    """Rows of the part of a plane."""
+    pixels = position_image(tracer, images, vision_from_target, params, wanted, (first, end))
+    return {"X": pixels[..., 0], "Y": pixels[..., 1]}
+
+
+def tiles(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
+    """Parts of the fine grid where images of points (p, 3) may lie, with room for the search."""
     found = candidates(tracer, images, points_mm)
-    centre = np.rint(fine_from_image(found.x_px, k)).astype(int)
-    room = np.ceil(found.reach_px * k).astype(int) + 2
-    for (column, row), far in zip(centre, room, strict=True):
-        wanted[max(row - far, 0) : max(row + far + 1, 0), max(column - far, 0) : max(column + far + 1, 0)] = True
-    return wanted
+    centre = np.rint(fine_from_image(found.x_px, supersampling)).astype(int)
+    room = np.ceil(found.reach_px * supersampling).astype(int) + 2
+    return [
+        (slice(max(row - far, 0), max(row + far + 1, 0)), slice(max(column - far, 0), max(column + far + 1, 0)))
+        for (column, row), far in zip(centre.tolist(), room.tolist(), strict=True)
+    ]
 
 
 def position_image(
@@ -51,15 +65,25 @@ def position_image(
     images: MicroImages | None,
     vision_from_target: np.ndarray,
     params: dict[str, Any],
-    wanted: np.ndarray | None = None,
+    wanted: list[Tile] | None = None,
+    rows: tuple[int, int] | None = None,
 ) -> np.ndarray:
-    """J on the infinite plane of a target, in the target frame, (K h, K w, 2) float32 [mm]; NaN where not wanted."""
+    """J on the infinite plane of a target, in the target frame, (K h, K w, 2) float32 [mm]; NaN where not wanted.
+
+    Parameters
+    ----------
+    rows : (int, int), optional
+        First and end row of the fine grid, if not all are asked for.
+    """
     sensor, k = tracer.camera.sensor, params["supersampling"]
-    height, width = sensor.height_px * k, sensor.width_px * k
+    first, end = rows or (0, sensor.height_px * k)
+    here = np.full((end - first, sensor.width_px * k), wanted is None)
+    for down, across in wanted or ():
+        here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
-    result = np.full((height * width, 2), np.nan, np.float32)
-    for piece in stretches(tracer, images, k, 0, sensor.height_px):
-        here = slice(None) if wanted is None else wanted.ravel()[piece.index]
-        arguments = piece.positions_mm[here], piece.lens[here], planes, params["samples"], piece.pixels[here]
-        result[piece.index[here]] = tracer.moments(*arguments, params["square_px"])[:, :2]
-    return result.reshape(height, width, 2)
+    result = np.full((here.size, 2), np.nan, np.float32)
+    for piece in stretches(tracer, images, k, first, end):
+        some = here.ravel()[piece.index]
+        arguments = piece.positions_mm[some], piece.lens[some], planes, params["samples"], piece.pixels[some]
+        result[piece.index[some]] = tracer.moments(*arguments, params["square_px"])[:, :2]
+    return result.reshape(*here.shape, 2)

@@ -2,44 +2,74 @@
 
 import numpy as np
 
-from pipeline.files.exr import Part, read_exr
+from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.tables import read_table
 from pipeline.tasks.cameras import Inputs
 from pipeline.tasks.rays import MOMENTS
 from pipeline.truth.grid import RayGrid
 
 
+class RayFile:
+    """The rays of a camera in rays.exr and, of a plenoptic one, micro_images.csv; read window by window.
+
+    Attributes are those of `RayGrid`.
+    """
+
+    def __init__(self, inputs: Inputs) -> None:
+        self._file = ExrWindows(inputs["rays"]["rays.exr"])
+        near, far = (self._file.headers[name].texts for name in ("near", "far"))
+        self.supersampling = int(near["supersampling"])
+        self._planes_mm = float(near["plane_z_mm"]), float(far["plane_z_mm"])
+        self._square_steps = 1.0 if near["footprint"] == "pixel" else 0.0
+        self.microlenses: np.ndarray = np.zeros((1, 3), np.int64)
+        self.centres_px: np.ndarray | None = None
+        if "micro_images" in inputs:
+            table = read_table(inputs["micro_images"]["micro_images.csv"])
+            names = ("microlens_k", "microlens_l", "microlens_type")
+            self.microlenses = np.stack([table.numbers(name) for name in names], axis=1).astype(np.int64)
+            self.centres_px = np.stack([table.numbers("centre_x_px"), table.numbers("centre_y_px")], axis=1)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the image."""
+        height, width = self._file.headers["moments"].shape
+        return width, height
+
+    def window(self, rows: slice, columns: slice) -> RayGrid:
+        """The bundles of some rows and columns of the image."""
+        k = self.supersampling
+        fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
+        near, far, error = (rows_of(self._file, name, *fine, "X", "Y") for name in ("near", "far", "error"))
+        cell = np.zeros(near.shape[:2], np.int64)
+        if self.centres_px is not None:
+            cell = _rows_of(rows_of(self._file, "microlens", *fine, "k", "l").astype(np.int64), self.microlenses)
+        return RayGrid(
+            supersampling=k,
+            near_mm=self._planes_mm[0],
+            far_mm=self._planes_mm[1],
+            near=near,
+            far=far,
+            covariance=rows_of(self._file, "moments", rows, columns, *MOMENTS),
+            hit_fraction=rows_of(self._file, "hit_fraction", *fine, "Y")[..., 0],
+            error_px=error,
+            cell=cell,
+            microlenses=self.microlenses,
+            centres_px=self.centres_px,
+            square_steps=self._square_steps,
+        )
+
+
 def read_grid(inputs: Inputs) -> RayGrid:
-    """The rays of a camera, from rays.exr and, for a plenoptic one, micro_images.csv."""
-    parts = read_exr(inputs["rays"]["rays.exr"])
-    near, far = parts["near"], parts["far"]
-    cell = np.zeros(near.shape, np.int64)
-    microlenses, centres = np.zeros((1, 3), np.int64), None
-    if "micro_images" in inputs:
-        table = read_table(inputs["micro_images"]["micro_images.csv"])
-        names = ("microlens_k", "microlens_l", "microlens_type")
-        microlenses = np.stack([table.numbers(name) for name in names], axis=1).astype(np.int64)
-        centres = np.stack([table.numbers("centre_x_px"), table.numbers("centre_y_px")], axis=1)
-        cell = _rows_of(channels_of(parts["microlens"], "k", "l").astype(np.int64), microlenses)
-    return RayGrid(
-        supersampling=int(near.attributes["supersampling"]),
-        near_mm=float(near.attributes["plane_z_mm"]),
-        far_mm=float(far.attributes["plane_z_mm"]),
-        near=channels_of(near, "X", "Y"),
-        far=channels_of(far, "X", "Y"),
-        covariance=channels_of(parts["moments"], *MOMENTS),
-        hit_fraction=channels_of(parts["hit_fraction"], "Y")[..., 0],
-        error_px=channels_of(parts["error"], "X", "Y"),
-        cell=cell,
-        microlenses=microlenses,
-        centres_px=centres,
-        square_steps=1.0 if near.attributes["footprint"] == "pixel" else 0.0,
-    )
+    """The rays of a whole camera."""
+    file = RayFile(inputs)
+    width, height = file.size_px
+    return file.window(slice(0, height), slice(0, width))
 
 
-def channels_of(part: Part, *channels: str) -> np.ndarray:
-    """Channels of a part side by side, (h, w, n) float64."""
-    return np.stack([part.channels[name] for name in channels], axis=-1).astype(np.float64)
+def rows_of(file: ExrWindows, part: str, rows: slice, columns: slice, *channels: str) -> np.ndarray:
+    """Channels of a window of a part side by side, (h, w, n) float64."""
+    pixels = file.rows(part, rows.start, rows.stop)
+    return np.stack([pixels[name][:, columns] for name in channels], axis=-1).astype(np.float64)
 
 
 def _rows_of(axial: np.ndarray, microlenses: np.ndarray) -> np.ndarray:

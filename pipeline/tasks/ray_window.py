@@ -16,13 +16,11 @@ from pipeline.tasks.rays import error_of
 from pipeline.tasks.rays_tile import FAR, HIT_FRACTION, NEAR, WIDTH, traced
 from pipeline.truth.correspond import Correspondences, completed, find
 from pipeline.truth.grid import RayGrid, image_from_fine
+from pipeline.truth.on_points import REACH_PX, REACH_STEPS
 from pipeline.truth.position_image import on_target
 from pipeline.truth.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig
-
-_REACH_PX, _REACH_STEPS = 2, 4
-"""Around a row the search reads values up to two pixels away, and up to four steps of the fine grid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +53,7 @@ def window_around(rig: Rig, x_px: np.ndarray, sampling: dict[str, Any]) -> Windo
         supersampling, samples and square_px, as the task `rays_tile` reads them.
     """
     sensor, k = rig.tracer.camera.sensor, sampling["supersampling"]
-    reach, most = _REACH_PX + math.ceil(_REACH_STEPS / k), np.array([sensor.width_px, sensor.height_px])
+    reach, most = REACH_PX + math.ceil(REACH_STEPS / k), np.array([sensor.width_px, sensor.height_px])
     middle = np.clip(np.rint(x_px), 0, most - 1).astype(np.int64)
     first, end = np.maximum(middle - reach, 0), np.minimum(middle + reach + 1, most)
     width, height = (end - first) * k

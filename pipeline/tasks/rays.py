@@ -1,12 +1,13 @@
 """Task `rays`: J_near, J_far, second moments, hit fraction and error of a camera, assembled from its tiles."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.files.exr import Part, write_exr
-from pipeline.files.npy import read_npy
+from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.npy import StackedRows
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.error import in_pixels, jacobian
@@ -19,29 +20,65 @@ MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: tiles (number), supersampling, samples, seed, weight, footprint, wavelength_nm."""
     tracer, _ = tracer_of(inputs, params["seed"])
-    camera, k = tracer.camera, params["supersampling"]
-    bundles, cells, covariance = (
-        _stacked(inputs, params["tiles"], name) for name in ("bundles", "cells", "covariance")
-    )
-    near, far = bundles[..., NEAR], bundles[..., FAR]
+    camera, tiles = tracer.camera, _Tiles(inputs, params["tiles"], params["supersampling"])
     head: dict[str, Any] = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
         **{name: params[name] for name in ("supersampling", "samples", "seed", "weight", "footprint", "wavelength_nm")},
     }
     kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
-    error = error_of(bundles, cells, k)
     parts = [
-        _part("near", near, ("X", "Y"), {**head, "plane_z_mm": camera.near_mm}),
-        _part("far", far, ("X", "Y"), {**head, "plane_z_mm": camera.far_mm}),
-        _part("moments", covariance, MOMENTS, {**head, "kept": kept}),
-        _part("hit_fraction", bundles[..., HIT_FRACTION, None], ("Y",), head),
-        _part("error", error, ("X", "Y"), {**head, "unit": "px", "plane": "the worse of near and far"}),
+        tiles.part("near", ("X", "Y"), tiles.near, {**head, "plane_z_mm": camera.near_mm}),
+        tiles.part("far", ("X", "Y"), tiles.far, {**head, "plane_z_mm": camera.far_mm}),
+        tiles.part("moments", MOMENTS, tiles.covariance.rows, {**head, "kept": kept}),
+        tiles.part("hit_fraction", ("Y",), tiles.hit_fraction, head),
+        tiles.part("error", ("X", "Y"), tiles.error, {**head, "unit": "px", "plane": "the worse of near and far"}),
     ]
-    if tracer.lattice is not None:
-        axial = np.stack([tracer.lattice.k, tracer.lattice.l], axis=-1)[cells]
-        parts.append(_part("microlens", axial, ("k", "l"), head))
-    write_exr(out / "rays.exr", parts)
+    lattice = tracer.lattice
+    if lattice is not None:
+        axial = np.stack([lattice.k, lattice.l], axis=-1)
+        parts.append(tiles.part("microlens", ("k", "l"), lambda first, end: axial[tiles.cells.rows(first, end)], head))
+    write_bands(out / "rays.exr", parts)
+
+
+class _Tiles:
+    """The outputs of all tiles, one below the other; rows of them become pixels of parts, (rows, w, channels)."""
+
+    def __init__(self, inputs: Inputs, tiles: int, supersampling: int) -> None:
+        self.bundles, self.cells, self.covariance = (
+            StackedRows([inputs[f"tile{number}"][f"{name}.npy"] for number in range(tiles)])
+            for name in ("bundles", "cells", "covariance")
+        )
+        self._supersampling = supersampling
+
+    def near(self, first: int, end: int) -> np.ndarray:
+        """J_near."""
+        return self.bundles.rows(first, end)[..., NEAR]
+
+    def far(self, first: int, end: int) -> np.ndarray:
+        """J_far."""
+        return self.bundles.rows(first, end)[..., FAR]
+
+    def hit_fraction(self, first: int, end: int) -> np.ndarray:
+        """Share of the light that leaves."""
+        return self.bundles.rows(first, end)[..., HIT_FRACTION, None]
+
+    def error(self, first: int, end: int) -> np.ndarray:
+        """Errors of J; differences reach one row beyond a band."""
+        low, high = max(first - 1, 0), min(end + 1, self.bundles.shape[0])
+        found = error_of(self.bundles.rows(low, high), self.cells.rows(low, high), self._supersampling)
+        return found[first - low : end - low]
+
+    def part(
+        self, name: str, channels: tuple[str, ...], pixels: Callable[[int, int], np.ndarray], head: dict[str, Any]
+    ) -> BandedPart:
+        """A part of the file; `pixels` gives rows of it."""
+
+        def rows(first: int, end: int) -> dict[str, np.ndarray]:
+            return dict(zip(channels, np.moveaxis(pixels(first, end), -1, 0), strict=True))
+
+        height, width = (self.covariance if name == "moments" else self.bundles).shape[:2]
+        return BandedPart(name=name, shape=(height, width), channels=channels, rows=rows, attributes=head)
 
 
 def error_of(bundles: np.ndarray, cells: np.ndarray, supersampling: int) -> np.ndarray:
@@ -52,13 +89,3 @@ def error_of(bundles: np.ndarray, cells: np.ndarray, supersampling: int) -> np.n
         for part, plane in zip((slice(0, 2), slice(2, 4)), planes, strict=True)
     )
     return np.fmax(*errors)  # type: ignore[no-any-return]
-
-
-def _stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
-    files = (inputs[f"tile{number}"][f"{name}.npy"] for number in range(tiles))
-    return np.concatenate([read_npy(file) for file in files])
-
-
-def _part(name: str, pixels: np.ndarray, channels: tuple[str, ...], attributes: dict[str, Any]) -> Part:
-    planes = {channel: pixels[..., i] for i, channel in enumerate(channels)}
-    return Part(name=name, channels=planes, attributes=attributes)

@@ -13,15 +13,6 @@ from pipeline.tasks.cameras import Inputs, Stretch, stretches, tracer_of
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last is their number."""
 
-_RAYS_PER_TILE = 40_000_000
-
-
-def tile_rows(width_px: int, height_px: int, supersampling: int, samples: int) -> list[tuple[int, int]]:
-    """First and end row (of the image) of every tile: a function of the work alone, never of the machine."""
-    rays_per_row = width_px * supersampling**2 * samples
-    rows = max(1, min(height_px, _RAYS_PER_TILE // rays_per_row))
-    return [(first, min(first + rows, height_px)) for first in range(0, height_px, rows)]
-
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: first_row, end_row, supersampling, samples, seed, square_px."""
@@ -31,7 +22,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     bundles = np.empty((height * width, WIDTH), np.float32)
     cells = np.empty(height * width, np.int32)
     covariance = np.empty((height * width, 10), np.float32)
-    for piece in stretches(tracer, images, k, params["first_row"], params["end_row"]):
+    for piece in stretches(tracer, images, k, params["first_row"] * k, params["end_row"] * k):
         bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params)
         cells[piece.index] = piece.lens if images else 0
     # Of every pixel the bundle next to its centre keeps its second moments.

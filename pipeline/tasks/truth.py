@@ -1,24 +1,26 @@
 """Task `truth`: correspondences of all targets for one camera in one frame."""
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.files.exr import Part, read_exr
+from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.tables import write_table
 from pipeline.records import from_plain
 from pipeline.target.points import TargetPoints
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.ray_grid import channels_of, read_grid
+from pipeline.tasks.ray_grid import RayFile, rows_of
 from pipeline.tasks.surroundings import surroundings_of
 from pipeline.tasks.truth_table import column_order, columns_of, header_of, note_of
 from pipeline.truth.column_sets import column_names, column_set
 from pipeline.truth.correspond import Correspondences
-from pipeline.truth.grid import RayGrid
-from pipeline.truth.on_points import ImageOf, correspond_points, plane_name
+from pipeline.truth.grid import RayGrid, Rays
+from pipeline.truth.on_points import ImageOf, Place, correspond_points, plane_name
 from pipeline.truth.own_bundle import with_own_bundles
 from pipeline.truth.polish import polished
 from pipeline.truth.position_image import on_target
@@ -27,14 +29,17 @@ from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
 from pipeline.truth.visibility import seen
 
+Traced = Callable[[int, slice, slice], np.ndarray]
+"""(number of a tangent plane, rows and columns of the fine grid) to its traced position image there."""
+
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: frame, camera, targets (list of {name, target, vision_from_target}), occluders, truth, square_px and
     labels."""
     settings = from_plain(TruthSettings, params["truth"])
     rig = Rig(*tracer_of(inputs, params["labels"]["seed"]), params["square_px"])
-    grid = None if settings.method == "direct" else read_grid(inputs)
-    positions = read_exr(inputs["positions"]["positions.exr"]) if "positions" in inputs else {}
+    rays = None if settings.method == "direct" else RayFile(inputs)
+    positions = ExrWindows(inputs["positions"]["positions.exr"]) if "positions" in inputs else None
     columns: dict[str, list[Any]] = {name: [] for name in column_order(settings)}
     notes = []
     entries = sorted(params["targets"], key=lambda entry: entry["name"])
@@ -42,8 +47,8 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     for number, entry in enumerate(entries):
         target, pose = target_from_plain(entry["target"]), np.array(entry["vision_from_target"])
         points = target.points()
-        traced = _traced(positions, entry["name"], len(points.frames))
-        found, more = correspondences(rig, grid, settings, points, pose, traced), []
+        traced = functools.partial(_traced, positions, entry["name"], len(points.frames)) if positions else None
+        found, more = correspondences(rig, rays, settings, points, pose, traced), []
         if found is not None:
             planes = tangent_planes(pose, points.position_mm, points.plane_axes)
             found, visibility = seen(rig, surroundings, number, found, planes)
@@ -55,26 +60,26 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
             for name, column in rows.items():
                 columns[name].extend(column)
         notes.append("; ".join([f"{entry['name']}: {note_of(found, points, pose)}", *more]))
-    k = grid.supersampling if grid else None
+    k = rays.supersampling if rays else None
     head = header_of(params, settings, k, is_plenoptic=rig.images is not None)
     write_table(out / "correspondences.csv", [*head, *notes], columns)
 
 
 def correspondences(
     rig: Rig,
-    grid: RayGrid | None,
+    rays: Rays | None,
     settings: TruthSettings,
     points: TargetPoints,
     pose: np.ndarray,
-    traced: list[Part] | None,
+    traced: Traced | None,
 ) -> Correspondences | None:
-    """All rows of one target, None if all of its points face away; `grid` is None for the method without images."""
+    """All rows of one target, None if all of its points face away; `rays` is None for the method without images."""
     planes = tangent_planes(pose, points.position_mm, points.plane_axes)
     if not faces_camera(planes).any():
         return None
-    if grid is None:
+    if rays is None:
         return solved(rig, settings, planes)
-    rows = correspond_points(points, grid, pose, unfiltered(settings), _position_images(settings.method, traced))
+    rows = correspond_points(points, rays, pose, unfiltered(settings), _position_images(settings.method, traced))
     return None if rows is None else finished(rig, rows, planes, settings)
 
 
@@ -98,17 +103,18 @@ def finished(rig: Rig, rows: Correspondences, planes: np.ndarray, settings: Trut
     return with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
 
 
-def _traced(positions: dict[str, Part], target: str, planes: int) -> list[Part] | None:
-    """The position images that task `positions` traced, one per tangent plane."""
-    return [positions[plane_name(target, number, planes)] for number in range(planes)] if positions else None
+def _traced(positions: ExrWindows, target: str, planes: int, number: int, rows: slice, columns: slice) -> np.ndarray:
+    """Rows and columns of the fine grid of the position image that task `positions` traced for a tangent plane."""
+    return rows_of(positions, plane_name(target, number, planes), rows, columns, "X", "Y")
 
 
-def _position_images(method: str, traced: list[Part] | None) -> ImageOf:
+def _position_images(method: str, traced: Traced | None) -> ImageOf:
     """J on the planes of a target, each in its own frame, by the method that the stage asks for."""
 
-    def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
+    def image_of(number: int, pose: np.ndarray, rays: RayGrid, place: Place) -> np.ndarray:
         if traced is not None:
-            return channels_of(traced[number], "X", "Y")
+            k = rays.supersampling
+            return traced(number, *(slice(some.start * k, some.stop * k) for some in (place.rows, place.columns)))
         image = on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
         return corrected(image, rays, pose) if method == "moments" else image
 

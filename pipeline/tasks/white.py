@@ -6,21 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.files.exr import Part
-from pipeline.render.imaging import irradiance_and_crosstalk
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.image import write_image
+from pipeline.camera.tracer import Tracer
+from pipeline.tasks.cameras import Inputs, focused_camera, stacked
+from pipeline.tasks.image import part_of, write_image
+from pipeline.tasks.white_tile import FOREIGN, WHITE, white_rows
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: samples, seed, weight, wavelength_nm."""
-    tracer, images = tracer_of(inputs, params["seed"])
-    white, foreign = irradiance_and_crosstalk(tracer, images, params["samples"], None)
-    if images is None:
+    """Params: tiles (number), samples, seed, weight, wavelength_nm."""
+    if params["tiles"]:
+        white, foreign = (stacked(inputs, params["tiles"], name) for name in (WHITE, FOREIGN))
+    else:
+        white, foreign = white_rows(params, inputs)
+    tracer = Tracer(focused_camera(inputs), params["seed"])
+    if tracer.camera.microlenses is None:
         write_image(out, "white", white, params, tracer)
         return
-    share = np.divide(foreign, white, out=np.full_like(white, np.nan), where=white > 0)
     total = float(foreign.sum() / white.sum()) if white.any() else math.nan
+    share = np.divide(foreign, white, out=np.full_like(white, np.nan), where=white > 0)
     content = "share of the light that came through another microlens than that of the pixel's cell"
-    crosstalk = Part(name="crosstalk", channels={"Y": share}, attributes={"content": content, "of_all_light": total})
+    crosstalk = part_of("crosstalk", share, {"content": content, "of_all_light": total})
     write_image(out, "white", white, params, tracer, [crosstalk])

@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.camera.micro_images import tree_of
 from pipeline.truth import blur, quadratic, search
-from pipeline.truth.grid import RayGrid, fine_from_image, image_from_fine, matrix_4
+from pipeline.truth.grid import RayGrid, Rays, fine_from_image, image_from_fine, matrix_4
 from pipeline.truth.position_image import crossing_share
 from pipeline.truth.settings import TruthSettings
 from pipeline.units import DEGREE_RAD
@@ -47,6 +47,25 @@ class Found:
         return Found(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
 
 
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """What a search met, before the best solution of each point and cell is chosen.
+
+    Attributes
+    ----------
+    found : Found
+        In the order of the grid.
+    nearest_mm : (n,) float64
+        Distance of the nearest value from the point: the smallest is the best.
+    counts : dict
+        Of candidates, and of rejections by reason.
+    """
+
+    found: Found
+    nearest_mm: np.ndarray
+    counts: dict[str, int]
+
+
 def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
     """Search target points in a position image.
 
@@ -64,55 +83,68 @@ def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: Trut
     dict
         Counts of candidates, rejections by reason, and ambiguous rows.
     """
+    seen = sightings(image, points_mm, grid, settings, slice(0, len(image)))
+    best, ambiguous = best_of(seen.found, seen.nearest_mm, settings)
+    return seen.found.only(best), {**seen.counts, "ambiguous": ambiguous}
+
+
+def sightings(
+    image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice
+) -> Sightings:
+    """All solutions that begin in the rows `own` of a position image; those around are there to be looked at."""
     image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
-    if settings.search == "nearest":
-        return _find_nearest(image, points, grid, settings)
-    return _find_quads(image, points, grid, settings)
+    search_for = _nearest if settings.search == "nearest" else _in_quads
+    return search_for(image, points, grid, settings, own)
 
 
-def _find_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+def best_of(found: Found, nearest_mm: np.ndarray, settings: TruthSettings) -> tuple[np.ndarray, int]:
+    """Numbers of the best solutions, by point and cell, and how many others there are."""
+    # The quad whose nearest value lies closest to the point wins its (point, cell); of equal ones the first.
+    order = np.lexsort((nearest_mm, found.cell, found.point))
+    pair = np.stack([found.point[order], found.cell[order]], axis=1)
+    first = np.ones(len(order), bool)
+    first[1:] = (pair[1:] != pair[:-1]).any(axis=1)
+    return order[first], int(np.sum(~first)) if settings.search == "quad" else 0
+
+
+def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> Sightings:
     none = np.empty((0, 3), np.int64)
     quads = np.empty((search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
     search.quads_that_hold(image, grid.cell, points, quads)
+    quads = np.ascontiguousarray(quads[(quads[:, 2] >= own.start) & (quads[:, 2] < own.stop)])
     status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), 9), np.nan)
     use_filter = settings.filter != "none"
     limits = settings.lambda_d, settings.lambda_alpha_deg * DEGREE_RAD
     search.solve_quads(image, grid.cell, points, quads, use_filter, *limits, status, solutions)
-    cell = grid.cell[quads[:, 2], quads[:, 1]]
     counts = {
         "quads": len(quads),
         "rejected_window": int(np.sum(status == search.WINDOW)),
         "rejected_lengths": int(np.sum(status == search.LENGTHS)),
         "rejected_angles": int(np.sum(status == search.ANGLES)),
     }
-    accepted = np.flatnonzero(status == search.ACCEPTED)
-    # Best first: the quad whose nearest value lies closest to the point wins its (point, cell).
-    accepted = accepted[np.lexsort((solutions[accepted, 2], cell[accepted], quads[accepted, 0]))]
-    pair = np.stack([quads[accepted, 0], cell[accepted]], axis=1)
-    first = np.ones(len(accepted), bool)
-    first[1:] = (pair[1:] != pair[:-1]).any(axis=1)
-    counts["ambiguous"] = int(np.sum(~first))
-    best = solutions[accepted[first]]
+    accepted = status == search.ACCEPTED
+    quads, best = quads[accepted], solutions[accepted]
     s, t = best[:, 7], best[:, 8]
     column, row, gain = best[:, 0], best[:, 1], np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
     jacobian, error = best[:, 3:7].reshape(-1, 2, 2).transpose(0, 2, 1), np.full(len(best), np.nan)
     if settings.method == "moments":
-        fit = quadratic.solve(image, grid.cell, quads[accepted[first], 1:], points[pair[first, 0]])
+        fit = quadratic.solve(image, grid.cell, quads[:, 1:], points[quads[:, 0]])
         known = ~np.isnan(fit.error)
         column, row = np.where(known, fit.column, column), np.where(known, fit.row, row)
         gain, error = np.where(known, fit.noise_gain, gain), fit.error
         jacobian = np.where(known[:, None, None], fit.jacobian, jacobian)
-    k = grid.supersampling
+    k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
     x, y = image_from_fine(column, k), image_from_fine(row, k)
-    return Found(pair[first, 0], pair[first, 1], x, y, jacobian * k, gain, error / k), counts
+    return Sightings(Found(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, 2], counts)
 
 
-def _find_nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> Sightings:
     shape = (len(points), len(grid.microlenses))
     best, where = np.full(shape, settings.nearest_threshold_mm), np.full((*shape, 2), -1)
-    search.nearest_positions(image, grid.cell, points, best, where)
+    search.nearest_positions(image[own], grid.cell[own], points, best, where)
     point, cell = np.nonzero(where[..., 0] >= 0)
     column, row = where[point, cell].T
+    row = row + own.start
     found = Found(
         point,
         cell,
@@ -122,7 +154,7 @@ def _find_nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings
         np.ones(len(point)),
         np.full(len(point), np.nan),
     )
-    return found, {"quads": 0, "ambiguous": 0}
+    return Sightings(found, best[point, cell], {"quads": 0})
 
 
 def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -201,9 +233,12 @@ def completed(
     found: Found, counts: dict, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings
 ) -> Correspondences:
     """The rows that exist among what a search found, sorted by point, l, k, with their blur and error."""
-    found, counts = _existing(found, counts, grid, settings)
-    order = np.lexsort((*grid.microlenses[found.cell][:, :2].T, found.point))
-    found = found.only(order)
+    rows = with_light(found, grid, vision_from_target, settings)
+    return existing(dataclasses.replace(rows, counts=counts), grid, settings)
+
+
+def with_light(found: Found, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings) -> Correspondences:
+    """All that a search found, with light, blur and error; nothing is counted."""
     covariance, ray_near, ray_far = _bundle_at(found, grid)
     share, _, way = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
     uu, uv = blur.deviations(covariance, share)
@@ -214,33 +249,32 @@ def completed(
         _sampled(grid.hit_fraction, found, grid),
         blurred,
         blur.signed_radius_px(blurred, uv),
-        counts,
-        np.full(len(order), settings.method),
+        {},
+        np.full(len(found.point), settings.method),
     )
 
 
-def _existing(found: Found, counts: dict, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
-    """Drop rows outside the image, outside their own cell, or with too little light; count them by reason."""
-    width, height = grid.size_px
+def existing(rows: Correspondences, rays: Rays, settings: TruthSettings) -> Correspondences:
+    """Rows inside the image and their own cell that have light enough, sorted; the others are counted by reason."""
+    width, height = rays.size_px
+    found, counts = rows.found, dict(rows.counts)
     inside = (np.abs(found.x_px - (width - 1) / 2) <= width / 2) & (np.abs(found.y_px - (height - 1) / 2) <= height / 2)
-    counts = {**counts, "dropped_outside_image": int(np.sum(~inside))}
-    found = found.only(inside)
-    if grid.centres_px is not None:
-        owner = tree_of(grid.centres_px).query(np.stack([found.x_px, found.y_px], axis=1))[1]
-        counts["dropped_outside_cell"] = int(np.sum(owner != found.cell))
-        found = found.only(owner == found.cell)
-    dark = ~(_sampled(grid.hit_fraction, found, grid) >= settings.min_hit_fraction)
-    counts["dropped_hit_fraction"] = int(np.sum(dark))
-    found = found.only(~dark)
-    return found, {**counts, "rows": len(found.point)}
+    counts["dropped_outside_image"], rows = int(np.sum(~inside)), rows.only(inside)
+    if rays.centres_px is not None:
+        x = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
+        own = tree_of(rays.centres_px).query(x)[1] == rows.found.cell
+        counts["dropped_outside_cell"], rows = int(np.sum(~own)), rows.only(own)
+    lit = rows.hit_fraction >= settings.min_hit_fraction
+    counts["dropped_hit_fraction"], rows = int(np.sum(~lit)), rows.only(lit)
+    rows = dataclasses.replace(rows, counts={**counts, "rows": len(rows.found.point)})
+    return rows.sorted_by(rays.microlenses[:, :2])
 
 
 def _nearest_fine(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
     """Row and column of the fine position nearest to each solution."""
-    k = grid.supersampling
-    row = np.rint(fine_from_image(found.y_px, k)).astype(int).clip(0, grid.cell.shape[0] - 1)
-    column = np.rint(fine_from_image(found.x_px, k)).astype(int).clip(0, grid.cell.shape[1] - 1)
-    return row, column
+    k, (height, width) = grid.supersampling, grid.cell.shape
+    row, column = (np.rint(fine_from_image(np.nan_to_num(x), k)) for x in (found.y_px, found.x_px))
+    return row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)
 
 
 def _sampled(values: np.ndarray, found: Found, grid: RayGrid) -> np.ndarray:
@@ -258,8 +292,8 @@ def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.
     closest = np.full(n, np.inf)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
-            x = (np.rint(found.x_px).astype(int) + dx).clip(0, width - 1)
-            y = (np.rint(found.y_px).astype(int) + dy).clip(0, height - 1)
+            x = (np.rint(np.nan_to_num(found.x_px)) + dx).clip(0, width - 1).astype(int)
+            y = (np.rint(np.nan_to_num(found.y_px)) + dy).clip(0, height - 1).astype(int)
             # The fine position next to the pixel's centre tells whose bundle the pixel kept.
             fine = y * k + k // 2, x * k + k // 2
             distance = np.hypot(x - found.x_px, y - found.y_px)

@@ -107,21 +107,24 @@ class Search:
 
     def refine(self, rows: np.ndarray, accuracy_px: float) -> None:
         """Finer integrals, level by level, until their error and the step that they ask for are below the accuracy."""
+        step = np.zeros(self.x_px.shape)
         for level in range(1, LEVELS):
-            step, self.anchor_px[rows] = np.zeros((len(rows), 2)), self.x_px[rows]
-            coarser = self.random_mm[rows]
+            step[rows], self.anchor_px[rows] = 0.0, self.x_px[rows]
+            coarser, going = self.random_mm.copy(), rows
             for turn in range(_FINE_STEPS):
-                found = pooled(self._integral(rows, self.x_px[rows], level), coarser)
-                self.moments[rows] = found.moments
+                found = pooled(self._integral(going, self.x_px[going], level), coarser[going])
+                self.moments[going] = found.moments
                 if turn:
-                    self._measure(rows, step, found.moments[:, :2])
-                    self._update(rows, step, found.moments[:, :2])
-                self.residual[rows] = found.moments[:, :2]
-                step = -_times(self.inverse[rows], found.moments[:, :2])
-                self.x_px[rows] += step
-                left = self._left(rows, step)
-                self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], found), left)
-                if (left.max(axis=1, initial=0.0) < accuracy_px / 4).all():
+                    self._measure(going, step[going], found.moments[:, :2])
+                    self._update(going, step[going], found.moments[:, :2])
+                self.residual[going] = found.moments[:, :2]
+                step[going] = -_times(self.inverse[going], found.moments[:, :2])
+                self.x_px[going] += step[going]
+                left = self._left(going, step[going])
+                self.sigma_px[going] = np.hypot(errors_px(self.inverse[going], found), left)
+                # Every row ends by itself: a row solved in another company is the same row.
+                going = going[~(left.max(axis=1, initial=0.0) < accuracy_px / 4)]
+                if not len(going):
                     break
             self.reached[rows] = np.hypot(*self.sigma_px[rows].T) < accuracy_px
             rows = rows[~self.reached[rows] & np.isfinite(self.x_px[rows, 0])]

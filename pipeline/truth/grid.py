@@ -1,8 +1,32 @@
 """The position images of a camera, as the ground truth reads them."""
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
+
+
+class Rays(Protocol):
+    """The bundles of a camera, in memory or in a file that is read by windows; attributes as of `RayGrid`."""
+
+    @property
+    def supersampling(self) -> int:
+        """K."""
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the image."""
+
+    @property
+    def microlenses(self) -> np.ndarray:
+        """All microlenses, (m, 3)."""
+
+    @property
+    def centres_px(self) -> np.ndarray | None:
+        """All micro-image centres, (m, 2)."""
+
+    def window(self, rows: slice, columns: slice) -> "RayGrid":
+        """The bundles of some rows and columns of the image."""
 
 
 @dataclass(frozen=True, slots=True)

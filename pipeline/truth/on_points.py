@@ -5,25 +5,38 @@ target or a part of the same one, is not looked for here: see `truth.visibility`
 """
 
 import functools
-from collections.abc import Callable
-from dataclasses import replace
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.frames import apply
 from pipeline.target.points import TangentPlane, TargetPoints
-from pipeline.truth.correspond import Correspondences, completed, find
-from pipeline.truth.grid import RayGrid
+from pipeline.truth.correspond import Correspondences, best_of, existing, sightings, with_light
+from pipeline.truth.grid import RayGrid, Rays
 from pipeline.truth.settings import TruthSettings
 
-_REACH_STEPS = 16
+REACH_PX, REACH_STEPS = 2, 4
+"""Around a row the search reads values up to two pixels away, and up to four steps of the fine grid."""
+_WINDOW_STEPS = 16
 """Half the size of a window around a single point, in steps of the fine grid on the target; at f/2, 45 degrees and
 20 mm of defocus the mean ray misses the mean of the hits by one."""
 _PADDING_PX = 4
+_BAND_POSITIONS = 1 << 20
+"""Fine positions of a band, about 400 bytes each. Rows do not depend on it."""
 
-ImageOf = Callable[[int, np.ndarray, RayGrid], np.ndarray]
-"""(number of the plane, vision_from_plane, rays) to J in the frame of the plane; a window of the rays is given where
-one point alone is wanted."""
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Rows and columns of the image that a window holds."""
+
+    rows: slice
+    columns: slice
+
+
+ImageOf = Callable[[int, np.ndarray, RayGrid, Place], np.ndarray]
+"""(number of the plane, vision_from_plane, rays of a window, its place) to J there, in the frame of the plane."""
 
 
 def plane_name(target: str, number: int, planes: int) -> str:
@@ -33,43 +46,86 @@ def plane_name(target: str, number: int, planes: int) -> str:
 
 def correspond_points(
     points: TargetPoints,
-    grid: RayGrid,
+    rays: Rays,
     vision_from_target: np.ndarray,
     settings: TruthSettings,
     image_of: ImageOf,
 ) -> Correspondences | None:
-    """All rows of a target that exist, `found.point` counting its points; None if all of them face away."""
-    parts = []
-    for number, plane in enumerate(points.planes()):
-        pose = vision_from_target @ plane.target_from_plane
-        if pose[:3, 2] @ pose[:3, 3] >= 0:
-            continue
-        whole = len(plane.members) > 1 or settings.method == "image"  # traced images come whole
-        part = _on_plane(plane, whole, grid, pose, settings, functools.partial(image_of, number, pose))
-        parts.append(replace(part, found=replace(part.found, point=plane.members[part.found.point])))
-    if not parts:
+    """All rows of a target that exist, `found.point` counting its points; None if all of them face away.
+
+    The image is searched band by band, so that memory does not grow with it.
+    """
+    planes = [_Plane(n, plane, vision_from_target @ plane.target_from_plane) for n, plane in enumerate(points.planes())]
+    planes = [plane for plane in planes if plane.pose[:3, 2] @ plane.pose[:3, 3] < 0]
+    if not planes:
         return None
+    seen: dict[int, list[tuple[Correspondences, np.ndarray]]] = {plane.number: [] for plane in planes}
+    for own, rows in _bands(rays):
+        band = _Band(rays.window(rows, slice(0, rays.size_px[0])), rows.start, own, settings)
+        for plane in planes:
+            seen[plane.number].append(band.rows_of(plane, image_of))
+    parts = [_best(plane, seen[plane.number], rays, settings) for plane in planes]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     joined = functools.reduce(Correspondences.joined, parts)
-    return replace(joined, counts=counts).sorted_by(grid.microlenses[:, :2])
+    return replace(joined, counts=counts).sorted_by(rays.microlenses[:, :2])
 
 
-def _on_plane(
-    plane: TangentPlane,
-    whole: bool,
-    grid: RayGrid,
-    pose: np.ndarray,
-    settings: TruthSettings,
-    image_of: Callable[[RayGrid], np.ndarray],
+@dataclass(frozen=True, slots=True)
+class _Plane:
+    """A tangent plane that faces the camera, its number among those of its target, and vision_from_plane."""
+
+    number: int
+    plane: TangentPlane
+    pose: np.ndarray
+
+
+def _bands(rays: Rays) -> Iterator[tuple[slice, slice]]:
+    """Bands of rows of the image, and the same with the rows around that a search looks at."""
+    width, height = rays.size_px
+    rows = max(1, _BAND_POSITIONS // (width * rays.supersampling**2))
+    room = REACH_PX + math.ceil(REACH_STEPS / rays.supersampling)
+    for first in range(0, height, rows):
+        end = min(first + rows, height)
+        yield slice(first, end), slice(max(first - room, 0), min(end + room, height))
+
+
+@dataclass(frozen=True, slots=True)
+class _Band:
+    """Rays of a band of whole rows, the first of which is `above` in the image; `own` are the rows to search."""
+
+    rays: RayGrid
+    above: int
+    own: slice
+    settings: TruthSettings
+
+    def rows_of(self, plane: _Plane, image_of: ImageOf) -> tuple[Correspondences, np.ndarray]:
+        """What is seen of the points of a plane, in the whole image, and the distance of the nearest value."""
+        k, (width, height) = self.rays.supersampling, self.rays.size_px
+        rows, columns = slice(0, height), slice(0, width)
+        if len(plane.plane.members) == 1 and self.settings.method != "image":
+            rows, columns = _window(self.rays, apply(plane.pose, plane.plane.points_mm)[0])
+        window = self.rays.window(rows, columns)
+        place = Place(slice(self.above + rows.start, self.above + rows.stop), columns)
+        image = image_of(plane.number, plane.pose, window, place)
+        low, high = ((row - place.rows.start) * k for row in (self.own.start, self.own.stop))
+        own = slice(max(low, 0), max(min(high, len(image)), 0))
+        seen = sightings(image, plane.plane.points_mm, window, self.settings, own)
+        found = replace(seen.found, x_px=seen.found.x_px + columns.start, y_px=seen.found.y_px + rows.start)
+        lit = with_light(found, self.rays, plane.pose, self.settings)
+        return replace(lit, counts=seen.counts).moved(np.array([0, self.above])), seen.nearest_mm
+
+
+def _best(
+    plane: _Plane, seen: list[tuple[Correspondences, np.ndarray]], rays: Rays, settings: TruthSettings
 ) -> Correspondences:
-    if whole:
-        found, counts = find(image_of(grid), plane.points_mm, grid, settings)
-    else:
-        rows, columns = _window(grid, apply(pose, plane.points_mm)[0])
-        rays = grid.window(rows, columns)
-        found, counts = find(image_of(rays), plane.points_mm, rays, settings)
-        found = replace(found, x_px=found.x_px + columns.start, y_px=found.y_px + rows.start)
-    return completed(found, counts, grid, pose, settings)
+    """The rows of a plane that exist, from what all bands have."""
+    parts = [part for part, _ in seen]
+    counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
+    rows = functools.reduce(Correspondences.joined, parts)
+    best, ambiguous = best_of(rows.found, np.concatenate([nearest for _, nearest in seen]), settings)
+    chosen = replace(rows.only(best), counts={**counts, "ambiguous": ambiguous})
+    kept = existing(chosen, rays, settings)
+    return replace(kept, found=replace(kept.found, point=plane.plane.members[kept.found.point]))
 
 
 def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
@@ -77,7 +133,7 @@ def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
     share = (point_mm[2] - grid.near_mm) / (grid.far_mm - grid.near_mm)
     crossing = grid.near + share * (grid.far - grid.near)
     steps = [np.abs(np.diff(crossing, axis=axis)).max(axis=-1) for axis in (0, 1)]
-    reach = _REACH_STEPS * max(float(np.nanmedian(step)) for step in steps)
+    reach = _WINDOW_STEPS * max(float(np.nanmedian(step)) for step in steps)
     near = np.abs(crossing - point_mm[:2]).max(axis=-1) < reach
     slices = []
     for axis, size in ((1, grid.size_px[1]), (0, grid.size_px[0])):

@@ -131,6 +131,6 @@ def ray_grid(
     rays.run({"tiles": 1, **sampling, **light}, inputs, folder / "rays")
     inputs["rays"] = {"rays.exr": folder / "rays" / "rays.exr"}
     if camera.microlenses:
-        micro_images.run({}, inputs, folder / "table")
+        micro_images.run({"tiles": 0}, inputs, folder / "table")
         inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
     return read_grid(inputs)

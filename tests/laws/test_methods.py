@@ -16,13 +16,12 @@ from pipeline.camera.integrals import integrals
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.files.exr import Part
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import correspondences
 from pipeline.truth.certificate import WITHIN, WORST, Rows, certify
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
-from pipeline.truth.on_points import correspond_points
+from pipeline.truth.on_points import Place, correspond_points
 from pipeline.truth.position_image import crossing_share, on_target
 from pipeline.truth.second_order import corrected, correction
 from pipeline.truth.settings import TruthSettings
@@ -52,7 +51,13 @@ class Scene:
     def rows(self, settings: TruthSettings) -> Correspondences:
         """Rows by any method; NaN everywhere in J of planes that face away."""
         grid = None if settings.method == "direct" else self.grid
-        traced = [self._traced(frame) for frame in self.points.frames] if settings.method == "image" else None
+        traced = None
+        if settings.method == "image":
+            images = [self._traced(frame) for frame in self.points.frames]
+
+            def traced(number: int, rows: slice, columns: slice) -> np.ndarray:
+                return images[number][rows, columns]
+
         found = correspondences(self.rig, grid, settings, self.points, self.pose, traced)
         assert found is not None
         return found
@@ -60,7 +65,7 @@ class Scene:
     def second_order(self) -> Correspondences:
         """Rows of `moments` as the search leaves them, before `direct` mends the doubtful ones."""
 
-        def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
+        def image_of(number: int, pose: np.ndarray, rays: RayGrid, place: Place) -> np.ndarray:
             return corrected(on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose), rays, pose)
 
         settings = TruthSettings(method="moments")
@@ -68,10 +73,10 @@ class Scene:
         assert found is not None
         return found
 
-    def _traced(self, target_from_plane: np.ndarray) -> Part:
+    def _traced(self, target_from_plane: np.ndarray) -> np.ndarray:
         params = {"supersampling": K, "samples": self.samples, "seed": self.seed, "square_px": 0.0}
-        image = position_image(self.rig.tracer, self.rig.images, self.pose @ target_from_plane, params)
-        return Part(name="J", channels={"X": image[..., 0], "Y": image[..., 1]}, attributes={})
+        pose = self.pose @ target_from_plane
+        return position_image(self.rig.tracer, self.rig.images, pose, params).astype(np.float64)
 
     def apart(self, rows: Correspondences) -> tuple[np.ndarray, np.ndarray]:
         """Differences from `direct` (n, 2) [px] of the rows that it knows, and which those are."""

@@ -1,0 +1,197 @@
+"""OpenEXR files larger than memory: written band by band, read by windows of rows.
+
+OpenEXR's binding takes and gives whole files only. So its own encoder makes a file of each band, and the compressed
+tiles of these are strung together: the same bytes as `exr.write_exr` writes, whatever the height of a band. Headers
+are the binding's, too, of parts of one pixel, with other windows. Only the container is ours, see `exr_layout`.
+"""
+
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from pipeline.files import exr_layout
+from pipeline.files.crc import joined
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.exr import CRC, PART_COUNT, RESERVED, TILE_PX, Part, write_exr
+from pipeline.files.exr_layout import Header, UnknownLayout
+
+Rows = Callable[[int, int], dict[str, np.ndarray]]
+"""First and end row to channels (rows, w)."""
+
+_BAND_PX = 1 << 20
+"""Pixels of a band: 4 MB a channel, and what makes them takes some hundred bytes a pixel. A band of an image that is
+wider than 8,192 pixels is one row of tiles."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BandedPart:
+    """A part of a file whose pixels are made when they are written.
+
+    Attributes
+    ----------
+    shape : (int, int)
+        Height and width [px].
+    channels : tuple of str
+    rows : callable
+        Called for one band after the other, from the top.
+    attributes : dict
+        As in `exr.Part`.
+    """
+
+    name: str
+    shape: tuple[int, int]
+    channels: tuple[str, ...]
+    rows: Rows
+    attributes: dict[str, str | float | int] = field(default_factory=dict)
+
+
+def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
+    """Write the file that `exr.write_exr` writes of the same parts, tiled, with one band of a part in memory."""
+    path = Path(path)
+    band_file = path.with_name(f"{path.name}.band")
+    try:
+        headers = _headers(band_file, parts)
+        tables = [np.zeros(header.grid, "<u8") for header in headers]
+        with path.open("wb") as stream:
+            stream.write(exr_layout.bytes_of(headers) + b"".join(table.tobytes() for table in tables))
+            for number, part in enumerate(parts):
+                crcs = dict.fromkeys(sorted(part.channels), 0)
+                at = number if len(parts) > 1 else None
+                for first, band in _bands(part):
+                    for channel in crcs:
+                        crcs[channel] = zlib.crc32(band.channels[channel].data, crcs[channel])
+                    write_exr(band_file, [band])
+                    _append(stream, band_file, tables[number], first // TILE_PX, at)
+                headers[number] = headers[number].having(**{CRC: _content_crc(part, headers[number], crcs)})
+            stream.seek(0)
+            stream.write(exr_layout.bytes_of(headers) + b"".join(table.tobytes() for table in tables))
+    finally:
+        band_file.unlink(missing_ok=True)
+
+
+def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
+    """Headers of the whole file; the checksums are those of something else."""
+    pixel = np.zeros((1, 1), np.float32)
+    small = [Part(name=p.name, channels=dict.fromkeys(p.channels, pixel), attributes=p.attributes) for p in parts]
+    write_exr(scratch, small)
+    with scratch.open("rb") as stream:
+        headers = exr_layout.read_headers(stream)
+    display = exr_layout.box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
+    sized = [
+        header.having(dataWindow=exr_layout.box(part.shape), displayWindow=display)
+        for header, part in zip(headers, parts, strict=True)
+    ]
+    return [header.having(chunkCount=struct.pack("<i", header.grid[0] * header.grid[1])) for header in sized]
+
+
+def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
+    """First row and pixels of each band; its height is whole tiles."""
+    height, width = part.shape
+    rows = TILE_PX * max(1, _BAND_PX // (TILE_PX * width))
+    for first in range(0, height, rows):
+        end = min(first + rows, height)
+        pixels = {name: np.ascontiguousarray(v, np.float32) for name, v in part.rows(first, end).items()}
+        band = Part(name=part.name, channels=pixels)
+        if band.shape != (end - first, width) or pixels.keys() != set(part.channels):
+            raise ValueError(f'part "{part.name}": rows {first} to {end} are {band.shape}, {sorted(pixels)}')
+        yield first, band
+
+
+def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, part: int | None) -> None:
+    """Copy the tiles of a band to a file, `above` rows of tiles being before them; note where they lie."""
+    with band_file.open("rb") as band:
+        (header,) = exr_layout.read_headers(band)
+        offsets = np.frombuffer(band.read(8 * header.grid[0] * header.grid[1]), "<u8")
+        for offset in offsets:
+            tile = exr_layout.read_chunk(band, int(offset), None)
+            table[above + tile.row, tile.column] = stream.tell()
+            stream.write(exr_layout.Chunk(tile.column, above + tile.row, tile.data).to_bytes(part))
+
+
+def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> bytes:
+    """The checksum of `exr`, of the channels one after the other, from that of each."""
+    texts = sorted((name, text) for name, text in header.texts.items() if name not in RESERVED)
+    whole = zlib.crc32(repr((part.name, texts)).encode())
+    for channel, crc in crcs.items():
+        whole = zlib.crc32(f"{channel} {part.shape}".encode(), whole)
+        whole = joined(whole, crc, 4 * part.shape[0] * part.shape[1])
+    return f"{whole:08x}".encode()
+
+
+class ExrWindows:
+    """A file that `write_exr` or `write_bands` wrote, opened to read rows of its parts.
+
+    Of each part the rows of tiles that were read last are kept, so that overlapping windows decode a tile once. Every
+    tile carries a checksum of its own; that of the whole part is not looked at.
+
+    Raises
+    ------
+    DamagedFile
+        It is not of that layout, truncated, or a tile is damaged; also later, when rows are read.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+        with self._path.open("rb") as stream:
+            try:
+                found = exr_layout.read_headers(stream)
+                self.headers = {header.texts["name"]: header for header in found}
+                sizes = [8 * header.grid[0] * header.grid[1] for header in found]
+                room = os.fstat(stream.fileno()).st_size
+                if {header.texts[PART_COUNT] for header in found} != {str(len(found))} or sum(sizes) > room:
+                    raise UnknownLayout("parts are missing")
+                self._tables = [
+                    np.frombuffer(stream.read(size), "<u8").reshape(header.grid)
+                    for size, header in zip(sizes, found, strict=True)
+                ]
+            except (ValueError, KeyError, struct.error) as error:
+                raise DamagedFile(self._path, f"not a readable OpenEXR file of this program ({error})") from error
+        self._decoded: dict[str, dict[int, np.ndarray]] = {}
+
+    def rows(self, name: str, first: int, end: int) -> dict[str, np.ndarray]:
+        """Channels of the rows [first, end) of a part, (end - first, w) float32 each."""
+        header = self.headers[name]
+        edge, kept = header.tile_px, self._decoded.get(name, {})
+        wanted = range(first // edge, (end - 1) // edge + 1)
+        self._decoded[name] = {row: kept[row] if row in kept else self._tiles(name, row) for row in wanted}
+        pixels = np.concatenate(list(self._decoded[name].values()), axis=1)[:, first - wanted[0] * edge :]
+        return dict(zip(header.channels, pixels[:, : end - first], strict=True))
+
+    def _tiles(self, name: str, row: int) -> np.ndarray:
+        """A row of tiles, (channels, h, w) float32."""
+        header, number = self.headers[name], list(self.headers).index(name)
+        (height, width), edge = header.shape, header.tile_px
+        result = np.empty((len(header.channels), min(edge, height - row * edge), width), np.float32)
+        with self._path.open("rb") as stream:
+            try:
+                for column, offset in enumerate(self._tables[number][row]):
+                    chunk = exr_layout.read_chunk(stream, int(offset), number if len(self.headers) > 1 else None)
+                    here = result[:, :, column * edge : (column + 1) * edge]
+                    if (chunk.column, chunk.row) != (column, row):
+                        raise UnknownLayout("another tile")
+                    pixels = np.frombuffer(_pixels(chunk.data, here.nbytes), "<f4")
+                    here[:] = pixels.reshape(here.shape[1], here.shape[0], here.shape[2]).transpose(1, 0, 2)
+            except (ValueError, OverflowError, struct.error, zlib.error) as error:
+                raise DamagedFile(self._path, f'a tile of part "{name}" cannot be read ({error})') from error
+        return result
+
+
+def _pixels(data: bytes, size: int) -> np.ndarray:
+    """Bytes of a tile, from its chunk: as they are, or deflated differences of halves (`ZIP_COMPRESSION`)."""
+    if len(data) == size:
+        return np.frombuffer(data, np.uint8)
+    inflated = zlib.decompressobj().decompress(data, size + 1)
+    if len(inflated) != size:
+        raise UnknownLayout("a tile of another size")
+    differences = np.frombuffer(inflated, np.uint8).copy()
+    differences[1:] -= 128
+    halves = np.cumsum(differences, dtype=np.uint8)
+    result = np.empty(size, np.uint8)
+    result[0::2], result[1::2] = halves[: (size + 1) // 2], halves[(size + 1) // 2 :]
+    return result

@@ -1,0 +1,94 @@
+"""Files written band by band are those written whole; windows of rows are what was written."""
+
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.files import exr_bands
+from pipeline.files.crc import joined
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.exr import Part, read_exr, write_exr
+from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+
+
+def parts() -> list[Part]:
+    """Two sizes, noise that hardly packs, planes that do, NaN, edges off the tiles."""
+    rng = np.random.default_rng(5)
+    ramp = np.add.outer(np.arange(400.0), np.arange(300.0)).astype(np.float32)
+    noise = rng.normal(size=(400, 300)).astype(np.float32)
+    noise[::7, 3] = np.nan
+    small = rng.integers(0, 9, (200, 150)).astype(np.float32)
+    return [
+        Part(name="near", channels={"Y": noise, "X": ramp}, attributes={"plane_z_mm": 0.1, "a": "text"}),
+        Part(name="moments", channels={"b": small, "a": 2 * small, "c": np.zeros_like(small)}),
+    ]
+
+
+def banded(part: Part) -> BandedPart:
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        return {name: pixels[first:end] for name, pixels in part.channels.items()}
+
+    return BandedPart(
+        name=part.name, shape=part.shape, channels=tuple(part.channels), rows=rows, attributes=part.attributes
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("band_px", [1, 1 << 22])
+def test_bands_of_any_height_give_the_bytes_of_the_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int, band_px: int
+) -> None:
+    monkeypatch.setattr(exr_bands, "_BAND_PX", band_px)
+    write_exr(tmp_path / "whole", parts()[:count])
+    write_bands(tmp_path / "bands", [banded(part) for part in parts()[:count]])
+    assert (tmp_path / "bands").read_bytes() == (tmp_path / "whole").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bands", "whole"]
+    assert list(read_exr(tmp_path / "bands")) == [part.name for part in parts()[:count]]
+
+
+@pytest.mark.parametrize("rows", [(0, 400), (0, 1), (127, 129), (250, 400), (384, 399)])
+def test_windows_hold_what_was_written(tmp_path: Path, rows: tuple[int, int]) -> None:
+    write_exr(tmp_path / "x", parts())
+    file, (near, _) = ExrWindows(tmp_path / "x"), parts()
+    for first, end in ((0, 60), rows, (200, 201)):  # also from what is kept of the window before
+        found = file.rows("near", first, end)
+        assert list(found) == ["X", "Y"]
+        for name, pixels in found.items():
+            np.testing.assert_array_equal(pixels, near.channels[name][first:end])
+    assert file.headers["near"].texts["plane_z_mm"] == "0.1"
+    assert file.headers["moments"].shape == (200, 150)
+
+
+def test_a_part_that_gives_other_rows_than_it_was_asked_for_is_an_error(tmp_path: Path) -> None:
+    part = BandedPart(name="j", shape=(9, 4), channels=("X",), rows=lambda a, b: {"X": np.zeros((b - a, 5))})
+    with pytest.raises(ValueError, match="rows 0 to 9"):
+        write_bands(tmp_path / "x", [part])
+    assert not list(tmp_path.glob("*.band"))
+
+
+def test_damage_is_noticed_where_it_is_read(tmp_path: Path) -> None:
+    """Half of a file, and a flipped bit in every part of the compressed pixels of its first row of tiles."""
+    path = tmp_path / "x"
+    write_exr(path, parts())
+    whole = path.read_bytes()
+    for size in (0, 3, 7, 100, len(whole) // 2):
+        path.write_bytes(whole[:size])
+        with pytest.raises(DamagedFile):
+            ExrWindows(path).rows("near", 0, 400)
+    path.write_bytes(whole)
+    end = int(ExrWindows(path)._tables[0][1, 0])
+    for at in range(2000, end, 997):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        with pytest.raises(DamagedFile):
+            ExrWindows(path).rows("near", 0, 100)
+    (tmp_path / "text").write_text("an essay", encoding="utf-8")
+    with pytest.raises(DamagedFile):
+        ExrWindows(tmp_path / "text")
+
+
+@pytest.mark.parametrize("cut", [0, 1, 500, 999, 1000])
+def test_checksums_of_pieces_make_that_of_the_whole(cut: int) -> None:
+    data = np.random.default_rng(1).bytes(1000)
+    assert joined(zlib.crc32(data[:cut]), zlib.crc32(data[cut:]), 1000 - cut) == zlib.crc32(data)
