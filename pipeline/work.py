@@ -73,12 +73,14 @@ class Work:
             result.kernels[name].add(done, -1)
         return result
 
-    def to_plain(self) -> dict[str, Any]:
-        """Plain values for a record: `kernels` that were called, and `loading_seconds`."""
-        called = {name: asdict(done) for name, done in self.kernels.items() if done.calls}
-        for facts in called.values():
-            facts["seconds"] = round(facts["seconds"], 4)
-        return {"kernels": called, "loading_seconds": round(self.loading_s, 4)}
+    def to_plain(self, share: float = 1.0) -> dict[str, Any]:
+        """Plain values for a record, of all or of a share of it: `kernels` that were called, and `loading_seconds`."""
+        kernels = {
+            name: {field: round(share * value, 4) for field, value in asdict(done).items()}
+            for name, done in self.kernels.items()
+            if done.calls
+        }
+        return {"kernels": kernels, "loading_seconds": round(share * self.loading_s, 4)}
 
 
 def work() -> Work:

@@ -30,6 +30,9 @@ class Task:
         Plain values, part of the key; `canonical` are their bytes.
     reads : dict
         Role -> name of the task whose outputs are read. Roles are part of the key, names are not.
+    together : str or None
+        Tasks of one kind that name the same have the same inputs and may run in company, where they share work; no part
+        of the key, because the outputs are the same. Their module has `run_together(params, inputs, outs)`, too.
     """
 
     name: str
@@ -37,6 +40,7 @@ class Task:
     params: dict[str, Any]
     canonical: bytes
     reads: dict[str, str]
+    together: str | None = None
 
     @property
     def short_kind(self) -> str:
@@ -58,7 +62,14 @@ class TaskGraph:
         self._graph: nx.DiGraph = nx.DiGraph()
         self._order: list[str] = []  # of an older graph as long as it is shorter
 
-    def add(self, name: str, kind: str, params: dict[str, Any], reads: dict[str, str] | None = None) -> str:
+    def add(
+        self,
+        name: str,
+        kind: str,
+        params: dict[str, Any],
+        reads: dict[str, str] | None = None,
+        together: str | None = None,
+    ) -> str:
         """Add a task and give its name back. Its parameters must not be changed afterwards.
 
         Raises
@@ -75,7 +86,7 @@ class TaskGraph:
         for role, source in reads.items():
             if source not in self._graph:
                 raise ValueError(f"task {name!r} reads {source!r} as {role!r}, which does not exist")
-        task = Task(name=name, kind=kind, params=params, canonical=canonical(params), reads=reads)
+        task = Task(name=name, kind=kind, params=params, canonical=canonical(params), reads=reads, together=together)
         self._graph.add_node(name, task=task)
         self._graph.add_edges_from((source, name) for source in reads.values())
         return name

@@ -25,18 +25,21 @@ from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.processor import settings
 from pipeline.work import work
 
+Plain = dict[str, Any]
+
 _logs = threading.Lock()
 _LINES = 12  # of an error that a failure carries
 _REPORT = "this is a bug of ours: please report it with the log and your stage"
 
 
-def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> dict[str, Any]:
+def perform(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
     """Look the key up, else compute it; running twice is harmless.
 
     Parameters
     ----------
     spec : dict
-        `Spec.to_plain()`, and `force`: compute even if there is a record.
+        `Spec.to_plain()`, and `force`: compute even if there is a record; `company`, if there is any: such specs of
+        tasks that share work with this one.
 
     Returns
     -------
@@ -44,29 +47,74 @@ def perform(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> di
         `name`, `state` (executed, cached or failed), `seconds` and either `record` and `differs` (outputs that are not
         what the store already had for the key) or `error`, `log`, `machine` (whether the machine and not the task is
         to blame), `damaged` (whether an input was found damaged, or was written to while the task used it), `memory`
-        (whether there was too little of it).
+        (whether there was too little of it). `company`: the same for the others.
     """
+    company = spec.get("company")
+    if not company:
+        return _alone(spec, store, packages)
+    specs = [spec, *company]
+    try:
+        first, *others = _together(specs, store, packages)
+    except (Exception, SystemExit):  # one of them, or their company: each alone says which, and why
+        first, *others = (_alone(one, store, packages) for one in specs)
+    return {**first, "company": others}
+
+
+def _alone(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
     key, start = spec["key"], time.perf_counter()
     log = store.file_for("log", key)
     try:
         with store.single_flight(key, f"makes {spec['name']}"):
-            record = None if spec.get("force") else store.record(key)  # somebody may have made it meanwhile
+            record = _found(spec, store)  # somebody may have made it meanwhile
             if record is not None:
-                return {"name": spec["name"], "state": "cached", "seconds": 0.0, "record": record}
+                return _cached(spec, record)
             with _logging(log, store):
-                record, differs = _compute(spec, store, packages)
+                ((record, differs),) = _compute([spec], store, packages)
     except (Exception, SystemExit) as error:
         expected = isinstance(error, EnvironmentFault | DamagedBlob)
         _append(log, f"{error}\n" if expected else "".join(traceback.format_exception(error)))
-        reply: dict[str, Any] = {"name": spec["name"], "state": "failed", "error": _said(error), "log": str(log)}
+        reply: Plain = {"name": spec["name"], "state": "failed", "error": _said(error), "log": str(log)}
         blame = {
             "machine": expected or is_machines_fault(error),
             "damaged": isinstance(error, DamagedBlob) or _lacks_inputs(spec, store),
             "memory": isinstance(error, MemoryError),
         }
         return {**reply, **blame, "seconds": round(time.perf_counter() - start, 4)}
-    seconds = round(time.perf_counter() - start, 4)
-    return {"name": spec["name"], "state": "executed", "seconds": seconds, "record": record, "differs": differs}
+    return _executed(spec, time.perf_counter() - start, record, differs)
+
+
+def _together(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> list[Plain]:
+    """Replies of tasks with the same inputs that share work; an error says nothing about which of them is to blame."""
+    start, replies = time.perf_counter(), dict[str, Plain]()
+    with contextlib.ExitStack() as locks:
+        for spec in sorted(specs, key=lambda spec: str(spec["key"])):  # in one order, lest two builders wait for ever
+            locks.enter_context(store.single_flight(spec["key"], f"makes {spec['name']}"))
+        todo = []
+        for spec in specs:
+            record = _found(spec, store)
+            if record is None:
+                todo.append(spec)
+            else:
+                replies[spec["name"]] = _cached(spec, record)
+        if todo:
+            with _logging(store.file_for("log", todo[0]["key"]), store):
+                made = _compute(todo, store, packages)
+            seconds = (time.perf_counter() - start) / len(todo)
+            replies |= {spec["name"]: _executed(spec, seconds, *one) for spec, one in zip(todo, made, strict=True)}
+    return [replies[spec["name"]] for spec in specs]
+
+
+def _found(spec: Plain, store: Store) -> Plain | None:
+    return None if spec.get("force") else store.record(spec["key"])
+
+
+def _cached(spec: Plain, record: Plain) -> Plain:
+    return {"name": spec["name"], "state": "cached", "seconds": 0.0, "record": record}
+
+
+def _executed(spec: Plain, seconds: float, record: Plain, differs: list[str]) -> Plain:
+    facts = {"name": spec["name"], "state": "executed", "seconds": round(seconds, 4)}
+    return {**facts, "record": record, "differs": differs}
 
 
 def _lacks_inputs(spec: dict[str, Any], store: Store) -> bool:
@@ -93,9 +141,10 @@ def lost(name: str, how: str, *, memory: bool = False) -> dict[str, Any]:
     return {"name": name, "state": "lost", "seconds": 0.0, "error": how, "memory": memory}
 
 
-def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
-    components = spec["components"]
-    kind = components["kind"]
+def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> list[tuple[Plain, list[str]]]:
+    """Run tasks of one kind with the same inputs, and keep what they made: record, and outputs that differ, of each."""
+    components = specs[0]["components"]
+    kind, count = components["kind"], len(specs)
     check_kind(kind, packages)
     _refuse_other_code(kind, components, store)
     read = {digest: store.verified(digest) for blobs in components["inputs"].values() for digest in blobs.values()}
@@ -103,21 +152,30 @@ def _compute(spec: dict[str, Any], store: Store, packages: tuple[str, ...]) -> t
         role: {name: read[digest].path for name, digest in blobs.items()}
         for role, blobs in components["inputs"].items()
     }
-    with _folder_for_outputs(store) as out:
+    with contextlib.ExitStack() as folders:
+        outs = [folders.enter_context(_folder_for_outputs(store)) for _ in specs]
         meter, start, cpu_s, before = PeakMeter(), time.perf_counter(), time.process_time(), work().copy()
         # A copy, by the order of names: a task sees no order that its key does not know, and changes nobody's params.
-        params = json.loads(json.dumps(components["params"], sort_keys=True))
-        importlib.import_module(kind).run(params, inputs, out)
+        params = [json.loads(json.dumps(spec["components"]["params"], sort_keys=True)) for spec in specs]
+        module = importlib.import_module(kind)
+        if count > 1:
+            module.run_together(params, inputs, outs)
+        else:
+            module.run(params[0], inputs, outs[0])
         _refuse_edited_code(kind)
         store.confirm(read.values())  # what the task has read since is what was verified before
-        seconds = round(time.perf_counter() - start, 4)
-        made_by: dict[str, Any] = {"seconds": seconds, "peak_bytes": meter.read_bytes()}
-        made_by |= {"cpu_seconds": round(time.process_time() - cpu_s, 4), **work().since(before).to_plain()}
-        outputs = {name: store.put_file(path) for name, path in _outputs(out)}
-        when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-        made_by |= {"host": socket.gethostname(), "pid": os.getpid(), "when": when}
-        record = {"outputs": outputs, "components": components, "made_by": made_by}
-        kept = store.put_record(spec["key"], record)
+        made_by: Plain = {"seconds": round((time.perf_counter() - start) / count, 4), "peak_bytes": meter.read_bytes()}
+        made_by["cpu_seconds"] = round((time.process_time() - cpu_s) / count, 4)
+        made_by |= work().since(before).to_plain(1 / count)
+        return [_keep(spec, out, made_by, store) for spec, out in zip(specs, outs, strict=True)]
+
+
+def _keep(spec: Plain, out: Path, made_by: Plain, store: Store) -> tuple[Plain, list[str]]:
+    outputs = {name: store.put_file(path) for name, path in _outputs(out)}
+    when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    made_by = {**made_by, "host": socket.gethostname(), "pid": os.getpid(), "when": when}
+    record = {"outputs": outputs, "components": spec["components"], "made_by": made_by}
+    kept = store.put_record(spec["key"], record)
     names = sorted(outputs.keys() | kept["outputs"].keys())
     return kept, [name for name in names if outputs.get(name) != kept["outputs"].get(name)]
 

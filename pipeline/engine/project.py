@@ -57,7 +57,7 @@ class Project:
         }
         tasks = [(self.graph[name].name, self.graph[name]) for name in self.graph]
         return {
-            "tasks": [[name, task.kind, task.params, task.reads] for name, task in tasks],
+            "tasks": [[name, task.kind, task.params, task.reads, task.together] for name, task in tasks],
             "files": files,
             "head": self.head,
             "findings": self.findings,
@@ -71,8 +71,8 @@ class Project:
 def project_from_plain(plain: dict[str, Any], packages: tuple[str, ...] = TASKS) -> Project:
     """The project that `to_plain` wrote; kinds of tasks outside the packages are refused."""
     graph = TaskGraph(packages)
-    for name, kind, params, reads in plain["tasks"]:
-        graph.add(name, kind, params, reads)
+    for task in plain["tasks"]:
+        graph.add(*task)
     files: dict[str, Source] = {
         path: base64.b64decode(source["base64"]) if isinstance(source, dict) else (source[0], source[1])
         for path, source in plain["files"].items()

@@ -2,6 +2,7 @@
 
 import contextlib
 import heapq
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from pipeline.engine.store import Store
 from pipeline.processor import pin
 
 MAX_DEATHS = 3  # of workers in one task
+MAX_COMPANY = 8  # tasks that share work in one go: what they share is cheap by then, and a death costs all of them
 _TICK_S = 0.25  # how long a signal may wait for the loop
 
 
@@ -141,6 +143,7 @@ def run(
         places=places or {},
         on_event=on_event,
         prepare=prepare,
+        in_company=timeout_s is None,  # a time for each task could not be told
     )
     with contextlib.ExitStack() as stack:
         own = interrupts or stack.enter_context(Interrupts(warner(on_event)))
@@ -164,10 +167,11 @@ class _Driver:
         places: dict[str, str],
         on_event: Emit,
         prepare: Callable[[], None] | None,
+        in_company: bool,
     ) -> None:
         self.graph, self.store, self.engine = graph, store, engine
         self.keep_going, self.force, self.on_event, self.prepare = keep_going, force, on_event, prepare
-        self.retries, self.budget, self.places = retries, budget, places
+        self.retries, self.budget, self.places, self.in_company = retries, budget, places, in_company
         self.outcome = Outcome()
         self._specs = Specs(store)
         self._running: dict[str, Spec] = {}
@@ -175,6 +179,8 @@ class _Driver:
         self._failures: Counter[str] = Counter()
         self._deaths: Counter[str] = Counter()
         self._alone: set[str] = set()  # tasks that met too little memory: nothing runs beside them
+        self._company: dict[str, list[str]] = {}  # tasks that went to a worker along with another one
+        self._apart: set[str] = set()  # tasks that died in company
         self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
         self._priority = graph.priorities()
         self._ready: list[tuple[int, str]] = []
@@ -194,7 +200,8 @@ class _Driver:
                     self._collect(reply)
                 if interrupts.signal is not None:
                     for name in self.engine.drop_waiting():
-                        del self._running[name]
+                        for other in (name, *self._company.pop(name, ())):
+                            del self._running[other]
 
     def _may_start(self, name: str) -> bool:
         if self._alone & self._running.keys() or (name in self._alone and self._running):
@@ -221,29 +228,73 @@ class _Driver:
         return open_yet and not self._missing[name]
 
     def _take(self, name: str) -> None:
-        if not self._is_ready(name):  # queued twice, or an input was lost meanwhile: `_heal` queues it again
+        spec = self._spec_to_run(name)
+        if spec is None:
             return
+        if self.prepare is not None:
+            with impatient():
+                self.prepare()
+            self.prepare = None
+        company = [found for found in map(self._spec_to_run, self._companions(name)) if found is not None]
+        company = [other for other in company if other.components["inputs"] == spec.components["inputs"]]
+        for one in (spec, *company):
+            self._running[one.name] = one
+            kind = self.graph[one.name].short_kind
+            self.on_event({"event": "started", "task": one.name, "kind": kind, "key": one.key})
+        message = self._message(spec)
+        if company:
+            self._company[name] = [other.name for other in company]
+            message["company"] = list(map(self._message, company))
+        self.engine.submit(message)
+
+    def _message(self, spec: Spec) -> dict[str, Any]:
+        return {**spec.to_plain(), "force": spec.name in self.force}
+
+    def _companions(self, name: str) -> list[str]:
+        """Tasks to run along with one, because they share work; as many as leave something for every free worker."""
+        together = self.graph[name].together
+        if together is None or not self.in_company or name in self._apart:
+            return []
+        ready = {other for _, other in self._ready if self._is_ready(other)} - {name}
+        alike = sorted(other for other in ready - self._apart if self.graph[other].together == together)
+        idle = max(1, self.engine.free - (len(ready) - len(alike)))
+        return alike[: min(MAX_COMPANY, math.ceil((1 + len(alike)) / idle)) - 1]
+
+    def _spec_to_run(self, name: str) -> Spec | None:
+        """The spec of a task that has to run; one whose result is there is settled, and has none."""
+        if not self._is_ready(name):  # queued twice, or an input was lost meanwhile: `_heal` queues it again
+            return None
         task = self.graph[name]
         spec = self._specs.of(task, self.outcome.records)
         record = None if name in self.force else self.store.record(spec.key)
         if record is not None:
             found = TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key, made_by=record["made_by"])
             self._settle(found, record)
-            return
-        if self.prepare is not None:
-            with impatient():
-                self.prepare()
-            self.prepare = None
-        self._running[name] = spec
-        self.on_event({"event": "started", "task": name, "kind": task.short_kind, "key": spec.key})
-        self.engine.submit({**spec.to_plain(), "force": name in self.force})
+            return None
+        return spec
 
     def _collect(self, reply: dict[str, Any]) -> None:
         for text in reply.get("warnings", ()):
             self.on_event({"event": "warning", "text": text})
-        name = reply["name"]
         if reply["state"] == "waiting":
             return
+        company = self._company.pop(reply["name"], [])
+        if company and "company" not in reply:  # the worker died, or could not begin: nobody knows by which of them
+            self._part([reply["name"], *company], reply)
+            return
+        for one in (reply, *reply.get("company", ())):
+            self._collect_one(one)
+
+    def _part(self, names: list[str], reply: dict[str, Any]) -> None:
+        """Let tasks that ended in company run again, each alone."""
+        self._apart.update(names)
+        for name in names:
+            del self._running[name]
+            self.on_event({"event": "retry", "task": name, "error": f"{reply['error']}; it runs alone now"})
+            self._queue_if_ready(name)
+
+    def _collect_one(self, reply: dict[str, Any]) -> None:
+        name = reply["name"]
         spec = self._running.pop(name)
         if reply.get("damaged") and name not in self._healed:
             self._heal(name)

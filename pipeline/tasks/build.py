@@ -134,50 +134,50 @@ def build(
 ) -> Result:
     """Build a dataset stage: run what is missing, fill the output folder.
 
-    Parameters
-    ----------
-    path : str or Path
-        The stage, e.g. `examples/02_plenoptic/dataset.usda`.
-    out : str or Path, optional
-        Output folder; see `default_out`.
-    jobs : int, optional
-        Worker processes, by default one per core; 1 runs everything in this process.
-    keep_going : bool
-        Go on with what does not depend on a task that failed.
-    force, until : iterable of str
-        Tasks to run in any case; tasks after which to stop, with nothing delivered.
-    targets : iterable of str
-        Tasks, or files and folders of the output folder: what they need runs, and their files alone are delivered.
-    retries : int
-        How often a task that failed is tried again.
-    timeout_s : float, optional
-        A task that takes longer has failed [s].
-    check_percent : float
-        Share of the tasks that are computed twice, to compare their bytes [%].
-    allow_roots : iterable of str or Path
-        Further folders that the stage may reference.
-    untrusted : bool
-<<<<<<< HEAD
-        Read the stage in a confined process.
-    preview : bool
-        Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
-=======
-        Read the stage in a confined process, and bound memory and time of each task by `limits`.
->>>>>>> hard12
-    engine : str, optional
-        `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
-    on_event : callable, optional
-        Gets a dict for every start and end of a task.
+        Parameters
+        ----------
+        path : str or Path
+            The stage, e.g. `examples/02_plenoptic/dataset.usda`.
+        out : str or Path, optional
+            Output folder; see `default_out`.
+        jobs : int, optional
+            Worker processes, by default one per core; 1 runs everything in this process.
+        keep_going : bool
+            Go on with what does not depend on a task that failed.
+        force, until : iterable of str
+            Tasks to run in any case; tasks after which to stop, with nothing delivered.
+        targets : iterable of str
+            Tasks, or files and folders of the output folder: what they need runs, and their files alone are delivered.
+        retries : int
+            How often a task that failed is tried again.
+        timeout_s : float, optional
+            A task that takes longer has failed [s].
+        check_percent : float
+            Share of the tasks that are computed twice, to compare their bytes [%].
+        allow_roots : iterable of str or Path
+            Further folders that the stage may reference.
+        untrusted : bool
+    <<<<<<< HEAD
+            Read the stage in a confined process.
+        preview : bool
+            Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
+    =======
+            Read the stage in a confined process, and bound memory and time of each task by `limits`.
+    >>>>>>> hard12
+        engine : str, optional
+            `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
+        on_event : callable, optional
+            Gets a dict for every start and end of a task.
 
-    Returns
-    -------
-    Result
-        With `out`, `executed`, `cached`, `failed` and the tasks; failures are in it, not raised.
+        Returns
+        -------
+        Result
+            With `out`, `executed`, `cached`, `failed` and the tasks; failures are in it, not raised.
 
-    Raises
-    ------
-    StageError
-        The stage does not pass `check`; then nothing is written.
+        Raises
+        ------
+        StageError
+            The stage does not pass `check`; then nothing is written.
     """
     listener = on_event or silent
 

@@ -1,0 +1,116 @@
+"""Tasks that share work run in company: the same bytes, each with a record of its own, and no guilt by association."""
+
+import threading
+from pathlib import Path
+
+import pytest
+from engine import toy
+
+from pipeline.engine.run import MAX_COMPANY, run
+from pipeline.engine.store import Store
+
+
+def graph(folder: Path, count: int, together="all", **of_b):
+    """So many tasks a, b, c …; `of_b` are more params of the second."""
+    result = toy.graph_of()
+    for number in range(count):
+        name = chr(ord("a") + number)
+        params = {"name": name, "value": number, "folder": str(folder), **(of_b if name == "b" else {})}
+        result.add(name, "toykit.tasks.shared", params, together=together)
+    return result
+
+
+def ran(folder: Path) -> list[str]:
+    """Companies that ran: `a+b+c`."""
+    return sorted(path.name.split("-")[1] for path in folder.glob("ran-*"))
+
+
+def texts(outcome, store) -> dict[str, str]:
+    """Output of each task that has one."""
+    return {n: store.read(r["outputs"]["shared.txt"]["sha256"]).decode() for n, r in outcome.records.items()}
+
+
+def test_company_makes_what_each_alone_makes(tmp_path, store):
+    together = run(graph(tmp_path, 3), store)
+    assert ran(tmp_path) == ["a+b+c"]
+    apart = run(graph(tmp_path, 3, together=None), Store(tmp_path / "other"))
+    assert texts(together, store) == texts(apart, Store(tmp_path / "other")) == {"a": "a 0", "b": "b 1", "c": "c 2"}
+    assert {n: r["key"] for n, r in together.records.items()} == {n: r["key"] for n, r in apart.records.items()}
+    assert {result.state for result in together.results.values()} == {"executed"}
+
+
+def test_what_a_company_took_is_shared_out(tmp_path, store):
+    records = run(graph(tmp_path, 4), store).records
+    made = [record["made_by"] for record in records.values()]
+    assert len({one["cpu_seconds"] for one in made}) == 1  # each a quarter of all
+
+
+def test_a_company_is_not_larger_than_allowed(tmp_path, store):
+    run(graph(tmp_path, MAX_COMPANY + 1), store)
+    assert [text.count("+") + 1 for text in ran(tmp_path)] == [MAX_COMPANY, 1]
+
+
+def test_results_that_are_there_are_not_made_again(tmp_path, store):
+    run(graph(tmp_path, 2), store)
+    outcome = run(graph(tmp_path, 4), store)
+    assert ran(tmp_path) == ["a+b", "c+d"]
+    assert [outcome.results[name].state for name in "abcd"] == ["cached", "cached", "executed", "executed"]
+
+
+def test_free_workers_are_not_left_without_work(tmp_path, store):
+    run(graph(tmp_path, 4), store, jobs=2)
+    assert sorted(text.count("+") + 1 for text in ran(tmp_path)) == [2, 2]
+
+
+def test_with_a_time_for_each_task_there_is_no_company(tmp_path, store):
+    run(graph(tmp_path, 2), store, timeout_s=60.0)
+    assert ran(tmp_path) == ["a", "b"]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_only_the_one_that_fails_has_failed(tmp_path, store, jobs):
+    outcome = run(graph(tmp_path, 3, fails=True), store, jobs=jobs, keep_going=True)
+    assert {name: result.state for name, result in outcome.results.items()} == {
+        "a": "executed",
+        "b": "failed",
+        "c": "executed",
+    }
+    assert "ValueError: b cannot be made" in outcome.results["b"].error
+    assert "b is made" in Path(outcome.results["b"].log).read_text()
+
+
+def test_a_death_in_company_condemns_nobody(tmp_path, store):
+    events = []
+    outcome = run(graph(tmp_path, 4, kills="in company"), store, jobs=2, on_event=events.append)
+    assert {result.state for result in outcome.results.values()} == {"executed"}
+    assert any(event["event"] == "retry" and "it runs alone now" in event["error"] for event in events)
+
+
+def test_who_kills_its_worker_alone_too_has_failed(tmp_path, store):
+    outcome = run(graph(tmp_path, 4, kills="always"), store, jobs=2, keep_going=True)
+    assert {name for name, result in outcome.results.items() if result.state == "failed"} == {"b"}
+
+
+def test_inputs_that_differ_are_no_company(tmp_path, store):
+    """`together` is only a hint: who reads other bytes is run for itself."""
+    result = graph(tmp_path, 2)
+    result.add("x", "toykit.tasks.slow", {"folder": str(tmp_path), "name": "x", "seconds": 0})
+    params = {"name": "d", "value": 3, "folder": str(tmp_path)}
+    result.add("d", "toykit.tasks.shared", params, {"x": "x"}, together="all")
+    result.add("e", "toykit.tasks.shared", {**params, "name": "e"}, {"y": "x"}, together="all")
+    run(result, store)
+    companies = [text for text in ran(tmp_path) if text != "x"]
+    assert companies in (["a+b", "d", "e"], ["a", "b", "d", "e"])
+
+
+def test_builders_whose_companies_overlap_wait_for_each_other_and_end(tmp_path, cache):
+    """Locks are taken in one order: else two builders could each hold what the other wants."""
+    orders = ["abcdef", "fedcba"]
+    threads = [threading.Thread(target=run, args=(graph(tmp_path, 6), Store(cache))) for _ in orders]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not any(thread.is_alive() for thread in threads)
+    made = "+".join(ran(tmp_path)).split("+")
+    assert sorted(made) == sorted("abcdef")  # each once
