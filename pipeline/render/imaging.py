@@ -1,6 +1,10 @@
-"""Images: relative irradiance of every pixel, by tracing rays from the pixel's square through the camera."""
+"""Images: relative irradiance of every pixel, by tracing rays from the pixel's square through the camera.
 
-from collections.abc import Callable
+What leaves the camera does not know the scene: images of several scenes share the rays.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,15 +17,15 @@ from pipeline.camera.tracer import Tracer
 Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(n, 3) origins and directions, vision frame, to (n,) radiances."""
 
-_RAYS_PER_CHUNK = 1 << 20
+Rows = tuple[int, int]
+"""First and end of some rows of an image."""
+
+_RAYS_PER_CHUNK = 1 << 16
+"""Rays that are traced before they are shaded, 64 bytes each: several scenes read them from a second-level cache."""
 
 
 def irradiance(
-    tracer: Tracer,
-    images: MicroImages | None,
-    samples: int,
-    radiance: Radiance | None,
-    rows: tuple[int, int] | None = None,
+    tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None, rows: Rows | None = None
 ) -> np.ndarray:
     """Integral of L over each pixel's rays, by the camera's weight, relative to that of a white scene on the axis.
 
@@ -34,21 +38,33 @@ def irradiance(
     radiance : callable or None
         None stands for a white scene: the white image.
     rows : (int, int), optional
-        First and end of the rows that are wanted: the values of the whole image there.
+        The rows that are wanted: the values of the whole image there.
 
     Returns
     -------
     (height, width) float64
     """
-    return irradiance_and_crosstalk(tracer, images, samples, radiance, rows)[0]
+    return irradiances(tracer, images, samples, [radiance], rows)[0]
 
 
-def irradiance_and_crosstalk(
+def irradiances(
     tracer: Tracer,
     images: MicroImages | None,
     samples: int,
-    radiance: Radiance | None,
-    rows: tuple[int, int] | None = None,
+    radiances: Sequence[Radiance | None],
+    rows: Rows | None = None,
+) -> np.ndarray:
+    """Images of several scenes by the same rays, (scenes, height, width): each as `irradiance` gives it alone."""
+    result = np.zeros((len(radiances), *_shape(tracer, rows)))
+    flat = result.reshape(len(radiances), -1)
+    for rays in _rays(tracer, images, samples, rows):
+        for scene, radiance in zip(flat, radiances, strict=True):
+            scene[rays.pixels] = np.bincount(rays.row, _value(rays, radiance), minlength=rays.count)
+    return result / tracer.reference_weight_sr
+
+
+def irradiance_and_crosstalk(
+    tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None, rows: Rows | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, and its part that came through other microlenses than that of the pixel's cell.
 
@@ -57,41 +73,75 @@ def irradiance_and_crosstalk(
     (height, width) float64, (height, width) float64
         See `irradiance`.
     """
-    sensor = tracer.camera.sensor
-    first_row, end_row = rows or (0, sensor.height_px)
-    before = first_row * sensor.width_px
-    result, foreign = np.zeros((2, (end_row - first_row) * sensor.width_px))
+    shape = _shape(tracer, rows)
+    result, foreign = np.zeros((2, shape[0] * shape[1]))
+    for rays in _rays(tracer, images, samples, rows):
+        value, other = _value(rays, radiance), rays.way > 0
+        result[rays.pixels] = np.bincount(rays.row, value, minlength=rays.count)
+        foreign[rays.pixels] = np.bincount(rays.row[other], value[other], minlength=rays.count)
+    return result.reshape(shape) / tracer.reference_weight_sr, foreign.reshape(shape) / tracer.reference_weight_sr
+
+
+def _shape(tracer: Tracer, rows: Rows | None) -> tuple[int, int]:
+    first, end = rows or (0, tracer.camera.sensor.height_px)
+    return end - first, tracer.camera.sensor.width_px
+
+
+@dataclass(frozen=True, slots=True)
+class _Rays:
+    """Rays of a stretch of pixels.
+
+    Attributes
+    ----------
+    pixels : slice
+        The pixels, counted from the first row that is wanted.
+    origin, direction : (n, 3) float64
+        A point behind the front vertex and the unit direction, vision frame, mm.
+    weight : (n,) float64
+        Share of the pixel's integral.
+    row, way : (n,) int64
+        Pixel within the stretch, and place of the microlens among those that light it; 0 is that of its cell.
+    """
+
+    pixels: slice
+    origin: np.ndarray
+    direction: np.ndarray
+    weight: np.ndarray
+    row: np.ndarray
+    way: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of pixels."""
+        return int(self.pixels.stop - self.pixels.start)
+
+
+def _value(rays: _Rays, radiance: Radiance | None) -> np.ndarray:
+    return rays.weight if radiance is None else rays.weight * radiance(rays.origin, rays.direction)
+
+
+def _rays(tracer: Tracer, images: MicroImages | None, samples: int, rows: Rows | None) -> Iterator[_Rays]:
+    """The rays of all pixels, stretch by stretch; the next stretch takes the arrays of the last one."""
+    sensor, (height, width) = tracer.camera.sensor, _shape(tracer, rows)
+    before = rows[0] * width if rows else 0
     bits = sobol_bits(samples)
-    chunk = max(1, _RAYS_PER_CHUNK // (samples * _ways(tracer, images)))
+    stretch = max(1, _RAYS_PER_CHUNK // (samples * _ways(tracer, images)))
     buffers = _buffers(0)
-    for first in range(0, result.size, chunk):
-        pixel = np.arange(first, min(first + chunk, result.size))
-        x_px, y_px = pixel % sensor.width_px, (pixel + before) // sensor.width_px
+    for first in range(0, height * width, stretch):
+        pixels = slice(first, min(first + stretch, height * width))
+        y_px, x_px = np.divmod(np.arange(pixels.start + before, pixels.stop + before), width)
         positions = tracer.positions_mm(x_px, y_px)
         lenses = strata(tracer, images, positions)
         most = int(np.count_nonzero(lenses != SKIP)) * samples
         if len(buffers[0]) < most:
             buffers = _buffers(most)
-        origin, direction, weight, owner = buffers
+        numbers = np.stack([x_px, y_px], axis=1)
         count = kernels.image_rays(
-            *tracer.arrays,
-            bits,
-            tracer.seed,
-            sensor.pitch_mm,
-            np.stack([x_px, y_px], axis=1),
-            positions,
-            lenses,
-            *buffers,
+            *tracer.arrays, bits, tracer.seed, sensor.pitch_mm, numbers, positions, lenses, *buffers
         )
         kernels.image_rays.count(most, len(tracer.table))
-        value = weight[:count]
-        if radiance is not None:
-            value = value * radiance(origin[:count], direction[:count])
-        row, way = np.divmod(owner[:count], lenses.shape[1])
-        result[pixel] = np.bincount(row, value, minlength=len(pixel))
-        foreign[pixel] = np.bincount(row[way > 0], value[way > 0], minlength=len(pixel))
-    shape = end_row - first_row, sensor.width_px
-    return result.reshape(shape) / tracer.reference_weight_sr, foreign.reshape(shape) / tracer.reference_weight_sr
+        origin, direction, weight, owner = (buffer[:count] for buffer in buffers)
+        yield _Rays(pixels, origin, direction, weight, *np.divmod(owner, lenses.shape[1]))
 
 
 def _ways(tracer: Tracer, images: MicroImages | None) -> int:

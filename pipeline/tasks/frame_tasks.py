@@ -32,12 +32,26 @@ def image_params(entry: CameraEntry) -> dict[str, Any]:
 
 
 def add_tiles(
-    graph: TaskGraph, name: str, params: dict[str, Any], reads: dict[str, str], rows: Bands
+    graph: TaskGraph,
+    name: str,
+    params: dict[str, Any],
+    reads: dict[str, str],
+    rows: Bands,
+    together: str | None = None,
 ) -> dict[str, str]:
-    """Tasks of tiles, each with its rows in the params; role and name of each. One tile alone is no task."""
-    kind = name.partition("/")[0]
+    """Tasks of tiles, each with its rows in the params; role and name of each. One tile alone is no task.
+
+    Tiles with the same rows share work with those of other calls that say the same `together`.
+    """
+    kind = f"{KIND}{name.partition('/')[0]}"
     return {
-        f"tile{number}": graph.add(f"{name}/{number:04d}", f"{KIND}{kind}", {**params, "rows": list(some)}, reads)
+        f"tile{number}": graph.add(
+            f"{name}/{number:04d}",
+            kind,
+            {**params, "rows": list(some)},
+            reads,
+            f"{together}/{number}" if together else None,
+        )
         for number, some in enumerate(rows if len(rows) > 1 else [])
     }
 
@@ -109,11 +123,12 @@ class FrameTasks:
 
     def _add_image(self, name: str, params: dict[str, Any]) -> str:
         rows = image_bands(self.entry.asked.sensor, self.entry.image_samples)
-        tiles = add_tiles(self.graph, f"image_tile/{name}", params, self._reads, rows)
+        together: str | None = f"image/{self.entry.name}"  # what leaves the camera is the same in every frame
+        tiles = add_tiles(self.graph, f"image_tile/{name}", params, self._reads, rows, together)
         if tiles:
-            params = {key: params[key] for key in image_params(self.entry)}
+            params, together = {key: params[key] for key in image_params(self.entry)}, None
         params = {**params, "tiles": len(tiles)}
-        return self.graph.add(f"image/{name}", f"{KIND}image", params, {**self._reads, **tiles})
+        return self.graph.add(f"image/{name}", f"{KIND}image", params, {**self._reads, **tiles}, together)
 
     def _image_params(self, frame: Frame, poses: dict[str, np.ndarray]) -> dict[str, Any]:
         targets = self.painted.targets(poses)

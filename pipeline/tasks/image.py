@@ -20,7 +20,19 @@ _PREVIEW_ROWS = 512
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: tiles (number), weight, wavelength_nm, samples, seed; without tiles also targets (list of {target,
     vision_from_target}), occluders, background."""
-    pixels = stacked(inputs, params["tiles"], PIXELS) if params["tiles"] else image_rows(params, inputs)
+    if params["tiles"]:
+        _write(out, stacked(inputs, params["tiles"], PIXELS), params, inputs)
+    else:
+        run_together([params], inputs, [out])
+
+
+def run_together(params: Sequence[dict[str, Any]], inputs: Inputs, outs: Sequence[Path]) -> None:
+    """Images without tiles of several frames, which share the rays."""
+    for pixels, one, out in zip(image_rows(params, inputs), params, outs, strict=True):
+        _write(out, pixels, one, inputs)
+
+
+def _write(out: Path, pixels: np.ndarray, params: dict[str, Any], inputs: Inputs) -> None:
     write_image(out, "image", pixels, params, Tracer(focused_camera(inputs), params["seed"]))
 
 

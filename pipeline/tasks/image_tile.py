@@ -1,12 +1,13 @@
 """Task `image_tile`: some rows of an image, for the task `image`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pipeline.files.npy import write_npy
-from pipeline.render.imaging import irradiance
+from pipeline.render.imaging import irradiances
 from pipeline.render.light import TargetLight
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.surroundings import placed_occluders, placed_targets
@@ -16,12 +17,21 @@ PIXELS = "pixels.npy"
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     """Params: those of `image`; rows."""
-    write_npy(out / PIXELS, image_rows(params, inputs))
+    run_together([params], inputs, [out])
 
 
-def image_rows(params: dict[str, Any], inputs: Inputs) -> np.ndarray:
-    """Rows of an image that the params ask for, else all, (h, w) float64."""
-    tracer, images = tracer_of(inputs, params["seed"])
+def run_together(params: Sequence[dict[str, Any]], inputs: Inputs, outs: Sequence[Path]) -> None:
+    """The same rows of several frames, which share the rays."""
+    for pixels, out in zip(image_rows(params, inputs), outs, strict=True):
+        write_npy(out / PIXELS, pixels)
+
+
+def image_rows(params: Sequence[dict[str, Any]], inputs: Inputs) -> np.ndarray:
+    """Rows of images that the params ask for, else all, (frames, h, w) float64; params differ in their scenes alone."""
+    tracer, images = tracer_of(inputs, params[0]["seed"])
+    return irradiances(tracer, images, params[0]["samples"], list(map(_radiance, params)), params[0].get("rows"))
+
+
+def _radiance(params: dict[str, Any]) -> Any:
     targets, occluders = placed_targets(params["targets"]), placed_occluders(params["occluders"])
-    light = TargetLight(targets, params["background"], occluders)
-    return irradiance(tracer, images, params["samples"], light.radiance, params.get("rows"))
+    return TargetLight(targets, params["background"], occluders).radiance
