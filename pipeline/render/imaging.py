@@ -20,8 +20,8 @@ Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Rows = tuple[int, int]
 """First and end of some rows of an image."""
 
-_RAYS_PER_CHUNK = 1 << 16
-"""Rays that are traced before they are shaded, 64 bytes each: several scenes read them from a second-level cache."""
+_RAYS_PER_CHUNK = 1 << 18
+"""Rays that are traced before they are shaded, 64 bytes each: of 2^14 to 2^20 the fastest for one and for 8 scenes."""
 
 
 def irradiance(

@@ -55,6 +55,9 @@ class TargetLight:
     def radiance(self, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
         light = np.full(len(origin_mm), self._background)
+        if self._sheets is not None and len(self._lights) == 1:  # nothing can hide it: the pattern alone decides
+            self._lights[0].shine(np.zeros(len(light), np.int64), origin_mm, direction, light)
+            return light
         if self._sheets is not None:
             first = np.empty(len(light), np.int64)
             first_sheet(*self._sheets, origin_mm, direction, first)

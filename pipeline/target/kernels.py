@@ -105,7 +105,7 @@ def plane_light(
     pose : (4, 4) float64
         vision_from_patch.
     chosen : (n,) bool
-        The rays that do; a ray whose exact hit lies outside keeps its light.
+        The rays that may; a ray whose exact hit lies outside, or behind its start, keeps its light.
     origin, direction : (n, 3) float64
         Vision frame.
     light : (n,) float64
@@ -125,7 +125,7 @@ def plane_light(
         hx, hy, hz = ox + t * dx, oy + t * dy, oz + t * dz
         x = pose[0, 0] * hx + pose[1, 0] * hy + pose[2, 0] * hz
         y = pose[0, 1] * hx + pose[1, 1] * hy + pose[2, 1] * hz
-        if not (abs(x) <= half_x and abs(y) <= half_y):
+        if not (t > 0.0 and abs(x) <= half_x and abs(y) <= half_y):
             continue
         if is_checks:
             value = check_colour(columns, rows, square, x, y)

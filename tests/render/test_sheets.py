@@ -5,7 +5,10 @@ from laws.rigs import facing
 from render.test_embree import lens_rays, nearest
 
 from pipeline.frames import apply
+from pipeline.render.light import TargetLight
 from pipeline.render.sheets import first_sheet
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.target import Target
 
 HALF_SIZES = np.array([[12.0, 20.0], [15.0, 9.0], [40.0, 30.0]])
 POSES = np.stack([facing(400.0, 20.0, 3.0), facing(430.0, -35.0, -6.0, 2.0), facing(500.0, 5.0)])
@@ -30,3 +33,22 @@ def test_sheets_behind_the_start_and_rays_without_numbers_are_passed_over() -> N
     origins = np.array([[0.0, 0.0, 450.0], [0.0, 0.0, 600.0], [np.nan] * 3, [0.0, 0.0, 0.0]])
     directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [np.nan] * 3])
     assert sheets_hit(origins, directions).tolist() == [2, -1, -1, -1]
+
+
+def test_one_board_alone_shines_as_among_others() -> None:
+    """A second board that no ray meets changes nothing: the way for one board gives the bits of that for several."""
+    board = Target(Checkerboard(columns=20, rows=19, square_mm=4.0))
+    here, away = facing(420.0, 15.0, 2.0), facing(420.0)
+    away[0, 3] += 1e6
+    origins, directions = lens_rays(20_000, seed=4)
+    alone = TargetLight([(board, here)], 0.25).radiance(origins, directions)
+    assert set(np.unique(alone)) == {0.0, 0.25, 1.0}
+    assert np.array_equal(alone, TargetLight([(board, here), (board, away)], 0.25).radiance(origins, directions))
+
+
+def test_one_board_alone_is_not_seen_behind_the_start_or_by_rays_without_numbers() -> None:
+    light = TargetLight([(Target(Checkerboard(columns=20, rows=19, square_mm=4.0)), facing(420.0))], 0.25)
+    origins = np.array([[0.0, 0.0, 450.0], [np.nan] * 3, [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    directions = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [np.nan] * 3, [0.0, 0.0, 1.0]])
+    assert light.radiance(origins, directions).tolist()[:3] == [0.25] * 3
+    assert light.radiance(origins, directions)[3] in (0.0, 1.0)
