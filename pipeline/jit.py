@@ -26,7 +26,8 @@ def cache_folder() -> Path:
     """Folder of compiled kernels: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
 
     Keyed by a digest of all sources that kernels reach: a callee in another file may change, or a constant, which is
-    compiled in, or how all are compiled. Where that of another user lies under the same name, ours is named after us: code of others is not run.
+    compiled in, or how all are compiled. Where that of another user lies under the same name, ours is named after us:
+    code of others is not run.
     """
     home = os.environ.get("PIPELINE_JIT_CACHE")
     folder = (Path(home) if home else user_cache() / "jit") / _digest_of_this()

@@ -9,7 +9,7 @@ import pipeline
 from pipeline.engine import session
 from pipeline.engine.engines import Engine
 from pipeline.engine.events import silent
-from pipeline.engine.graph import TASKS
+from pipeline.engine.graph import TASKS, TaskGraph
 from pipeline.engine.libraries import installed_version
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.project import Project
@@ -163,8 +163,9 @@ def build(
     def warn(text: str) -> None:
         listener({"event": "warning", "text": text})
 
+    whole = project(path, out, allow_roots, untrusted=untrusted, warn=warn)
     return session.build(
-        project(path, out, allow_roots, untrusted=untrusted, warn=warn),
+        whole,
         jobs=jobs,
         keep_going=keep_going,
         force=force,
@@ -175,7 +176,7 @@ def build(
         check_percent=check_percent,
         engine=_cluster(engine, timeout_s) if engine else None,
         on_event=listener,
-        prepare=lambda: compile_once(warn),
+        prepare=lambda: compile_once(warn, whole.graph),
     )
 
 
@@ -185,10 +186,11 @@ def _cluster(where: str, timeout_s: float | None) -> Callable[[Store, tuple[str,
     return engine_of(where, timeout_s)
 
 
-def compile_once(warn: Callable[[str], None] = say) -> None:
-    """Compile all kernels that are not there and whole, before several workers would each do it.
+def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None) -> None:
+    """Compile kernels that are not there and whole, before several workers would each do it.
 
-    A list beside them says which there are. Builders that start together wait for the first one.
+    All kernels, or those that the tasks of a graph call. A list beside them says which there are. Builders that start
+    together wait for the first one.
 
     Raises
     ------
@@ -196,9 +198,12 @@ def compile_once(warn: Callable[[str], None] = say) -> None:
         The disk is full.
     """
     from pipeline.jit import cache_folder
+    from pipeline.tasks.kernel_steps import STEPS, steps_of
 
     folder = cache_folder()
-    listed = folder / f"all-{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
+    steps = tuple(STEPS) if graph is None else steps_of(graph[name] for name in graph)
+    made_by = f"{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
+    listed = folder / f"{'-'.join(steps)}-{made_by}"
     if _are_whole(listed, warn):
         return
     make_folder(folder, warn)
@@ -207,7 +212,7 @@ def compile_once(warn: Callable[[str], None] = say) -> None:
             from pipeline import kernel_cache
             from pipeline.tasks.compile import compile_kernels
 
-            compile_kernels()
+            compile_kernels(steps)
             write(listed, "\n".join(sorted(kernel_cache.used)).encode(), warn)
 
 

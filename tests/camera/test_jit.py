@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 from pipeline import kernel_files
+from pipeline.engine.graph import Task
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import Kernel, _source_digest, inline, kernel, unit
 from pipeline.kernel_cache import KernelCache
-from pipeline.tasks.build import compile_once
+from pipeline.tasks.build import compile_once, project
+from pipeline.tasks.kernel_steps import steps_of
 
+ROOT = Path(__file__).parents[2]
 SOURCES = {
     "room/__init__.py": "LAST = 3",
     "room/kernels.py": "from pipeline.jit import kernel\nfrom pipeline.room.table import ROW\n@kernel\ndef f(x): ...",
@@ -310,6 +313,30 @@ def test_processes_that_compile_at_once_do_not_disturb_one_another(tmp_path, sai
     assert [file.name for file in tmp_path.iterdir()] == ["k"]
 
 
+def test_a_graph_compiles_what_its_tasks_call():
+    """Examples 1 and 2 search in position images, 2 and 3 have plain microlenses; no target is bent."""
+
+    def steps(example):
+        graph = project(ROOT / "examples" / example / "dataset.usda").graph
+        return steps_of(graph[name] for name in graph)
+
+    assert steps("01_conventional") == ("lens", "images", "search")
+    assert steps("02_plenoptic") == ("lens", "micro_images", "images", "search")
+    assert steps("03_paper_evaluation") == ("lens", "micro_images", "images")
+
+
+def test_tilted_microlenses_and_bent_targets_have_steps_of_their_own():
+    focus = task("focus", {"request": {"microlenses": {"model": "thin", "tilt_x_deg": 0.0, "tilt_y_deg": 1.0}}})
+    image = task("image", {"targets": [{"target": {"kind": "mesh"}}]})
+    assert steps_of([focus]) == ("lens", "microlenses")
+    assert steps_of([image, focus]) == ("lens", "microlenses", "images", "shapes")
+
+
+def task(kind, params):
+    """A task of a graph."""
+    return Task(name="x", kind=f"pipeline.tasks.{kind}", params=params, canonical=b"", reads={})
+
+
 def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatch):
     from pipeline import kernel_cache
     from pipeline.jit import cache_folder
@@ -318,7 +345,7 @@ def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatc
     monkeypatch.setattr(kernel_cache, "used", {"a", "b"})
     calls, said = [], []
 
-    def compile_kernels():
+    def compile_kernels(steps):
         calls.append(1)
         for name in "ab":
             kernel_files.write(cache_folder() / name, name.encode())
