@@ -113,7 +113,7 @@ def kernel(function: Any) -> Any:
 
 
 def unit(function: Any) -> Any:
-    """Compile a function that kernels call once for many rays: machine code of its own, the same for all of them."""
+    """Compile a function that kernels call once for many rays: machine code of its own. It makes no arrays."""
     return Kernel(function, "unit")
 
 

@@ -2,8 +2,8 @@
 
 A driver is compiled as Numba does it. A unit is machine code under a name that is the same in every process, and other
 code calls it by that name: it is declared in its callers, not copied into them. An inline function is kept as LLVM's
-intermediate code for the functions that call it, neither optimised nor made machine code by itself, and counts no
-references: it makes no arrays.
+intermediate code for the functions that call it, neither optimised nor made machine code by itself. Units and inline
+functions make no arrays, and count no references to them.
 """
 
 import importlib
@@ -119,11 +119,11 @@ _WRAPPED = {"no_cpython_wrapper": False, "no_cfunc_wrapper": True}
 _BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS: dict[str, dict[str, Any]] = {
     "kernel": {"pipeline_class": DriverCompiler, **_WRAPPED},
-    "unit": {"pipeline_class": UnitCompiler, **_BARE},
+    "unit": {"pipeline_class": UnitCompiler, "_nrt": False, **_BARE},
     "inline": {"pipeline_class": InlineCompiler, "_nrt": False, **_BARE},
     "buffers": {"pipeline_class": InlineCompiler, **_BARE},
 }
-"""Options of Numba for each kind of kernel."""
+"""Options of Numba for each kind of kernel. Drivers alone hold arrays and count references to them."""
 
 
 def prepare(context: Any, digest: str) -> None:

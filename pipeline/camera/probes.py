@@ -115,12 +115,11 @@ def label_packet(camera, lens, owner, points, start_x, start_y, size, packet, la
                 )
 
 
-@buffers
+@inline
 def _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, label):
-    """Say which face of its microlens blocks a ray that does not reach the main lens."""
+    """Say which face of its microlens blocks a ray that does not reach the main lens; weights are lost."""
     optics, table, lenses, _, mosaic = camera
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    clearance = np.empty(size)
     first = 0
     while first < size:
         end, n = first + 1, lens[owner[first]]
@@ -132,7 +131,7 @@ def _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, la
         part = x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here]
         towards_microlens(optics, lenses, mosaic[0], n, start_x[here], start_y[here], end - first, part)
         faces, rows = mosaic[1][int(lenses[n, KIND])], table.shape[0]
-        label_surfaces(faces, rows + 1, rows, part, end - first, label[here], clearance)
+        label_surfaces(faces, rows + 1, rows, part, end - first, label[here], weight[here])  # a clearance nobody wants
         first = end
 
 
