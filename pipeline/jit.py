@@ -20,14 +20,15 @@ from pipeline.work import calling, loading, work
 
 _LOCK = threading.RLock()
 _PACKAGE = Path(__file__).resolve().parent
-_DECORATED = re.compile(rb"^@(kernel|inline)$", re.MULTILINE)
+_DECORATED = re.compile(rb"^@(kernel|unit|inline|buffers)$", re.MULTILINE)
 
 
 def cache_folder() -> Path:
     """Folder of compiled kernels: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
 
     Keyed by a digest of all sources that kernels reach: a callee in another file may change, or a constant, which is
-    compiled in. Where that of another user lies under the same name, ours is named after us: code of others is not run.
+    compiled in, or how all are compiled. Where that of another user lies under the same name, ours is named after us:
+    code of others is not run.
     """
     home = os.environ.get("PIPELINE_JIT_CACHE")
     folder = (Path(home) if home else user_cache() / "jit") / _digest_of_this()
@@ -49,6 +50,7 @@ def _digest_of_this() -> str:
 def _source_digest(package: Path = _PACKAGE) -> str:
     found: dict[Path, str] = {}
     todo = [path for path in package.rglob("*.py") if _DECORATED.search(path.read_bytes())]
+    todo.append(package / "kernel_compiler.py")
     while todo:
         path = todo.pop()
         if path not in found and path.is_file():
@@ -74,10 +76,10 @@ def _imported(tree: ast.Module, package: Path) -> list[Path]:
 class Kernel:
     """A function that Numba compiles when it is first called, from Python or from a kernel that is compiled itself."""
 
-    def __init__(self, function: Any, *, cache: bool) -> None:
+    def __init__(self, function: Any, kind: str) -> None:
         functools.update_wrapper(self, function)
         self.name: str = function.__name__
-        self._function, self._cache, self._compiled = function, cache, None
+        self._function, self._kind, self._compiled = function, kind, None
 
     @property
     def compiled(self) -> Any:
@@ -88,17 +90,25 @@ class Kernel:
         return self._compiled
 
     def _dispatcher(self) -> Any:
-        dispatcher = _numba().njit(nogil=True, error_model="numpy")(self._function)
-        if self._cache:
-            from pipeline.kernel_cache import KernelCache
+        numba = _numba()
+        from pipeline.kernel_cache import KernelCache
+        from pipeline.kernel_compiler import OPTIONS, take_any_number
 
+        dispatcher = numba.njit(nogil=True, error_model="numpy", **OPTIONS[self._kind])(self._function)
+        take_any_number(dispatcher)
+        if self._kind in ("kernel", "unit"):
             dispatcher._cache = KernelCache(self._function, cache_folder())  # where `cache=True` puts Numba's own
             dispatcher._compile_for_args = _timed(dispatcher._compile_for_args)
         return dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
         with calling(self.name):
-            return self.compiled(*arguments)
+            return self._callable(*arguments)
+
+    @functools.cached_property
+    def _callable(self) -> Any:
+        """What Python can call: of functions for kernels a copy, which only tests do."""
+        return self.compiled if self._kind == "kernel" else Kernel(self._function, "kernel").compiled
 
     def count(self, rays: int, surfaces: int) -> None:
         """Note that calls of this kernel, in this thread, have started so many rays through so many surfaces."""
@@ -109,9 +119,10 @@ class Kernel:
 
 def _timed(compile_for_arguments: Any) -> Any:
     """The same function of Numba, which loads or compiles code when types are new; its time is tallied."""
+    from pipeline.kernel_compiler import remembering
 
     def timed(*arguments: Any, **more: Any) -> Any:
-        with loading():
+        with loading(), remembering():
             return compile_for_arguments(*arguments, **more)
 
     return timed
@@ -119,12 +130,22 @@ def _timed(compile_for_arguments: Any) -> Any:
 
 def kernel(function: Any) -> Any:
     """Compile a driver: a function that loops over many rays or pixels, called from Python."""
-    return Kernel(function, cache=True)
+    return Kernel(function, "kernel")
+
+
+def unit(function: Any) -> Any:
+    """Compile a function that kernels call once for many rays: machine code of its own. It makes no arrays."""
+    return Kernel(function, "unit")
 
 
 def inline(function: Any) -> Any:
-    """Compile a scalar function that kernels call; LLVM inlines it into their loops."""
-    return Kernel(function, cache=False)
+    """Compile a function that LLVM inlines into the loops of kernels. It makes no arrays, and returns none."""
+    return Kernel(function, "inline")
+
+
+def buffers(function: Any) -> Any:
+    """Compile a function that makes arrays for kernels."""
+    return Kernel(function, "buffers")
 
 
 def fma(a: float, b: float, c: float) -> float:
@@ -137,6 +158,9 @@ def _numba() -> Any:
     os.environ.update(settings_of_numba())  # again, for programs that loaded NumPy before this package
     import numba.extending
 
+    from pipeline.kernel_compiler import DriverCompiler
+
+    DriverCompiler.digest = _digest_of_this()
     double = numba.float64
     numba.extending.typeof_impl.register(Kernel, lambda value, context: numba.types.Dispatcher(value.compiled))
     numba.extending.type_callable(fma)(lambda context: lambda a, b, c: double)

@@ -16,6 +16,7 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
 from pipeline import kernel_files
+from pipeline.kernel_compiler import load_unit, units_of
 
 used: set[str] = set()
 """Names of files that this process has read or written."""
@@ -25,7 +26,8 @@ class KernelCache:
     """The compiled code of a kernel, in a folder for all kernels of the same sources."""
 
     def __init__(self, function: Any, folder: Path) -> None:
-        self._name, self._folder = f"{function.__module__}.{function.__qualname__}", folder
+        self._function, self._folder = function, folder
+        self._name = f"{function.__module__}.{function.__qualname__}"
         kernel_files.make_folder(folder)
 
     @property
@@ -41,11 +43,15 @@ class KernelCache:
         if data is None:
             return None
         try:
-            compiled = CompileResult._rebuild(target, *pickle.loads(data))
+            units, parts = pickle.loads(data)
+            for unit in units:
+                load_unit(unit)
+            compiled = CompileResult._rebuild(target, *parts)
         except Exception as error:  # whole, but written by something that calls itself as this one
             kernel_files.discard(path, f"cannot be used ({type(error).__name__}: {error})")
             return None
         used.add(path.name)
+        self._name_unit(compiled)
         return compiled
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
@@ -59,8 +65,14 @@ class KernelCache:
         if compiled.lifted or compiled.library.has_dynamic_globals:
             raise TypeError(f"{self._name} holds addresses of this process, so its compiled code cannot be kept")
         path = self._path(signature, compiled.codegen)
-        kernel_files.write(path, dumps(compiled._reduce()))
+        units = tuple(units_of(compiled.library))
+        kernel_files.write(path, dumps((units, compiled._reduce())))
         used.add(path.name)
+        self._name_unit(compiled)
+
+    def _name_unit(self, compiled: Any) -> None:
+        name = self._function.__module__, self._function.__qualname__
+        compiled.library.unit = *name, compiled.signature.args, compiled.fndesc.llvm_func_name
 
     def flush(self) -> None:
         """Nothing kept is ever stale: other sources have another folder."""

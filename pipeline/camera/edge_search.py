@@ -66,7 +66,8 @@ def find_edges(camera, positions, lens, centres, owner, angle, limit, steps, rad
         while size < PACKET and following < owner.shape[0]:
             way[size], following = following, following + 1
             along[0, size], along[1, size] = math.cos(angle[way[size]]), math.sin(angle[way[size]])
-            search[:, size] = 0.0, 1.0, 1.0, -1.0, 1.0, _SLACK
+            search[LOW, size], search[HIGH, size], search[INNER, size] = 0.0, 1.0, 1.0
+            search[OUTER, size], search[HERE, size], search[ROOM, size] = -1.0, 1.0, _SLACK
             size += 1
         if size == 0:
             return rays
@@ -75,7 +76,7 @@ def find_edges(camera, positions, lens, centres, owner, angle, limit, steps, rad
             n, far = owner[f], limit[f] * search[HERE, i]
             at[i], start_x[i], start_y[i] = n, positions[n, 0], positions[n, 1]
             points[i, 0], points[i, 1] = centres[n, 0] + far * along[0, i], centres[n, 1] + far * along[1, i]
-            packet[0][i], packet[1][i] = points[i]
+            packet[0][i], packet[1][i] = points[i, 0], points[i, 1]
         label_packet(camera, lens, at[:size], points, start_x, start_y, size, packet, blocker, clearance)
         rays += size
         for i in range(size - 1, -1, -1):
@@ -90,7 +91,10 @@ def find_edges(camera, positions, lens, centres, owner, angle, limit, steps, rad
                     radius[way[i]], label[way[i]] = limit[way[i]] * search[HERE, i], found[i]
             if is_done:
                 size -= 1
-                way[i], found[i], along[:, i], search[:, i] = way[size], found[size], along[:, size], search[:, size]
+                way[i], found[i] = way[size], found[size]
+                along[0, i], along[1, i] = along[0, size], along[1, size]
+                for k in range(search.shape[0]):
+                    search[k, i] = search[k, size]
 
 
 @inline

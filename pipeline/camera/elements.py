@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from pipeline.camera.acceptance import BY_AREA, disc_weight, is_limited, region_weight
-from pipeline.jit import inline, kernel
+from pipeline.jit import inline, kernel, unit
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 
 X, Y, FOCAL, KIND, Z, AIM, BY_START, BY_AIM, OUTLINE_X, OUTLINE_Y, BASE_X, BASE_Y, MARGIN, INFLATION = range(14)
@@ -27,7 +27,7 @@ CURVATURE_OF_NORMALS, INDEX, IN_FRONT, BENDS = range(4)
 aperture is that of the front face, behind a plane; the last is their number."""
 
 
-@inline
+@unit
 def through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
     detail, faces, bends, _ = mosaic
@@ -120,7 +120,7 @@ def aim_for(sensor_z, lenses, mosaic, lens, sx, sy, px, py, pz):
     return sx + h * dx / dz, sy + h * dy / dz
 
 
-@inline
+@unit
 def free_weight(optics, lenses, aperture, mosaic, lens, sx, sy, polygon):
     """Weight of all rays from a sensor position through the aperture of a microlens, main lens ignored [sr or mm^2]."""
     detail, rims = mosaic[0], mosaic[3]
@@ -146,11 +146,12 @@ def rays_before(optics, lenses, mosaic, lens, starts, aims, position, direction,
     """
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
     for n in range(starts.shape[0]):
-        start_x[0], start_y[0] = starts[n]
-        packet[0][0], packet[1][0] = aims[n]
+        start_x[0], start_y[0] = starts[n, 0], starts[n, 1]
+        packet[0][0], packet[1][0] = aims[n, 0], aims[n, 1]
         through_microlens(optics, lenses, mosaic, lens[n], start_x, start_y, 1, packet)
-        position[n] = packet[0][0], packet[1][0], packet[2][0]
-        direction[n] = packet[3][0], packet[4][0], packet[5][0]
+        x, y, z, dx, dy, dz = packet[0], packet[1], packet[2], packet[3], packet[4], packet[5]
+        position[n, 0], position[n, 1], position[n, 2] = x[0], y[0], z[0]
+        direction[n, 0], direction[n, 1], direction[n, 2] = dx[0], dy[0], dz[0]
         passes[n] = packet[6][0]
 
 
@@ -159,4 +160,5 @@ def aims_for(optics, lenses, mosaic, lens, starts, points, aims):
     """Aim points (n, 2), written, of rays from sensor positions (n, 2) to points (n, 3) of apertures, local frame."""
     for n in range(starts.shape[0]):
         px, py, pz = points[n]
-        aims[n] = aim_for(optics[0], lenses, mosaic, lens[n], starts[n, 0], starts[n, 1], px, py, pz)
+        sx, sy = starts[n, 0], starts[n, 1]
+        aims[n, 0], aims[n, 1] = aim_for(optics[0], lenses, mosaic, lens[n], sx, sy, px, py, pz)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import free_weight
-from pipeline.camera.moments import FREE_WEIGHT, WEIGHT, accumulate, cross_packet, finish, set_pivot
+from pipeline.camera.moments import FREE_WEIGHT, WEIGHT, accumulate, clear, cross_packet, finish, set_pivot
 from pipeline.camera.packets import aim_into, draw, region_drift, send_mixed, send_packet
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.camera.sobol import hash32
@@ -95,12 +95,13 @@ def bundle_moments(
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
     samples = bits.shape[1]
     for n in range(positions.shape[0]):
-        moments[n, :] = np.nan
+        for k in range(moments.shape[1]):
+            moments[n, k] = np.nan
         moments[n, WEIGHT], moments[n, FREE_WEIGHT] = 0.0, 0.0
         if lens[n] == SKIP:
             continue
         sx, sy = positions[n]
-        near, far = planes[n if planes.shape[0] > 1 else 0]
+        own = n if planes.shape[0] > 1 else 0
         if lens[n] >= 0:
             moments[n, FREE_WEIGHT] = _free_weight_of(
                 optics, lenses, aperture, mosaic, lens[n], sx, sy, square, region[0]
@@ -111,7 +112,9 @@ def bundle_moments(
         if not fan_of[3] > 0.0:
             continue
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
-        sums[:], total[:], start_x[:], start_y[:] = 0.0, 0.0, sx, sy
+        clear(sums, total)
+        for i in range(PACKET):
+            start_x[i], start_y[i] = sx, sy
         started = False
         # A packet holds samples of all replicas: short packets are slow ones.
         for first in range(0, samples, _SHARE):
@@ -131,7 +134,7 @@ def bundle_moments(
             here, drift = slice(0, full), region_drift(optics, lens[n])
             aim_into(region, fan_of, drift, ax, ay, start_x[here], start_y[here], x[here], y[here])
             send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, full, packet)
-            cross_packet(near, far, packet, 0, full, crossing)
+            cross_packet(planes[own, 0], planes[own, 1], packet, 0, full, crossing)
             started = started or set_pivot(crossing, alive, 0, full, pivot)
             if started:
                 for r in range(REPLICAS):
@@ -207,11 +210,11 @@ def image_rays(
                 draw(bits[2], first, size, hash32(base, stream + 2), x[here])
                 draw(bits[3], first, size, hash32(base, stream + 3), y[here])
                 for i in range(held, held + size):
+                    held_by[i], area[i] = n * strata.shape[1] + j, fan_of[3] / samples
                     start_x[i] = sx + pitch * (start_x[i] - 0.5)
                     start_y[i] = sy + pitch * (start_y[i] - 0.5)
                 drift = region_drift(optics, lens)
                 aim_into(region, fan_of, drift, sx, sy, start_x[here], start_y[here], x[here], y[here])
-                held_by[here], area[here] = n * strata.shape[1] + j, fan_of[3] / samples
                 held += size
     if held > 0:
         send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
@@ -225,8 +228,8 @@ def _release(packet, size, held_by, area, written, origin, direction, share, own
     x, y, z, dx, dy, dz, alive, _, weight = packet
     for i in range(size):
         if alive[i] > 0.0:
-            origin[written] = x[i], y[i], z[i]
-            direction[written] = dx[i], dy[i], dz[i]
+            origin[written, 0], origin[written, 1], origin[written, 2] = x[i], y[i], z[i]
+            direction[written, 0], direction[written, 1], direction[written, 2] = dx[i], dy[i], dz[i]
             share[written], owner[written] = weight[i] * area[i], held_by[i]
             written += 1
     return written

@@ -5,7 +5,7 @@ pivot, because spreads are a millionth of the squared positions.
 """
 
 from pipeline.camera.camera import REPLICAS
-from pipeline.jit import inline
+from pipeline.jit import inline, unit
 
 MEAN, COVARIANCE, WEIGHT, FREE_WEIGHT, VARIANCE, COLUMNS = 0, 4, 14, 15, 16, 20
 """Columns of a bundle's moments: mean (4), covariance (10, upper triangle), weight that leaves, free weight, and the
@@ -25,7 +25,7 @@ def cross(plane, px, py, pz, dx, dy, dz):
     )
 
 
-@inline
+@unit
 def cross_packet(near, far, packet, first, end, crossing):
     """Crossings of some rays of a packet with both planes, (4, PACKET)."""
     x, y, z, dx, dy, dz = packet[0], packet[1], packet[2], packet[3], packet[4], packet[5]
@@ -39,12 +39,23 @@ def set_pivot(crossing, alive, first, end, pivot):
     """Take the first living ray's crossing as the pivot; whether there is one."""
     for i in range(first, end):
         if alive[i] > 0.0:
-            pivot[:] = crossing[:, i]
+            for k in range(4):
+                pivot[k] = crossing[k, i]
             return True
     return False
 
 
 @inline
+def clear(sums, total):
+    """Begin sums anew."""
+    for r in range(sums.shape[0]):
+        for k in range(sums.shape[1]):
+            sums[r, k] = 0.0
+    for k in range(total.shape[0]):
+        total[k] = 0.0
+
+
+@unit
 def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
     """Add weights, first and second moments about the pivot of some rays of a packet; the sums stay in registers."""
     p0, p1, p2, p3 = pivot[0], pivot[1], pivot[2], pivot[3]
@@ -67,7 +78,7 @@ def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
         total[k] += value
 
 
-@inline
+@unit
 def finish(sums, total, pivot, sample_area, row):
     """Turn sums into the columns of a bundle's moments.
 

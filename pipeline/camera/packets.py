@@ -6,18 +6,18 @@ from pipeline.camera.acceptance import BY_AREA, accepted_share, is_limited
 from pipeline.camera.elements import AIM, DISC, MODEL, PLAIN, through_microlens
 from pipeline.camera.polygon import point_in_fan
 from pipeline.camera.sobol import scrambled
-from pipeline.jit import inline
+from pipeline.jit import inline, unit
 from pipeline.optics.kernels import trace_packet
 
 
-@inline
+@unit
 def draw(bits, first, size, seed, values):
     """Scrambled coordinates of samples first ... first + size of one dimension."""
     for i in range(size):
         values[i] = scrambled(bits[first + i], seed)
 
 
-@inline
+@unit
 def aim_into(region, fan_of, drift, centre_x, centre_y, start_x, start_y, x, y):
     """Turn two random numbers of each ray, in x and y, into a point of a region.
 
@@ -44,7 +44,7 @@ def region_drift(optics, lens):
     return optics[4] if lens < 0 else 0.0
 
 
-@inline
+@unit
 def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet):
     """Send rays from sensor positions through given points of the sampling plane and trace them into the scene.
 
@@ -60,7 +60,7 @@ def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, pac
     trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
 
 
-@inline
+@unit
 def send_mixed(table, optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet):
     """The same for rays of several sensor positions: `lens` is that of each position, `owner` the position of each ray.
 
@@ -71,7 +71,7 @@ def send_mixed(table, optics, lenses, mosaic, lens, owner, start_x, start_y, siz
     trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
 
 
-@inline
+@unit
 def aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet):
     """Send such rays as far as the main lens."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet

@@ -42,8 +42,9 @@ def edges(camera, lens, kind, points, which, bases, directions, low, high, steps
         Written: what blocks the ray from the outer bound, see `probes.what_blocks`. After 0 steps PASSES or another.
     """
     optics, table, lenses, mosaic = camera
-    packet, rows, found = new_packet(), np.empty((3, PACKET)), np.empty(PACKET, np.int64)
-    far, start_x, start_y = rows
+    packet, found = new_packet(), np.empty(PACKET, np.int64)
+    far, start_x, start_y = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
+    rows = far, start_x, start_y
     for n in range(lens.shape[0]):
         for first in range(0, which.shape[1], PACKET):
             size, step, widenings = min(PACKET, which.shape[1] - first), 0, _WIDENINGS
@@ -71,12 +72,14 @@ def edges(camera, lens, kind, points, which, bases, directions, low, high, steps
             for i in range(size):
                 blocker[n, first + i] = PASSES if passing[i] > 0.0 else _BLOCKED
             if steps > 0:
-                far[:size] = outer
+                for i in range(size):
+                    far[i] = outer[i]
                 _start(
                     camera, lens[n], points[kind[n]], which[n, here], bases[n, here], directions[n, here], rows, packet
                 )
                 what_blocks(table, optics, lenses, mosaic, lens[n], start_x, start_y, size, packet, found)
-                blocker[n, here] = found[:size]
+                for i in range(size):
+                    blocker[n, first + i] = found[i]
 
 
 @inline

@@ -9,11 +9,11 @@ import numpy as np
 
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.elements import DISC, KIND, MODEL, PLAIN, free_weight, towards_microlens
-from pipeline.camera.moments import accumulate, cross, cross_packet, finish, set_pivot
+from pipeline.camera.moments import accumulate, clear, cross, cross_packet, finish, set_pivot
 from pipeline.camera.packets import aim_mixed, send_mixed, send_packet
 from pipeline.camera.polygon import fan, point_in_fan
 from pipeline.camera.regions import SKIP, bound, new_region
-from pipeline.jit import inline, kernel
+from pipeline.jit import buffers, inline, kernel, unit
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, SEMI_DIAMETER_SQUARED
 
@@ -45,7 +45,8 @@ def bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons
         count, _, _, area = bound(optics, outlines, lenses, aperture, lens[n], x, y, 0.0, region)
         if area > 0.0:
             counts[n] = count
-            polygons[n, :count] = region[0][:count]
+            for i in range(count):
+                polygons[n, i, 0], polygons[n, i, 1] = region[0][i, 0], region[0][i, 1]
 
 
 @kernel
@@ -56,7 +57,7 @@ def spread(polygons, counts, points):
         cx, cy, _ = fan(polygons[n], counts[n], cumulative)
         for i in range(points.shape[1]):
             u, v = (0.5 + _GOLDEN_U * i) % 1.0, (0.5 + _GOLDEN_V * i) % 1.0
-            points[n, i] = point_in_fan(polygons[n], counts[n], cumulative, cx, cy, u, v)
+            points[n, i, 0], points[n, i, 1] = point_in_fan(polygons[n], counts[n], cumulative, cx, cy, u, v)
 
 
 @kernel
@@ -81,10 +82,11 @@ def probe(camera, positions, lens, owner, points, label):
         part = slice(first, first + size)
         _set_rays(positions, owner[part], points[part], start_x, start_y, packet)
         label_packet(camera, lens, owner[part], points[part], start_x, start_y, size, packet, here, clearance)
-        label[part] = here[:size]
+        for i in range(size):
+            label[first + i] = here[i]
 
 
-@inline
+@unit
 def label_packet(camera, lens, owner, points, start_x, start_y, size, packet, label, clearance):
     """Send rays through points that x and y of the packet hold, and say what blocks each, and how far from an edge.
 
@@ -107,30 +109,33 @@ def label_packet(camera, lens, owner, points, start_x, start_y, size, packet, la
     elif not detail[DISC] > 0.0:
         for i in range(size):
             if label[i] == rows:
-                label[i] += _STRAIGHT * (1 + _side_of(aperture, points[i] - lenses[lens[owner[i]], :2]))
+                n = lens[owner[i]]
+                label[i] += _STRAIGHT * (
+                    1 + _side_of(aperture, points[i, 0] - lenses[n, 0], points[i, 1] - lenses[n, 1])
+                )
 
 
 @inline
 def _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, label):
-    """Say which face of its microlens blocks a ray that does not reach the main lens."""
+    """Say which face of its microlens blocks a ray that does not reach the main lens; weights are lost."""
     optics, table, lenses, _, mosaic = camera
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    clearance = np.empty(size)
     first = 0
     while first < size:
         end, n = first + 1, lens[owner[first]]
         while end < size and owner[end] == owner[first]:
             end += 1
         here = slice(first, end)
-        x[here], y[here] = points[here, 0], points[here, 1]
+        for i in range(first, end):
+            x[i], y[i] = points[i, 0], points[i, 1]
         part = x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here]
         towards_microlens(optics, lenses, mosaic[0], n, start_x[here], start_y[here], end - first, part)
         faces, rows = mosaic[1][int(lenses[n, KIND])], table.shape[0]
-        label_surfaces(faces, rows + 1, rows, part, end - first, label[here], clearance)
+        label_surfaces(faces, rows + 1, rows, part, end - first, label[here], weight[here])  # a clearance nobody wants
         first = end
 
 
-@inline
+@buffers
 def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet, label):
     """Labels of rays from positions behind one microlens, or none; its sides and faces are not told apart."""
     alive, clearance = packet[6], np.empty(PACKET)
@@ -140,7 +145,7 @@ def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, pac
     label_surfaces(table, 0, PASSES, packet, size, label, clearance)
 
 
-@inline
+@unit
 def label_surfaces(table, base, unknown, packet, size, label, clearance):
     """Trace a packet surface by surface and name what blocks the rays whose label is still `unknown`."""
     x, y, z, dx, dy, dz, alive, scratch, _ = packet
@@ -197,7 +202,8 @@ def integrate(camera, planes, positions, lens, owner, points, measure, moments, 
             here, n = first + begin, owner[first + begin]
             end = begin + _stretch(owner[part], begin)
             if here == 0 or owner[here - 1] != n:
-                sums[:], total[:], started, whole[n] = 0.0, 0.0, False, True
+                clear(sums, total)
+                started, whole[n] = False, True
             for i in range(begin, end):
                 weight[i] *= measure[first + i]
                 if not alive[i] > 0.0:
@@ -270,13 +276,13 @@ def _several(owner, first):
 
 
 @inline
-def _side_of(polygon, point):
+def _side_of(polygon, x, y):
     """Number of the side of a polygon about the origin that a point lies farthest towards."""
     worst, found = -np.inf, 0
     for i in range(polygon.shape[0]):
         j = i + 1 if i + 1 < polygon.shape[0] else 0
         ex, ey = polygon[j, 0] - polygon[i, 0], polygon[j, 1] - polygon[i, 1]
-        reach = (ey * point[0] - ex * point[1]) / (ey * polygon[i, 0] - ex * polygon[i, 1])
+        reach = (ey * x - ex * y) / (ey * polygon[i, 0] - ex * polygon[i, 1])
         if reach > worst:
             worst, found = reach, i
     return found

@@ -20,21 +20,21 @@ from pipeline.camera.elements import (
     PLAIN_COLUMNS,
 )
 from pipeline.camera.polygon import MAX_VERTICES, clip, fan
-from pipeline.jit import inline, kernel
+from pipeline.jit import buffers, inline, kernel, unit
 
 NO_MICROLENS, SKIP = -1, -2
 SHORTEST_EDGE_MM = 1e-9
 """Shorter edges of an outline are corners: they bound nothing, and rounding may turn them round."""
 
 
-@inline
+@buffers
 def new_region():
     """Buffers of a region: polygon, outline, scratch and cumulative areas of its fan."""
-    polygon, outline, scratch = np.empty((3, MAX_VERTICES, 2))
-    return polygon, outline, scratch, np.empty(MAX_VERTICES)
+    shape = MAX_VERTICES, 2
+    return np.empty(shape), np.empty(shape), np.empty(shape), np.empty(MAX_VERTICES)
 
 
-@inline
+@unit
 def bound(optics, outlines, lenses, aperture, lens, x, y, slack, region):
     """Bound the rays of a sensor position by a polygon.
 

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from pipeline.jit import inline, kernel
+from pipeline.jit import buffers, inline, kernel, unit
 from pipeline.optics.aspheres import cross_asphere
 from pipeline.optics.table import (
     COEFFICIENTS,
@@ -40,7 +40,7 @@ SCRATCH = 7
 """Arrays that a packet needs besides its rays, for aspheres."""
 
 
-@inline
+@buffers
 def new_packet():
     """Buffers of a packet: x, y, z, direction x, y, z, alive, scratch arrays and a weight for who traces."""
     return (
@@ -56,7 +56,7 @@ def new_packet():
     )
 
 
-@inline
+@unit
 def trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, count):
     """Trace the first `count` rays of a packet through all surfaces, in place.
 

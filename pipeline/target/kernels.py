@@ -259,4 +259,5 @@ def heights_at_points(shape, u, v, result):
     from_shape = np.empty(6)
     for i in range(u.size):
         height_into(shape, u[i], v[i], from_shape)
-        result[i] = from_shape
+        for k in range(6):
+            result[i, k] = from_shape[k]

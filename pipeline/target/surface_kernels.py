@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from pipeline.jit import inline
+from pipeline.jit import buffers, inline
 
 _STEPS = 20
 _PRECISION = 1e-12
@@ -82,7 +82,7 @@ def height_into(shape, u, v, result):
             result[5] += h * wx[0][a] * wy[2][b] * per_y * per_y
 
 
-@inline
+@buffers
 def height_hit(shape, o, d, t):
     """Newton's method from a path t: u, v and the normal (not of unit length) where the ray meets the board."""
     found = np.empty(6)

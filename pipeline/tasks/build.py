@@ -9,7 +9,7 @@ import pipeline
 from pipeline.engine import session
 from pipeline.engine.engines import Engine, Processes
 from pipeline.engine.events import silent
-from pipeline.engine.graph import TASKS
+from pipeline.engine.graph import TASKS, TaskGraph
 from pipeline.engine.libraries import installed_version
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.project import Project
@@ -134,58 +134,55 @@ def build(
 ) -> Result:
     """Build a dataset stage: run what is missing, fill the output folder.
 
-        Parameters
-        ----------
-        path : str or Path
-            The stage, e.g. `examples/02_plenoptic/dataset.usda`.
-        out : str or Path, optional
-            Output folder; see `default_out`.
-        jobs : int, optional
-            Worker processes, by default one per core; 1 runs everything in this process.
-        keep_going : bool
-            Go on with what does not depend on a task that failed.
-        force, until : iterable of str
-            Tasks to run in any case; tasks after which to stop, with nothing delivered.
-        targets : iterable of str
-            Tasks, or files and folders of the output folder: what they need runs, and their files alone are delivered.
-        retries : int
-            How often a task that failed is tried again.
-        timeout_s : float, optional
-            A task that takes longer has failed [s].
-        check_percent : float
-            Share of the tasks that are computed twice, to compare their bytes [%].
-        allow_roots : iterable of str or Path
-            Further folders that the stage may reference.
-        untrusted : bool
-    <<<<<<< HEAD
-            Read the stage in a confined process.
-        preview : bool
-            Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
-    =======
-            Read the stage in a confined process, and bound memory and time of each task by `limits`.
-    >>>>>>> hard12
-        engine : str, optional
-            `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
-        on_event : callable, optional
-            Gets a dict for every start and end of a task.
+    Parameters
+    ----------
+    path : str or Path
+        The stage, e.g. `examples/02_plenoptic/dataset.usda`.
+    out : str or Path, optional
+        Output folder; see `default_out`.
+    jobs : int, optional
+        Worker processes, by default one per core; 1 runs everything in this process.
+    keep_going : bool
+        Go on with what does not depend on a task that failed.
+    force, until : iterable of str
+        Tasks to run in any case; tasks after which to stop, with nothing delivered.
+    targets : iterable of str
+        Tasks, or files and folders of the output folder: what they need runs, and their files alone are delivered.
+    retries : int
+        How often a task that failed is tried again.
+    timeout_s : float, optional
+        A task that takes longer has failed [s].
+    check_percent : float
+        Share of the tasks that are computed twice, to compare their bytes [%].
+    allow_roots : iterable of str or Path
+        Further folders that the stage may reference.
+    untrusted : bool
+        Read the stage in a confined process, and bound memory and time of each task by `limits`.
+    preview : bool
+        Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
+    engine : str, optional
+        `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
+    on_event : callable, optional
+        Gets a dict for every start and end of a task.
 
-        Returns
-        -------
-        Result
-            With `out`, `executed`, `cached`, `failed` and the tasks; failures are in it, not raised.
+    Returns
+    -------
+    Result
+        With `out`, `executed`, `cached`, `failed` and the tasks; failures are in it, not raised.
 
-        Raises
-        ------
-        StageError
-            The stage does not pass `check`; then nothing is written.
+    Raises
+    ------
+    StageError
+        The stage does not pass `check`; then nothing is written.
     """
     listener = on_event or silent
 
     def warn(text: str) -> None:
         listener({"event": "warning", "text": text})
 
+    whole = project(path, out, allow_roots, untrusted=untrusted, preview=preview, warn=warn)
     return session.build(
-        project(path, out, allow_roots, untrusted=untrusted, preview=preview, warn=warn),
+        whole,
         jobs=jobs,
         keep_going=keep_going,
         force=force,
@@ -196,7 +193,7 @@ def build(
         check_percent=check_percent,
         engine=_place(engine, jobs, timeout_s, untrusted=untrusted),
         on_event=listener,
-        prepare=lambda: compile_once(warn),
+        prepare=lambda: compile_once(warn, whole.graph),
     )
 
 
@@ -218,10 +215,11 @@ def _place(
     )
 
 
-def compile_once(warn: Callable[[str], None] = say) -> None:
-    """Compile all kernels that are not there and whole, before several workers would each do it.
+def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None) -> None:
+    """Compile kernels that are not there and whole, before several workers would each do it.
 
-    A list beside them says which there are. Builders that start together wait for the first one.
+    All kernels, or those that the tasks of a graph call. A list beside them says which there are. Builders that start
+    together wait for the first one.
 
     Raises
     ------
@@ -229,9 +227,12 @@ def compile_once(warn: Callable[[str], None] = say) -> None:
         The disk is full.
     """
     from pipeline.jit import cache_folder
+    from pipeline.tasks.kernel_steps import STEPS, steps_of
 
     folder = cache_folder()
-    listed = folder / f"all-{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
+    steps = tuple(STEPS) if graph is None else steps_of(graph[name] for name in graph)
+    made_by = f"{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
+    listed = folder / f"{'-'.join(steps)}-{made_by}"
     if _are_whole(listed, warn):
         return
     make_folder(folder, warn)
@@ -240,7 +241,7 @@ def compile_once(warn: Callable[[str], None] = say) -> None:
             from pipeline import kernel_cache
             from pipeline.tasks.compile import compile_kernels
 
-            compile_kernels()
+            compile_kernels(steps)
             write(listed, "\n".join(sorted(kernel_cache.used)).encode(), warn)
 
 

@@ -1,6 +1,11 @@
-"""Compile every kernel by running a tiny camera through it; afterwards workers find the code in the kernel cache."""
+"""Compile kernels by running tiny cameras through them; afterwards workers find the code in the kernel cache.
+
+Steps that a graph does not need are left out: see `tasks.kernel_steps`.
+"""
 
 import dataclasses
+import gc
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -17,35 +22,82 @@ from pipeline.target.checkerboard import Checkerboard
 from pipeline.target.mesh import MeshTarget
 from pipeline.target.surfaces import Cylinder, Warped
 from pipeline.target.target import AnyTarget, Target
+from pipeline.tasks.kernel_steps import STEPS
 from pipeline.truth import search
 
 
-def compile_kernels() -> None:
-    """Run every kernel once, with the argument types of real work."""
+def compile_kernels(steps: Iterable[str] = STEPS) -> None:
+    """Run every kernel of some steps once, with the argument types of real work."""
+    gc.disable()  # A compiler's records live to the end: looking for rubbish among them takes a tenth of the time.
+    try:
+        for step in steps:
+            _RUN[step]()
+    finally:
+        gc.enable()
+
+
+def _tracer() -> Tracer:
     stop = Surface(semi_diameter_mm=1.0, is_stop=True)
     sensor = Sensor(width_px=2, height_px=2, pitch_mm=0.01)
-    camera = Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0)
-    array = MicrolensArray(pitch_mm=0.1, focal_lengths_mm=(1.0,), columns=1, rows=1, distance_mm=1.0, tilt_x_deg=1.0)
-    plenoptic = Tracer(dataclasses.replace(camera, microlenses=array))
-    micro_light(plenoptic, micro_images(plenoptic))
-    tracer = Tracer(camera)
-    pixels = np.zeros((1, 2), np.int64)
-    tracer.moments(np.zeros((1, 2)), np.array([-1]), parallel_planes(1.0, 2.0), 4, pixels)
-    found = edges(tracer.arrays, np.zeros((1, 2)), np.array([-1]))
+    return Tracer(Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0))
+
+
+def _plenoptic(tilt_x_deg: float) -> Tracer:
+    array = MicrolensArray(
+        pitch_mm=0.1, focal_lengths_mm=(1.0,), columns=1, rows=1, distance_mm=1.0, tilt_x_deg=tilt_x_deg
+    )
+    return Tracer(dataclasses.replace(_tracer().camera, microlenses=array))
+
+
+def _lens() -> None:
+    tracer, position, none = _tracer(), np.zeros((1, 2)), np.array([-1])
+    tracer.moments(position, none, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64))
+    found = edges(tracer.arrays, position, none)
     found.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
     probes.spread(found.polygons, found.counts, np.zeros((1, 1, 2)))
-    irradiance(tracer, None, 1, None)
+
+
+def _microlenses() -> None:
+    micro_images(_plenoptic(1.0))
+
+
+def _micro_images() -> None:
+    tracer = _plenoptic(0.0)
+    micro_light(tracer, micro_images(tracer))
+
+
+def _images() -> None:
+    irradiance(_tracer(), None, 1, None)
+    _shine(Target(Checkerboard(columns=2, rows=1, square_mm=1.0)))
+
+
+def _shapes() -> None:
     board = Checkerboard(columns=2, rows=1, square_mm=1.0)
     board.radiance(np.zeros(1), np.zeros(1))
-    rays = np.array([[0.0, 0.0, 1.0]])
     corners, one = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 1.0),)
-    bent = Warped(deflection_mm=(0.0, 0.0)), Cylinder(radius_mm=9.0)
-    mesh = MeshTarget(vertices_mm=corners, triangles=((0, 1, 2),), albedo=one, points_mm=one, normals=one)
-    targets: list[AnyTarget] = [Target(board), *(Target(board, shape) for shape in bent), mesh]
-    for target in targets:
-        target.points()
-        TargetLight([(target, np.eye(4))], 0.0).radiance(rays, rays)
+    for shape in (Warped(deflection_mm=(0.0, 0.0)), Cylinder(radius_mm=9.0)):
+        _shine(Target(board, shape))
+    _shine(MeshTarget(vertices_mm=corners, triangles=((0, 1, 2),), albedo=one, points_mm=one, normals=one))
+
+
+def _shine(target: AnyTarget) -> None:
+    ray = np.array([[0.0, 0.0, 1.0]])
+    target.points()
+    TargetLight([(target, np.eye(4))], 0.0).radiance(ray, ray)
+
+
+def _search() -> None:
     image, cell, quads = np.zeros((2, 2, 2)), np.zeros((2, 2), np.int64), np.zeros((1, 3), np.int64)
     search.quads_that_hold(image, cell, np.zeros((1, 2)), quads)
     search.solve_quads(image, cell, np.zeros((1, 2)), quads, True, 0.1, 0.1, np.zeros(1, np.int64), np.zeros((1, 9)))
     search.nearest_positions(image, cell, np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1, 2), np.int64))
+
+
+_RUN = {
+    "lens": _lens,
+    "microlenses": _microlenses,
+    "micro_images": _micro_images,
+    "images": _images,
+    "shapes": _shapes,
+    "search": _search,
+}

@@ -13,9 +13,12 @@ from pipeline.jit import inline, kernel
 @kernel
 def blend(fields, basis, nodes):
     """Nodes (a, r, 3), written: the sum of fields (k, a, r, 3) with weights (k,)."""
-    nodes[:] = 0.0
-    for k in range(basis.shape[0]):
-        nodes += basis[k] * fields[k]
+    for i in range(nodes.shape[0]):
+        for j in range(nodes.shape[1]):
+            for c in range(nodes.shape[2]):
+                nodes[i, j, c] = 0.0
+                for k in range(basis.shape[0]):
+                    nodes[i, j, c] += basis[k] * fields[k, i, j, c]
 
 
 @kernel

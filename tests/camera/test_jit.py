@@ -1,25 +1,32 @@
 """Compiled kernels are kept under a digest of all sources that can change them, and used only if they are whole."""
 
 import errno
+import math
 import os
 import pickle
+import re
 import threading
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 from pipeline import kernel_files
+from pipeline.engine.graph import Task
 from pipeline.errors import EnvironmentFault
-from pipeline.jit import _source_digest
+from pipeline.jit import Kernel, _source_digest, inline, kernel, unit
 from pipeline.kernel_cache import KernelCache
-from pipeline.tasks.build import compile_once
+from pipeline.tasks.build import compile_once, project
+from pipeline.tasks.kernel_steps import steps_of
 
+ROOT = Path(__file__).parents[2]
 SOURCES = {
     "room/__init__.py": "LAST = 3",
     "room/kernels.py": "from pipeline.jit import kernel\nfrom pipeline.room.table import ROW\n@kernel\ndef f(x): ...",
     "room/table.py": "from pipeline import units\nimport pipeline.room\nROW = units.MM",
     "units.py": "MM = 1",
+    "kernel_compiler.py": "OPTIONS = {}",
     "apart.py": "from pipeline.room import kernels",
 }
 
@@ -34,7 +41,9 @@ def package(tmp_path):
     return tmp_path / "pipeline"
 
 
-@pytest.mark.parametrize("name", ["room/kernels.py", "room/table.py", "units.py", "room/__init__.py"])
+@pytest.mark.parametrize(
+    "name", ["room/kernels.py", "room/table.py", "units.py", "room/__init__.py", "kernel_compiler.py"]
+)
 def test_an_edit_of_what_a_kernel_reaches_compiles_anew(package, name):
     """Numba compiles constants in and looks at the kernel's own file alone."""
     before = _source_digest(package)
@@ -52,6 +61,33 @@ def test_comments_and_modules_that_no_kernel_reaches_do_not_count(package):
 def twice(x):
     """What is compiled here."""
     return 2.0 * x
+
+
+@unit
+def sum_of_squares(x, count):
+    """Part of a kernel that is compiled once."""
+    total = 0.0
+    for i in range(count):
+        total += square(x[i])
+    return total
+
+
+@inline
+def square(x):
+    """Part of the part."""
+    return x * x
+
+
+@inline
+def itself(x):
+    """What no inline function may do."""
+    return x
+
+
+@kernel
+def length(x):
+    """Driver of a unit."""
+    return math.sqrt(sum_of_squares(x, x.size))
 
 
 class Bomb:
@@ -92,6 +128,74 @@ def other_types(path):
     dispatcher(4)
     other = next(file for file in path.parent.iterdir() if file != path)
     other.replace(path)
+
+
+@pytest.fixture
+def fresh(monkeypatch, folder):
+    """Gives a driver and its unit as a fresh process has them, with the folder of this test."""
+    monkeypatch.setattr("pipeline.jit.cache_folder", lambda: folder)
+
+    def load():
+        unit_of_test, driver = Kernel(sum_of_squares.__wrapped__, "unit"), Kernel(length.__wrapped__, "kernel")
+        monkeypatch.setitem(globals(), "sum_of_squares", unit_of_test)
+        assert driver(np.array([3.0, 4.0])) == 5.0
+        return driver.compiled.stats, unit_of_test.compiled.stats
+
+    return load
+
+
+def loaded(stats):
+    """Whether code came from the folder."""
+    return bool(stats.cache_hits) and not stats.cache_misses
+
+
+def test_a_unit_is_kept_by_itself_and_loaded_before_its_driver(fresh, folder, said):
+    assert not any(loaded(stats) for stats in fresh())
+    assert sorted(path.name.rsplit(".", 1)[1].split("-")[0] for path in folder.iterdir()) == [
+        "length",
+        "sum_of_squares",
+    ]
+    assert all(loaded(stats) for stats in fresh()) and not said
+
+
+@pytest.mark.parametrize("damaged", ["length", "sum_of_squares"])
+def test_a_damaged_unit_is_compiled_again_and_the_driver_calls_that(fresh, folder, said, damaged):
+    fresh()
+    next(path for path in folder.iterdir() if damaged in path.name).write_bytes(b"")
+    assert [loaded(stats) for stats in fresh()] == [damaged != "length", damaged == "length"]
+    assert len(said) == 1 and all(loaded(stats) for stats in fresh())
+
+
+def test_a_driver_of_a_unit_of_another_name_is_compiled_again(fresh, folder, said, monkeypatch):
+    """The linker would end the process."""
+    fresh()
+    next(path for path in folder.iterdir() if "sum_of_squares" in path.name).unlink()
+    monkeypatch.setattr("pipeline.kernel_compiler.DriverCompiler.digest", "0123456789abcdef")
+    assert not any(loaded(stats) for stats in fresh())
+    assert ["there is no" in text for text in said] == [True] and all(loaded(stats) for stats in fresh())
+
+
+def test_the_code_of_a_unit_is_not_copied_into_its_driver(fresh):
+    driver = Kernel(length.__wrapped__, "kernel")
+    driver(np.array([3.0, 4.0]))
+    (code,) = driver.compiled.inspect_llvm().values()
+    assert re.search(r"^declare .*sum_of_squares", code, re.MULTILINE) and "define" in code
+    assert not re.search(r"^define .*sum_of_squares", code, re.MULTILINE)
+
+
+def test_python_may_call_parts_of_kernels():
+    assert square(3.0) == 9.0 and sum_of_squares(np.array([3.0, 4.0]), 2) == 25.0
+
+
+def test_an_inline_function_returns_no_array():
+    """It counts no references, so the caller would free what is not its own."""
+
+    @kernel
+    def bad(x):
+        return itself(x)[0]
+
+    with pytest.raises(TypeError, match="itself is inline"):
+        bad(np.zeros(1))
 
 
 DAMAGE = {
@@ -209,6 +313,30 @@ def test_processes_that_compile_at_once_do_not_disturb_one_another(tmp_path, sai
     assert [file.name for file in tmp_path.iterdir()] == ["k"]
 
 
+def test_a_graph_compiles_what_its_tasks_call():
+    """Examples 1 and 2 search in position images, 2 and 3 have plain microlenses; no target is bent."""
+
+    def steps(example):
+        graph = project(ROOT / "examples" / example / "dataset.usda").graph
+        return steps_of(graph[name] for name in graph)
+
+    assert steps("01_conventional") == ("lens", "images", "search")
+    assert steps("02_plenoptic") == ("lens", "micro_images", "images", "search")
+    assert steps("03_paper_evaluation") == ("lens", "micro_images", "images")
+
+
+def test_tilted_microlenses_and_bent_targets_have_steps_of_their_own():
+    focus = task("focus", {"request": {"microlenses": {"model": "thin", "tilt_x_deg": 0.0, "tilt_y_deg": 1.0}}})
+    image = task("image", {"targets": [{"target": {"kind": "mesh"}}]})
+    assert steps_of([focus]) == ("lens", "microlenses")
+    assert steps_of([image, focus]) == ("lens", "microlenses", "images", "shapes")
+
+
+def task(kind, params):
+    """A task of a graph."""
+    return Task(name="x", kind=f"pipeline.tasks.{kind}", params=params, canonical=b"", reads={})
+
+
 def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatch):
     from pipeline import kernel_cache
     from pipeline.jit import cache_folder
@@ -217,7 +345,7 @@ def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatc
     monkeypatch.setattr(kernel_cache, "used", {"a", "b"})
     calls, said = [], []
 
-    def compile_kernels():
+    def compile_kernels(steps):
         calls.append(1)
         for name in "ab":
             kernel_files.write(cache_folder() / name, name.encode())

@@ -1,0 +1,200 @@
+"""Compilers of the three kinds of kernels: what Numba does for each, and what it is spared.
+
+A driver is compiled as Numba does it. A unit is machine code under a name that is the same in every process, and other
+code calls it by that name: it is declared in its callers, not copied into them. An inline function is kept as LLVM's
+intermediate code for the functions that call it, neither optimised nor made machine code by itself. Units and inline
+functions make no arrays, and count no references to them.
+"""
+
+import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import typed_passes, types, untyped_passes
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.registry import cpu_target
+from numba.core.targetconfig import ConfigStack
+from numba.core.typed_passes import NoPythonBackend
+
+_UNUSED = {
+    untyped_passes.WithLifting,
+    untyped_passes.InlineClosureLikes,
+    untyped_passes.RewriteSemanticConstants,
+    untyped_passes.DeadBranchPrune,
+    untyped_passes.RewriteDynamicRaises,
+    untyped_passes.MakeFunctionToJitFunction,
+    untyped_passes.InlineInlinables,
+    untyped_passes.FindLiterallyCalls,
+    untyped_passes.LiteralUnroll,
+    untyped_passes.LiteralPropagationSubPipelinePass,
+    typed_passes.InlineOverloads,
+    typed_passes.AnnotateTypes,
+    typed_passes.DumpParforDiagnostics,
+}
+"""Passes for closures, generators of code, exceptions and reports. After each the whole function is analysed anew."""
+_make_function = importlib.import_module("numba._dynfunc").make_function
+Unit = tuple[str, str, tuple[Any, ...], str]
+"""Module and name of a unit, types of its arguments, and the name of its code."""
+
+
+class _Header(JITCodeLibrary):
+    """Code to be compiled into others."""
+
+    def add_llvm_module(self, module: Any) -> None:
+        self._final_module.link_in(module)
+
+    def finalize(self) -> None:
+        for library in dict.fromkeys(self._linking_libraries):
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _HeaderBackend(NoPythonBackend):
+    """End of the compilation of an inline function: callers find it, Python does not."""
+
+    _name = "header_backend"
+
+    def run_pass(self, state: Any) -> bool:
+        lowered, library = state["cr"], state.library
+        if not state.flags.nrt and state.targetctx.data_model_manager[state.return_type].contains_nrt_meminfo():
+            raise TypeError(
+                f"{state.func_id.func_qualname} is inline and counts no references: it cannot return arrays"
+            )
+        module, name = lowered.fndesc.lookup_module(), state.func_id.func_name
+        entry = _make_function(module, name, "", 0, lowered.env, (library,))
+        state.targetctx.insert_user_function(entry, lowered.fndesc, [library])
+        state["cr"] = lowered._replace(cfunc=entry)
+        return super().run_pass(state)
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _UnitBackend(NoPythonBackend):
+    """End of the compilation of a unit: nothing of it is copied into callers."""
+
+    _name = "unit_backend"
+
+    def run_pass(self, state: Any) -> bool:
+        state.library._shared_module = llvm.parse_assembly("")
+        return super().run_pass(state)
+
+
+class DriverCompiler(CompilerBase):
+    """Compiler of functions that Python calls."""
+
+    backend: type[NoPythonBackend] = NoPythonBackend
+    digest = ""
+
+    def define_pipelines(self) -> list[Any]:
+        """Numba's passes without those for what kernels do not do, and with the backend of this kind."""
+        self.state.func_id.unique_id = self.digest
+        manager = PassManager(self.backend._name)
+        for step, text in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
+            if step not in _UNUSED:
+                manager.add_pass(self.backend if step is NoPythonBackend else step, text)
+        manager.finalize()
+        return [manager]
+
+
+class UnitCompiler(DriverCompiler):
+    """Compiler of functions that kernels call by name."""
+
+    backend = _UnitBackend
+
+
+class InlineCompiler(DriverCompiler):
+    """Compiler of functions that become part of those that call them."""
+
+    backend = _HeaderBackend
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags.no_compile = True
+        self.state.library = _Header(self.state.targetctx.codegen(), "header")
+
+
+_WRAPPED = {"no_cpython_wrapper": False, "no_cfunc_wrapper": True}
+_BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "kernel": {"pipeline_class": DriverCompiler, **_WRAPPED},
+    "unit": {"pipeline_class": UnitCompiler, "_nrt": False, **_BARE},
+    "inline": {"pipeline_class": InlineCompiler, "_nrt": False, **_BARE},
+    "buffers": {"pipeline_class": InlineCompiler, **_BARE},
+}
+"""Options of Numba for each kind of kernel. Drivers alone hold arrays and count references to them."""
+
+
+_known: dict[Any, Any] = {}
+"""What functions give for types of arguments, as our compilations found it."""
+
+
+@contextmanager
+def remembering() -> Iterator[None]:
+    """Remember what functions give while our kernels are compiled; compilations of others go on as Numba does them.
+
+    Numba looks at all its overloads of + at each +: a third of the time that a compilation takes.
+    """
+    context = cpu_target.typing_context
+    if "_resolve_user_function_type" in vars(context):  # a kernel is compiled because another one is
+        yield
+        return
+    resolve = context._resolve_user_function_type
+
+    def resolved(function: Any, arguments: Any, keywords: Any, *more: Any) -> Any:
+        flags, key = ConfigStack.top_or_none(), (function, tuple(arguments))
+        if isinstance(function, types.Dispatcher) or keywords or more or flags is None or not _is_hashable(key):
+            return resolve(function, arguments, keywords, *more)
+        if (key, flags.nrt) not in _known:
+            _known[key, flags.nrt] = resolve(function, arguments, keywords)
+        return _known[key, flags.nrt]
+
+    context._resolve_user_function_type = resolved
+    try:
+        yield
+    finally:
+        del context._resolve_user_function_type
+
+
+def _is_hashable(key: Any) -> bool:
+    """Whether a key holds no slice of constants."""
+    try:
+        hash(key)
+    except TypeError:
+        return False
+    return True
+
+
+def take_any_number(dispatcher: Any) -> None:
+    """Let a function be compiled for numbers and not once more for 0 and -1."""
+    template = dispatcher.get_call_template
+    dispatcher.get_call_template = lambda arguments, keywords: template(
+        [types.unliteral(argument) for argument in arguments], keywords
+    )
+
+
+def units_of(library: Any) -> Iterator[Unit]:
+    """Units that the code of a library calls."""
+    for other in dict.fromkeys(library._linking_libraries):
+        if hasattr(other, "unit"):
+            yield other.unit
+        else:
+            yield from units_of(other)
+
+
+def load_unit(unit: Unit) -> None:
+    """Make sure that code which calls a unit can be loaded: a name without code would end the process.
+
+    Raises
+    ------
+    LookupError
+        The unit has code of another name.
+    """
+    module, name, arguments, symbol = unit
+    dispatcher = getattr(importlib.import_module(module), name).compiled
+    dispatcher.compile(arguments)
+    if dispatcher.overloads[arguments].fndesc.llvm_func_name != symbol:
+        raise LookupError(f"there is no {symbol}")
