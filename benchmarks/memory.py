@@ -3,9 +3,9 @@
     python benchmarks/memory.py [--small] [--keep FOLDER]
 
 The paper's plenoptic rig behind 6576 x 4384 pixels of 5.5 µm, K = 2, one frame, every method of ground truth. Each task
-runs in a process of its own. One tile of each kind runs as it is. The whole, at full size, is joined from copies of it;
-tiles of micro-images and of target points run all. Position images are those of rows that see no point of the board, so
-that the ground truth searches all of them and solves every row directly.
+runs in a process of its own. One tile of each kind runs as it is. The whole, at full size, is joined from that
+one and others of one value; tiles of micro-images and of target points run all. So position images see no point of the
+board: the ground truth searches all of them, and `moments` solves every row directly.
 """
 
 import argparse
@@ -18,6 +18,8 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from pipeline.engine.graph import Task, TaskGraph
 from pipeline.engine.memory import PeakMeter
@@ -96,20 +98,25 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self.folder, self.rows = folder, list[dict[str, Any]]()
 
-    def run(self, graph: TaskGraph, name: str, label: str | None = None) -> None:
+    def run(self, graph: TaskGraph, name: str, label: str) -> None:
         """One task in a process of its own, on what is there of the tasks that it reads; noted under a label."""
         task, out = graph[name], self.folder / name
+        took_file = out.parent / f"{out.name} {label}.took"
+        if not took_file.exists():
+            took_file.write_text(json.dumps(self._measured(task, out)), encoding="utf-8")
+        self.rows.append({"task": label, **json.loads(took_file.read_text(encoding="utf-8"))})
+        tell(self.rows[-1])
+
+    def _measured(self, task: Task, out: Path) -> dict[str, float]:
+        """What a task takes."""
         out.mkdir(parents=True, exist_ok=True)
         spec = {"kind": task.kind, "params": task.params, "inputs": self._inputs(task), "out": str(out)}
         (out.parent / f"{out.name}.json").write_text(json.dumps(spec), encoding="utf-8")
         command = [sys.executable, str(Path(__file__).resolve()), "--task", str(out.parent / f"{out.name}.json")]
         said = subprocess.run(command, capture_output=True, text=True, check=False)
         if said.returncode:
-            raise SystemExit(f"{name}: {said.stderr}")
-        took = json.loads(said.stdout.splitlines()[-1])
-        if label:
-            self.rows.append({"task": label, **took})
-            tell(self.rows[-1])
+            raise SystemExit(f"{task.name}: {said.stderr}")
+        return dict(json.loads(said.stdout.splitlines()[-1]))
 
     def run_all(self, graph: TaskGraph, kind: str) -> None:
         """All tasks of a kind; the largest counts."""
@@ -124,7 +131,7 @@ class Bench:
         self.rows = before
 
     def one_for_all(self, graph: TaskGraph, kind: str) -> None:
-        """The first tile of a kind, and copies of its arrays for the others."""
+        """The first tile of a kind, and for the others arrays of its first value."""
         names = tiles_of(graph, kind)
         if not names:
             return
@@ -132,12 +139,16 @@ class Bench:
         for name in names[1:]:
             (self.folder / name).mkdir(parents=True, exist_ok=True)
             share = height_of(graph[name]) / height_of(graph[names[0]])
+            alike = next((one for one in names[1:] if height_of(graph[one]) == height_of(graph[name])), name)
             for file in (self.folder / names[0]).iterdir():
-                if share == 1:
-                    os.link(file, self.folder / name / file.name)
+                there = self.folder / name / file.name
+                if there.exists():
+                    continue
+                if alike != name:
+                    os.link(self.folder / alike / file.name, there)
                 else:
                     pixels = read_npy(file)
-                    write_npy(self.folder / name / file.name, pixels[: round(len(pixels) * share)])
+                    write_npy(there, np.full_like(pixels[: round(len(pixels) * share)], pixels.flat[0]))
 
     def _inputs(self, task: Task) -> dict[str, dict[str, str]]:
         return {
@@ -149,7 +160,7 @@ class Bench:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--small", action="store_true", help="few pixels: does it run at all?")
-    parser.add_argument("--keep", type=Path, help="make files here, and leave them")
+    parser.add_argument("--keep", type=Path, help="make files here, leave them, and go on with what is there")
     parser.add_argument("--task", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.task:
@@ -180,17 +191,17 @@ def measure(bench: Bench, folder: Path, size: tuple[int, int]) -> list[dict[str,
     rig, searched = graph_with(folder, size, "direct"), graph_with(folder, size, "moments")
     for kind in ("focus", "planes", "pinhole"):
         bench.run(rig, f"{kind}/{CAMERA}", kind)
-    for kind in ("truth_tile", "micro_images_tile"):
-        bench.run_all(rig, kind)
+    bench.run_all(rig, "micro_images_tile")
+    bench.run(rig, f"micro_images/{CAMERA}", "micro_images")
+    bench.one_for_all(searched, "rays_tile")
+    bench.run(searched, f"rays/{CAMERA}", "rays")
+    bench.run_all(rig, "truth_tile")
     bench.run(rig, f"truth/{CAMERA}/0001", "truth, direct")
     bench.run(rig, f"certificate/{CAMERA}", "certificate")
-    bench.run(rig, f"micro_images/{CAMERA}", "micro_images")
+    bench.run(searched, f"truth/{CAMERA}/0001", "truth, moments")
     for kind, joined in (("image_tile", f"image/{CAMERA}/0001"), ("white_tile", f"white/{CAMERA}")):
         bench.one_for_all(rig, kind)
         bench.run(rig, joined, kind.partition("_")[0])
-    bench.one_for_all(searched, "rays_tile")
-    bench.run(searched, f"rays/{CAMERA}", "rays")
-    bench.run(searched, f"truth/{CAMERA}/0001", "truth, moments")
     traced = graph_with(folder, size, "image")
     bench.run(traced, f"positions/{CAMERA}/0001", "positions")
     bench.run(traced, f"truth/{CAMERA}/0001", "truth, image")

@@ -33,6 +33,12 @@ WORKERS = (1, 2, 8, 64)
 
 METHOD = """#usda 1.0
 (
+    defaultPrim = "{root}"
+    metersPerUnit = 0.001
+    upAxis = "Y"
+    startTimeCode = {first}
+    endTimeCode = {last}
+    timeCodesPerSecond = 24
     subLayers = [
         @{stage}@
     ]
@@ -74,10 +80,12 @@ def main() -> None:
 def graph_at(stage: Path, method: str | None, folder: Path) -> TaskGraph:
     """Tasks of a stage, with another method of ground truth if one is named."""
     if method:
-        root = load(stage).dataset
-        assert root is not None
+        dataset = require_dataset(load(stage), stage)
+        numbers = [frame.number for frame in dataset.frames]
+        frames = {"first": min(numbers), "last": max(numbers)}
         path = folder / "dataset.usda"
-        path.write_text(METHOD.format(stage=stage, root=root.stage_name, method=method), encoding="utf-8")
+        text = METHOD.format(stage=stage, root=dataset.stage_name, method=method, **frames)
+        path.write_text(text, encoding="utf-8")
         stage = path
     return graph_of(require_dataset(load(stage, [stage.parent, EXAMPLES.parent]), stage))[0]
 

@@ -18,11 +18,11 @@ _BUNDLE_RAYS, _MOST_OF_BUNDLES = 20_000_000, 512
 """Rays of a tile of bundles, 50 ns each."""
 _POSITIONS = 1 << 21
 """Fine positions of a tile, 120 bytes each: where few rays are traced of each, memory is what counts."""
-_IMAGE_RAYS, _MOST_OF_IMAGES = 8_000_000, 128
+_IMAGE_RAYS, _MOST_OF_IMAGES = 5_000_000, 128
 """Samples of pixels of a tile, 100 ns each: behind microlenses a pixel takes 1.4 times as many."""
 _MICROLENSES = 1024
 """Microlenses of a tile, a millisecond each."""
-_ROWS = 256
+_ROWS = 192
 """Rows of ground truth of a tile, some milliseconds each."""
 _MICRO_IMAGES_OF_A_POINT = 24
 """About as many see a point behind the array that the rigs of the library have."""
