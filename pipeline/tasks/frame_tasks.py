@@ -14,7 +14,7 @@ from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.poses import target_poses
 from pipeline.tasks.things import Things, matrix
-from pipeline.tasks.tiles import Bands, image_bands
+from pipeline.tasks.tiles import Bands, image_bands, point_tiles
 from pipeline.truth.on_points import plane_name
 from pipeline.truth.settings import TruthSettings
 
@@ -90,6 +90,8 @@ class FrameTasks:
         self._image = {**image_params(entry), "background": dataset.background}
         self._truth = _truth_params(entry)
         self._reads = {"camera": f"focus/{entry.name}"}
+        sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
+        self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
         self._judged: list[dict[str, Any]] = []
         self._posed: list[dict[str, Any]] = []
 
@@ -151,7 +153,21 @@ class FrameTasks:
                 reads["micro_images"] = f"micro_images/{self.entry.name}"
         if self.settings.method == "image":
             reads["positions"] = self._add_positions(name, folder, poses)
-        return self.graph.add(f"truth/{name}", f"{KIND}truth", params, reads)
+        tiles = self._add_truth_tiles(name, params, reads)
+        if tiles:
+            params = {key: params[key] for key in ("frame", "camera", "truth", "labels")}
+        params = {**params, "tiles": len(tiles)}
+        return self.graph.add(f"truth/{name}", f"{KIND}truth", params, {**reads, **tiles})
+
+    def _add_truth_tiles(self, name: str, params: dict[str, Any], reads: dict[str, str]) -> dict[str, str]:
+        """Tasks that solve some points each; role and name of each. Searches in position images are one task."""
+        some = self._points if self.settings.method == "direct" else []
+        return {
+            f"tile{number}": self.graph.add(
+                f"truth_tile/{name}/{number:04d}", f"{KIND}truth_tile", {**params, "points": points}, reads
+            )
+            for number, points in enumerate(some if len(some) > 1 else [])
+        }
 
     def _add_positions(self, name: str, folder: str, poses: dict[str, np.ndarray]) -> str:
         entry = self.entry

@@ -82,7 +82,7 @@ def position_image(
         here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
     result = np.full((here.size, 2), np.nan, np.float32)
-    for piece in stretches(tracer, images, k, first, end):
+    for piece in stretches(tracer, images, k, first, end) if here.any() else ():
         some = here.ravel()[piece.index]
         arguments = piece.positions_mm[some], piece.lens[some], planes, params["samples"], piece.pixels[some]
         result[piece.index[some]] = tracer.moments(*arguments, params["square_px"])[:, :2]

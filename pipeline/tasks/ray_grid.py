@@ -56,6 +56,7 @@ class RayFile:
             microlenses=self.microlenses,
             centres_px=self.centres_px,
             square_steps=self._square_steps,
+            first_px=(columns.start, rows.start),
         )
 
 

@@ -187,7 +187,7 @@ class _Group:
         """Columns as derived again, and by how much the stated ones may differ."""
         settings, is_direct = self.camera.settings, again.method == "direct"
         claim = settings.claim_px or NO_CLAIM_PX
-        # Rows by `direct` end where the steps of all rows solved with them are short enough.
+        # Rows by `direct` of a search begin where that has left them, and end within the claim.
         moved = np.where(is_direct, claim + 3 * np.hypot(*again.sigma_px.T), _SAME_PX)
         blur, trace = again.blur_px2, np.trace(again.blur_px2, axis1=1, axis2=2)
         blurred = _SAME_BLUR * trace + _SAME_BLUR_PX2

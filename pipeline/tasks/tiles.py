@@ -18,11 +18,11 @@ _BUNDLE_RAYS, _MOST_OF_BUNDLES = 20_000_000, 512
 """Rays of a tile of bundles, 50 ns each."""
 _POSITIONS = 1 << 21
 """Fine positions of a tile, 120 bytes each: where few rays are traced of each, memory is what counts."""
-_IMAGE_RAYS, _MOST_OF_IMAGES = 8_000_000, 128
+_IMAGE_RAYS, _MOST_OF_IMAGES = 5_000_000, 128
 """Samples of pixels of a tile, 100 ns each: behind microlenses a pixel takes 1.4 times as many."""
 _MICROLENSES = 1024
 """Microlenses of a tile, a millisecond each."""
-_ROWS = 256
+_ROWS = 192
 """Rows of ground truth of a tile, some milliseconds each."""
 _MICRO_IMAGES_OF_A_POINT = 24
 """About as many see a point behind the array that the rigs of the library have."""
@@ -54,6 +54,23 @@ def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
     return max(1, math.ceil(width * height / (along * across) / _MICROLENSES))
 
 
-def point_bands(points: int, *, is_plenoptic: bool) -> Bands:
-    """Target points in each tile of ground truth that is solved point by point."""
-    return bands(points, points * (_MICRO_IMAGES_OF_A_POINT if is_plenoptic else 1) / _ROWS) if points else []
+def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str, list[int]]]:
+    """First and end of the points of each target, by name, in each tile of truth that is solved point by point.
+
+    Parameters
+    ----------
+    points : dict
+        Number of points of each target.
+    """
+    count = sum(points.values())
+    rows = count * (_MICRO_IMAGES_OF_A_POINT if is_plenoptic else 1)
+    tiles = []
+    for low, high in bands(count, rows / _ROWS) if count else []:
+        before, some = 0, dict[str, list[int]]()
+        for name, size in sorted(points.items()):
+            first, end = max(low - before, 0), min(high - before, size)
+            if first < end or (size == 0 and low == 0):
+                some[name] = [first, end]
+            before += size
+        tiles.append(some)
+    return tiles

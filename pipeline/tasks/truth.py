@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 
 from pipeline.files.exr_bands import ExrWindows
-from pipeline.files.tables import write_table
+from pipeline.files.jsonfile import read_json
+from pipeline.files.tables import read_table, write_table
 from pipeline.records import from_plain
 from pipeline.target.points import TargetPoints
 from pipeline.target.target import target_from_plain
-from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.cameras import Inputs, focused_camera, tracer_of
 from pipeline.tasks.ray_grid import RayFile, rows_of
 from pipeline.tasks.surroundings import surroundings_of
-from pipeline.tasks.truth_table import column_order, columns_of, header_of, note_of
+from pipeline.tasks.truth_table import TargetNote, column_order, columns_of, header_of
 from pipeline.truth.column_sets import column_names, column_set
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid, Rays
-from pipeline.truth.on_points import ImageOf, Place, correspond_points, plane_name
+from pipeline.truth.on_points import ImageOf, correspond_points, largest_sag_mm, plane_name
 from pipeline.truth.own_bundle import with_own_bundles
 from pipeline.truth.polish import polished
 from pipeline.truth.position_image import on_target
@@ -29,13 +30,27 @@ from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
 from pipeline.truth.visibility import seen
 
+ROWS, NOTES = "rows.csv", "notes.json"
+"""What tiles write."""
 Traced = Callable[[int, slice, slice], np.ndarray]
 """(number of a tangent plane, rows and columns of the fine grid) to its traced position image there."""
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frame, camera, targets (list of {name, target, vision_from_target}), occluders, truth, square_px and
-    labels."""
+    """Params: frame, camera, truth, labels, tiles (number); without tiles also targets (list of {name, target,
+    vision_from_target}), occluders, square_px."""
+    settings = from_plain(TruthSettings, params["truth"])
+    notes, columns = joined(inputs, params["tiles"]) if params["tiles"] else target_rows(params, inputs)
+    k = None if settings.method == "direct" else RayFile(inputs).supersampling
+    head = header_of(params, settings, k, is_plenoptic=focused_camera(inputs).microlenses is not None)
+    write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
+
+
+def target_rows(params: dict[str, Any], inputs: Inputs) -> tuple[list[TargetNote], dict[str, list[Any]]]:
+    """What is told of each target, and the columns of the rows of all of them.
+
+    Params: `points`, first and end of the points of each target that are asked for, by name; else all.
+    """
     settings = from_plain(TruthSettings, params["truth"])
     rig = Rig(*tracer_of(inputs, params["labels"]["seed"]), params["square_px"])
     rays = None if settings.method == "direct" else RayFile(inputs)
@@ -44,25 +59,44 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     notes = []
     entries = sorted(params["targets"], key=lambda entry: entry["name"])
     surroundings = surroundings_of(entries, params["occluders"])
+    asked = params.get("points") or {entry["name"]: None for entry in entries}
     for number, entry in enumerate(entries):
+        name = entry["name"]
+        if name not in asked:
+            continue
         target, pose = target_from_plain(entry["target"]), np.array(entry["vision_from_target"])
         points = target.points()
-        traced = functools.partial(_traced, positions, entry["name"], len(points.frames)) if positions else None
-        found, more = correspondences(rig, rays, settings, points, pose, traced), []
-        if found is not None:
-            planes = tangent_planes(pose, points.position_mm, points.plane_axes)
-            found, visibility = seen(rig, surroundings, number, found, planes)
-            rows = columns_of(params, entry["name"], points, pose, rig, found, visibility)
-            for name in settings.column_sets:
-                extra = column_set(name, rig, target, pose, planes, found.found)
-                rows |= dict(zip(column_names(name), extra.x_px.T, strict=True))
-                more.append(extra.note)
-            for name, column in rows.items():
-                columns[name].extend(column)
-        notes.append("; ".join([f"{entry['name']}: {note_of(found, points, pose)}", *more]))
-    k = rays.supersampling if rays else None
-    head = header_of(params, settings, k, is_plenoptic=rig.images is not None)
-    write_table(out / "correspondences.csv", [*head, *notes], columns)
+        some = slice(*asked[name] or (0, len(points.kinds)))
+        traced = functools.partial(_traced, positions, name, len(points.frames)) if positions else None
+        found = correspondences(rig, rays, settings, points, pose, traced, some)
+        if found is None:
+            notes.append(TargetNote(target=name, counts=None))
+            continue
+        planes, sets = tangent_planes(pose, points.position_mm, points.plane_axes), []
+        found, visibility = seen(rig, surroundings, number, found, planes)
+        rows = columns_of(params, name, points, pose, rig, found, visibility)
+        for extra in settings.column_sets:
+            positions_of = column_set(extra, rig, target, pose, planes, found.found)
+            rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))
+            sets.append(positions_of.note)
+        for column, values in rows.items():
+            columns[column].extend(values)
+        away, sag = int(np.sum(~faces_camera(planes[some]))), largest_sag_mm(found, points)
+        notes.append(TargetNote(target=name, counts=found.counts, away=away, sag_mm=sag, sets=tuple(sets)))
+    return notes, columns
+
+
+def joined(inputs: Inputs, tiles: int) -> tuple[list[TargetNote], dict[str, list[Any]]]:
+    """What tiles told, and the columns of their rows, in their order: that of targets and points."""
+    notes: dict[str, TargetNote] = {}
+    columns: dict[str, list[Any]] = {}
+    for number in range(tiles):
+        files = inputs[f"tile{number}"]
+        for note in (from_plain(TargetNote, plain) for plain in read_json(files[NOTES])["targets"]):
+            notes[note.target] = notes[note.target].joined(note) if note.target in notes else note
+        for name, cells in read_table(files[ROWS]).columns.items():
+            columns.setdefault(name, []).extend(cells)
+    return sorted(notes.values(), key=lambda note: note.target), columns
 
 
 def correspondences(
@@ -72,13 +106,19 @@ def correspondences(
     points: TargetPoints,
     pose: np.ndarray,
     traced: Traced | None,
+    some: slice = slice(None),
 ) -> Correspondences | None:
-    """All rows of one target, None if all of its points face away; `rays` is None for the method without images."""
+    """All rows of one target, None if all of its points face away; `rays` is None for the method without images.
+
+    That method may be asked for some points alone; the rows are the same.
+    """
     planes = tangent_planes(pose, points.position_mm, points.plane_axes)
     if not faces_camera(planes).any():
         return None
     if rays is None:
-        return solved(rig, settings, planes)
+        asked = np.zeros_like(planes)
+        asked[:, 0], asked[some] = planes[:, 0], planes[some]  # the others are turned neither to the camera nor away
+        return solved(rig, settings, asked)
     rows = correspond_points(points, rays, pose, unfiltered(settings), _position_images(settings.method, traced))
     return None if rows is None else finished(rig, rows, planes, settings)
 
@@ -111,10 +151,10 @@ def _traced(positions: ExrWindows, target: str, planes: int, number: int, rows: 
 def _position_images(method: str, traced: Traced | None) -> ImageOf:
     """J on the planes of a target, each in its own frame, by the method that the stage asks for."""
 
-    def image_of(number: int, pose: np.ndarray, rays: RayGrid, place: Place) -> np.ndarray:
+    def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
         if traced is not None:
-            k = rays.supersampling
-            return traced(number, *(slice(some.start * k, some.stop * k) for some in (place.rows, place.columns)))
+            k, (width, height), (left, above) = rays.supersampling, rays.size_px, rays.first_px
+            return traced(number, slice(above * k, (above + height) * k), slice(left * k, (left + width) * k))
         image = on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
         return corrected(image, rays, pose) if method == "moments" else image
 

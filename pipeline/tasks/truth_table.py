@@ -1,16 +1,16 @@
 """The table of correspondences: its header and notes, and the columns of one target."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pipeline.frames import apply
 from pipeline.target.points import TargetPoints
-from pipeline.truth.column_sets import SETS, column_names
+from pipeline.truth.column_sets import SETS, SetNote, column_names
 from pipeline.truth.correspond import Correspondences
-from pipeline.truth.on_points import largest_sag_mm
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import Rig, faces_camera, tangent_planes
+from pipeline.truth.solve import Rig
 from pipeline.truth.visibility import METHOD
 
 COLUMNS = (
@@ -85,18 +85,51 @@ def columns_of(
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def note_of(found: Correspondences | None, points: TargetPoints, pose: np.ndarray) -> str:
-    """Counts of the rows of a target by reason."""
-    if found is None:
-        return "no rows, because the camera sees its back"
-    said = [f"{name} {count}" for name, count in found.counts.items()]
-    away = int(np.sum(~faces_camera(tangent_planes(pose, points.position_mm, points.plane_axes))))
-    if away:
-        said.append(f"points_facing_away {away}")
-    sag_mm = largest_sag_mm(found, points)
-    if sag_mm:
-        said.append(f"largest sag of the surface from its tangent plane over the blur {sag_mm:.2g} mm")
-    return ", ".join(said)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetNote:
+    """What became of the points of a target, or of some of them.
+
+    Attributes
+    ----------
+    counts : dict or None
+        Rows by reason; None if the camera sees the target's back.
+    away : int
+        Points that face away.
+    sag_mm : float
+        Largest distance of the surface from its tangent plane over the blur of a row.
+    sets : tuple of SetNote
+        Of the further columns.
+    """
+
+    target: str
+    counts: dict[str, int] | None
+    away: int = 0
+    sag_mm: float = 0.0
+    sets: tuple[SetNote, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """For the header of a table."""
+        if self.counts is None:
+            return f"{self.target}: no rows, because the camera sees its back"
+        said = [f"{name} {count}" for name, count in self.counts.items()]
+        if self.away:
+            said.append(f"points_facing_away {self.away}")
+        if self.sag_mm:
+            said.append(f"largest sag of the surface from its tangent plane over the blur {self.sag_mm:.2g} mm")
+        return "; ".join([f"{self.target}: {', '.join(said)}", *(one.text for one in self.sets)])
+
+    def joined(self, other: "TargetNote") -> "TargetNote":
+        """Of the points of both, which are others."""
+        if self.counts is None or other.counts is None:
+            return self
+        return TargetNote(
+            target=self.target,
+            counts={name: count + other.counts[name] for name, count in self.counts.items()},
+            away=self.away + other.away,
+            sag_mm=max(self.sag_mm, other.sag_mm),
+            sets=tuple(mine.joined(theirs) for mine, theirs in zip(self.sets, other.sets, strict=True)),
+        )
 
 
 def header_of(

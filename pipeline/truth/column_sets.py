@@ -25,6 +25,43 @@ SETS = {
 """The sets in the order of their columns, and what each is."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetNote:
+    """What became of a set.
+
+    Attributes
+    ----------
+    rows : int
+        That have a position.
+    empty : dict
+        Rows without one, by reason.
+    error_px : float or None
+        Largest error of the computation; None where it knows none.
+    """
+
+    name: str
+    rows: int
+    empty: dict[str, int]
+    error_px: float | None
+
+    @property
+    def text(self) -> str:
+        """For the header of a table."""
+        empty = [f"{why} {count}" for why, count in self.empty.items() if count]
+        note = f"{self.name} {self.rows}" + (f" (empty: {', '.join(empty)})" if empty else "")
+        return note if self.error_px is None else f"{note}, its largest error {self.error_px:.1g} px"
+
+    def joined(self, other: "SetNote") -> "SetNote":
+        """Of the rows of both."""
+        errors = [note.error_px for note in (self, other) if note.error_px is not None]
+        return SetNote(
+            name=self.name,
+            rows=self.rows + other.rows,
+            empty={why: count + other.empty[why] for why, count in self.empty.items()},
+            error_px=max(errors, default=None),
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class ColumnSet:
     """One position per row of a target.
@@ -33,12 +70,11 @@ class ColumnSet:
     ----------
     x_px : (n, 2) float64
         NaN where there is none.
-    note : str
-        How many rows have one, why others have none, and the largest error of the computation.
+    note : SetNote
     """
 
     x_px: np.ndarray
-    note: str
+    note: SetNote
 
 
 def column_names(name: str) -> tuple[str, str]:
@@ -94,10 +130,6 @@ def _positions(rows: Found) -> np.ndarray:
 
 def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px: np.ndarray | None) -> ColumnSet:
     found = ~np.isnan(x_px[:, 0])
-    empty = [f"{why} {int(here.sum())}" for why, here in reasons.items() if here.any()]
-    note = f"{name} {int(found.sum())}"
-    if empty:
-        note += f" (empty: {', '.join(empty)})"
-    if error_px is not None and found.any():
-        note += f", its largest error {error_px[found].max():.1g} px"
-    return ColumnSet(x_px, note)
+    largest = float(error_px[found].max()) if error_px is not None and found.any() else None
+    empty = {why: int(here.sum()) for why, here in reasons.items()}
+    return ColumnSet(x_px, SetNote(name=name, rows=int(found.sum()), empty=empty, error_px=largest))

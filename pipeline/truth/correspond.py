@@ -125,17 +125,31 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
     accepted = status == search.ACCEPTED
     quads, best = quads[accepted], solutions[accepted]
     s, t = best[:, 7], best[:, 8]
-    column, row, gain = best[:, 0], best[:, 1], np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
+    corner = quads[:, 1:] + np.array(grid.first_px) * grid.supersampling
+    column, row = corner.T + [_from_corner(best[:, i], quads[:, 1 + i], share) for i, share in ((0, s), (1, t))]
+    gain = np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
     jacobian, error = best[:, 3:7].reshape(-1, 2, 2).transpose(0, 2, 1), np.full(len(best), np.nan)
     if settings.method == "moments":
         fit = quadratic.solve(image, grid.cell, quads[:, 1:], points[quads[:, 0]])
         known = ~np.isnan(fit.error)
-        column, row = np.where(known, fit.column, column), np.where(known, fit.row, row)
+        column, row = (
+            np.where(known, first + 0.5 + x, linear)
+            for first, x, linear in zip(corner.T, fit.x.T, (column, row), strict=True)
+        )
         gain, error = np.where(known, fit.noise_gain, gain), fit.error
         jacobian = np.where(known[:, None, None], fit.jacobian, jacobian)
     k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
     x, y = image_from_fine(column, k), image_from_fine(row, k)
     return Sightings(Found(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, 2], counts)
+
+
+def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Distances of solutions from the first corners of their quads: a share of a step on, or back from the other one.
+
+    The digits of the differences themselves depend on where the window begins.
+    """
+    apart = solution - corner
+    return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
 
 
 def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> Sightings:
@@ -145,11 +159,12 @@ def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tru
     point, cell = np.nonzero(where[..., 0] >= 0)
     column, row = where[point, cell].T
     row = row + own.start
+    first = np.array(grid.first_px) * grid.supersampling
     found = Found(
         point,
         cell,
-        image_from_fine(column, grid.supersampling),
-        image_from_fine(row, grid.supersampling),
+        image_from_fine(column + first[0], grid.supersampling),
+        image_from_fine(row + first[1], grid.supersampling),
         _central_jacobian(image, column, row) * grid.supersampling,
         np.ones(len(point)),
         np.full(len(point), np.nan),
@@ -273,7 +288,10 @@ def existing(rows: Correspondences, rays: Rays, settings: TruthSettings) -> Corr
 def _nearest_fine(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
     """Row and column of the fine position nearest to each solution."""
     k, (height, width) = grid.supersampling, grid.cell.shape
-    row, column = (np.rint(fine_from_image(np.nan_to_num(x), k)) for x in (found.y_px, found.x_px))
+    column, row = (
+        np.rint(fine_from_image(np.nan_to_num(x), k)) - first * k
+        for x, first in zip((found.x_px, found.y_px), grid.first_px, strict=True)
+    )
     return row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)
 
 
@@ -286,17 +304,17 @@ def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.
 
     NaN where none of the nine pixels around belongs to the cell.
     """
-    width, height = grid.size_px
+    (width, height), (left, above) = grid.size_px, grid.first_px
     k, n = grid.supersampling, len(found.point)
     covariance, near, far = np.full((n, 10), np.nan), np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     closest = np.full(n, np.inf)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
-            x = (np.rint(np.nan_to_num(found.x_px)) + dx).clip(0, width - 1).astype(int)
-            y = (np.rint(np.nan_to_num(found.y_px)) + dy).clip(0, height - 1).astype(int)
+            x = (np.rint(np.nan_to_num(found.x_px)) - left + dx).clip(0, width - 1).astype(int)
+            y = (np.rint(np.nan_to_num(found.y_px)) - above + dy).clip(0, height - 1).astype(int)
             # The fine position next to the pixel's centre tells whose bundle the pixel kept.
             fine = y * k + k // 2, x * k + k // 2
-            distance = np.hypot(x - found.x_px, y - found.y_px)
+            distance = np.hypot(x + left - found.x_px, y + above - found.y_px)
             usable = (grid.cell[fine] == found.cell) & (distance < closest) & ~np.isnan(grid.covariance[y, x, 0])
             closest = np.where(usable, distance, closest)
             covariance[usable] = grid.covariance[y, x][usable]

@@ -56,6 +56,9 @@ class RayGrid:
     square_steps : float
         Edge of the square around a position that its rays start on, in steps of the grid: 1, or 0 for the position
         itself.
+    first_px : (int, int)
+        Column and row of the first pixel in the whole image. Image positions are always those of the whole image: in
+        another window a sum of the same numbers would be rounded elsewhere.
     """
 
     supersampling: int
@@ -70,6 +73,7 @@ class RayGrid:
     microlenses: np.ndarray
     centres_px: np.ndarray | None
     square_steps: float = 0.0
+    first_px: tuple[int, int] = (0, 0)
 
     def window(self, rows: slice, columns: slice) -> "RayGrid":
         """The bundles of some rows and columns of the image alone; all micro-images stay."""
@@ -77,7 +81,10 @@ class RayGrid:
         fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
         names = ("near", "far", "hit_fraction", "error_px", "cell")
         return replace(
-            self, covariance=self.covariance[rows, columns], **{name: getattr(self, name)[fine] for name in names}
+            self,
+            covariance=self.covariance[rows, columns],
+            first_px=(self.first_px[0] + columns.start, self.first_px[1] + rows.start),
+            **{name: getattr(self, name)[fine] for name in names},
         )
 
     @property

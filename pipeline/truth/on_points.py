@@ -27,16 +27,8 @@ _BAND_POSITIONS = 1 << 20
 """Fine positions of a band, about 400 bytes each. Rows do not depend on it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Rows and columns of the image that a window holds."""
-
-    rows: slice
-    columns: slice
-
-
-ImageOf = Callable[[int, np.ndarray, RayGrid, Place], np.ndarray]
-"""(number of the plane, vision_from_plane, rays of a window, its place) to J there, in the frame of the plane."""
+ImageOf = Callable[[int, np.ndarray, RayGrid], np.ndarray]
+"""(number of the plane, vision_from_plane, rays of a window) to J there, in the frame of the plane."""
 
 
 def plane_name(target: str, number: int, planes: int) -> str:
@@ -61,7 +53,7 @@ def correspond_points(
         return None
     seen: dict[int, list[tuple[Correspondences, np.ndarray]]] = {plane.number: [] for plane in planes}
     for own, rows in _bands(rays):
-        band = _Band(rays.window(rows, slice(0, rays.size_px[0])), rows.start, own, settings)
+        band = _Band(rays.window(rows, slice(0, rays.size_px[0])), own, settings)
         for plane in planes:
             seen[plane.number].append(band.rows_of(plane, image_of))
     parts = [_best(plane, seen[plane.number], rays, settings) for plane in planes]
@@ -91,10 +83,9 @@ def _bands(rays: Rays) -> Iterator[tuple[slice, slice]]:
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """Rays of a band of whole rows, the first of which is `above` in the image; `own` are the rows to search."""
+    """Rays of a band of whole rows; `own` are the rows of the image to search."""
 
     rays: RayGrid
-    above: int
     own: slice
     settings: TruthSettings
 
@@ -105,14 +96,12 @@ class _Band:
         if len(plane.plane.members) == 1 and self.settings.method != "image":
             rows, columns = _window(self.rays, apply(plane.pose, plane.plane.points_mm)[0])
         window = self.rays.window(rows, columns)
-        place = Place(slice(self.above + rows.start, self.above + rows.stop), columns)
-        image = image_of(plane.number, plane.pose, window, place)
-        low, high = ((row - place.rows.start) * k for row in (self.own.start, self.own.stop))
+        image = image_of(plane.number, plane.pose, window)
+        low, high = ((row - window.first_px[1]) * k for row in (self.own.start, self.own.stop))
         own = slice(max(low, 0), max(min(high, len(image)), 0))
         seen = sightings(image, plane.plane.points_mm, window, self.settings, own)
-        found = replace(seen.found, x_px=seen.found.x_px + columns.start, y_px=seen.found.y_px + rows.start)
-        lit = with_light(found, self.rays, plane.pose, self.settings)
-        return replace(lit, counts=seen.counts).moved(np.array([0, self.above])), seen.nearest_mm
+        lit = with_light(seen.found, self.rays, plane.pose, self.settings)
+        return replace(lit, counts=seen.counts), seen.nearest_mm
 
 
 def _best(

@@ -20,8 +20,9 @@ class Fit:
 
     Attributes
     ----------
-    column, row : (n,) float64
-        NaN where the 16 values are not all there, or not in one micro-image.
+    x : (n, 2) float64
+        Column and row, from the middle of the quad; NaN where the 16 values are not all there, or not in one
+        micro-image.
     jacobian : (n, 2, 2) float64
         Derivative of J per step of the grid; columns are along columns and rows.
     noise_gain : (n,) float64
@@ -30,8 +31,7 @@ class Fit:
         Expected error of the solution by the fit's residuals, in steps of the grid.
     """
 
-    column: np.ndarray
-    row: np.ndarray
+    x: np.ndarray
     jacobian: np.ndarray
     noise_gain: np.ndarray
     error: np.ndarray
@@ -66,8 +66,7 @@ def solve(image: np.ndarray, cell: np.ndarray, quads: np.ndarray, points: np.nda
     terms = _terms(*x.T)
     gain = np.sqrt(np.einsum("na,ab,nb->n", terms, np.linalg.inv(design.T @ design), terms))
     steps_per_mm = np.sqrt((np.linalg.inv(jacobian) ** 2).sum(axis=(1, 2)))
-    column, row = quads[:, 0] + 0.5 + x[:, 0], quads[:, 1] + 0.5 + x[:, 1]
-    return Fit(column, row, jacobian, gain, gain * noise * steps_per_mm)
+    return Fit(x, jacobian, gain, gain * noise * steps_per_mm)
 
 
 def _windows(image: np.ndarray, cell: np.ndarray, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

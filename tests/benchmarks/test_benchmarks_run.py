@@ -68,3 +68,20 @@ def test_the_engine_reports_the_price_of_a_node_and_of_having_nothing_to_do(tmp_
     )
     assert len(re.findall(r"warm (?:plan|build) +[\d.]+ s, of them computing [\d.]+ s", text)) == 2
     assert len(re.findall(r"plan after \d edits [\d.]+ s, of them computing [\d.]+ s", text)) == 5
+
+
+@pytest.mark.heavy
+def test_a_schedule_adds_up(tmp_path: Path) -> None:
+    """One worker takes the sum, no number of them less than the critical path."""
+    text = output_of("schedule.py", tmp_path)
+    whole, path = map(float, re.findall(r"^sum ([\d.]+) s; critical path ([\d.]+) s", text, re.MULTILINE)[0])
+    times = [float(time) for time in re.findall(r"workers: +([\d.]+) s", text)]
+    assert abs(times[0] - whole) < 0.1 and times == sorted(times, reverse=True) and times[-1] >= path - 0.01
+
+
+@pytest.mark.heavy
+def test_every_kind_of_task_states_its_memory(tmp_path: Path) -> None:
+    text = output_of("memory.py", tmp_path)
+    peaks = {name.strip(): float(peak) for name, peak in re.findall(r"^([a-z_, ]+?) {2,}(\d+) ", text, re.MULTILINE)}
+    assert {"rays", "truth, direct", "truth, moments", "truth, image", "positions", "image", "white"} <= peaks.keys()
+    assert all(100 < peak < 1000 for peak in peaks.values()), "MB: libraries, and next to nothing"

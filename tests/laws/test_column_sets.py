@@ -250,8 +250,8 @@ def test_cells_are_empty_where_nothing_is_defined() -> None:
     assert np.isnan(saddles(dots)).all()
     cut = column_set("centroid", dots.rig, dots.target, dots.pose, dots.planes, dots.found)
     assert np.isnan(cut.x_px[:, 0]).tolist() == (dots.j_px[:, 0] > 80).tolist()
-    assert "disc not whole in image or cell 1" in cut.note
+    assert "disc not whole in image or cell 1" in cut.note.text
     corners = case_of(camera, board(), rigs.facing(434.4))
     none = column_set("centroid", corners.rig, corners.target, corners.pose, corners.planes, corners.found)
     assert np.isnan(none.x_px).all()
-    assert "not a disc 2" in none.note
+    assert "not a disc 2" in none.note.text

@@ -21,7 +21,7 @@ from pipeline.tasks.truth import correspondences
 from pipeline.truth.certificate import WITHIN, WORST, Rows, certify
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.grid import RayGrid
-from pipeline.truth.on_points import Place, correspond_points
+from pipeline.truth.on_points import correspond_points
 from pipeline.truth.position_image import crossing_share, on_target
 from pipeline.truth.second_order import corrected, correction
 from pipeline.truth.settings import TruthSettings
@@ -65,7 +65,7 @@ class Scene:
     def second_order(self) -> Correspondences:
         """Rows of `moments` as the search leaves them, before `direct` mends the doubtful ones."""
 
-        def image_of(number: int, pose: np.ndarray, rays: RayGrid, place: Place) -> np.ndarray:
+        def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
             return corrected(on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose), rays, pose)
 
         settings = TruthSettings(method="moments")

@@ -259,5 +259,5 @@ def test_a_surface_through_sixteen_values_is_exact_where_they_exist_and_abstains
     whole = (i > 0) & (i < width - 2) & (k > 0) & (k < height - 2) & (i != edge - 2) & (i != edge)
     assert 20 < whole.sum() < len(quads) - 20
     np.testing.assert_array_equal(~np.isnan(fit.error), whole)
-    found = np.stack([fit.column, fit.row], axis=1)[whole]
+    found = (fit.x + quads + 0.5)[whole]
     np.testing.assert_allclose(found, (quads + inside)[whole], rtol=0, atol=HALF_PIXEL_PX)

@@ -1,0 +1,92 @@
+"""Into how many tiles work is split changes no byte of the output folder."""
+
+import itertools
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import pipeline
+from pipeline.camera.camera import Sampling, Sensor
+from pipeline.files import exr_bands
+from pipeline.tasks import image, tiles
+from pipeline.truth import on_points
+
+DATA = Path(__file__).parents[1] / "data"
+TILED = {"image_tile", "white_tile", "micro_images_tile"}
+
+
+def in_small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tiles of nine rows or four points, and bands of as little as there can be."""
+
+    def bands(count: int, _: float) -> list[tuple[int, int]]:
+        size = 9 if count > 9 else 4
+        return [(first, min(first + size, count)) for first in range(0, count, size)]
+
+    monkeypatch.setattr(tiles, "bands", bands)
+    monkeypatch.setattr(tiles, "_MICROLENSES", 12)
+    monkeypatch.setattr(on_points, "_BAND_POSITIONS", 1)
+    monkeypatch.setattr(exr_bands, "_BAND_PX", 1)
+    monkeypatch.setattr(image, "_PREVIEW_ROWS", 7)
+
+
+@pytest.mark.parametrize(
+    ("tiny", "truth", "kinds"),
+    [
+        ("plenoptic", 'uniform token plen:truth:method = "moments"', TILED | {"rays_tile"}),
+        ("plenoptic", 'uniform token plen:truth:method = "direct"', TILED | {"truth_tile"}),
+        pytest.param(
+            "conventional",
+            'uniform token plen:truth:method = "image"',
+            {"image_tile", "white_tile", "rays_tile"},
+            marks=pytest.mark.heavy,
+        ),
+    ],
+)
+def test_small_tiles_give_the_same_bytes(
+    tiny: str, truth: str, kinds: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (DATA / f"tiny_{tiny}/dataset.usda").read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    camera = '        over "Camera"\n        {\n'
+    assert camera in text
+    stage = tmp_path / "dataset.usda"
+    stage.write_text(text.replace(camera, f"{camera}            {truth}\n"), encoding="utf-8")
+    outs, counts = [], []
+    for name in ("whole", "tiles"):
+        if name == "tiles":
+            in_small_tiles(monkeypatch)
+        # Keys know the text of the code, not what a test makes of it.
+        monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / f"store of {name}"))
+        result = pipeline.build(stage, tmp_path / name, jobs=1)
+        assert result.exit_code == 0, [task.error for task in result.failures]
+        counts.append(Counter(task.kind for task in result.tasks))
+        files = [path for path in sorted((tmp_path / name).rglob("*")) if path.is_file()]
+        outs.append({path.relative_to(tmp_path / name).as_posix(): path.read_bytes() for path in files})
+        outs[-1].pop("manifest.json")  # it has the keys, and they the tiles
+    assert outs[0].keys() == outs[1].keys()
+    assert [name for name in outs[0] if outs[0][name] != outs[1][name]] == []
+    assert not TILED & counts[0].keys()  # what is one tile has no tasks for it
+    assert all(counts[1][kind] >= 2 for kind in kinds), counts[1]
+
+
+def test_tiles_hold_everything_once() -> None:
+    for count, number in itertools.product((1, 2, 7, 600, 4384), (0.1, 1, 3.2, 513, 1e9)):
+        found = tiles.bands(count, number)
+        assert [i for first, end in found for i in range(first, end)] == list(range(count))
+        assert len(found) <= max(1, min(count, number + 1))
+    for points in ({}, {"b": 5, "a": 3}, {"a": 700}, {"c": 0, "b": 300, "a": 40, "d": 0}):
+        shares = tiles.point_tiles(points, is_plenoptic=True)
+        assert [list(some) for some in shares] == [sorted(some) for some in shares]
+        met = {name: [i for some in shares if name in some for i in range(*some[name])] for name in points}
+        assert met == {name: list(range(size)) for name, size in points.items()}
+        assert all(any(name in some for some in shares) for name in points)
+
+
+def test_a_tile_of_a_large_sensor_is_neither_long_nor_large() -> None:
+    """29 megapixels at K = 2: no more tiles than cores will ever wait for, no more positions than fit."""
+    sensor = Sensor(width_px=6576, height_px=4384, pitch_mm=0.0055)
+    rows = tiles.bundle_bands(sensor, Sampling(supersampling=2, samples=256))
+    assert 400 < len(rows) <= 512
+    few = tiles.bundle_bands(sensor, Sampling(supersampling=4, samples=4))
+    assert max(end - first for first, end in few) * 16 * sensor.width_px <= 2 * tiles._POSITIONS
+    assert 100 < len(tiles.image_bands(sensor, 64)) <= 128
