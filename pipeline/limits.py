@@ -35,6 +35,8 @@ class Limits:
         Files that a stage is composed of.
     layer_bytes : int
         Of one of these files.
+    prims : int
+        That a stage is composed of at most, in all variants.
     folder_bytes : int
         Of all files of an output folder that `verify` reads.
     table_bytes : int
@@ -52,6 +54,7 @@ class Limits:
     f_numbers: int = 100
     layers: int = 1_000
     layer_bytes: int = 256 * 2**20
+    prims: int = 1_000_000
     folder_bytes: int = 256 * 2**30
     table_bytes: int = 256 * 2**20
     task_bytes: int = 16 * 2**30

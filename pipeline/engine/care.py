@@ -174,7 +174,7 @@ def pinned_keys(store: Store) -> set[str]:
         try:
             if _holds_something(store, Path(note["out"])):
                 keys.update(note["keys"].values())
-        except (TypeError, KeyError, AttributeError):
+        except (TypeError, KeyError, AttributeError, ValueError):
             continue  # not a history of ours: nothing to keep for it
     return keys
 

@@ -126,6 +126,14 @@ def is_no_file(path: Path | str) -> bool:
         return False
 
 
+def has_other_names(path: Path) -> bool:
+    """Whether a file lies there that other names lead to as well: what is written to it reaches them."""
+    try:
+        return os.lstat(path).st_nlink > 1
+    except OSError:
+        return False
+
+
 def is_unreadable(path: Path | str) -> bool:
     """Whether a plain file lies there that cannot be read just now: no descriptors left, no permission, a bad disk."""
     return os.path.lexists(path) and not is_no_file(path) and digest_of(path) is None

@@ -11,6 +11,7 @@ import fcntl
 import json
 import os
 import socket
+import stat
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from pipeline.engine.interrupts import impatient
 _POLL_S = 0.02
 _SILENT_S = 1.0
 _REPEAT_S = 60.0
+_NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 Say = Callable[[str], None]
 
@@ -83,11 +85,11 @@ def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | N
 
 
 def _opened(path: Path) -> int:
-    """The file, made if it is not there. Another user's need not be writable: it can be locked."""
+    """The file, made if it is not there, and no link. Another user's need not be writable: it can be locked."""
     try:
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o644)
     except PermissionError:
-        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        return os.open(path, os.O_RDONLY | _NO_LINK)
 
 
 @contextlib.contextmanager
@@ -117,7 +119,10 @@ def _waited(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared
 
 
 def _sign(handle: int, doing: str) -> None:
-    """Write into a lock file who holds it; a folder, or somebody else's file, says nothing."""
+    """Write into a lock file who holds it; a folder, somebody else's file, or one with other names says nothing."""
+    facts = os.fstat(handle)
+    if not stat.S_ISREG(facts.st_mode) or facts.st_nlink != 1:
+        return
     since = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
     note = {"host": socket.gethostname(), "pid": os.getpid(), "since": since, "doing": doing}
     with contextlib.suppress(OSError):

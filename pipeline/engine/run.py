@@ -350,7 +350,7 @@ class _Driver:
 
     def _settle(self, result: TaskResult, record: Record | None = None) -> None:
         self.outcome.results[result.name] = result
-        usual = record["made_by"]["seconds"] if record else None  # for estimates
+        usual = record["made_by"].get("seconds") if record else None  # for estimates
         facts = {**result.to_dict(), "usual_seconds": usual, "peak_bytes": result.peak_bytes}
         self.on_event({"event": "done", "task": result.name, **facts})
         if record is not None:

@@ -330,8 +330,9 @@ def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
     record = unseal(raw)
     try:
         whole = record["format"] == _FORMAT and record["key"] == key
-        entries = record["outputs"].values()
+        entries, made_by = record["outputs"].values(), record["made_by"]
         whole = whole and all(DIGEST.fullmatch(e["sha256"]) and isinstance(e["size"], int) for e in entries)
+        whole = whole and all(isinstance(made_by.get(name, 0), int | float) for name in ("seconds", "peak_bytes"))
     except (KeyError, TypeError, AttributeError):
         return None
     return record if whole else None

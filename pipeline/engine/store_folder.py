@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pipeline.engine import quarantine
 from pipeline.engine.digest import DIGEST
-from pipeline.engine.files import chosen_place, is_no_file, read_regular
+from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
 from pipeline.engine.locks import Errand, locked
 from pipeline.engine.sharing import rights_of
 from pipeline.engine.structure import FOLDERS, TABLES, VERSION, misplaced, require_store
@@ -83,6 +83,9 @@ class StoreFolder:
     def in_use(self) -> Iterator[bool]:
         """While this is open nothing is collected, by anybody."""
         errand = Errand(say=self.say_waiting)
+        if has_other_names(self.root / "gc.lock"):
+            with contextlib.suppress(OSError):  # a store that may only be read
+                (self.root / "gc.lock").unlink()
         self.rights.make_file(self.root / "gc.lock")
         with locked(self.root / "gc.lock", timeout_s=60.0, shared=True, errand=errand) as held:
             yield held
@@ -92,6 +95,8 @@ class StoreFolder:
         path = self.path(table, name)
         if is_no_file(path):
             self._quarantine(path)
+        elif has_other_names(path):  # it will be written to, and the file with the other name with it
+            path.unlink()
         if self.rights.is_shared:
             self._share(table, path)
         return path

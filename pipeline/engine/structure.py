@@ -7,7 +7,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.engine.files import read_regular
+from pipeline.engine.files import is_no_file, read_regular
 from pipeline.engine.workspace import is_workspace
 from pipeline.errors import EnvironmentFault
 
@@ -73,7 +73,7 @@ def misplaced(root: Path) -> Iterator[Path]:
         if os.path.lexists(root / name) and not is_folder(root / name):
             yield root / name
     for name in _FILES:
-        if os.path.lexists(root / name) and not (root / name).is_file():
+        if is_no_file(root / name):
             yield root / name
     for table in TABLES.values():
         if is_folder(root / table):

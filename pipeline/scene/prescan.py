@@ -15,6 +15,7 @@ from pxr import Ar, Sdf, Tf, UsdUtils
 from pipeline.confine.process import Guards
 from pipeline.limits import how_to_raise, limits
 from pipeline.scene.asset_roots import file_of, outside
+from pipeline.scene.census import most_prims
 from pipeline.scene.judged_layers import layer_of
 from pipeline.scene.layer_files import LayerFile, is_plain_file, read_layer_file
 from pipeline.scene.lines import TextMap, line_of, text_map
@@ -85,6 +86,7 @@ class Look:
         try:
             with Ar.ResolverContextBinder(context):
                 self._run(_Mention(self.root.as_posix(), self.root.as_posix()))
+                self._count_prims()
         finally:
             delegate.TakeUncoalescedDiagnostics()
             del delegate
@@ -109,6 +111,15 @@ class Look:
             elif (file := self._file(mention)) and mention.is_layer and (layer := self._layer(mention, file)):
                 self.problems += _clips(layer)
                 todo += _mentions(layer)
+
+    def _count_prims(self) -> None:
+        """Refuse a stage that multiplies prims; USD makes each one, whatever becomes of memory."""
+        layer = self.layers.get(self.root.as_posix())
+        count, most = most_prims(layer) if layer and not self.problems else 0, limits().prims
+        if count > most:
+            message = f"up to {count:,} prims are more than the limit of {most:,} prims"
+            root, hint = self.root.as_posix(), how_to_raise("prims", count)
+            self.problems.append(_Mention(root, root).problem("over-limit", message, hint))
 
     def _file(self, mention: _Mention) -> LayerFile | None:
         """The file of a mention, if there is one and nothing is wrong with it."""

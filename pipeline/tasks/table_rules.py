@@ -145,17 +145,19 @@ def _places(scene: Scene, rig: Rig, rows: Rows) -> Iterator[_Rule]:
 
 def _ranges(settings: TruthSettings, rows: Rows) -> Iterator[_Rule]:
     values = rows.values
+    xx, xy, yy, rho = (values[name] for name in ("blur_xx_px2", "blur_xy_px2", "blur_yy_px2", "rho_px"))
+    unknown = np.isnan(xx) & np.isnan(xy) & np.isnan(yy)
     for name in ("sigma_x_px", "sigma_y_px"):
-        yield ~((values[name] >= 0) & np.isfinite(values[name])), f"whose {name} is no standard error"
+        is_unknown = np.isnan(values[name]) & unknown & (rows.method != "direct")  # both need the derivatives of J
+        is_error = (values[name] >= 0) & np.isfinite(values[name])
+        yield ~(is_error | is_unknown), f"whose {name} is no standard error"
     light, visible = values["hit_fraction"], values["visibility"]
     enough = (light > 0) & (light >= settings.min_hit_fraction) & np.isfinite(light)
     yield ~enough, "with a hit_fraction below the smallest that rows may have"
     yield ~(((visible > 0) & (visible <= 1)) | np.isnan(visible)), "with a visibility that no row has"
-    xx, xy, yy, rho = (values[name] for name in ("blur_xx_px2", "blur_xy_px2", "blur_yy_px2", "rho_px"))
     with np.errstate(invalid="ignore", over="ignore"):
         is_covariance = (xx >= 0) & (yy >= 0) & (xy**2 <= xx * yy * (1 + 1e-6)) & np.isfinite(xx + yy)
         is_radius = np.abs(rho**2 - 2 * (xx + yy)) <= _SAME_RHO * 2 * (xx + yy)
-    unknown = np.isnan(xx) & np.isnan(xy) & np.isnan(yy)
     yield ~(is_covariance | unknown), "whose blur is no covariance"
     yield ~(is_radius | (unknown & np.isnan(rho))), "whose rho_px is not the radius of their blur"
     methods = {settings.method, "direct"} if settings.method == "moments" else {settings.method}

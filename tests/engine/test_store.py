@@ -15,6 +15,7 @@ from engine import toy
 
 from pipeline.engine import manifest
 from pipeline.engine.care import check, collect, info
+from pipeline.engine.sealed import seal
 from pipeline.engine.session import build
 from pipeline.engine.store import DamagedBlob, Store
 from pipeline.engine.structure import VERSION
@@ -40,6 +41,26 @@ def test_a_record_cut_at_every_byte_is_a_miss(store, record):
         assert store.record(KEY) is None
     path.write_bytes(whole)
     assert store.record(KEY) == record
+
+
+@pytest.mark.parametrize("made_by", [None, [], "x", {"seconds": "x"}, {"seconds": 0, "peak_bytes": []}])
+def test_a_record_of_another_form_is_a_miss_also_with_its_digest(store, record, made_by):
+    """It stopped every build with a traceback until somebody removed it by hand."""
+    path = store.path("record", KEY)
+    path.unlink()
+    path.write_bytes(seal({**record, "made_by": made_by}))
+    assert store.record(KEY) is None
+    assert not path.exists()
+
+
+def test_a_note_of_another_form_keeps_nothing(tmp_path, cache):
+    build(toy.project(tmp_path / "out"), jobs=1)
+    (path,) = (cache / "history").iterdir()
+    for note in ({}, [], {"out": 5}, {"out": "\ud800", "keys": {}}, {"out": str(tmp_path / "out"), "keys": [1]}):
+        path.unlink()
+        path.write_bytes(seal(note))
+        collect(Store(cache), 10**9)
+        assert build(toy.project(tmp_path / "out"), jobs=1).exit_code == 0
 
 
 def test_a_record_under_another_key_is_a_miss(store, record):
@@ -293,6 +314,24 @@ def test_what_stands_in_the_place_of_a_lock_or_a_log_goes_out_of_the_way(tmp_pat
         make(path)
     again = build(toy.project(tmp_path / "out"), jobs=1)
     assert again.executed == 5 and again.exit_code == 0
+
+
+@pytest.mark.parametrize("make", [Path.symlink_to, Path.hardlink_to])
+def test_a_file_of_the_user_that_a_lock_or_a_log_leads_to_is_not_written_to(tmp_path, cache, make):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    first = build(toy.project(tmp_path / "out"), jobs=1)
+    for path in (cache / "ac").rglob("*.json"):
+        path.unlink()
+    places = [Store(cache).path(table, task.key) for task in first.tasks for table in ("lock", "log")]
+    for path in (*places, cache / "gc.lock"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)
+        make(path, tmp_path / "thesis.tex")
+    for jobs in (1, 2):
+        again = build(toy.project(tmp_path / "out"), jobs=jobs, force=["image/*"])
+        assert again.exit_code == 0 and again.executed
+    assert not collect(Store(cache), 0).busy
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
 def test_a_store_that_lost_its_version_is_a_store_still(tmp_path, cache):
