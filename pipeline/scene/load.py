@@ -16,6 +16,7 @@ from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_doubts import check_doubts
 from pipeline.scene.check_layers import used_layers
+from pipeline.scene.check_rays import check_rays
 from pipeline.scene.check_seen import check_seen
 from pipeline.scene.composed import Composed, composed
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
@@ -127,6 +128,7 @@ def _loaded(layers: Look, look: bool) -> Loaded:
     if look:
         problems += check_doubts(stage, cameras)
         if not loaded.errors and dataset:
+            problems += check_rays(stage, dataset)
             problems += check_seen(stage, dataset)
         if loaded.errors:
             return loaded

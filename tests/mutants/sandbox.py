@@ -33,7 +33,13 @@ ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
     "camera": (*CAMERA, "naive/test_micro_light.py", "naive/test_microlenses.py", "laws/test_direct.py", "published"),
     "truth": TRUTH,
-    "target": ("target", "naive/test_targets.py", "laws/test_visibility.py", "laws/test_methods.py"),
+    "target": (
+        "target",
+        "scene/test_viewers.py",
+        "naive/test_targets.py",
+        "laws/test_visibility.py",
+        "laws/test_methods.py",
+    ),
 }
 """Tests of each room below `tests/`; of those equally near the first ones run first."""
 PLAIN = (
