@@ -13,10 +13,12 @@ def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
     Texts of ours, and USD, are UTF-8; a file system allows so many bytes.
     """
     whole = str(folder.absolute())
+    if "\0" in whole:
+        return f"holds a character that no path can hold: {str(folder)!r}"
     try:
         whole.encode()
     except UnicodeEncodeError:
-        return f"is not UTF-8: {os.fsencode(folder)!r}"
+        return f"is not UTF-8: {str(folder)!a}"
     name_max, path_max = os.pathconf("/", "PC_NAME_MAX"), os.pathconf("/", "PC_PATH_MAX")
     if any(len(os.fsencode(name)) > name_max for name in whole.split("/")):
         return f"has a name of more than {name_max} bytes"

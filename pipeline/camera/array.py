@@ -4,12 +4,15 @@ import math
 from dataclasses import dataclass
 
 from pipeline.camera.faces import PLANE_LIKE, Faces
+from pipeline.declared import settle
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import FirstOrder
 
 LAYOUTS = ("hexagonal", "hexagonal-columns", "square")
 MODELS = ("thin", "two-plane", "refractive")
 _AGREES = 1e-9
+LEAST_MM = 1e-9
+"""Less than an atom: no distance is as small, and ratios of others to it stay finite."""
 _STRETCH = (0.75, 4 / 3)
 """Within these ratios of the pitches a cell of a stretched hexagonal lattice still has its six edges."""
 
@@ -90,6 +93,7 @@ class MicrolensArray:
     rear_conics: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        settle(self, CameraError, infinite=("front_radii_mm", "rear_radii_mm"))
         if self.layout not in LAYOUTS or self.model not in MODELS:
             raise CameraError(f'no microlens layout "{self.layout}" or no model "{self.model}"')
         self._check_lattice()
@@ -100,7 +104,7 @@ class MicrolensArray:
             if len(stated) != len(derived) or any(abs(a / b - 1) > _AGREES for a, b in pairs):
                 raise CameraError(f"focal lengths {stated} mm are not those of the faces, {derived} mm")
             object.__setattr__(self, "focal_lengths_mm", derived)
-        if not self.focal_lengths_mm or not min(self.pitch_mm, self.distance_mm, *self.focal_lengths_mm) > 0:
+        if not self.focal_lengths_mm or not min(self.pitch_mm, self.distance_mm, *self.focal_lengths_mm) > LEAST_MM:
             raise CameraError("microlens pitch, distance and focal lengths must be positive")
         self._check_types()
         if self.model == "two-plane":
@@ -109,6 +113,10 @@ class MicrolensArray:
     def _check_lattice(self) -> None:
         if (self.width_mm is None or self.height_mm is None) == (self.columns is None or self.rows is None):
             raise CameraError("an array has either width and height or columns and rows")
+        if min(1 if self.columns is None else self.columns, 1 if self.rows is None else self.rows) < 1:
+            raise CameraError(f"an array of {self.columns} x {self.rows} microlenses")
+        if not self.pitch_mm > LEAST_MM:
+            raise CameraError(f"microlenses stand {self.pitch_mm} mm apart", hint="a positive pitch")
         cross = self.pitch_mm if self.cross_pitch_mm is None else self.cross_pitch_mm
         if not _STRETCH[0] < cross / self.pitch_mm < _STRETCH[1]:
             raise CameraError(f"microlens pitches {self.pitch_mm:g} and {cross:g} mm differ by more than a third")

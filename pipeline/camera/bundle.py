@@ -5,10 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera import kernels
-from pipeline.camera.camera import Camera
+from pipeline.camera.camera import Camera, CameraError
 from pipeline.camera.micro_images import micro_images, owners
 from pipeline.camera.sobol import sobol_bits
 from pipeline.camera.tracer import Tracer
+from pipeline.declared import number, whole
+
+_FARTHEST_PX = 1 << 23
+"""Half of what streams of random numbers lie apart: no sensor is as wide."""
+_MOST_RAYS = 1 << 24
+"""They take 1 GiB."""
+_LAST_SEED = (1 << 31) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +36,13 @@ class Bundle:
 
     def at_distance(self, z_mm: float) -> np.ndarray:
         """Crossings with the plane at vision z, (n, 2) [mm]."""
+        z_mm = number("z_mm", z_mm, CameraError)
         t = (z_mm - self.origin_mm[:, 2]) / self.direction[:, 2]
         return (self.origin_mm + t[:, None] * self.direction)[:, :2]
 
     def mean_at(self, z_mm: float) -> np.ndarray:
         """Weighted mean of the crossings: the position image's value there, (2,) [mm]; NaN for an empty bundle."""
+        z_mm = number("z_mm", z_mm, CameraError)
         if not self.weight_sr.any():
             return np.full(2, np.nan)
         return np.average(self.at_distance(z_mm), axis=0, weights=self.weight_sr)
@@ -48,7 +57,20 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
         Image position, (0, 0) is the centre of the top-left pixel.
     samples : int
         Rays to start, a power of two; those that the camera blocks are left out.
+
+    Raises
+    ------
+    CameraError
+        An argument is no such number.
     """
+    x_px, y_px = (
+        number(name, value, CameraError, -_FARTHEST_PX, _FARTHEST_PX)
+        for name, value in (("x_px", x_px), ("y_px", y_px))
+    )
+    samples = whole("samples", samples, CameraError, 1, _MOST_RAYS)
+    seed = whole("seed", seed, CameraError, 0, _LAST_SEED)
+    if samples & (samples - 1):
+        raise CameraError(f"samples is {samples}", hint=f"a power of two, e.g. {1 << samples.bit_length() - 1}")
     tracer = Tracer(camera, seed)
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     images = micro_images(tracer) if camera.microlenses else None

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.camera.array import LEAST_MM
 from pipeline.camera.array import CameraError as CameraError
 from pipeline.camera.array import MicrolensArray as MicrolensArray
+from pipeline.declared import settle
 from pipeline.optics.prescription import Prescription
 
 if TYPE_CHECKING:
@@ -50,6 +52,7 @@ class Sensor:
     acceptance_roll_off_deg: float = 0.0
 
     def __post_init__(self) -> None:
+        settle(self, CameraError)
         if self.acceptance not in ("all", "cosine", "cone"):
             raise CameraError(f'a pixel knows no acceptance "{self.acceptance}"')
         if not (self.acceptance_power > 0 and self.acceptance_half_angle_deg > 0 <= self.acceptance_roll_off_deg):
@@ -96,11 +99,14 @@ class Camera:
     weight: str = "irradiance"
 
     def __post_init__(self) -> None:
+        settle(self, CameraError, infinite=("near_mm", "far_mm"))
+        if not self.circle_of_confusion_px > 0:
+            raise CameraError(f"a circle of confusion of {self.circle_of_confusion_px} px")
         if self.weight not in WEIGHTS:
             raise CameraError(f'rays know no weight "{self.weight}"', hint=f"one of: {', '.join(WEIGHTS)}")
         last_mm = self.prescription.vertices_from_stop_mm[-1]
         film_mm = self.sensor_distance_mm - (self.microlenses.reach_mm if self.microlenses else 0.0)
-        if film_mm <= last_mm:
+        if film_mm <= last_mm + LEAST_MM:
             what = "the microlens array" if self.microlenses else "the sensor"
             raise CameraError(
                 f"{what} lies {film_mm} mm behind the stop, inside the lens, whose last vertex lies at {last_mm} mm"

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
+from pipeline.declared import settle
 from pipeline.errors import PipelineError
 
 _UPRIGHT_DEG = 90.0
@@ -75,6 +76,7 @@ class Surface:
     tilt_deg: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        settle(self, PrescriptionError, infinite=("radius_mm", "semi_diameter_mm"))
         if self.radius_mm == 0 or math.isnan(self.radius_mm):
             raise PrescriptionError(f"a surface has radius {self.radius_mm}", hint="a plane has radius inf")
         if not self.semi_diameter_mm > 0:
@@ -212,6 +214,7 @@ class Group:
     pivot_mm: float = 0.0
 
     def __post_init__(self) -> None:
+        settle(self, PrescriptionError)
         if self.first < 0 or self.count < 1:
             raise PrescriptionError(f'group "{self.name}" holds no surface')
         _check_displacement(f'group "{self.name}"', self.decentre_mm, self.tilt_deg)
@@ -247,6 +250,7 @@ class Prescription:
     groups: tuple[Group, ...] = ()
 
     def __post_init__(self) -> None:
+        settle(self, PrescriptionError)
         held = [i for group in self.groups for i in group.members]
         if len(set(held)) < len(held) or not set(held) <= set(range(len(self.surfaces))):
             raise PrescriptionError("the groups of a prescription overlap, or hold surfaces that it does not have")

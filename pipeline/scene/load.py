@@ -7,6 +7,7 @@ from pathlib import Path
 from pxr import Tf, Usd
 
 from pipeline.confine.process import Guards
+from pipeline.declared import arguments_settled
 from pipeline.errors import UsageError
 from pipeline.places import flaw_of
 from pipeline.roots import allowed_roots, real_path
@@ -15,6 +16,7 @@ from pipeline.scene.check import check
 from pipeline.scene.check_dataset import find_dataset
 from pipeline.scene.check_doubts import check_doubts
 from pipeline.scene.check_layers import used_layers
+from pipeline.scene.check_rays import check_rays
 from pipeline.scene.check_seen import check_seen
 from pipeline.scene.composed import Composed, composed
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
@@ -88,8 +90,10 @@ def load(
     UsageError
         The path cannot be one of a stage.
     """
-    if flaw := flaw_of(Path(path)):
-        raise UsageError(f"the path of the stage {flaw}", hint="give it another name")
+    allow_roots = tuple(allow_roots)
+    for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
+        if flaw := flaw_of(Path(place)):
+            raise UsageError(f"{what} {flaw}", hint="give it another name")
     try:
         with knowing() as texts:
             root, roots = real_path(path), allowed_roots(Path(path), allow_roots)
@@ -124,6 +128,7 @@ def _loaded(layers: Look, look: bool) -> Loaded:
     if look:
         problems += check_doubts(stage, cameras)
         if not loaded.errors and dataset:
+            problems += check_rays(stage, dataset)
             problems += check_seen(stage, dataset)
         if loaded.errors:
             return loaded
@@ -154,6 +159,7 @@ def _reason(error: Exception) -> str:
     return shortened((said or [str(error)])[0].strip())
 
 
+@arguments_settled(UsageError)
 def open_dataset(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Dataset:
     """The records of a dataset.
 
@@ -161,6 +167,8 @@ def open_dataset(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Da
     ------
     StageError
         The stage has errors, or holds no dataset; it carries all problems.
+    UsageError
+        An argument is no path.
     """
     return require_dataset(load(path, allow_roots), path)
 

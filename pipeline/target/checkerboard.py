@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from pipeline.declared import settle
 from pipeline.target.drawing import Checks, Drawing
 from pipeline.target.errors import TargetError
 from pipeline.target.pattern import Base, Marks, grid
@@ -30,6 +31,7 @@ class Checkerboard(Base):
     square_mm: float
 
     def __post_init__(self) -> None:
+        settle(self, TargetError)
         if self.columns < 1 or self.rows < 1 or not self.square_mm > 0:
             raise TargetError(
                 f"a checkerboard of {self.rows} x {self.columns} corners and squares of {self.square_mm} mm"

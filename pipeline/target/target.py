@@ -1,6 +1,7 @@
 """A calibration target: a pattern on a surface, or a mesh with marked points."""
 
 import dataclasses
+import reprlib
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,7 @@ from pipeline.target.charuco import Charuco
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.target.circles import CircleGrid
 from pipeline.target.deltille import Deltille
+from pipeline.target.errors import TargetError
 from pipeline.target.lines import Lines, SlantedEdge
 from pipeline.target.mesh import MeshTarget
 from pipeline.target.patches import PLANE, Patch
@@ -42,6 +44,10 @@ class Target:
     surface: Surface = field(default_factory=Flat)
 
     def __post_init__(self) -> None:
+        for name, value, kinds in (("pattern", self.pattern, PATTERNS), ("surface", self.surface, SURFACES)):
+            if not isinstance(value, tuple(kinds.values())):
+                names = ", ".join(kind.__name__ for kind in kinds.values())
+                raise TargetError(f"Target: {name} is {reprlib.repr(value)}", hint=f"it has to be one of: {names}")
         self.surface.patches(self.pattern)
 
     @property

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pipeline
+from pipeline.declared import arguments_settled, number, whole
 from pipeline.engine import session
 from pipeline.engine.engines import Engine, Processes
 from pipeline.engine.events import silent
@@ -29,6 +30,9 @@ from pipeline.tasks.sandbox import project_of_untrusted
 __all__ = ["TASKS", "build", "compile_once", "default_out", "project"]
 
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
+
+_MOST_JOBS = 10_000
+_SHORTEST_S = 1e-3
 
 
 def default_out(stage: Path) -> Path:
@@ -114,6 +118,7 @@ def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Proj
     )
 
 
+@arguments_settled(UsageError)
 def build(
     path: str | Path,
     out: str | Path | None = None,
@@ -174,7 +179,13 @@ def build(
     ------
     StageError
         The stage does not pass `check`; then nothing is written.
+    UsageError
+        An argument is not of its kind, or out of its range.
     """
+    whole("jobs", 1 if jobs is None else jobs, UsageError, 1, _MOST_JOBS)
+    whole("retries", retries, UsageError, 0, _MOST_JOBS)
+    number("timeout_s", 1.0 if timeout_s is None else timeout_s, UsageError, _SHORTEST_S)
+    number("check_percent", check_percent, UsageError, 0.0, 100.0)
     listener = on_event or silent
 
     def warn(text: str) -> None:

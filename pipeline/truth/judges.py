@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pipeline.camera.integrals import random_integrals
+from pipeline.camera.integrals import pooled, random_integrals
 from pipeline.truth.direct import Search, errors_px
 from pipeline.truth.judged import Rows
 from pipeline.truth.solve import Rig
@@ -44,39 +44,69 @@ def _by_quadrature(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, n
 
 
 def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    search, lit = _search(rig, rows)
-    apart, sigma = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
-    apart[lit] = 0.0
+    judge = _RandomRays(rig, rows)
+    judge.approach(claim_px)
+    judge.average(claim_px / SHARPER)
+    return judge.apart_px, judge.sigma_px
 
-    def judged(here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """The step that is left from where rows are now, and its standard error."""
-        planes, x = np.stack([rows.planes[here]] * 2, axis=1), rows.x_px[here] + apart[here]
-        found = random_integrals(rig.tracer, x, rig.lens(rows.cell[here]), planes, rays, rig.square_px, stream)
-        inverse = search.inverse[here]
-        return -np.einsum("nij,nj->ni", inverse, found.moments[:, :2]), errors_px(inverse, found)
 
-    doubtful = lit
-    for rays in _RANDOM_RAYS:
-        for _ in range(_TURNS):
-            step, sigma[doubtful] = judged(doubtful, rays)
-            apart[doubtful] += step
-            if not (np.abs(step) > _ROUGH_PX).any():
+class _RandomRays:
+    """Rows on their way to where random rays say that J is right.
+
+    Attributes
+    ----------
+    apart_px, sigma_px : (n, 2) float64
+        How far each has come, and the standard error of that; NaN where there is no light.
+    """
+
+    def __init__(self, rig: Rig, rows: Rows) -> None:
+        self.rig, self.rows = rig, rows
+        search, self.lit = _search(rig, rows)
+        self.inverse = search.inverse
+        self.apart_px, self.sigma_px = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
+        self.apart_px[self.lit] = 0.0
+        self._error_mm, self._coarser_mm = np.full_like(self.apart_px, np.nan), np.full_like(self.apart_px, np.nan)
+
+    def approach(self, claim_px: float) -> None:
+        """Newton's method with more and more rays, until rows are known sharply."""
+        doubtful = self.lit
+        for rays in _RANDOM_RAYS:
+            self._coarser_mm[doubtful] = self._error_mm[doubtful]
+            for _ in range(_TURNS):
+                step, self.sigma_px[doubtful] = self._step(doubtful, rays)
+                self.apart_px[doubtful] += step
+                if not (np.abs(step) > _ROUGH_PX).any():
+                    break
+            doubtful = doubtful[np.hypot(*self.sigma_px[doubtful].T) > claim_px / SHARPER / 2]
+            if not len(doubtful):
                 break
-        doubtful = doubtful[np.hypot(*sigma[doubtful].T) > claim_px / SHARPER / 2]
-        if not len(doubtful):
-            break
-    batches = np.ones((len(lit), 1))
-    for stream in range(1, _BATCHES):
-        own, wanted = np.hypot(*sigma[lit].T), claim_px / SHARPER
-        if not wanted <= rms(own) < wanted * math.sqrt(_BATCHES / stream):  # sharp enough, or beyond hope
-            break
-        blunt = np.flatnonzero(own >= wanted)
-        step, error = judged(lit[blunt], _RANDOM_RAYS[-1], stream)
-        # The mean of independent estimates, each as good as the others.
-        before, batches[blunt] = batches[blunt], batches[blunt] + 1
-        apart[lit[blunt]] += step / batches[blunt]
-        sigma[lit[blunt]] = np.hypot(before * sigma[lit[blunt]], error) / batches[blunt]
-    return apart, sigma
+
+    def average(self, wanted_px: float) -> None:
+        """The mean of independent batches of the most rays, for rows that keep the judge from a decision."""
+        batches = np.ones((len(self.lit), 1))
+        for stream in range(1, _BATCHES):
+            own = np.hypot(*self.sigma_px[self.lit].T)
+            if not wanted_px <= rms(own) < wanted_px * math.sqrt(_BATCHES / stream):  # sharp enough, or beyond hope
+                break
+            blunt = np.flatnonzero(own >= wanted_px)
+            here = self.lit[blunt]
+            step, error = self._step(here, _RANDOM_RAYS[-1], stream)
+            # The mean of independent estimates, each as good as the others.
+            before, batches[blunt] = batches[blunt], batches[blunt] + 1
+            self.apart_px[here] += step / batches[blunt]
+            self.sigma_px[here] = np.hypot(before * self.sigma_px[here], error) / batches[blunt]
+
+    def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """The step that is left from where rows are now, and its standard error.
+
+        Random numbers are those of the row's pixel, wherever it goes: at a border with others J would jump.
+        """
+        planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
+        bundles = x, self.rig.lens(self.rows.cell[here]), planes, rays, self.rig.square_px, stream, self.rows.x_px[here]
+        found = random_integrals(self.rig.tracer, *bundles)
+        self._error_mm[here] = found.error_mm
+        sigma = errors_px(self.inverse[here], pooled(found, self._coarser_mm[here]))
+        return -np.einsum("nij,nj->ni", self.inverse[here], found.moments[:, :2]), sigma
 
 
 def rms(values: np.ndarray) -> float:

@@ -16,7 +16,9 @@ from pipeline.scene.load import load
 LENSES = Path(__file__).parents[2] / "stages/lenses"
 
 
-@pytest.mark.parametrize("name", ["wide_22mm_nakamura", "double_gauss_100mm_mandler", "macro_100mm_canon"])
+@pytest.mark.parametrize(
+    "name", ["wide_22mm_nakamura", "double_gauss_100mm_mandler", "double_gauss_100mm_mills", "macro_100mm_canon"]
+)
 def test_every_height_that_is_lit_has_a_chief_ray(name: str) -> None:
     """Up to the end of the image circle; steep rays near the axis of the rear surface once led the search astray."""
     prescription = load(LENSES / f"{name}.usda").lens.prescription

@@ -19,12 +19,15 @@ from pipeline.errors import PipelineError
 from pipeline.files.exr import read_exr
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table
+from pipeline.scene.check_rays import rays_of
 from pipeline.scene.load import Loaded, load
 from pipeline.tasks.build import project_from
 
 CHECK_S = 10.0
 CHECK_BYTES = 2**30
 BUILD_S = 60.0
+SLOW_RAYS_PER_S = 2e6
+"""A stage may ask for many rays, within the limit: 16,777,216 of each pixel were traced at 8e6 rays/s."""
 _PYTHONS_OWN = re.compile(r"^[A-Za-z]+(Error|Exception|Interrupt|Warning)\b", re.MULTILINE)
 """The last line of a traceback that no error of ours ends: those carry the name of their module."""
 
@@ -91,6 +94,14 @@ def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
     return None if loaded.errors else loaded
 
 
+def build_s(loaded: Loaded) -> float:
+    """Computing time that a build may take: that of any small scene, and of the rays that this one asks for."""
+    if loaded.dataset is None:
+        return BUILD_S
+    rays = [sum(rays_of(camera, len(loaded.dataset.frames))) for camera in loaded.dataset.cameras]
+    return BUILD_S + sum(rays) / SLOW_RAYS_PER_S
+
+
 def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
     """Build what the check accepted, and read every file that comes out."""
     if loaded.dataset is None:
@@ -106,7 +117,7 @@ def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
     except Exception:  # as above
         tally.blame("traceback", attempt, traceback.format_exc(limit=-6))
         return
-    if time.process_time() - start > BUILD_S:
+    if time.process_time() - start > build_s(loaded):
         tally.blame("hang", attempt, f"build {time.process_time() - start:.1f} s")
     failed = [task for task in result.tasks if task.state == "failed"]
     for task in failed:

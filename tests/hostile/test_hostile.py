@@ -7,10 +7,10 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hostile.attempt import Tally, build, check
+from hostile.attempt import BUILD_S, Tally, build, build_s, check
 from hostile.scenes import SCENES
 from hostile.values import Attempt, attempts
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from pipeline.scene.load import load
 from pipeline.share import share
@@ -54,6 +54,26 @@ def test_whatever_of_usd_is_read_is_tried(tmp_path, monkeypatch):
     assert {"points", "plen:points"} <= asked <= {attempt.name for attempt in attempts()}
 
 
+def test_a_build_may_take_as_long_as_the_rays_that_are_asked_for(tmp_path):
+    """The bound follows the stage, and `check` warns of hours."""
+    stage = SCENES["conventional"].stage()
+    camera = stage.GetPrimAtPath("/Scene/Camera")
+    path, bounds, warned = tmp_path / "dataset.usda", [], []
+    for samples in (4, 1 << 24):
+        camera.GetAttribute("plen:image:samples").Set(samples)
+        path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
+        loaded = load(path, look=True)
+        bounds.append(build_s(loaded))
+        warned += [problem for problem in loaded.problems if problem.code == "long-build"]
+    white_and_frames = 1 + len(loaded.dataset.frames)
+    assert bounds[0] == pytest.approx(BUILD_S, abs=0.1) and not warned
+    assert bounds[1] - bounds[0] == pytest.approx(12 * 8 * white_and_frames * (1 << 24) / 2e6, rel=1e-5)
+    stage.GetPrimAtPath("/Scene/Sensor").GetAttribute("plen:resolution").Set(Gf.Vec2i(120, 80))
+    path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
+    [warning] = [problem for problem in load(path, look=True).problems if problem.code == "long-build"]
+    assert "plen:image:samples" in warning.at and warning.line and not warning.is_error
+
+
 def test_a_tenth_of_all_hostile_values_does_no_harm(tmp_path, capsys):
     some = random.Random(11).sample(attempts(), len(attempts()) // SHARDS)
     tally = _tally(some, tmp_path, builds=2)
@@ -82,7 +102,8 @@ def _tally(some: list[Attempt], folder: Path, builds: int | None) -> Tally:
                 accepted.append((attempt, loaded))
         count = len(accepted) // BUILT_OF_ACCEPTED if builds is None else builds
         for attempt, loaded in dice.sample(accepted, count):
-            faulthandler.dump_traceback_later(HANGS_S, exit=True, file=sys.__stderr__)
+            hangs_s = HANGS_S * build_s(loaded) / BUILD_S
+            faulthandler.dump_traceback_later(hangs_s, exit=True, file=sys.__stderr__)
             build(attempt, loaded, folder, tally)
     finally:
         faulthandler.cancel_dump_traceback_later()

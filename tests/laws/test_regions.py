@@ -5,6 +5,8 @@ An ideal lens before apertures in air, so that rays are two lines each. The trut
 the stop.
 """
 
+import math
+
 import numpy as np
 import pytest
 from laws import rigs
@@ -12,6 +14,7 @@ from tolerances import SIGMAS
 
 from pipeline.camera.camera import Camera, Sensor
 from pipeline.camera.hits import bundle_hits
+from pipeline.camera.integrals import integrals
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.prescription import Prescription, Surface
@@ -109,3 +112,29 @@ def test_only_a_bundle_in_one_piece_has_a_saddle_and_a_centroid(region: str) -> 
     plane, shares = parallel_planes(TARGET_MM, TARGET_MM)[0], np.linspace(0.0, 1.0, 9)
     found = bundle_hits(tracer.arrays, tracer.positions_mm(*x.T), NO_MICROLENS, plane, shares, 16)
     assert found.whole.tolist() == [region == "disc"] * len(x)
+
+
+HOLE_BEFORE_MM, HOLES, FOUND_PERCENT = 20.0, 200, {2.0: 100, 0.1: 20}
+"""Holes of so many percent of a bundle's area, and of how many at least the coarsest quadrature takes notice."""
+
+
+@pytest.mark.parametrize("percent", FOUND_PERCENT)
+def test_a_hole_in_a_bundle_is_noticed_unless_it_is_too_small_to_matter(percent: float) -> None:
+    """Anywhere in the bundle: an obstruction far before the stop is seen elsewhere from each pixel.
+
+    Those of two percent are never missed, on any level; docs/truth.md says what smaller ones do.
+    """
+    radius = RADIUS_MM * math.sqrt(percent / 100)
+    spot = Surface(semi_diameter_mm=60.0, inner_semi_diameter_mm=radius, thickness_mm=HOLE_BEFORE_MM)
+    lens = Prescription(surfaces=(spot, Surface(semi_diameter_mm=RADIUS_MM, is_stop=True)))
+    sensor = Sensor(width_px=64, height_px=48, pitch_mm=0.4)
+    tracer = Tracer(rigs.bare(lens, sensor, SENSOR_MM, (500.0, 1500.0)))
+    dice = np.random.default_rng(0)
+    off = (RADIUS_MM - radius) * np.sqrt(dice.uniform(size=HOLES))
+    turn = dice.uniform(0, 2 * np.pi, HOLES)
+    in_stop = np.stack([off * np.cos(turn), off * np.sin(turn)], axis=1)
+    x = np.array([31.5, 23.5]) - in_stop * (SENSOR_MM + HOLE_BEFORE_MM) / HOLE_BEFORE_MM / sensor.pitch_mm
+    planes = np.repeat(parallel_planes(TARGET_MM, TARGET_MM)[None], HOLES, axis=0)
+    found = [integrals(tracer, x, np.full(HOLES, NO_MICROLENS), planes, level) for level in (1, 2)]
+    noticed = [np.mean(one.is_random) * 100 for one in found]
+    assert noticed[0] >= FOUND_PERCENT[percent] and noticed[1] >= noticed[0]

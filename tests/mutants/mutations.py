@@ -53,7 +53,7 @@ class Mutant:
     text : str
         By what.
     in_kernel : bool
-        Whether it changes what Numba compiles: it stands in a kernel, or outside of all functions.
+        Whether it changes what Numba compiles: it stands in a kernel, or outside of all functions and classes.
     """
 
     original: str
@@ -92,7 +92,7 @@ def mutants(source: str) -> list[Mutant]:
 
 
 def _walk(node: ast.AST, function: ast.AST | None) -> Iterator[tuple[ast.AST, ast.AST | None]]:
-    """Expressions and statements with the outermost function around them; no annotation, decorator or docstring."""
+    """Expressions and statements with the outermost function or class around them; no types, decorators, docstrings."""
     for name, value in ast.iter_fields(node):
         if name in {"annotation", "returns", "decorator_list", "type_params", "bases", "keywords"} and not (
             name == "keywords" and isinstance(node, ast.Call)
@@ -101,7 +101,7 @@ def _walk(node: ast.AST, function: ast.AST | None) -> Iterator[tuple[ast.AST, as
         for child in value if isinstance(value, list) else [value]:
             if not isinstance(child, ast.AST) or isinstance(child, _SILENT) or _is_text(child):
                 continue
-            inside = child if function is None and isinstance(child, ast.FunctionDef) else function
+            inside = child if function is None and isinstance(child, ast.FunctionDef | ast.ClassDef) else function
             yield child, inside
             yield from _walk(child, inside)
 
@@ -111,9 +111,10 @@ def _is_text(node: ast.AST) -> bool:
 
 
 def _compiled(function: ast.AST | None) -> bool:
-    if not isinstance(function, ast.FunctionDef):
+    if function is None:
         return True
-    return any(isinstance(mark, ast.Name) and mark.id in _JITTED for mark in function.decorator_list)
+    marks = function.decorator_list if isinstance(function, ast.FunctionDef) else []
+    return any(isinstance(mark, ast.Name) and mark.id in _JITTED for mark in marks)
 
 
 def _mistakes(node: ast.AST, known: set[str]) -> Iterator[str]:

@@ -33,11 +33,25 @@ ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
     "camera": (*CAMERA, "naive/test_micro_light.py", "naive/test_microlenses.py", "laws/test_direct.py", "published"),
     "truth": TRUTH,
-    "target": ("target", "naive/test_targets.py", "laws/test_visibility.py", "laws/test_methods.py"),
+    "target": (
+        "target",
+        "scene/test_viewers.py",
+        "naive/test_targets.py",
+        "laws/test_visibility.py",
+        "laws/test_methods.py",
+    ),
 }
 """Tests of each room below `tests/`; of those equally near the first ones run first."""
+PLAIN = (
+    *("optics", "naive/test_aspheres.py", "naive/test_trace.py", "laws/test_surfaces.py", "laws/test_apertures.py"),
+    *("laws/test_second_moments.py", "laws/test_search.py", "naive/test_quad_search.py", "laws/test_corner_image.py"),
+    *("target", "naive/test_targets.py", "laws/test_edges.py", "laws/test_regions.py", "laws/test_footprint.py"),
+    *("laws/test_own_bundle.py", "laws/test_measure.py", "laws/test_ideal_lens.py", "laws/test_microlenses.py"),
+)
+"""Tests that may be short enough for kernels in plain Python."""
 LIMIT_S = 900
 """A mistake that makes the tests of its room take so long is noticed by whoever waits for them."""
+IN_PLAIN_PYTHON = ", in plain Python"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,27 +111,51 @@ class Sandbox:
             shutil.copytree(cache_folder(), self.kernels)
 
     def judge(self, site: Site) -> Verdict:
-        """Make a mistake, run the tests of its room, and take it back."""
+        """Make a mistake, run the tests of its room, and take it back; one in a kernel first meets plain Python."""
         path, start = self.tree / site.file, time.monotonic()
         original, stat = path.read_bytes(), path.stat()
-        kernels = self._kernels_without(site) if site.mutant.in_kernel else self.kernels
         path.write_text(site.mutant.source, encoding="utf-8")
         try:
-            noticed_by = self.tests(self.chosen(site), kernels)
+            noticed_by = self.refuted_in_plain_python(site) if site.mutant.in_kernel else ""
+            if not noticed_by:
+                kernels = self._kernels_without(site) if site.mutant.in_kernel else self.kernels
+                noticed_by = self.tests(self.chosen(site), kernels)
         finally:
             path.write_bytes(original)
             os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
         self._must_pass(noticed_by)
         return Verdict(site, noticed_by, time.monotonic() - start)
 
+    def refuted_in_plain_python(self, site: Site) -> str:
+        """The test whose assertion fails in plain Python, and does not without the mistake; empty where none does.
+
+        Where all pass, or raise other errors, or take long, compiled kernels have the last word.
+        """
+        short = [name for name in self.reaching(site) if any(f"{name}/".startswith(f"tests/{one}/") for one in PLAIN)]
+        test = self.refuted_by(short[: self.nearest])
+        return f"{test}{IN_PLAIN_PYTHON}" if test and not self.refuted_by([f"tests/{test}"]) else ""
+
+    def refuted_by(self, tests: list[str]) -> str:
+        """The first of some tests whose assertion fails in plain Python, see `plain`; empty where none does."""
+        refuted = self.tree.parent / "refuted.txt"
+        refuted.write_text("", encoding="utf-8")
+        told = {"PLAIN_REFUTED": str(refuted), "PIPELINE_JIT_CACHE": str(self.kernels)}
+        if tests:
+            self._pytest(["-p", "mutants.plain", *tests], told)
+        return refuted.read_text(encoding="utf-8").removeprefix("tests/")
+
     def _must_pass(self, test: str) -> None:
-        """A test that fails without any mistake says nothing about one."""
-        if ".py" in test and test not in self.sound:
+        """A test that fails without any mistake says nothing about one; those in plain Python have passed before."""
+        if ".py" in test and not test.endswith(IN_PLAIN_PYTHON) and test not in self.sound:
             if self.tests([f"tests/{test}"], self.kernels):
                 raise SystemExit(f"tests/{test} fails without a mistake, too")
             self.sound.add(test)
 
     def chosen(self, site: Site) -> list[str]:
+        """Test files that shall judge a mistake."""
+        return self.reaching(site)[: self.nearest]
+
+    def reaching(self, site: Site) -> list[str]:
         """Test files of the room that name the function, then those that reach the module through fewest imports."""
         away = self.imports.distances(site.module)
         places = [self.tree / "tests" / name for name in ROOMS[site.file.parts[1]]]
@@ -126,27 +164,33 @@ class Sandbox:
         reached = [name for name in names if module_of(name) in away]
         named = re.compile("|".join(rf"\b{name}\b" for name in site.functions) or "(?!)")
         silent = {name: not named.search((self.tree / name).read_text(encoding="utf-8")) for name in reached}
-        return sorted(reached, key=lambda name: (silent[name], away[module_of(name)]))[: self.nearest]
+        return sorted(reached, key=lambda name: (silent[name], away[module_of(name)]))
 
     def tests(self, files: list[str], kernels: Path) -> str:
         """The first test that fails, or the reason why tests could not run; empty where all pass."""
-        environment = os.environ | {
-            "PYTHONPATH": str(self.tree),
-            "PYTHONDONTWRITEBYTECODE": "1",
-            "PIPELINE_JIT_CACHE": str(kernels),
-            "PIPELINE_CACHE": str(self.tree.parent / "store"),
-            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-        }
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", "-p", "no:cacheprovider"]
-        options = {"cwd": self.tree, "env": environment, "capture_output": True, "text": True, "timeout": LIMIT_S}
-        try:
-            found = subprocess.run([*command, *files], check=False, **options)
-        except subprocess.TimeoutExpired:
+        found = self._pytest(["-x", *files], {"PIPELINE_JIT_CACHE": str(kernels)})
+        if found is None:
             return f"time: {LIMIT_S} s"
         if found.returncode == 0:
             return ""
         test = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(.*?)(?: - .*)?$", found.stdout, re.MULTILINE)
         return test[1] if test else f"exit code {found.returncode}"
+
+    def _pytest(self, arguments: list[str], told: dict[str, str]) -> subprocess.CompletedProcess[str] | None:
+        """Run tests in the copy; None where they take too long."""
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join((str(self.tree), str(self.tree / "tests"))),
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "PIPELINE_CACHE": str(self.tree.parent / "store"),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+            **told,
+        }
+        command = [sys.executable, "-m", "pytest", "-q", "--tb=no", "-p", "no:cacheprovider", *arguments]
+        options = {"cwd": self.tree, "env": environment, "capture_output": True, "text": True, "timeout": LIMIT_S}
+        try:
+            return subprocess.run(command, check=False, **options)
+        except subprocess.TimeoutExpired:
+            return None
 
     def _kernels_without(self, site: Site) -> Path:
         """Compiled kernels that a mistake in a module cannot reach, in a folder of its own."""

@@ -174,3 +174,54 @@ def test_a_mistake_is_noticed_or_survives_and_is_taken_back(toy: Sandbox, tmp_pa
     for after, noticed_by in fates.items():
         assert toy.judge(sites[after]).noticed_by == noticed_by
     assert (toy.tree / "pipeline/optics/toy.py").read_text() == (tmp_path / "toy/pipeline/optics/toy.py").read_text()
+
+
+KERNELS = """import math
+
+from pipeline.jit import fma, kernel
+
+@kernel
+def root(x, a):
+    return math.sqrt(fma(x, x, a[0]))
+"""
+TESTS = """import numpy as np
+from pipeline.optics import toy
+
+def test_it():
+    assert toy.root(3.0, np.array([16.0])) == 5.0
+
+def test_rounded_once():
+    x = 0.7
+    assert toy.root(x, np.array([-x * x])) == 1.4901161193847663e-09
+
+def test_nan():
+    assert np.isnan(toy.root(0.0, np.array([-1.0])))
+"""
+
+
+@pytest.mark.parametrize(
+    ("mistake", "noticed_by"),
+    [
+        (("x, x", "x, -x"), "optics/test_toy.py::test_it"),
+        (("sqrt", "cbrt"), "optics/test_toy.py::test_it"),
+        (("fma(x, x, a[0])", "x * x + a[0]"), "optics/test_toy.py::test_rounded_once"),
+        (("a[0]", "a[1]"), ""),  # an index beyond an array: compiled code has the last word
+        (("", ""), ""),
+    ],
+)
+def test_in_plain_python_a_kernel_is_refuted_by_assertions_alone(tmp_path, mistake, noticed_by) -> None:
+    tree = tmp_path / "toy/tree"
+    files = {
+        "pipeline/__init__.py": "",
+        "pipeline/optics/__init__.py": "",
+        "pipeline/jit.py": "kernel = inline = fma = None\n",
+        "pipeline/optics/toy.py": KERNELS.replace(*mistake),
+        "tests/optics/test_toy.py": TESTS,
+        "tests/mutants/plain.py": (ROOT / "tests/mutants/plain.py").read_text(),
+    }
+    for name, text in files.items():
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        (tree / name).write_text(text)
+    sandbox = object.__new__(Sandbox)
+    sandbox.tree, sandbox.kernels = tree, tmp_path / "kernels"
+    assert sandbox.refuted_by(["tests/optics/test_toy.py"]) == noticed_by

@@ -1,0 +1,97 @@
+"""Kernels as plain Python, for tests of few rays: a plugin for pytest, `-p mutants.plain`.
+
+A mistake in a kernel is judged without compiling anything. Plain Python differs from compiled code where it raises
+errors: a square root of a negative number, an index beyond an array. So only a failed assertion counts, and only of a
+test that passes without the mistake in the same way; what raises anything else, or takes long, says nothing.
+"""
+
+import fractions
+import functools
+import math
+import os
+import signal
+import time
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pipeline.jit
+
+ALL_S, EACH_S = 40.0, 5.0
+"""Computing time that all tests together may take, and each of them."""
+_begun = time.process_time()
+
+
+class TooLong(BaseException):
+    """A test has used up its time: nothing in it may take that for an answer."""
+
+
+def fma(a: float, b: float, c: float) -> float:
+    """a b + c, rounded once."""
+    if not (math.isfinite(a) and math.isfinite(b) and math.isfinite(c)):
+        return a * b + c
+    exact = fractions.Fraction(float(a)) * fractions.Fraction(float(b)) + fractions.Fraction(float(c))
+    return np.float64(exact)
+
+
+def plain(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function itself; numbers are NumPy's, whose divisions by zero are infinite."""
+    if function.__globals__.get("math") is math:
+        function.__globals__["math"] = _libm()
+
+    @functools.wraps(function)
+    def called(*arguments: Any) -> Any:
+        return function(*(np.float64(value) if type(value) is float else value for value in arguments))
+
+    return called
+
+
+@functools.cache
+def _libm() -> types.SimpleNamespace:
+    """Python's `math` with NaN and infinity where it raises an error."""
+
+    def quiet(function: Callable[..., float]) -> Callable[..., float]:
+        def called(*arguments: float) -> float:
+            try:
+                return function(*arguments)
+            except ValueError:
+                return math.nan
+            except OverflowError:
+                return math.inf
+
+        return called
+
+    functions = ("sqrt", "acos", "asin", "log", "exp", "pow", "fmod", "tan")
+    return types.SimpleNamespace(**vars(math) | {name: quiet(getattr(math, name)) for name in functions})
+
+
+pipeline.jit.kernel = pipeline.jit.inline = plain  # before any module of kernels is imported
+pipeline.jit.fma = fma
+
+
+def _end(signal_number: int, frame: Any) -> None:
+    raise TooLong
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Run a test, but not for long; the first whose assertion fails is written down, and ends the run."""
+    if time.process_time() - _begun > ALL_S:
+        pytest.skip("others have taken long")
+    signal.signal(signal.SIGPROF, _end)
+    signal.setitimer(signal.ITIMER_PROF, EACH_S)
+    try:
+        with np.errstate(all="ignore"):
+            yield
+    except AssertionError:
+        Path(os.environ["PLAIN_REFUTED"]).write_text(item.nodeid, encoding="utf-8")
+        item.session.shouldstop = "one refutation is enough"
+        raise
+    except TooLong:
+        pytest.skip("takes long in plain Python")
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
