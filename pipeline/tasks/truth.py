@@ -33,7 +33,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     labels."""
     settings = from_plain(TruthSettings, params["truth"])
     rig = Rig(*tracer_of(inputs, params["labels"]["seed"]), params["square_px"])
-    grid = None if settings.method == "direct" else read_grid(inputs)
+    grid = read_grid(inputs) if settings.searches else None
     positions = read_exr(inputs["positions"]["positions.exr"]) if "positions" in inputs else {}
     columns: dict[str, list[Any]] = {name: [] for name in column_order(settings)}
     notes = []
