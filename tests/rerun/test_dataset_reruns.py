@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stage_text import without_method
 from typer.testing import CliRunner
 
 import pipeline
@@ -52,8 +53,7 @@ class Workshop:
 
     def use_method(self, method: str) -> None:
         """Author another method."""
-        text = self.stage.read_text(encoding="utf-8")
-        self.stage.write_text(re.sub(" *uniform token plen:truth:method = .*\n", "", text), encoding="utf-8")
+        self.stage.write_text(without_method(self.stage.read_text(encoding="utf-8")), encoding="utf-8")
         self.add(f'uniform token plen:truth:method = "{method}"')
 
     def run(self) -> Counter:
