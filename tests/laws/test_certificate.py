@@ -75,7 +75,10 @@ def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.Mo
     monkeypatch.setattr(judges, "random_integrals", counted)
     certify(rig, Rows(*columns), 2, 1.0)
     assert traced == [1 << 14]
-    certify(rig, Rows(*columns), 2, 1e-3)
+    for claim_px in (3e-4, 1e-3, 3e-3):
+        apart, sigma = judges.differences(rig, Rows(*columns), claim_px)
+        length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
+        assert ((length + judges.SHARPER * own <= claim_px) | (own <= claim_px / judges.SHARPER / 2)).all()
     assert max(traced) > 1 << 14
 
 
