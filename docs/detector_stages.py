@@ -51,7 +51,7 @@ CAMERA = """
         over "Camera"
         {{
             uniform int plen:image:samples = 256
-            uniform token plen:truth:method = "direct"
+            uniform double plen:truth:accuracy = 0.0001
             {columns}
         }}
 

@@ -1,5 +1,7 @@
 """Text that stages of the tests have in common."""
 
+import re
+
 
 def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
     """The first lines of a layer in millimetres with y up: its default prim, and frames from 1."""
@@ -13,3 +15,8 @@ def head(prim: str, end: int = 1, unit: str = "0.001") -> str:
     upAxis = "Y"
 )
 """
+
+
+def without_method(stage: str) -> str:
+    """The same stage without an opinion on `plen:truth:method`, so that a test can write its own."""
+    return re.sub(" *uniform token plen:truth:method = .*\n", "", stage)

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.camera import squares
 from pipeline.camera.camera import REPLICAS
 from pipeline.camera.moments import COLUMNS, VARIANCE
-from pipeline.camera.quadrature import EMPTY, INTEGRATED, NOT_STAR_SHAPED, edges
+from pipeline.camera.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, edges
 from pipeline.camera.regions import SKIP
 from pipeline.camera.tracer import Tracer
 
@@ -63,9 +63,10 @@ def integrals(
 ) -> Integral:
     """Integrate the bundles of image positions (n, 2) behind their microlenses (n,) on planes (n, 2, 4, 3).
 
-    Level 0 states no error (NaN), because there is nothing to compare with. Rays start at the positions, or anywhere on
-    squares of the edge `square_px` around them. Positions near their anchors (n, 2) have the random rays of these: a
-    search keeps them, so that its integrals change smoothly with the position.
+    Level 0 is for steps on the way: it states no error (NaN), because there is nothing to compare with, and does not
+    ask whether all that passes lies within the edge that it found. Rays start at the positions, or anywhere on squares
+    of the edge `square_px` around them. Positions near their anchors (n, 2) have the random rays of these: a search
+    keeps them, so that its integrals change smoothly with the position.
     """
     known = ~np.isnan(x_px).any(axis=1)
     x, lit = np.where(known[:, None], x_px, 0.0), np.where(known, lens, SKIP)
@@ -90,7 +91,7 @@ _Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
 def _over_points(
     tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, levels: list[int], _: float
 ) -> _Levels:
-    found = edges(tracer.arrays, tracer.positions_mm(*x_px.T), lens)
+    found = edges(tracer.arrays, tracer.positions_mm(*x_px.T), lens, FINE if levels[-1] > 0 else ROUGH)
     parts = [found.moments(planes, NODES[level], level == levels[-1]) for level in levels]
     return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
 

@@ -26,9 +26,33 @@ EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
 """Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
 
 _FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
-_CORNER_STEPS, _CORNER_EDGE_STEPS = 10, 18
 _INNER_PROBES = 256
 _LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Work that an integral may cost.
+
+    Attributes
+    ----------
+    corner_steps, corner_edge_steps : int
+        Bisections of the direction of a corner, and of the edge for each of them.
+    edge_steps : int
+        Bisections of the edge in the direction of a node.
+    is_checked : bool
+        Whether rays over the whole bound are held against the edge.
+    """
+
+    corner_steps: int
+    corner_edge_steps: int
+    edge_steps: int
+    is_checked: bool
+
+
+FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24, is_checked=True)
+ROUGH = Effort(corner_steps=5, corner_edge_steps=12, edge_steps=20, is_checked=False)
+"""Efforts for results, and for steps on the way to one, which the fine integrals after them judge."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +65,13 @@ class Edges(Ways):
         Corners of the edges: positions, ascending, and directions from the inner point, ascending.
     rays : int
         Traced so far.
+    effort : Effort
     """
 
     corner_owner: np.ndarray
     corner_rad: np.ndarray
     rays: int
+    effort: Effort
 
     def moments(
         self, planes: np.ndarray, nodes: tuple[int, int], is_last: bool = True
@@ -72,7 +98,7 @@ class Edges(Ways):
         n = len(self.positions)
         result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
         owner, angle, share = _directions(self, nodes[1])
-        radius, _, limit, rays = self.find(owner, angle)
+        radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
         if len(owner):
             node, weight = _gauss(nodes[0])
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -87,7 +113,7 @@ class Edges(Ways):
             probes.integrate.count(len(arguments[-1]), len(self.arrays[1]))
             rays += len(arguments[-1]) + len(owner)
             whole &= self.nothing_beyond(owner, along, radius, limit)
-            if is_last:
+            if is_last and self.effort.is_checked:
                 held, more = holds_all(self, owner, angle, radius, share, PROBES * nodes[1])
                 whole, rays = whole & held, rays + more
             status[owner] = np.where(whole, INTEGRATED, NOT_STAR_SHAPED)[owner]
@@ -114,12 +140,12 @@ class Edges(Ways):
         return marks[:, :-1], np.diff(marks, axis=1)
 
 
-def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, effort: Effort = FINE) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
-    found = inner_points(arrays, positions_mm, lens)
+    found = replace(inner_points(arrays, positions_mm, lens), effort=effort)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
-    _, label, _, fine = found.find(owner, angle, _CORNER_EDGE_STEPS)
+    _, label, _, fine = found.find(owner, angle, effort.corner_edge_steps)
     corner_owner, corner, again = _corners(found, owner, angle, label)
     return replace(found, corner_owner=corner_owner, corner_rad=corner, rays=found.rays + fine + again)
 
@@ -141,7 +167,7 @@ def bounded(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray)
     optics, _, outlines, lenses, aperture, mosaic = arrays
     probes.bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons, counts, free)
     none = np.zeros(0, np.int64), np.zeros(0)
-    return Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0)
+    return Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0, FINE)
 
 
 def _settle_centres(found: Edges) -> int:
@@ -185,9 +211,9 @@ def _corners(
     changes = np.flatnonzero(label != following)
     owner, left, before, after = owner[changes], angle[changes], label[changes], following[changes]
     right, rays = left + 2 * np.pi / _FIRST_DIRECTIONS, 0
-    for _ in range(_CORNER_STEPS):
+    for _ in range(found.effort.corner_steps):
         middle = (left + right) / 2
-        _, here, _, more = found.find(owner, middle, _CORNER_EDGE_STEPS)
+        _, here, _, more = found.find(owner, middle, found.effort.corner_edge_steps)
         rays += more
         is_left, new = here == before, (here != before) & (here != after)
         parts = (

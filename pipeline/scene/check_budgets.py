@@ -54,7 +54,7 @@ def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     if not sensor or not resolution:
         return
     width, height = resolution
-    traced = read(camera, "plen:truth:method") != "direct"
+    traced = read(camera, "plen:truth:method") != "direct" or read(camera, "plen:truth:rays")
     fine = (read(camera, "plen:truth:supersampling") or 1) if traced else 1
     pixels = width * height * fine**2
     what = f"{width} x {height} pixels" + (f", {fine} x {fine} times as fine," if fine > 1 else "")

@@ -61,7 +61,7 @@ def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
     for camera in cameras:
         if curved and read(camera, "plen:truth:method") == "image":
             message = f'"image" cannot be the method for "{curved[0]}", whose points have a tangent plane each'
-            hint = 'plen:truth:method = "moments" takes any surface'
+            hint = 'plen:truth:method = "direct" takes any surface'
             yield problem(camera.GetAttribute("plen:truth:method"), "not-yet-supported", message, hint=hint)
 
 

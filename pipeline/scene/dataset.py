@@ -49,6 +49,8 @@ class CameraEntry:
         Rays per pixel of the image.
     extent : str
         Of position images by method `image`: `tiles` around the points, or `full`.
+    delivers_rays : bool
+        Whether rays.exr is wanted, also where no method needs it.
     f_numbers : tuple of float
         Of further white images, in the order of the stage.
     """
@@ -65,6 +67,7 @@ class CameraEntry:
     truth: dict[str, str | float | None]
     image_samples: int
     extent: str = "tiles"
+    delivers_rays: bool = False
     f_numbers: tuple[float, ...] = ()
     file: str | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)

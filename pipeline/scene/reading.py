@@ -130,6 +130,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         | {"accuracy_px": read(prim, "plen:truth:accuracy")},
         image_samples=need(prim, "plen:image:samples"),
         extent=need(prim, "plen:truth:extent"),
+        delivers_rays=need(prim, "plen:truth:rays"),
         f_numbers=tuple(need(prim, "plen:image:fNumbers")),
         file=file,
         line=line,

@@ -191,9 +191,9 @@ def build(
     def warn(text: str) -> None:
         listener({"event": "warning", "text": text})
 
-    whole = project(path, out, allow_roots, untrusted=untrusted, preview=preview, warn=warn)
+    dataset = project(path, out, allow_roots, untrusted=untrusted, preview=preview, warn=warn)
     return session.build(
-        whole,
+        dataset,
         jobs=jobs,
         keep_going=keep_going,
         force=force,
@@ -204,7 +204,7 @@ def build(
         check_percent=check_percent,
         engine=_place(engine, jobs, timeout_s, untrusted=untrusted),
         on_event=listener,
-        prepare=lambda: compile_once(warn, whole.graph),
+        prepare=lambda: compile_once(warn, dataset.graph),
     )
 
 

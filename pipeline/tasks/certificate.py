@@ -12,7 +12,7 @@ from pipeline.files.tables import Table, read_table
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.truth.certificate import certify
-from pipeline.truth.judged import Rows
+from pipeline.truth.judged import ROWS, Rows, rows_of_build
 from pipeline.truth.solve import Rig, tangent_planes
 
 _STREAM = 0x5EA1
@@ -27,7 +27,9 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
         for frame in params["frames"]
     ]
     rig = Rig(tracer, images, params["square_px"])
-    write_json(out / "certificate.json", certificate(rig, tables, params["claim_px"], params["seed"]))
+    of = sum(len(table.columns["x_px"]) for _, table in tables)
+    found = certificate(rig, tables, params["claim_px"], params["seed"], rows_of_build(of))
+    write_json(out / "certificate.json", found)
     numbers = [frame["number"] for frame in params["frames"]]
     write_json(out / "points.json", points_seen(numbers, tables))
 
@@ -50,14 +52,14 @@ def points_seen(numbers: list[int], tables: list[tuple[list[dict[str, Any]], Tab
 
 
 def certificate(
-    rig: Rig, tables: list[tuple[list[dict[str, Any]], Table]], claim_px: float | None, seed: int
+    rig: Rig, tables: list[tuple[list[dict[str, Any]], Table]], claim_px: float | None, seed: int, rows: int = ROWS
 ) -> dict[str, Any]:
-    """Draw a sample from the tables of all frames, solve it again, and state the differences."""
-    rows = [row for targets, table in tables for row in rows_of(rig, targets, table)]
-    if not rows:
-        rows = [(np.zeros((0, 4, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))]
-    columns = [np.concatenate(parts) for parts in zip(*rows, strict=True)]
-    return certify(rig, Rows(*columns).drawn(seed), len(columns[1]), claim_px)
+    """Draw a sample of so many rows from the tables of all frames, solve it again, and state the differences."""
+    parts = [part for targets, table in tables for part in rows_of(rig, targets, table)]
+    if not parts:
+        parts = [(np.zeros((0, 4, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))]
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return certify(rig, Rows(*columns).drawn(seed, rows), len(columns[1]), claim_px)
 
 
 def rows_of(rig: Rig, targets: list[dict[str, Any]], table: Table) -> list[tuple[np.ndarray, ...]]:

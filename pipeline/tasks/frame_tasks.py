@@ -16,7 +16,7 @@ from pipeline.tasks.poses import target_poses
 from pipeline.tasks.things import Things, matrix
 from pipeline.tasks.tiles import Bands, image_bands, point_tiles
 from pipeline.truth.on_points import plane_name
-from pipeline.truth.settings import TruthSettings
+from pipeline.truth.settings import OF_SEARCH, TruthSettings
 
 KIND = "pipeline.tasks."
 
@@ -88,7 +88,7 @@ class FrameTasks:
         self.painted, self.bare = painted, bare
         self.settings = from_plain(TruthSettings, entry.truth)
         self._image = {**image_params(entry), "background": dataset.background}
-        self._truth = _truth_params(entry)
+        self._truth = _truth_params(entry, self.settings)
         self._reads = {"camera": f"focus/{entry.name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
@@ -147,7 +147,7 @@ class FrameTasks:
         occluders = self.bare.occluders(frame, self.entry.name)
         params = {**self._truth, "frame": frame.number, "targets": targets, "occluders": occluders}
         reads = dict(self._reads)
-        if self.settings.method != "direct":
+        if self.settings.searches:
             reads["rays"] = f"rays/{self.entry.name}"
             if self.entry.asked.microlenses:
                 reads["micro_images"] = f"micro_images/{self.entry.name}"
@@ -180,8 +180,8 @@ class FrameTasks:
         return positions
 
 
-def _truth_params(entry: CameraEntry) -> dict[str, Any]:
-    """Params that `truth` reads in every frame."""
+def _truth_params(entry: CameraEntry, settings: TruthSettings) -> dict[str, Any]:
+    """Params that `truth` reads in every frame; without position images none of their search."""
     labels = {
         "weight": entry.weight,
         "wavelength_nm": entry.wavelength_nm,
@@ -190,10 +190,12 @@ def _truth_params(entry: CameraEntry) -> dict[str, Any]:
         "stop": entry.camera.prescription.stop.aperture,
         "seed": entry.sampling.seed,
     }
-    if entry.truth["method"] != "direct":
+    truth = to_plain(entry.truth)
+    if settings.searches:
         labels["samples"] = entry.sampling.samples
-    truth = Shared(to_plain(entry.truth))
-    return {"camera": entry.name, "truth": truth, "square_px": entry.square_px, "labels": Shared(labels)}
+    else:
+        truth = {name: value for name, value in truth.items() if name not in OF_SEARCH}
+    return {"camera": entry.name, "truth": Shared(truth), "square_px": entry.square_px, "labels": Shared(labels)}
 
 
 def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from pipeline.camera.request import FocusRequest, group_shift
 from pipeline.camera.stop import shown_f_number
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
-from pipeline.records import to_plain
+from pipeline.records import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.problems import blamed_on
 from pipeline.tasks.baselines import BASELINES
@@ -20,6 +20,7 @@ from pipeline.tasks.frame_tasks import KIND, FrameTasks, add_tiles, image_params
 from pipeline.tasks.poses import targets_json
 from pipeline.tasks.things import Things
 from pipeline.tasks.tiles import bundle_bands, image_bands, microlens_tiles
+from pipeline.truth.settings import TruthSettings
 
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
@@ -62,7 +63,7 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     pinhole = graph.add(f"pinhole/{name}", f"{KIND}pinhole", {}, settled)
     params = {"labels": labels_of(entry), "circle_of_confusion_px": planes["circle_of_confusion_px"]}
     report = graph.add(f"first_order/{name}", f"{KIND}first_order", params, {**settled, "pinhole": pinhole})
-    if entry.truth["method"] != "direct":
+    if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")
     _add_white(graph, files, entry, reads, name, f"{folder}/white", f"{folder}/")

@@ -179,17 +179,16 @@ def _camera(project: Project, name: str) -> JudgedCamera:
     graph = project.graph
     truths = [task for task in (graph[one] for one in graph) if task.name.startswith(f"truth/{name}/")]
     first = truths[0].params
-    rays = f"rays/{name}"
-    sampling = None
-    if rays in graph:
-        sampling = {key: graph[rays].params[key] for key in ("supersampling", "samples")}
+    settings, sampling = from_plain(TruthSettings, first["truth"]), None
+    if settings.searches:
+        sampling = {key: graph[f"rays/{name}"].params[key] for key in ("supersampling", "samples")}
         sampling["square_px"] = first["square_px"]
     file_of = {source[0]: path for path, source in project.files.items() if not isinstance(source, bytes)}
     return JudgedCamera(
         name=name,
         camera=_focused(graph[f"focus/{name}"].params, graph[f"planes/{name}"].params),
         seed=first["labels"]["seed"],
-        settings=from_plain(TruthSettings, first["truth"]),
+        settings=settings,
         square_px=first["square_px"],
         sampling=sampling,
         tables={

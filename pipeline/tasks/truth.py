@@ -41,7 +41,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     vision_from_target}), occluders, square_px."""
     settings = from_plain(TruthSettings, params["truth"])
     notes, columns = joined(inputs, params["tiles"]) if params["tiles"] else target_rows(params, inputs)
-    k = None if settings.method == "direct" else RayFile(inputs).supersampling
+    k = RayFile(inputs).supersampling if settings.searches else None
     head = header_of(params, settings, k, is_plenoptic=focused_camera(inputs).microlenses is not None)
     write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
 
@@ -53,7 +53,7 @@ def target_rows(params: dict[str, Any], inputs: Inputs) -> tuple[list[TargetNote
     """
     settings = from_plain(TruthSettings, params["truth"])
     rig = Rig(*tracer_of(inputs, params["labels"]["seed"]), params["square_px"])
-    rays = None if settings.method == "direct" else RayFile(inputs)
+    rays = RayFile(inputs) if settings.searches else None
     positions = ExrWindows(inputs["positions"]["positions.exr"]) if "positions" in inputs else None
     columns: dict[str, list[Any]] = {name: [] for name in column_order(settings)}
     notes = []

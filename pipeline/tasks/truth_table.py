@@ -156,7 +156,7 @@ def header_of(
 
 
 def _search(settings: TruthSettings) -> str:
-    if settings.method == "direct":
+    if not settings.searches:
         return "J(x) = p solved at every point, no position image"
     if settings.search == "nearest":
         return f"search: nearest, threshold {settings.nearest_threshold_mm} mm"

@@ -4,6 +4,7 @@ Points are in the vision frame. The forward trace runs in the lens frame moved t
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 _FLIP = np.array([1.0, -1.0, -1.0])
 _FAN, _WIDE_FAN = 16, 96
@@ -48,17 +52,18 @@ class Candidates:
 def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray) -> Candidates:
     """All candidates of points (p, 3); points whose light does not get through have none."""
     point, lens, guess, reach, rays = [], [], [], [], 0
+    vertices = None if images is None else tree_of(tracer.vertices_mm)
     for number, p in enumerate(points_mm):
         crossing, slope, traced = _footprint(tracer, p)
         rays += traced
         if not len(crossing):
             continue
-        if images is None:
+        if images is None or vertices is None:
             seen, x = np.array([NO_MICROLENS]), crossing.mean(axis=0, keepdims=True)
             blur_px = np.ptp(crossing, axis=0).max() / tracer.camera.sensor.pitch_mm
         else:
             blur_px = 0.0
-            seen, x = _through_microlenses(tracer, images, crossing, slope)
+            seen, x = _through_microlenses(tracer, images, vertices, crossing, slope)
         point.append(np.full(len(seen), number))
         lens.append(seen)
         guess.append(tracer.pixels_at(x))
@@ -99,13 +104,13 @@ def _footprint(tracer: Tracer, point_mm: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _through_microlenses(
-    tracer: Tracer, images: MicroImages, crossing: np.ndarray, slope: np.ndarray
+    tracer: Tracer, images: MicroImages, vertices: "cKDTree", crossing: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Microlenses that a footprint lights, and where the rays through their vertices meet the sensor."""
     array = tracer.camera.microlenses
     assert array is not None
     spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
-    reached = tree_of(tracer.vertices_mm).query_ball_point(crossing, array.pitch_mm + spacing)
+    reached = vertices.query_ball_point(crossing, array.pitch_mm + spacing)
     seen = np.unique(np.concatenate([np.asarray(rows, np.int64) for rows in reached]))
     # Slopes are nearly linear in the crossing; where the rays meet in a point, their mean has to do.
     q, s = crossing - crossing.mean(axis=0), slope - slope.mean(axis=0)

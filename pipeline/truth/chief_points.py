@@ -30,11 +30,7 @@ def chief_points(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.
     """
     x = x_px.copy()
     miss = _chief_hits(tracer, lens, x, planes)
-    change = [
-        _chief_hits(tracer, lens, x + step, planes) - _chief_hits(tracer, lens, x - step, planes)
-        for step in _DIFFERENCE_PX * np.eye(2)
-    ]
-    jacobian = np.stack(change, axis=2) / (2 * _DIFFERENCE_PX)
+    jacobian = chief_jacobian(tracer, lens, x, planes)
     with np.errstate(invalid="ignore"):
         regular = np.abs(np.linalg.det(jacobian)) > 0
     inverse = np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))
@@ -47,6 +43,15 @@ def chief_points(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.
             break
         miss = _chief_hits(tracer, lens, x, planes)
     return np.where((np.abs(step) < _ACCEPTED_PX).all(axis=1)[:, None], x, np.nan)
+
+
+def chief_jacobian(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN where there are none."""
+    change = [
+        _chief_hits(tracer, lens, x_px + step, planes) - _chief_hits(tracer, lens, x_px - step, planes)
+        for step in _DIFFERENCE_PX * np.eye(2)
+    ]
+    return np.stack(change, axis=2) / (2 * _DIFFERENCE_PX)
 
 
 def _chief_hits(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:

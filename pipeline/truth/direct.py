@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.camera.integrals import LEVELS, Integral, integrals, pooled
 from pipeline.camera.moments import COLUMNS
 from pipeline.camera.tracer import Tracer
+from pipeline.truth.chief_points import chief_jacobian
 
 _STEPS, _RETREATS = 14, 8
 _DIFFERENCE_PX = 0.25
@@ -81,10 +82,14 @@ class Search:
         self.random_mm = np.full((n, 2), np.nan)
 
     def approach(self, may_exist: MayExist) -> None:
-        """Newton's method with rough integrals, until steps are short; rows that leave where they may exist stop."""
+        """Newton's method with rough integrals, until steps are short; rows that leave where they may exist stop.
+
+        Chief rays say nearly how bundles move, at a fraction of the price: their derivative begins.
+        """
         rows = self._leave_the_dark()
-        self._derive(rows)
-        start = self.x_px.copy()
+        self.jacobian[rows] = chief_jacobian(self.tracer, self.lens[rows], self.x_px[rows], self.planes[rows, 0])
+        self.inverse[rows] = _inverse(self.jacobian[rows])
+        self._derive(rows[np.isnan(self.inverse[rows]).any(axis=(1, 2))])
         for _ in range(_STEPS):
             step = self._newton_step(rows)
             rows = rows[np.hypot(*step.T) > _ROUGH_PX]
@@ -93,7 +98,7 @@ class Search:
                 break
         rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
         rows = rows[may_exist(self.x_px[rows], rows)]
-        self._derive(rows[np.hypot(*(self.x_px - start)[rows].T) > _DIFFERENCE_PX])
+        self._derive(rows)
 
     def look(self) -> None:
         """Derivatives of J at the first guesses, which stay where they are."""
@@ -107,27 +112,30 @@ class Search:
 
     def refine(self, rows: np.ndarray, accuracy_px: float) -> None:
         """Finer integrals, level by level, until their error and the step that they ask for are below the accuracy."""
-        step = np.zeros(self.x_px.shape)
         for level in range(1, LEVELS):
-            step[rows], self.anchor_px[rows] = 0.0, self.x_px[rows]
-            coarser, going = self.random_mm.copy(), rows
-            for turn in range(_FINE_STEPS):
-                found = pooled(self._integral(going, self.x_px[going], level), coarser[going])
-                self.moments[going] = found.moments
-                if turn:
-                    self._measure(going, step[going], found.moments[:, :2])
-                    self._update(going, step[going], found.moments[:, :2])
-                self.residual[going] = found.moments[:, :2]
-                step[going] = -_times(self.inverse[going], found.moments[:, :2])
-                self.x_px[going] += step[going]
-                left = self._left(going, step[going])
-                self.sigma_px[going] = np.hypot(errors_px(self.inverse[going], found), left)
-                # Every row ends by itself: a row solved in another company is the same row.
-                going = going[~(left.max(axis=1, initial=0.0) < accuracy_px / 4)]
-                if not len(going):
-                    break
+            self._settle(rows, level, accuracy_px)
             self.reached[rows] = np.hypot(*self.sigma_px[rows].T) < accuracy_px
             rows = rows[~self.reached[rows] & np.isfinite(self.x_px[rows, 0])]
+            if not len(rows):
+                break
+
+    def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
+        """Steps of Newton's method with integrals of one level; rows that are near enough stay where they are."""
+        step, coarser = np.zeros_like(self.x_px), self.random_mm.copy()
+        self.anchor_px[rows] = self.x_px[rows]
+        for turn in range(_FINE_STEPS):
+            found = pooled(self._integral(rows, self.x_px[rows], level), coarser[rows])
+            self.moments[rows] = found.moments
+            if turn:
+                self._measure(rows, step[rows], found.moments[:, :2])
+                self._update(rows, step[rows], found.moments[:, :2])
+            self.residual[rows] = found.moments[:, :2]
+            step[rows] = -_times(self.inverse[rows], found.moments[:, :2])
+            self.x_px[rows] += step[rows]
+            left = self._left(rows, step[rows])
+            self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], found), left)
+            # Every row ends by itself: a row solved in another company is the same row.
+            rows = rows[~(left.max(axis=1, initial=0.0) < accuracy_px / 4)]
             if not len(rows):
                 break
 

@@ -5,7 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 ROWS = 64
-"""Rows that are solved again for each camera."""
+"""Most rows that are solved again for each camera."""
+_FEWEST, _ONE_IN = 16, 8
+"""Rows that a build solves again: one in so many, but so many at least. More would cost more than the build itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +42,22 @@ class Rows:
         """Rows of the table that each stands for, (n,)."""
         return np.ones(len(self.cell)) if self.stands_for is None else self.stands_for
 
-    def drawn(self, seed: int) -> "Rows":
-        """A sample of these rows, which stands for all of them."""
-        chosen = sample(self.is_direct, seed)
-        of, rows = np.bincount(self.is_direct, minlength=2), np.bincount(self.is_direct[chosen], minlength=2)
+    def drawn(self, seed: int, rows: int = ROWS) -> "Rows":
+        """A sample of so many of these rows, which stands for all of them."""
+        chosen = sample(self.is_direct, seed, rows)
+        of, drawn = np.bincount(self.is_direct, minlength=2), np.bincount(self.is_direct[chosen], minlength=2)
         kind = self.is_direct[chosen].astype(int)
-        return replace(self.only(chosen), stands_for=of[kind] / rows[kind])
+        return replace(self.only(chosen), stands_for=of[kind] / drawn[kind])
 
 
-def sample(is_direct: np.ndarray, seed: int) -> np.ndarray:
-    """Numbers of up to ROWS rows, drawn without repetition, ascending; half of either kind if there are."""
+def rows_of_build(of: int) -> int:
+    """Number of rows that the certificate of a build solves again, of so many that the tables have."""
+    return min(ROWS, max(_FEWEST, of // _ONE_IN))
+
+
+def sample(is_direct: np.ndarray, seed: int, rows: int = ROWS) -> np.ndarray:
+    """Numbers of up to so many rows, drawn without repetition, ascending; half of either kind if there are."""
     order = np.random.default_rng(seed).permutation(len(is_direct))
     others, direct = order[~is_direct[order]], order[is_direct[order]]
-    others = others[: max(ROWS // 2, ROWS - len(direct))]
-    return np.sort(np.concatenate([others, direct[: ROWS - len(others)]]))
+    others = others[: max(rows // 2, rows - len(direct))]
+    return np.sort(np.concatenate([others, direct[: rows - len(others)]]))

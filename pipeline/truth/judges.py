@@ -13,7 +13,9 @@ SHARPER = 3.0
 """A judge is believed whose standard error is so many times smaller than the claim. Of a row judged less sharply the
 difference counts with so many standard errors less to refute a claim, and with so many more to confirm it."""
 
-_RANDOM_RAYS = tuple(1 << power for power in range(16, 23, 2))
+_RANDOM_RAYS = tuple(1 << power for power in range(14, 23, 2))
+"""Rays of a row, level by level: more of them only where a row is not yet known to keep the claim, by `SHARPER`
+standard errors, and its own is not below half of what is believed."""
 _TURNS, _ROUGH_PX = 3, 0.01
 _BATCHES = 6
 """Batches of the most rays, in all: for rows that keep the judge from a decision."""
@@ -77,7 +79,8 @@ class _RandomRays:
                 self.apart_px[doubtful] += step
                 if not (np.abs(step) > _ROUGH_PX).any():
                     break
-            doubtful = doubtful[np.hypot(*self.sigma_px[doubtful].T) > claim_px / SHARPER / 2]
+            length, own = np.hypot(*self.apart_px[doubtful].T), np.hypot(*self.sigma_px[doubtful].T)
+            doubtful = doubtful[(length + SHARPER * own > claim_px) & (own > claim_px / SHARPER / 2)]
             if not len(doubtful):
                 break
 

@@ -1,19 +1,21 @@
-"""Settings of the search for ground truth in the position images of a camera."""
+"""Settings of the ground truth of a camera."""
 
 from dataclasses import dataclass
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
+OF_SEARCH = ("search", "filter", "lambda_d", "lambda_alpha_deg", "nearest_threshold_mm")
+"""Fields of `TruthSettings` that only the methods with position images read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthSettings:
-    """The authored `plen:truth:*` values of a camera that the search reads.
+    """The authored `plen:truth:*` values of a camera that decide its rows.
 
     Attributes
     ----------
     method : str
-        `two-plane` (J from J_near and J_far), `moments` (corrected to second order, rows that miss the accuracy solved
-        directly), `image` (J rendered per pose) or `direct` (J(x) = p solved for each point).
+        `direct` (J(x) = p solved for each point), `two-plane` (J from J_near and J_far), `moments` (corrected to second
+        order, rows that miss the accuracy solved directly) or `image` (J rendered per pose).
     search : str
         `quad` (cell of four neighbours and a local linear solve) or `nearest` (the paper's naive search).
     filter : str
@@ -32,7 +34,7 @@ class TruthSettings:
         Sets of columns beside those that every table has, see `column_sets`.
     """
 
-    method: str = "moments"
+    method: str = "direct"
     search: str = "quad"
     filter: str = "lengths-and-angles"
     lambda_d: float = 0.15
@@ -50,4 +52,9 @@ class TruthSettings:
     @property
     def claim_px(self) -> float | None:
         """The accuracy that rows claim [px]; None: `two-plane` and `image` promise none of their own accord."""
-        return {"direct": 1e-4, "moments": 1e-3}.get(self.method) if self.accuracy_px is None else self.accuracy_px
+        return {"direct": 1e-3, "moments": 1e-3}.get(self.method) if self.accuracy_px is None else self.accuracy_px
+
+    @property
+    def searches(self) -> bool:
+        """Whether points are searched in position images, which must be traced then."""
+        return self.method != "direct"

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 import typer
+from stage_text import without_method
 
 import pipeline
 from pipeline import cli
@@ -94,7 +95,7 @@ def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path,
     lines_of = "".join(f'            uniform token plen:truth:{name} = "{value}"\n' for name, value in options)
     lines_of += "            uniform double plen:truth:nearestThreshold = 2\n"
     head = '        over "Camera"\n        {\n'
-    stage.write_text(text.replace(head, head + lines_of), encoding="utf-8")
+    stage.write_text(without_method(text).replace(head, head + lines_of), encoding="utf-8")
     result = pipeline.build(stage, tmp_path / "out", jobs=1)
     assert result.exit_code == 0
     said = "\n".join(lines(result.certificate))

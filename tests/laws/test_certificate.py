@@ -1,6 +1,7 @@
 """Claim: a certificate says passed or failed only where its own error lets it, and knows both kinds of rows."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.truth import judges
 from pipeline.truth.certificate import _verdict, certify
-from pipeline.truth.judged import ROWS, Rows, sample
+from pipeline.truth.judged import ROWS, Rows, rows_of_build, sample
 from pipeline.truth.solve import tangent_planes
 
 CLAIM_PX = 1e-4
@@ -68,6 +69,44 @@ def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkey
     apart, sigma = map(np.array, zip(*(judges.differences(one, rows, 1e-9) for one in rigs_of_seeds), strict=True))
     assert 0.7 < np.sqrt(np.mean((apart / sigma) ** 2)) < 1.3
     assert np.abs(apart / sigma).max() < 5
+
+
+@pytest.mark.parametrize(("moved_px", "passed"), [(0.0, True), (4e-4, True), (1.6e-3, False), (3e-2, False)])
+def test_an_error_of_more_than_the_claim_is_seen_although_rows_begin_with_few_rays(
+    moved_px: float, passed: bool
+) -> None:
+    rig, planes, cell, x, is_direct = by_direct(0.05)
+    moved = x + moved_px * np.array([0.6, -0.8])
+    found = certify(rig, Rows(planes, cell, moved, is_direct), len(x), 1e-3)
+    assert found["passed"] is passed
+    assert abs(found["mean_px"] - moved_px) < 3e-4 + found["own_sigma_px"]
+
+
+def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, *columns = by_direct(0.05)
+    traced, trace = [], judges.random_integrals
+
+    def counted(*arguments: Any, **others: Any) -> Any:
+        traced.append(arguments[4])
+        return trace(*arguments, **others)
+
+    monkeypatch.setattr(judges, "random_integrals", counted)
+    certify(rig, Rows(*columns), 2, 1.0)
+    assert traced == [1 << 14]
+    for claim_px in (3e-4, 1e-3, 3e-3):
+        apart, sigma = judges.differences(rig, Rows(*columns), claim_px)
+        length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
+        assert ((length + judges.SHARPER * own <= claim_px) | (own <= claim_px / judges.SHARPER / 2)).all()
+    assert max(traced) > 1 << 14
+
+
+@pytest.mark.parametrize(("of", "rows"), [(0, 16), (12, 16), (168, 21), (512, 64), (3295, 64)])
+def test_a_build_judges_one_row_in_eight(of: int, rows: int) -> None:
+    assert rows_of_build(of) == rows
+    is_direct = np.random.default_rng(2).permutation(np.arange(of) < of // 2)
+    drawn = sample(is_direct, 3, rows)
+    assert len(drawn) == min(of, rows)
+    assert abs(2 * np.sum(is_direct[drawn]) - len(drawn)) <= 1
 
 
 @pytest.mark.parametrize(

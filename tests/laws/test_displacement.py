@@ -497,7 +497,7 @@ def brute_j(camera: Camera, start: np.ndarray, cell: int, pose: np.ndarray) -> t
 def deviations_of(grid: RayGrid, camera: Camera, board: Checkerboard, pose: np.ndarray) -> np.ndarray:
     """Deviations of brute-force J at the found positions from the points, over its standard error and sigma, (n, 2)."""
     image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-    truth = correspond(image, board.points_mm(), grid, pose, TruthSettings(filter="none"))
+    truth = correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments", filter="none"))
     rows, found = truth.found, []
     positions = Tracer(camera).positions_mm(rows.x_px, rows.y_px)
     bright = np.flatnonzero(truth.hit_fraction > 0.9)

@@ -55,7 +55,7 @@ def test_positions_come_back_from_a_k_times_finer_image(k: int) -> None:
     """On an affine J the search is exact: 1e-9 px at any K."""
     positions = np.random.default_rng(k).uniform(2.0, 17.0, (30, 2))
     image = centres_px(k) @ AFFINE.T + SHIFT_MM
-    found, counts = find(image, points_at(positions), grid_of(k), TruthSettings())
+    found, counts = find(image, points_at(positions), grid_of(k), TruthSettings(method="moments"))
     np.testing.assert_array_equal(found.point, np.arange(30))
     np.testing.assert_allclose(np.stack([found.x_px, found.y_px], axis=1), positions, rtol=0, atol=HALF_PIXEL_PX)
     np.testing.assert_allclose(found.jacobian, np.broadcast_to(AFFINE, (30, 2, 2)), rtol=0, atol=HALF_PIXEL_PX)
@@ -111,10 +111,10 @@ def test_a_stretched_row_is_rejected_for_its_lengths_once_beyond_the_limit() -> 
     for e, expected in ((0.243 - 0.002, (0, 0, 0)), (0.2433 + 0.002, (0, 1, 0))):
         image = centres_px(1)
         image[:, 10:, 0] += e
-        assert rejections(filtered(image, TruthSettings())) == expected
+        assert rejections(filtered(image, TruthSettings(method="moments"))) == expected
     image[:, 10:, 0] += 0.5
-    assert rejections(filtered(image, TruthSettings(lambda_d=1.0))) == (0, 0, 0)
-    assert rejections(filtered(image, TruthSettings(filter="none"))) == (0, 0, 0)
+    assert rejections(filtered(image, TruthSettings(method="moments", lambda_d=1.0))) == (0, 0, 0)
+    assert rejections(filtered(image, TruthSettings(method="moments", filter="none"))) == (0, 0, 0)
 
 
 def test_a_kink_is_rejected_for_its_angles_once_beyond_the_limit() -> None:
@@ -123,8 +123,8 @@ def test_a_kink_is_rejected_for_its_angles_once_beyond_the_limit() -> None:
     for shear, expected in ((limit - 0.003, (0, 0, 0)), (limit + 0.003, (0, 0, 1))):
         image = centres_px(1)
         image[11:, :, 0] += shear
-        assert rejections(filtered(image, TruthSettings())) == expected
-    assert rejections(filtered(image, TruthSettings(lambda_alpha_deg=20.0))) == (0, 0, 0)
+        assert rejections(filtered(image, TruthSettings(method="moments"))) == expected
+    assert rejections(filtered(image, TruthSettings(method="moments", lambda_alpha_deg=20.0))) == (0, 0, 0)
 
 
 def test_an_outlier_of_noise_is_rejected_for_its_lengths() -> None:
@@ -135,7 +135,7 @@ def test_an_outlier_of_noise_is_rejected_for_its_lengths() -> None:
                 continue
             image = centres_px(1)
             image[row, column] += [0.25, 0.25]
-            assert rejections(filtered(image, TruthSettings())) == (0, 1, 0)
+            assert rejections(filtered(image, TruthSettings(method="moments"))) == (0, 1, 0)
 
 
 def test_a_window_that_is_not_filled_or_not_in_one_cell_is_rejected() -> None:
@@ -143,16 +143,16 @@ def test_a_window_that_is_not_filled_or_not_in_one_cell_is_rejected() -> None:
     for row, column, expected in ((8, 7, 1), (11, 10, 1), (8, 11, 0), (12, 10, 0), (7, 7, 0)):
         image, cell = centres_px(1), np.zeros((20, 24), np.int64)
         image[row, column] = np.nan
-        assert rejections(filtered(image, TruthSettings())) == (expected, 0, 0)
+        assert rejections(filtered(image, TruthSettings(method="moments"))) == (expected, 0, 0)
         cell[row, column] = -1
-        assert rejections(filtered(centres_px(1), TruthSettings(), cell)) == (expected, 0, 0)
+        assert rejections(filtered(centres_px(1), TruthSettings(method="moments"), cell)) == (expected, 0, 0)
 
 
 def test_a_point_near_the_image_edge_has_no_window() -> None:
     """Three pixels from the edge are enough, two are not."""
     image = centres_px(1)
     for x, expected in ((0.5, (1, 0, 0)), (1.5, (0, 0, 0)), (21.5, (0, 0, 0)), (22.5, (1, 0, 0))):
-        _, counts = find(image, np.array([[x, 9.3, 0.0]]), grid_of(1), TruthSettings())
+        _, counts = find(image, np.array([[x, 9.3, 0.0]]), grid_of(1), TruthSettings(method="moments"))
         assert rejections(counts) == expected
 
 
@@ -160,7 +160,7 @@ def test_the_nearest_search_returns_the_nearest_centre_within_its_threshold() ->
     """As found by comparing with all positions; beyond the threshold, nothing."""
     positions = np.random.default_rng(2).uniform(1.0, 17.0, (50, 2))
     image, points = centres_px(2) @ AFFINE.T + SHIFT_MM, points_at(positions)
-    settings = TruthSettings(search="nearest", nearest_threshold_mm=0.06)
+    settings = TruthSettings(method="moments", search="nearest", nearest_threshold_mm=0.06)
     found, _ = find(image, points, grid_of(2), settings)
     distance = np.linalg.norm(image.reshape(-1, 1, 2) - points[:, :2], axis=2)
     near = np.flatnonzero(distance.min(axis=0) < 0.06)
@@ -181,7 +181,7 @@ def test_every_quad_that_held_a_point_is_a_row_or_is_counted(plenoptic_grid: Ray
     """Quads = rejections + ambiguous + drops + rows, with every kind of drop provoked."""
     board, pose = Checkerboard(columns=4, rows=3, square_mm=0.7), rigs.facing(440.0, 15.0)
     image = on_target(plenoptic_grid.near, plenoptic_grid.far, plenoptic_grid.near_mm, plenoptic_grid.far_mm, pose)
-    settings = TruthSettings(filter=filter_name, lambda_d=0.1, min_hit_fraction=0.6)
+    settings = TruthSettings(method="moments", filter=filter_name, lambda_d=0.1, min_hit_fraction=0.6)
     counts = correspond(image, board.points_mm(), plenoptic_grid, pose, settings).counts
     parts = [count for name, count in counts.items() if name.startswith(("rejected", "dropped"))]
     assert counts["quads"] == sum(parts) + counts["ambiguous"] + counts["rows"]
@@ -218,7 +218,10 @@ def test_the_error_of_a_row_comes_from_its_own_cell() -> None:
     even = dataclasses.replace(two, error_px=np.ones((*own.shape, 2)))
     x = np.random.default_rng(2).uniform([3.0, 3.0], [20.0, 16.0], (200, 2))
     points = np.column_stack([fine_from_image(x, k) @ AFFINE.T, np.zeros(len(x))])
-    found, reference = (correspond(flat, points, grid, np.eye(4), TruthSettings(filter="none")) for grid in (two, even))
+    found, reference = (
+        correspond(flat, points, grid, np.eye(4), TruthSettings(method="moments", filter="none"))
+        for grid in (two, even)
+    )
     assert len(found.found.point) > 150
     np.testing.assert_array_equal(found.found.point, reference.found.point)
     expected = reference.sigma_px * np.where(found.found.cell == 0, 1.0, 100.0)[:, None]

@@ -79,7 +79,7 @@ def test_on_tilted_planes_two_planes_are_biased_by_the_known_amount(
 def truth_of(grid: RayGrid, board: Checkerboard, pose: np.ndarray) -> Correspondences:
     """By two planes and the quad search without its noise filter."""
     image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-    return correspond(image, board.points_mm(), grid, pose, TruthSettings(filter="none"))
+    return correspond(image, board.points_mm(), grid, pose, TruthSettings(method="moments", filter="none"))
 
 
 def hits_of(camera: Camera, start: np.ndarray, pose: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

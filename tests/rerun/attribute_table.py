@@ -10,10 +10,10 @@ IMAGES = {"image", "white"}
 POSES = {"frame_poses", "baselines"}
 """Where cameras and targets stand; to the pinhole, which is fitted between the near and the far plane."""
 PINHOLE = {"pinhole"} | POSES
-PLANES = {"planes", "first_order"} | PINHOLE | RAYS
+PLANES = {"planes", "first_order"} | PINHOLE
 FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
-CAMERA = {"focus", "planes", "first_order", "micro_images"} | PINHOLE | RAYS | IMAGES | TRUTH
+CAMERA = {"focus", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
 TARGET = {"image"} | TRUTH
 """`truth` gets the drawing of a target, so the bits of its tags make it run again, too: work that gives the same
@@ -52,11 +52,12 @@ POLYGON = {(STOP, "plen:apertureShape"): "polygonal", (STOP, "plen:blades"): 6}
 FOCUSED = {(B, "plen:camera:focusDistance"): 420.0, (B, "plen:camera:sensorDistance"): None}
 CATALOGUE = {(LENS, "plen:indexSource"): "catalogue"}
 SWAPPED = ["S3", "S2", "S1", "S4", "S5", "Stop", "S7", "S8", "S9", "S10", "S11"]
-NEAREST = {(A, "plen:truth:search"): "nearest"}
+MOMENTS = {(A, "plen:truth:method"): "moments"}
 TWO_PLANE = {(A, "plen:truth:method"): "two-plane"}
+NEAREST = MOMENTS | {(A, "plen:truth:search"): "nearest"}
+DELIVERED = {(A, "plen:truth:rays"): True}
 SADDLE = {(A, "plen:truth:columns"): ["saddle"]}
 AUTHORED = {(A, "plen:camera:near"): 400.0, (A, "plen:camera:far"): 500.0}
-DIRECT = {(A, "plen:truth:method"): "direct"}
 # The method image takes no mesh.
 BOARDS: dict[tuple[str, str], Any] = {("", "plen:targets"): ["One", "Two"]}
 IMAGE = BOARDS | {(A, "plen:truth:method"): "image"}
@@ -93,7 +94,9 @@ DATASET = {
     # Certificate and poses of a camera are one task for all frames.
     "plen:frames": [Case("", [2], {"certificate"} | POSES)],
     "plen:seed": [
-        Case("", 9, RAYS | IMAGES | TRUTH),
+        Case("", 9, IMAGES | TRUTH),
+        Case("", 9, RAYS | IMAGES | TRUTH, given=MOMENTS),
+        Case("", 9, RAYS | IMAGES | TRUTH, given=DELIVERED),
         Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
     ],
     "plen:background": [Case("", 0.5, {"image"})],
@@ -106,9 +109,16 @@ MAIN_LENS = {
     "plen:indexSource": [Case(LENS, "catalogue", CAMERA)],
     # Printed indices stay what they are: only what says the wavelength has to be written again.
     "plen:wavelength": [
-        Case(LENS, 587.6, {"first_order", "rays"} | IMAGES | TRUTH, along={(A, "plen:camera:wavelength"): 587.6}),
+        Case(LENS, 587.6, {"first_order"} | IMAGES | TRUTH, along={(A, "plen:camera:wavelength"): 587.6}),
+        Case(
+            LENS,
+            587.6,
+            {"first_order", "rays"} | IMAGES | TRUTH,
+            given=MOMENTS,
+            along={(A, "plen:camera:wavelength"): 587.6},
+        ),
     ],
-    "plen:radius": [Case(GLASS, 60.0, CAMERA)],
+    "plen:radius": [Case(GLASS, 60.0, CAMERA), Case(GLASS, 60.0, CAMERA | RAYS, given=MOMENTS)],
     "plen:conic": [Case(GLASS, -0.1, CAMERA)],
     "plen:evenCoefficients": [Case(GLASS, [1e-9], CAMERA)],
     "plen:oddCoefficients": [Case(GLASS, [1e-9], CAMERA)],
@@ -249,18 +259,25 @@ CAMERAS = {
     "plen:camera:microlensDistance": [Case(B, 1.71, CAMERA)],
     "plen:camera:wavelength": [Case(A, 600.0, CAMERA, given=CATALOGUE)],
     "plen:camera:weight": [Case(A, "area", CAMERA), Case(B, "area", CAMERA)],
-    # Planes of J: no image depends on them, and no truth that is solved without J.
+    # Planes of J: no image depends on them, and no truth that is solved without position images.
     "plen:camera:circleOfConfusion": [
-        Case(A, 90.0, PLANES | TRUTH),
+        Case(A, 90.0, PLANES),
+        Case(A, 90.0, PLANES | RAYS | TRUTH, given=MOMENTS),
         # Within a tenth of the focus distance the depth of field moves no plane.
-        Case(A, 2.0, {"planes", "first_order"}),
-        Case(A, 90.0, {"planes", "first_order"}, given=AUTHORED),
-        Case(A, 90.0, {"planes", "first_order"} | PINHOLE, given=DIRECT),
+        Case(A, 2.0, {"planes", "first_order"}, given=MOMENTS),
+        Case(A, 90.0, {"planes", "first_order"}, given=AUTHORED | MOMENTS),
     ],
-    "plen:camera:near": [Case(A, 400.0, PLANES | TRUTH), Case(B, 400.0, PLANES | TRUTH)],
+    "plen:camera:near": [
+        Case(A, 400.0, PLANES),
+        Case(A, 400.0, PLANES | RAYS | TRUTH, given=MOMENTS),
+        Case(B, 400.0, PLANES),
+        Case(B, 400.0, PLANES | RAYS | TRUTH, given={(B, "plen:truth:method"): "two-plane"}),
+        Case(B, 400.0, PLANES | RAYS, given={(B, "plen:truth:rays"): True}),
+    ],
     "plen:camera:far": [
-        Case(A, 500.0, PLANES | TRUTH),
-        Case(A, 500.0, PLANES | POSITIONS - {"positions"}, given=IMAGE),
+        Case(A, 500.0, PLANES),
+        Case(A, 500.0, PLANES | RAYS | TRUTH, given=MOMENTS),
+        Case(A, 500.0, PLANES | RAYS | POSITIONS - {"positions"}, given=IMAGE),
     ],
     "plen:image:samples": [Case(A, 128, IMAGES)],
     "plen:image:fNumbers": [
@@ -272,34 +289,43 @@ CAMERAS = {
 
 METHOD = {
     "plen:truth:method": [
-        Case(A, "two-plane", TRUTH),
-        Case(A, "direct", TRUTH),
-        Case(A, "image", POSITIONS, given=BOARDS),
-        Case(A, "moments", TRUTH | RAYS, given=DIRECT),
+        Case(A, "two-plane", TRUTH, given=MOMENTS),
+        Case(A, "direct", TRUTH, given=MOMENTS),
+        Case(A, "image", POSITIONS, given=BOARDS | MOMENTS),
+        Case(A, "moments", TRUTH | RAYS),
+        Case(A, "moments", TRUTH, given=DELIVERED),
     ],
+    # A product more: what is there needs it not.
+    "plen:truth:rays": [Case(A, True, RAYS), Case(A, True, given=MOMENTS)],
     "plen:truth:extent": [Case(A, "full"), Case(A, "full", POSITIONS, given=IMAGE)],
-    "plen:truth:search": [Case(A, "nearest", TRUTH), Case(A, "nearest", TRUTH, given=TWO_PLANE)],
-    "plen:truth:filter": [Case(A, "none", TRUTH)],
-    "plen:truth:lambdaD": [Case(A, 0.2, TRUTH)],
-    "plen:truth:lambdaAlpha": [Case(A, 20.0, TRUTH)],
-    "plen:truth:nearestThreshold": [Case(A, 0.1, TRUTH, given=NEAREST)],
+    "plen:truth:search": [
+        Case(A, "nearest"),
+        Case(A, "nearest", TRUTH, given=MOMENTS),
+        Case(A, "nearest", TRUTH, given=TWO_PLANE),
+    ],
+    "plen:truth:filter": [Case(A, "none"), Case(A, "none", TRUTH, given=MOMENTS)],
+    "plen:truth:lambdaD": [Case(A, 0.2), Case(A, 0.2, TRUTH, given=MOMENTS)],
+    "plen:truth:lambdaAlpha": [Case(A, 20.0), Case(A, 20.0, TRUTH, given=MOMENTS)],
+    "plen:truth:nearestThreshold": [Case(A, 0.1), Case(A, 0.1, TRUTH, given=NEAREST)],
     "plen:truth:supersampling": [
-        Case(A, 2, TRUTH | RAYS),
+        Case(A, 2),
+        Case(A, 2, RAYS, given=DELIVERED),
+        Case(A, 2, TRUTH | RAYS, given=MOMENTS),
         Case(A, 2, POSITIONS | RAYS, given=IMAGE),
-        Case(A, 2, given=DIRECT),
-        Case(A, 2, TRUTH, given=DIRECT | {(A, "plen:truth:footprint"): "pixel"}),
+        Case(A, 2, TRUTH, given={(A, "plen:truth:footprint"): "pixel"}),
     ],
     "plen:truth:samples": [
-        Case(A, 128, TRUTH | RAYS),
+        Case(A, 128),
+        Case(A, 128, RAYS, given=DELIVERED),
+        Case(A, 128, TRUTH | RAYS, given=MOMENTS),
         Case(A, 128, POSITIONS | RAYS, given=IMAGE),
-        Case(A, 128, given=DIRECT),
     ],
     "plen:truth:footprint": [
-        Case(A, "pixel", TRUTH | RAYS | {"first_order"}),
+        Case(A, "pixel", TRUTH | {"first_order"}),
+        Case(A, "pixel", TRUTH | RAYS | {"first_order"}, given=MOMENTS),
         Case(A, "pixel", POSITIONS | RAYS | {"first_order"}, given=IMAGE),
-        Case(A, "pixel", TRUTH | {"first_order"}, given=DIRECT),
     ],
-    "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH)],
+    "plen:truth:minHitFraction": [Case(A, 0.1, TRUTH), Case(A, 0.1, TRUTH, given=MOMENTS)],
     "plen:truth:accuracy": [Case(A, 0.002, TRUTH), Case(A, 0.002, TRUTH, given=TWO_PLANE)],
     "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
 }

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from stage_text import without_method
 from typer.testing import CliRunner
 
 import pipeline
@@ -18,10 +19,12 @@ from pipeline.cli import app
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 from pipeline.tasks.show import show
+from pipeline.tasks.verify import verify
 
 DATA = Path(__file__).parents[1] / "data"
 RAYS = {"rays_tile", "rays"}
 ONCE = {"focus", "planes", "pinhole", "first_order", "frame_poses", "white", "certificate"} | RAYS
+"""Tasks that a camera has one of, if it has rays."""
 TRUTH = {"truth", "certificate"}
 """Truth and what judges it."""
 
@@ -40,6 +43,18 @@ class Workshop:
         text = self.stage.read_text(encoding="utf-8")
         assert old in text, f"{old!r} is not in the stage"
         self.stage.write_text(text.replace(old, new), encoding="utf-8")
+
+    def add(self, line: str) -> None:
+        """A property more of the camera."""
+        self.edit(
+            "            uniform int plen:truth:samples",
+            f"            {line}\n            uniform int plen:truth:samples",
+        )
+
+    def use_method(self, method: str) -> None:
+        """Author another method."""
+        self.stage.write_text(without_method(self.stage.read_text(encoding="utf-8")), encoding="utf-8")
+        self.add(f'uniform token plen:truth:method = "{method}"')
 
     def run(self) -> Counter:
         result = pipeline.build(self.stage, self.out, jobs=1)
@@ -223,7 +238,8 @@ def test_a_group_off_its_place_moves_the_truth_by_the_boresight_and_no_figure_of
     before, (figures, pinhole) = _rows(workshop), _figures(workshop)
     workshop.edit('over "Sensor"', DECENTRED)
     ran = workshop.run()
-    assert ran["focus"] == ran["rays"] == ran["white"] == 1 and ran["truth"] == ran["image"] == 2
+    assert ran["focus"] == ran["white"] == 1 and ran["truth"] == ran["image"] == 2
+    assert ran["rays"] == (name == "conventional")
     assert _figures(workshop)[0] == figures and _figures(workshop)[1] != pinhole
     after, page = _rows(workshop), "\n".join(show(workshop.stage)[0].page())
     boresight = [float(x) for x in re.search(r"image of the axis moves by +\((\S+), (\S+)\) px", page).groups()]
@@ -260,20 +276,33 @@ def test_a_lens_name_reruns_the_report_and_stops_there(conventional):
 
 
 def test_another_method_reruns_the_truth_alone(conventional):
-    method = 'uniform token plen:truth:method = "two-plane"'
-    conventional.edit("verticalAperture = 24", f"verticalAperture = 24\n            {method}")
+    conventional.use_method("two-plane")
     assert set(conventional.run()) == TRUTH
 
 
 def test_method_direct_needs_no_rays_and_does_not_rerun_for_their_number(conventional, tmp_path, monkeypatch):
-    method = 'uniform token plen:truth:method = "direct"'
-    conventional.edit("verticalAperture = 24", f"verticalAperture = 24\n            {method}")
+    conventional.use_method("direct")
     assert set(conventional.run()) == TRUTH
     assert not (conventional.out / "cameras/Rig.Camera/rays.exr").exists()
     conventional.edit("plen:truth:samples = 64", "plen:truth:samples = 128")
     assert conventional.run() == Counter()
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
     assert not RAYS & set(conventional.run())
+
+
+def test_rays_that_are_asked_for_are_one_more_product_and_no_row_knows_of_them(plenoptic):
+    """The same J_near and J_far that `moments` needs: from there they come from the store."""
+    assert not (plenoptic.out / "cameras/Rig.Camera/rays.exr").exists()
+    tables = sorted(plenoptic.out.glob("frames/*/*/correspondences.csv"))
+    before = [table.read_bytes() for table in tables]
+    plenoptic.add("uniform bool plen:truth:rays = true")
+    assert set(plenoptic.run()) == RAYS
+    rays = (plenoptic.out / "cameras/Rig.Camera/rays.exr").read_bytes()
+    assert [table.read_bytes() for table in tables] == before
+    assert verify(plenoptic.out).agrees
+    plenoptic.use_method("moments")
+    assert set(plenoptic.run()) == TRUTH
+    assert (plenoptic.out / "cameras/Rig.Camera/rays.exr").read_bytes() == rays
 
 
 def test_the_certificate_judges_every_camera_in_manifest_and_result(conventional):
@@ -284,9 +313,7 @@ def test_the_certificate_judges_every_camera_in_manifest_and_result(conventional
 
 
 def test_method_image_adds_position_images_and_keeps_the_rays(conventional):
-    conventional.edit(
-        "verticalAperture = 24", 'verticalAperture = 24\n            uniform token plen:truth:method = "image"'
-    )
+    conventional.use_method("image")
     assert set(conventional.run()) == {"positions"} | TRUTH
     assert (conventional.out / "frames/0001/Rig.Camera/positions.exr").is_file()
 
@@ -295,11 +322,10 @@ def test_method_image_adds_position_images_and_keeps_the_rays(conventional):
 def test_tiles_of_position_images_give_the_rows_of_full_ones(tiny, request):
     """To the byte; and they are traced only where points may be seen."""
     workshop, tables, filled = request.getfixturevalue(tiny), [], []
-    shutter = "verticalAperture = 24" if tiny == "conventional" else "horizontalAperture = 14.4"
-    workshop.edit(shutter, f'{shutter}\n            uniform token plen:truth:method = "image"')
+    workshop.use_method("image")
     for extent in ("tiles", "full"):
         if extent == "full":
-            workshop.edit(shutter, f'{shutter}\n            uniform token plen:truth:extent = "full"')
+            workshop.add('uniform token plen:truth:extent = "full"')
         workshop.run()
         tables.append([(workshop.out / f"frames/000{n}/Rig.Camera/correspondences.csv").read_bytes() for n in (1, 2)])
         part = read_exr(workshop.out / "frames/0001/Rig.Camera/positions.exr")["Board"]
@@ -362,7 +388,7 @@ def test_focus_as_intent_is_solved_by_the_focus_task_and_undoing_it_reruns_nothi
     first = "float horizontalAperture = 14.4\n"
     plenoptic.edit(first, f"{first}            {asked}")
     ran = plenoptic.run()
-    assert ran["focus"] == ran["rays"] == ran["first_order"] == 1
+    assert ran["focus"] == ran["white"] == ran["first_order"] == 1
     figures = json.loads((plenoptic.out / "cameras/Rig.Camera/camera.json").read_text(encoding="utf-8"))
     request = {"focus_distance_mm": 420, "focus_type": 1, "stop_match": "microlenses"}
     assert figures["focus_request"] == {**request, "focus_groups": [], "group_shift_mm": None}

@@ -161,7 +161,7 @@ def test_truth_settings_carry_the_fields_that_the_search_wants():
 
     (entry,) = open_dataset(TINY).cameras
 
-    assert TruthSettings(**entry.truth) == TruthSettings()
+    assert TruthSettings(**entry.truth) == TruthSettings(method="moments")
 
 
 def test_records_are_plain_values_all_through():

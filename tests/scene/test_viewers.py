@@ -201,7 +201,7 @@ def test_what_the_source_says_of_a_pinhole_gives_way_to_the_lens_but_for_the_cli
 
 def test_instances_are_written_out_so_that_what_is_delivered_builds_again(stage, tmp_path):
     plain = stage(('over "Camera"\n        {', 'over "Spare"\n        {'), ('over "Spare"', 'def Scope "Spare"'))
-    text = plain.read_text(encoding="utf-8").replace("            uniform int plen:truth:supersampling = 4\n", "")
+    text = plain.read_text(encoding="utf-8").replace("            uniform int plen:image:samples = 256\n", "")
     plain.write_text(text, encoding="utf-8")
     instanced = tmp_path / "instanced.usda"
     made = text.replace("        prepend references", "        instanceable = true\n        prepend references")
