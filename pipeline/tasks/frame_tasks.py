@@ -161,7 +161,7 @@ class FrameTasks:
 
     def _add_truth_tiles(self, name: str, params: dict[str, Any], reads: dict[str, str]) -> dict[str, str]:
         """Tasks that solve some points each; role and name of each. Searches in position images are one task."""
-        some = self._points if self.settings.method == "direct" else []
+        some = self._points if not self.settings.searches else []
         return {
             f"tile{number}": self.graph.add(
                 f"truth_tile/{name}/{number:04d}", f"{KIND}truth_tile", {**params, "points": points}, reads
