@@ -42,8 +42,9 @@ ELSEWHERE = (
     (re.compile(r"; store .*"), ""),
     (re.compile(r"\[[0-9a-f]{12}\]"), "[…]"),
     (re.compile(r"^warning: waiting for .*\n", re.MULTILINE), ""),
+    (re.compile(r"[\d.]+(?= GB in one process)"), "[…]"),
 )
-"""What an output says of this machine's store, digests of keys, and waits for other processes: none is kept."""
+"""What an output says of this machine's store and memory, digests of keys, waits for others: none is kept."""
 
 
 @dataclass(frozen=True)
