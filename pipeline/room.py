@@ -1,8 +1,9 @@
-"""The limits that the system set for this process: enough for the libraries, or an error in words.
+"""The limits that the system set for this process, and a folder to work in: enough, or an error in words.
 
 Below these they end with a crash, or with an import that fails anywhere.
 """
 
+import os
 import resource
 
 from pipeline.errors import EnvironmentFault
@@ -22,6 +23,11 @@ def require_room() -> None:
     EnvironmentFault
         With the command that mends it.
     """
+    try:
+        os.getcwd()  # noqa: PTH109 (of the system, whatever Python thinks of it)
+    except OSError as error:
+        why = f"there is no working directory: {error.strerror}"
+        raise EnvironmentFault(why, hint="it was removed, or may not be read; `cd` to another one") from None
     _require(resource.RLIMIT_NOFILE, FILES, "open files", f"ulimit -n {FILES * 16}")
     _require(resource.RLIMIT_AS, ADDRESSES, "bytes of address space", "ulimit -v unlimited")
 

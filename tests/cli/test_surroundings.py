@@ -73,6 +73,11 @@ def test_low_limits_are_told_before_they_crash_a_library():
         assert code == 5 and word in log and "ulimit" in log and "Traceback" not in log
 
 
+def test_a_working_directory_that_is_gone_is_told(tmp_path):
+    code, log = spoken("", f"mkdir {tmp_path}/gone; cd {tmp_path}/gone; rmdir {tmp_path}/gone")
+    assert code == 5 and "no working directory" in log and "cd" in log and "Traceback" not in log
+
+
 def test_a_soft_limit_is_raised_as_far_as_it_may():
     from pipeline.room import FILES, require_room
 

@@ -82,4 +82,11 @@ def _command(bench: Workbench, place: Path, *, cold: bool) -> subprocess.Popen:
         settings["PIPELINE_JIT_CACHE"] = str(place / "jit")
     command = [sys.executable, "-m", "pipeline", "build", str(STAGE), "-o", str(place / "out")]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen([*command, f"-j{bench.chance.choice((1, 2))}"], env=settings, **pipes)
+    jobs = f"-j{bench.chance.choice((1, 2))}"
+    return subprocess.Popen([*command, jobs], env=settings, preexec_fn=_listening, **pipes)
+
+
+def _listening() -> None:
+    """Hear signals also where this row runs under nohup, or behind a shell's &: what is ignored is inherited."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
