@@ -23,8 +23,13 @@ _POINTS = 8_000
 """So many points of a target are looked at in all frames together; where there are more, some of each frame."""
 _HIDING = 500
 """In so many frames it is asked whether something stands before a target; of more, in some of them."""
-_HIDDEN = len(Fate)
-"""A fate beside those of `Fate`: light comes into the image, unless something else stands in its way."""
+_HIDDEN, _MERGED = len(Fate), len(Fate) + 1
+"""Fates beside those of `Fate`: light comes into the image, unless something else stands in its way; it does, but all
+points of the target are grey together."""
+_LEAST_PX, _WIDEST_BLUR = 1.0, 4.0
+"""Points that stand nearer in the image than that are one; in so many times as wide a blur none can be told apart."""
+_NEIGHBOURS = 64
+"""The distance of neighbouring points is the median of so many."""
 
 
 def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
@@ -82,8 +87,24 @@ def _look(dataset: Dataset, name: str, camera: Camera, number: int) -> _View:
             seen = np.flatnonzero(fate[index] == Fate.SEEN)
             hidden = _hidden(dataset, frames[index], name, camera, number, places[index, seen], fronts[index, seen])
             fate[index, seen[hidden]] = _HIDDEN
+    for index in range(len(frames) if camera.microlenses is None else 0):
+        seen = np.flatnonzero(fate[index] == Fate.SEEN)
+        spacing = _spacing_px(camera, places[index, seen])
+        if spacing < max(_LEAST_PX, np.median(found.blur_px[index, seen]) / _WIDEST_BLUR if len(seen) else 0.0):
+            fate[index, seen] = _MERGED
     fates = [None if (row == Fate.SEEN).any() else Counter(row.tolist()).most_common(1)[0][0] for row in fate]
     return _View(tuple(frame.number for frame in frames), fates, places, found)
+
+
+def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
+    """Distance of neighbouring points in the image, paraxially; infinite of fewer than two."""
+    if len(points_mm) < 2:
+        return float("inf")
+    some = np.linspace(0, len(points_mm) - 1, min(_NEIGHBOURS, len(points_mm))).astype(int)
+    apart = np.linalg.norm(points_mm[some, None, :2] - points_mm[None, :, :2], axis=2)
+    apart[np.arange(len(some)), some] = np.inf
+    width_mm, _ = covered_mm(camera, float(np.mean(points_mm[:, 2])))
+    return float(np.median(apart.min(axis=1)) * camera.sensor.width_px / width_mm)
 
 
 def _points_of(entry: TargetEntry, frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -139,6 +160,7 @@ _REASONS = {
     Fate.BLURRED: "out of focus",
     Fate.OUTSIDE: "out of view",
     _HIDDEN: "hidden",
+    _MERGED: "too far away or too blurred to tell its points apart",
 }
 
 
@@ -151,6 +173,9 @@ def _hint(camera: Camera, view: _View, blank: dict[int, int]) -> str:
         return "the front of a target is its +Z: turn it by 180 degrees about its X or Y"
     if fate == _HIDDEN:
         return "move it, or what stands before it"
+    if fate == _MERGED:
+        spacing, blur = _spacing_px(camera, view.points_mm[index]), np.median(view.outlook.blur_px[index])
+        return f"in frame {number}, at z = {z:.4g} mm, points stand {spacing:.2g} px apart and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
         blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
         return (

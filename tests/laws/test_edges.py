@@ -119,7 +119,7 @@ def behind_microlenses() -> Edges:
 def displaced_with_blades() -> Edges:
     """A displaced lens with a hexagonal stop: how far an edge is, its clearance does not say."""
     camera = rigs.displaced(rigs.conventional())
-    surfaces = [dataclasses.replace(each, blades=6 if each.is_stop else None) for each in camera.prescription.surfaces]
+    surfaces = [dataclasses.replace(each, blades=6 if each.is_stop else 0) for each in camera.prescription.surfaces]
     tracer = Tracer(
         dataclasses.replace(
             camera, prescription=Prescription(surfaces=tuple(surfaces), groups=camera.prescription.groups)

@@ -21,7 +21,7 @@ CAMERA = (
     *("camera", "laws/test_focus.py", "laws/test_f_numbers.py", "laws/test_limits.py", "laws/test_depth_of_field.py"),
     *("laws/test_ideal_lens.py", "laws/test_travel.py", "laws/test_arrays.py", "laws/test_offsets.py"),
     *("laws/test_microlenses.py", "laws/test_displacement.py", "laws/test_symmetry.py", "naive/test_bundle.py"),
-    *("laws/test_edges.py", "laws/test_footprint.py", "laws/test_regions.py"),
+    *("laws/test_edges.py", "laws/test_footprint.py", "laws/test_regions.py", "laws/test_pinhole.py"),
 )
 TRUTH = (
     *("laws/test_search.py", "laws/test_second_moments.py", "laws/test_second_order.py", "naive/test_quad_search.py"),

@@ -51,6 +51,12 @@ def test_frames_are_listed_by_reason_and_others_are_not(check):
     ]
 
 
+def test_a_board_of_grey_is_named_though_its_light_arrives(check):
+    """Squares of 1.4 mm: at 0.7 m they are 2.5 px apart and blur to 14; not so near the focus at 0.43 m."""
+    far, behind = ("(1, 0, 0, 0)", "(0, 0, -700)"), ("(1, 0, 0, 0)", "(0, 0, -440)")
+    assert check({4: far, 5: behind}) == ["frame 4 (too far away or too blurred to tell its points apart)"]
+
+
 def test_a_board_is_hidden_by_another_one_but_not_by_one_behind_it_or_beside_it(check):
     other = """
     def PlenCheckerboard "Near"
