@@ -21,7 +21,7 @@ from queue import SimpleQueue
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from mutants.mutations import mutants, parses
-from mutants.sandbox import ROOMS, ROOT, Sandbox, Site, Verdict
+from mutants.sandbox import ROOMS, ROOT, TOO_LATE, Sandbox, Site, Verdict
 
 FOLDER = ROOT / "build" / "mutants"
 """Copies of the tree, one per job, and the verdicts so far."""
@@ -71,6 +71,7 @@ def _key(site: Site) -> tuple[str, int, str, str]:
 def _lines(verdict: Verdict) -> str:
     line, before, after = verdict.site.mutant.place
     fate = f"killed by {verdict.noticed_by}" if verdict.noticed_by else "SURVIVED"
+    fate = "NOT JUDGED IN TIME" if verdict.noticed_by.startswith(TOO_LATE) else fate
     return f"{verdict.site.file}:{line}: {fate} ({verdict.seconds:.0f} s)\n    - {before}\n    + {after}"
 
 
@@ -96,7 +97,11 @@ def main() -> int:
     verdicts += judge_all([site for site in sites if _key(site) not in known], options.jobs, options.nearest)
     survivors = [verdict for verdict in verdicts if not verdict.noticed_by]
     minutes = (time.monotonic() - start) / 60
-    print(f"\n{len(verdicts)} mistakes, {len(verdicts) - len(survivors)} noticed, {len(survivors)} survived;", end=" ")
+    late = sum(verdict.noticed_by.startswith(TOO_LATE) for verdict in verdicts)  # on a busy machine that says nothing
+    noticed = len(verdicts) - len(survivors) - late
+    print(
+        f"\n{len(verdicts)} mistakes, {noticed} noticed, {late} not judged in time, {len(survivors)} survived;", end=" "
+    )
     print(f"seed {options.seed}, {minutes:.0f} minutes. Survivors:")
     for verdict in sorted(survivors, key=lambda one: (str(one.site.file), one.site.mutant.place)):
         print(_lines(verdict))
