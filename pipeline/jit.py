@@ -97,7 +97,9 @@ class Kernel:
         dispatcher = numba.njit(nogil=True, error_model="numpy", **OPTIONS[self._kind])(self._function)
         take_any_number(dispatcher)
         if self._kind in ("kernel", "unit"):
-            dispatcher._cache = KernelCache(self._function, cache_folder())  # where `cache=True` puts Numba's own
+            dispatcher._cache = KernelCache(
+                self._function, cache_folder(), self._kind
+            )  # where `cache=True` puts Numba's own
             dispatcher._compile_for_args = _timed(dispatcher._compile_for_args)
         return dispatcher
 

@@ -23,11 +23,14 @@ used: set[str] = set()
 
 
 class KernelCache:
-    """The compiled code of a kernel, in a folder for all kernels of the same sources."""
+    """The compiled code of a kernel, in a folder for all kernels of the same sources.
 
-    def __init__(self, function: Any, folder: Path) -> None:
+    `kind` is that of `kernel_compiler.OPTIONS`: one function may be a unit for kernels, and a driver for Python.
+    """
+
+    def __init__(self, function: Any, folder: Path, kind: str = "kernel") -> None:
         self._function, self._folder = function, folder
-        self._name = f"{function.__module__}.{function.__qualname__}"
+        self._name = f"{function.__module__}.{function.__qualname__}-{kind}"
         kernel_files.make_folder(folder)
 
     @property

@@ -91,7 +91,7 @@ class DriverCompiler(CompilerBase):
 
     def define_pipelines(self) -> list[Any]:
         """Numba's passes without those for what kernels do not do, and with the backend of this kind."""
-        self.state.func_id.unique_id = self.digest
+        self.state.func_id.unique_id = f"{self.backend.__name__}{self.digest}"  # a unit may be a driver, too
         manager = PassManager(self.backend._name)
         for step, text in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
             if step not in _UNUSED:
