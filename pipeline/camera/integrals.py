@@ -63,10 +63,10 @@ def integrals(
 ) -> Integral:
     """Integrate the bundles of image positions (n, 2) behind their microlenses (n,) on planes (n, 2, 4, 3).
 
-    Level 0 is for steps on the way: it states no error (NaN), because there is nothing to compare with, and does not
-    ask whether all that passes lies within the edge that it found. Rays start at the positions, or anywhere on squares
-    of the edge `square_px` around them. Positions near their anchors (n, 2) have the random rays of these: a search
-    keeps them, so that its integrals change smoothly with the position.
+    Level 0 is for steps on the way: its edges are rougher, and it states no error (NaN), because there is nothing to
+    compare with. Rays start at the positions, or anywhere on squares of the edge `square_px` around them. Positions
+    near their anchors (n, 2) have the random rays of these: a search keeps them, so that its integrals change smoothly
+    with the position.
     """
     known = ~np.isnan(x_px).any(axis=1)
     x, lit = np.where(known[:, None], x_px, 0.0), np.where(known, lens, SKIP)

@@ -45,6 +45,7 @@ from pipeline.user_cache import user_cache
 
 _BELOW = "below"
 _FORMAT = 1
+_COSTS = ("seconds", "cpu_seconds", "loading_seconds", "peak_bytes", "calls", "rays", "crossings")
 
 Entry = dict[str, Any]
 
@@ -325,6 +326,11 @@ class Store(StoreFolder):
         return sorted(path.stem for path in (self.root / folder).glob("*.json"))
 
 
+def _tells_costs(facts: dict[str, Any]) -> bool:
+    """Whether what is told of a run, or of one of its kernels, are numbers."""
+    return all(isinstance(facts.get(name, 0), int | float) for name in _COSTS)
+
+
 def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
     """Bytes as a record; None unless checksum, format and key are right."""
     record = unseal(raw)
@@ -332,7 +338,7 @@ def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
         whole = record["format"] == _FORMAT and record["key"] == key
         entries, made_by = record["outputs"].values(), record["made_by"]
         whole = whole and all(DIGEST.fullmatch(e["sha256"]) and isinstance(e["size"], int) for e in entries)
-        whole = whole and all(isinstance(made_by.get(name, 0), int | float) for name in ("seconds", "peak_bytes"))
+        whole = whole and _tells_costs(made_by) and all(map(_tells_costs, made_by.get("kernels", {}).values()))
     except (KeyError, TypeError, AttributeError):
         return None
     return record if whole else None

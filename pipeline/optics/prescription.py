@@ -76,7 +76,8 @@ class Surface:
     tilt_deg: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        settle(self, PrescriptionError, infinite=("radius_mm", "semi_diameter_mm"))
+        coefficients = "conic", "even_coefficients", "odd_coefficients"
+        settle(self, PrescriptionError, infinite=("radius_mm", "semi_diameter_mm"), finite=coefficients)
         if self.radius_mm == 0 or math.isnan(self.radius_mm):
             raise PrescriptionError(f"a surface has radius {self.radius_mm}", hint="a plane has radius inf")
         if not self.semi_diameter_mm > 0:

@@ -24,7 +24,9 @@ def pipeline(cache, monkeypatch, capsys):
 @pytest.fixture
 def record(store):
     """One result of 9 bytes."""
-    return store.put_record("ab" * 32, {"outputs": {"a": store.put_bytes(b"nine byte")}, "components": {}})
+    return store.put_record(
+        "ab" * 32, {"outputs": {"a": store.put_bytes(b"nine byte")}, "components": {}, "made_by": {}}
+    )
 
 
 def test_path_and_info(pipeline, cache, record):

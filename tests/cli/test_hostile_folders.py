@@ -204,12 +204,12 @@ def test_a_reader_that_crashes_is_blamed_on_its_file_alone(tmp_path, monkeypatch
     for name in ("a.json", "b.json", "c.json"):
         (tmp_path / name).write_text("{}")
     boot = (
-        "import json, os, sys; sys.path[:] = json.loads(sys.argv[1]); from pipeline.tasks import readable;"
+        "import json, os, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from pipeline.tasks import readable;"
         " real = readable._reason;"
         " readable._reason = lambda root, name: os.abort() if name == 'b.json' else real(root, name);"
         " readable.main()"
     )
-    monkeypatch.setattr("pipeline.tasks.readable._BOOT", boot)
+    monkeypatch.setattr("pipeline.another_python._BOOT", boot)
     damaged, _ = unreadable(tmp_path, ["a.json", "b.json", "c.json"])
     assert damaged == {"b.json": "its reader ended with code -6"}
 

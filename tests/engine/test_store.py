@@ -43,7 +43,20 @@ def test_a_record_cut_at_every_byte_is_a_miss(store, record):
     assert store.record(KEY) == record
 
 
-@pytest.mark.parametrize("made_by", [None, [], "x", {"seconds": "x"}, {"seconds": 0, "peak_bytes": []}])
+@pytest.mark.parametrize(
+    "made_by",
+    [
+        None,
+        [],
+        "x",
+        {"seconds": "x"},
+        {"seconds": 0, "peak_bytes": []},
+        {"cpu_seconds": None},
+        {"kernels": [1]},
+        {"kernels": {"k": 1}},
+        {"kernels": {"k": {"rays": "many"}}},
+    ],
+)
 def test_a_record_of_another_form_is_a_miss_also_with_its_digest(store, record, made_by):
     """It stopped every build with a traceback until somebody removed it by hand."""
     path = store.path("record", KEY)
