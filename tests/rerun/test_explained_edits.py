@@ -80,7 +80,8 @@ def test_each_of_several_edits_is_told_by_the_tasks_that_depend_on_it(desk):
 def test_a_plan_counts_what_it_does_not_show_by_the_attributes_that_were_edited(desk):
     desk.edit(desk.stage, ("plen:seed = 3", "plen:seed = 4"))
     lines = list(describe(desk.before.planned(desk.stage)))
-    assert "… and 2 more truth (maybe): </TinyConventional.plen:seed>, upstream rays" in lines
+    assert "… and 1 more truth alike" in lines
+    assert "… and 1 more certificate (maybe): </TinyConventional.plen:seed>, upstream truth" in lines
     assert not re.search(r"params|\[\d\]", "\n".join(lines))
 
 
