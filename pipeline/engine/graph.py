@@ -157,7 +157,7 @@ def unpadded(name: str) -> str:
 
 
 def _beginnings(names: Iterable[str]) -> Iterator[str]:
-    """What names of tasks begin with, up to a slash."""
+    """Beginnings of names of tasks, up to a slash."""
     for name in names:
         while name := name.rpartition("/")[0]:
             yield name

@@ -35,7 +35,8 @@ _NAMES |= {other: name for name, other in _NAMES.items()}
 _AXES = {"x": "y", "y": "x", "near": "far", "far": "near", "width": "height", "height": "width", "row": "column"}
 _AXES |= {"k": "l", "l": "k", "column": "row", "columns": "rows", "rows": "columns"}
 _SCALE = 1.05
-_JITTED = {"kernel", "inline"}
+JITTED = ("kernel", "unit", "inline", "buffers")
+"""Decorators of `pipeline.jit`."""
 _SILENT = (ast.Raise, ast.Assert, ast.JoinedStr, ast.Import, ast.ImportFrom)
 """What no sentence about light depends on: messages, and checks that only a programmer meets."""
 
@@ -114,7 +115,7 @@ def _compiled(function: ast.AST | None) -> bool:
     if function is None:
         return True
     marks = function.decorator_list if isinstance(function, ast.FunctionDef) else []
-    return any(isinstance(mark, ast.Name) and mark.id in _JITTED for mark in marks)
+    return any(isinstance(mark, ast.Name) and mark.id in JITTED for mark in marks)
 
 
 def _mistakes(node: ast.AST, known: set[str]) -> Iterator[str]:

@@ -3,16 +3,20 @@ which tests notice it, and takes it back.
 """
 
 import json
+import os
+import re
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mutants.imports import Imports
-from mutants.mutations import mutants, parses
+from mutants.mutations import JITTED, mutants, parses
 from mutants.run import draw, judged
 from mutants.sandbox import ROOMS, ROOT, Sandbox
 
+from pipeline import jit
 from pipeline.kernel_cache import used
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
@@ -217,7 +221,10 @@ def test_in_plain_python_a_kernel_is_refuted_by_assertions_alone(tmp_path, mista
         "pipeline/jit.py": "kernel = inline = fma = None\n",
         "pipeline/optics/toy.py": KERNELS.replace(*mistake),
         "tests/optics/test_toy.py": TESTS,
-        "tests/mutants/plain.py": (ROOT / "tests/mutants/plain.py").read_text(),
+        **{
+            f"tests/mutants/{name}.py": (ROOT / f"tests/mutants/{name}.py").read_text()
+            for name in ("plain", "mutations")
+        },
     }
     for name, text in files.items():
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
@@ -225,3 +232,37 @@ def test_in_plain_python_a_kernel_is_refuted_by_assertions_alone(tmp_path, mista
     sandbox = object.__new__(Sandbox)
     sandbox.tree, sandbox.kernels = tree, tmp_path / "kernels"
     assert sandbox.refuted_by(["tests/optics/test_toy.py"]) == noticed_by
+
+
+def test_plain_python_knows_every_decorator_of_kernels() -> None:
+    """One that it left out would be compiled, with a mistake of another function or without it."""
+    marked = jit._DECORATED.pattern.decode()
+    assert set(re.findall(r"[a-z]+", marked)) == set(JITTED)
+    assert all(jit._DECORATED.match(f"@{name}".encode()) for name in JITTED)
+
+
+def test_a_quadrature_in_plain_python_is_that_of_compiled_kernels(tmp_path) -> None:
+    """Through drivers, units, buffers and the tally of rays; nothing is compiled on the way."""
+    told = {name: subprocess.run([sys.executable, "-c", load + BUNDLE], **SILENTLY) for name, load in LOADS.items()}
+    assert {name: done.returncode for name, done in told.items()} == dict.fromkeys(LOADS, 0), told
+    plain, compiled = (np.array(json.loads(told[name].stdout)) for name in ("plain", "compiled"))
+    assert np.isfinite(compiled).all() and np.allclose(plain, compiled, rtol=1e-12, atol=1e-12)
+
+
+LOADS = {"plain": "import mutants.plain\n", "compiled": ""}
+SILENTLY = {
+    "capture_output": True,
+    "text": True,
+    "check": False,
+    "env": {**os.environ, "PYTHONPATH": str(ROOT / "tests")},
+}
+BUNDLE = """
+import json, numpy as np
+from laws import rigs
+from pipeline.camera.quadrature import edges
+from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.tracer import Tracer, parallel_planes
+found = edges(Tracer(rigs.conventional()).arrays, np.array([[1.0, 0.5]]), np.array([NO_MICROLENS]))
+moments, status, rays = found.moments(parallel_planes(400.0, 800.0)[None], (2, 4))
+print(json.dumps([*moments[0].tolist(), float(status[0]), float(rays)]))
+"""
