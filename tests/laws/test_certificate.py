@@ -56,10 +56,7 @@ def test_more_batches_of_rays_sharpen_a_judge_until_it_decides(monkeypatch: pyte
 
 
 def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Over forty seeds, of rows at the border of two pixels, where other random numbers begin.
-
-    Four replicas alone, with numbers that change at the border, make errors of 1.6 stated ones and of 7 at most.
-    """
+    """Over forty seeds, of rows at the border of two pixels, where other random numbers begin."""
     rig, planes, cell, x, is_direct = by_direct(0.05)
     assert np.allclose(x[:, 1] % 1.0, 0.5, atol=1e-6)
     monkeypatch.setattr(judges, "_RANDOM_RAYS", (1 << 10, 1 << 12))
