@@ -88,11 +88,11 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     from pipeline.engine.explain import describe
     from pipeline.engine.session import forecast_of, plan_of
     from pipeline.engine.single import write_specs
-    from pipeline.tasks import build
+    from pipeline.tasks.build import project as project_made_of
     from pipeline.tasks.sizes import size
 
-    untrusted, preview = options.untrusted, options.preview
-    project = build.project(stage, out, options.allow_roots, untrusted=untrusted, preview=preview)
+    how = {"untrusted": options.untrusted, "preview": options.preview}
+    project = project_made_of(stage, out, options.allow_roots, **how)
     tasks = _with_edits(plan_of(project, options), project, stage)
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
