@@ -24,6 +24,7 @@ import numpy as np
 from pipeline.engine.graph import Task, TaskGraph
 from pipeline.engine.memory import PeakMeter
 from pipeline.files.npy import read_npy, write_npy
+from pipeline.records import from_plain
 from pipeline.scene.load import load, require_dataset
 from pipeline.tasks.graph import graph_of
 
@@ -181,7 +182,7 @@ def work(spec: dict[str, Any]) -> None:
     """Run a task here, and print what it took."""
     inputs = {role: {name: Path(file) for name, file in files.items()} for role, files in spec["inputs"].items()}
     module, meter, start = importlib.import_module(spec["kind"]), PeakMeter(), time.process_time()
-    module.run(spec["params"], inputs, Path(spec["out"]))
+    module.run(from_plain(module.Params, spec["params"]), inputs, Path(spec["out"]))
     print(json.dumps({"peak_bytes": meter.read_bytes(), "cpu_s": round(time.process_time() - start, 2)}))
 
 

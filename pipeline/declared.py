@@ -77,6 +77,8 @@ def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
         def asked(*positional: Any, **named: Any) -> Any:
             bound = signature.bind(*positional, **named)
             for name, value in bound.arguments.items():
+                if signature.parameters[name].kind is inspect.Parameter.VAR_KEYWORD:
+                    continue  # judged by the record that they become
                 bound.arguments[name] = _settled(hints[name], value)
                 if bound.arguments[name] is _WRONG:
                     what = f"{function.__name__}: {name} is {reprlib.repr(value)}"

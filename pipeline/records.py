@@ -5,14 +5,27 @@ import functools
 import math
 import types
 import typing
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
+class Shared(dict[str, Any]):
+    """A plain part of many records: it is not copied, and what is made of it is made once. Nobody may change it."""
+
+    made: bytes | None = None
+
+    def once(self, make: Callable[[dict[str, Any]], bytes]) -> bytes:
+        """Bytes made of the dict, always by the same function."""
+        if self.made is None:
+            self.made = make(self)
+        return self.made
+
+
 def to_plain(record: Any) -> Any:
     """A record as dicts, lists, numbers, strings and None. -0.0 becomes 0.0; NaN is refused."""
-    if record is None or isinstance(record, bool | int | str):
+    if record is None or isinstance(record, bool | int | str | Shared):
         return record
     if isinstance(record, float):
         if math.isnan(record):

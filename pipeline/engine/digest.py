@@ -11,6 +11,8 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from pipeline.records import Shared
+
 DIGEST = re.compile(r"[0-9a-f]{64}")
 """What a key or the name of a blob looks like; paths in the store are built from nothing else."""
 
@@ -44,15 +46,6 @@ def canonical(value: Any) -> bytes:
 def canonical_dict(items: Mapping[str, bytes]) -> bytes:
     """Bytes of a dict from the canonical bytes of its values."""
     return _item(b"m", b"".join([_name(name) + items[name] for name in sorted(items)]))
-
-
-class Shared(dict[str, Any]):
-    """A part of the parameters of many tasks: its canonical bytes are made once, so nobody may change it."""
-
-    @functools.cached_property
-    def canonical(self) -> bytes:
-        """As of the same dict."""
-        return _dict(self)
 
 
 def _item(tag: bytes, payload: bytes = b"") -> bytes:
@@ -97,6 +90,6 @@ _BYTES = _ByType(
         str: lambda value: _item(b"s", value.encode()),
         list: _list,
         dict: _dict,
-        Shared: lambda value: value.canonical,
+        Shared: lambda value: value.once(_dict),
     }
 )

@@ -25,7 +25,8 @@ class Task:
     name : str
         Unique in its graph, for people: `truth/Rig.Camera/0003`. It is not part of the key.
     kind : str
-        Module whose function `run(params, inputs, out)` does the work.
+        Module whose function `run(params, inputs, out)` does the work; `params` is a record, if the module has one with
+        the name `Params`.
     params : dict
         Plain values, part of the key; `canonical` are their bytes.
     reads : dict

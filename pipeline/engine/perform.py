@@ -23,6 +23,7 @@ from pipeline.engine.memory import PeakMeter
 from pipeline.engine.store import DamagedBlob, Store
 from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.processor import settings
+from pipeline.records import from_plain
 from pipeline.work import work
 
 Plain = dict[str, Any]
@@ -156,8 +157,9 @@ def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> lis
         outs = [folders.enter_context(_folder_for_outputs(store)) for _ in specs]
         meter, start, cpu_s, before = PeakMeter(), time.perf_counter(), time.process_time(), work().copy()
         # A copy, by the order of names: a task sees no order that its key does not know, and changes nobody's params.
-        params = [json.loads(json.dumps(spec["components"]["params"], sort_keys=True)) for spec in specs]
+        plain = [json.loads(json.dumps(spec["components"]["params"], sort_keys=True)) for spec in specs]
         module = importlib.import_module(kind)
+        params = [from_plain(module.Params, one) if hasattr(module, "Params") else one for one in plain]
         if count > 1:
             module.run_together(params, inputs, outs)
         else:

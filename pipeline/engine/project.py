@@ -1,7 +1,6 @@
 """Projects: a graph, and what of its results goes where. Plain data, so one may come from another process."""
 
 import base64
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TASKS, TaskGraph, unpadded
+from pipeline.engine.options import BuildOptions
 from pipeline.errors import UsageError
 from pipeline.spelling import nearest
 
@@ -111,13 +111,11 @@ def tasks_of(project: Project, target: str) -> list[str]:
     return tasks
 
 
-def selection(
-    project: Project, force: Iterable[str] = (), until: Iterable[str] = (), targets: Iterable[str] = ()
-) -> tuple[TaskGraph, set[str]]:
+def selection(project: Project, options: BuildOptions) -> tuple[TaskGraph, set[str]]:
     """The part of the graph up to some tasks (all of it, if nothing is named), and the tasks that are forced."""
-    forced = {name for target in force for name in tasks_of(project, target)}
-    last = {name for target in until for name in tasks_of(project, target)}
-    wanted = [_meant(project, target)[1] for target in targets]
+    forced = {name for target in options.force for name in tasks_of(project, target)}
+    last = {name for target in options.until for name in tasks_of(project, target)}
+    wanted = [_meant(project, target)[1] for target in options.targets]
     last |= {name for tasks in wanted for name in tasks}
     return (project.graph.up_to(last) if last or wanted else project.graph), forced
 

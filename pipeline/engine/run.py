@@ -4,15 +4,15 @@ import contextlib
 import heapq
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.engine.engines import Engine, Inline, Processes
-from pipeline.engine.events import Emit, silent, warner
+from pipeline.engine.events import warner
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.interrupts import Interrupts, impatient, patient
 from pipeline.engine.memory import Budget, available_bytes
+from pipeline.engine.options import ALONE, NOBODY, NOTHING, BuildOptions, Caller, Known
 from pipeline.engine.perform import failed
 from pipeline.engine.spec import Record, Spec, Specs
 from pipeline.engine.store import Store
@@ -88,65 +88,28 @@ class Outcome:
 def run(
     graph: TaskGraph,
     store: Store,
+    options: BuildOptions = ALONE,
     *,
-    jobs: int = 1,
     engine: Engine | None = None,
-    keep_going: bool = False,
-    force: Iterable[str] = (),
-    retries: int = 0,
-    timeout_s: float | None = None,
-    peaks: dict[str, int] | None = None,
-    places: dict[str, str] | None = None,
-    on_event: Emit = silent,
-    prepare: Callable[[], None] | None = None,
-    interrupts: Interrupts | None = None,
+    caller: Caller = NOBODY,
+    known: Known = NOTHING,
 ) -> Outcome:
     """Make every task of a graph be in the store.
 
     Parameters
     ----------
-    jobs : int
-        1 runs tasks in this process, more in as many worker processes. With a timeout there is always a worker, and
-        in a program that loaded NumPy before `pipeline`.
+    options : BuildOptions
+        Workers, failures, and tasks to run in any case, here by name; the others are none of the driver's.
     engine : Engine, optional
-        Another place for tasks; it is closed at the end.
-    keep_going : bool
-        After a failure go on with tasks that do not need the failed one.
-    force : iterable of str
-        Names of tasks that run even though the store has them.
-    retries : int
-        How often a task that failed is tried again. A task whose worker died is tried `MAX_DEATHS` times in any case.
-    timeout_s : float, optional
-        A task that takes longer has failed [s].
-    peaks : dict, optional
-        Memory that tasks of each kind took earlier [bytes]: no more of them start together than fit.
-    places : dict, optional
-        `Project.places`.
-    prepare : callable, optional
-        Called once in this process before the first task runs, and not at all if none has to. Signals stop it at once.
-    interrupts : Interrupts, optional
-        Open ones of the caller, who does more that signals may end.
+        Another place for tasks than `options` say; it is closed at the end.
     """
     if engine is None:
-        inline = jobs <= 1 and timeout_s is None and pin()
-        engine = (
-            Inline(store, graph.packages) if inline else Processes(store, graph.packages, jobs, timeout_s=timeout_s)
-        )
-    driver = _Driver(
-        graph,
-        store,
-        engine,
-        keep_going=keep_going,
-        force=set(force),
-        retries=retries,
-        budget=Budget(available_bytes(), peaks),
-        places=places or {},
-        on_event=on_event,
-        prepare=prepare,
-        in_company=timeout_s is None,  # a time for each task could not be told
-    )
+        inline = options.workers <= 1 and options.timeout_s is None and pin()
+        workers = Processes(store, graph.packages, options.workers, timeout_s=options.timeout_s)
+        engine = Inline(store, graph.packages) if inline else workers
+    driver = _Driver(graph, store, engine, options, caller, known)
     with contextlib.ExitStack() as stack:
-        own = interrupts or stack.enter_context(Interrupts(warner(on_event)))
+        own = caller.interrupts or stack.enter_context(Interrupts(warner(caller.on_event)))
         stack.callback(engine.close)
         own.stoppable(lambda: driver.loop(own))
     driver.outcome.interrupted = own.exit_code
@@ -155,24 +118,13 @@ def run(
 
 class _Driver:
     def __init__(
-        self,
-        graph: TaskGraph,
-        store: Store,
-        engine: Engine,
-        *,
-        keep_going: bool,
-        force: set[str],
-        retries: int,
-        budget: Budget,
-        places: dict[str, str],
-        on_event: Emit,
-        prepare: Callable[[], None] | None,
-        in_company: bool,
+        self, graph: TaskGraph, store: Store, engine: Engine, options: BuildOptions, caller: Caller, known: Known
     ) -> None:
-        self.graph, self.store, self.engine = graph, store, engine
-        self.keep_going, self.force, self.on_event, self.prepare = keep_going, force, on_event, prepare
-        self.retries, self.budget, self.places, self.in_company = retries, budget, places, in_company
+        self.graph, self.store, self.engine, self.options = graph, store, engine, options
+        self.on_event, self.prepare = caller.on_event, caller.prepare
+        self.places, self.budget = known.places, Budget(available_bytes(), known.peaks)
         self.outcome = Outcome()
+        self._forced = set(options.force)
         self._specs = Specs(store)
         self._running: dict[str, Spec] = {}
         self._healed: set[str] = set()
@@ -191,7 +143,8 @@ class _Driver:
     def loop(self, interrupts: Interrupts) -> None:
         with patient():
             while True:
-                going = interrupts.signal is None and not self._broken and (self.keep_going or not self._failed())
+                may_go_on = self.options.keep_going or not self._failed()
+                going = interrupts.signal is None and not self._broken and may_go_on
                 while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
                     self._take(heapq.heappop(self._ready)[1])
                 if not self._running and not (going and self._ready):
@@ -248,12 +201,12 @@ class _Driver:
         self.engine.submit(message)
 
     def _message(self, spec: Spec) -> dict[str, Any]:
-        return {**spec.to_plain(), "force": spec.name in self.force}
+        return {**spec.to_plain(), "force": spec.name in self._forced}
 
     def _companions(self, name: str) -> list[str]:
         """Tasks to run along with one, because they share work; as many as leave something for every free worker."""
-        together = self.graph[name].together
-        if together is None or not self.in_company or name in self._apart:
+        together, timed = self.graph[name].together, self.options.timeout_s is not None
+        if together is None or timed or name in self._apart:  # how long each took could not be told
             return []
         ready = {other for _, other in self._ready if self._is_ready(other)} - {name}
         alike = sorted(other for other in ready - self._apart if self.graph[other].together == together)
@@ -266,7 +219,7 @@ class _Driver:
             return None
         task = self.graph[name]
         spec = self._specs.of(task, self.outcome.records)
-        record = None if name in self.force else self.store.record(spec.key)
+        record = None if name in self._forced else self.store.record(spec.key)
         if record is not None:
             found = TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key, made_by=record["made_by"])
             self._settle(found, record)
@@ -341,7 +294,7 @@ class _Driver:
         short_of_memory = reply["memory"] and name not in self._alone
         if short_of_memory:
             self._alone.add(name)
-        elif self._failures[name] < self.retries and not reply["machine"]:
+        elif self._failures[name] < self.options.retries and not reply["machine"]:
             self._failures[name] += 1
         else:
             return False

@@ -1,6 +1,7 @@
 """From a project to its output folder: run the graph, deliver the files, say what happened."""
 
 import contextlib
+import dataclasses
 import json
 import math
 import os
@@ -15,10 +16,11 @@ from pipeline.engine.care import collect, limit_from_environment
 from pipeline.engine.deliver import Delivery, deliver
 from pipeline.engine.digest import key_of
 from pipeline.engine.engines import Engine
-from pipeline.engine.events import Emit, Event, silent, warner
+from pipeline.engine.events import Emit, Event, warner
 from pipeline.engine.forecast import Forecast, Past, Size, forecast, means_by_kind
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.interrupts import Interrupts
+from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller, Known
 from pipeline.engine.plan import PlannedTask, plan
 from pipeline.engine.project import Project, files_of, selection, tasks_of
 from pipeline.engine.result import Result
@@ -34,57 +36,44 @@ _SOURCES_KEPT = 4
 
 def build(
     project: Project,
+    options: BuildOptions = USUAL,
     *,
     store: Store | None = None,
-    jobs: int | None = None,
-    keep_going: bool = False,
-    force: Iterable[str] = (),
-    until: Iterable[str] = (),
-    targets: Iterable[str] = (),
-    retries: int = 0,
-    timeout_s: float | None = None,
-    check_percent: float = 0.0,
     engine: Callable[[Store, tuple[str, ...]], Engine] | None = None,
-    on_event: Emit = silent,
-    prepare: Callable[[], None] | None = None,
+    caller: Caller = NOBODY,
 ) -> Result:
     """Run what is missing and fill the output folder.
 
     Parameters
     ----------
-    jobs : int, optional
-        Worker processes; 1 runs everything in this process; default one per core.
-    force, until : iterable of str
-        Tasks (names, patterns, or paths of files in the output folder) that run in any case; the last ones to run.
-        As long as only a part of the dataset is made, the output folder is left alone.
-    targets : iterable of str
-        The same, or files that no task makes: what they need runs, and their files alone go to the output folder.
-    retries, timeout_s :
-        See `run.run`.
-    check_percent : float
-        Share of the tasks that run once more afterwards, to see whether they give the same bytes [%].
+    options : BuildOptions
+        How its stage is read is none of ours.
     engine : callable, optional
-        Makes another place for tasks than processes of this machine, from a store and the packages of task kinds.
+        Makes another place for tasks than `options` say, from a store and the packages of task kinds.
+    caller : Caller
+        Its interrupts are not asked for: a build has its own.
     """
     start = time.perf_counter()
     _require_place(project)
-    emit, keep_events = _recorded(on_event)
+    emit, keep_events = _recorded(caller.on_event)
     limit_bytes = limit_from_environment()
     warn = warner(emit)
     store = writable(store or Store(warn=warn))
     Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
-    targets = tuple(targets)
-    graph, forced = selection(project, force, until, targets)
-    wanted = {path: project.files[path] for target in targets for path in files_of(project, target)}
+    graph, forced = selection(project, options)
+    wanted = {path: project.files[path] for target in options.targets for path in files_of(project, target)}
     history = _history(project, store)
 
-    options: dict[str, Any] = {"jobs": worker_count(jobs), "retries": retries, "timeout_s": timeout_s, "on_event": emit}
-    options |= {"keep_going": keep_going, "prepare": prepare, "peaks": history["peaks"], "places": project.places}
-
-    def make(**more: Any) -> Outcome:
-        place = engine(store, graph.packages) if engine else None
-        return run(graph, store, engine=place, interrupts=interrupts, **options, **more)
+    def make(force: Iterable[str] = ()) -> Outcome:
+        return run(
+            graph,
+            store,
+            dataclasses.replace(options, force=tuple(force)),
+            engine=engine(store, graph.packages) if engine else None,
+            caller=Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts),
+            known=Known(peaks=history["peaks"], places=project.places),
+        )
 
     delivery: Delivery | None = None
     error: PipelineError | None = None
@@ -96,18 +85,18 @@ def build(
             return
         places: dict[str, Any] = {"records": outcome.records, "store": store, "warn": warn}
         places["stage_id"] = project.stage_id
-        if targets:
+        if options.targets:
             delivery = deliver(project.out, wanted, head, **places, whole=False) if wanted else None
         elif len(graph) == len(project.graph):
             head = {**head, **_findings(project, outcome, store)}
             delivery = deliver(project.out, project.files, head, **places)
 
     with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
-        emit(_begin(project, graph, worker_count(jobs)))
+        emit(_begin(project, graph, options.workers))
         interrupts.stoppable(lambda: stack.enter_context(store.in_use()))
         outcome = make(force=forced)
-        if check_percent and outcome.interrupted is None:
-            _check_again(outcome, make(force=_sample(outcome, check_percent)))
+        if options.check_percent and outcome.interrupted is None:
+            _check_again(outcome, make(force=_sample(outcome, options.check_percent)))
         _remember(project, store, outcome, history, whole=len(graph) == len(project.graph))
         try:
             interrupts.stoppable(lambda: _fill_again_if_lost(fill, lambda: _take_over(outcome, make()), warn))
@@ -186,15 +175,8 @@ def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any
     return {key: {name: content(*place) for name, place in named.items()} for key, named in project.findings.items()}
 
 
-def plan_of(
-    project: Project,
-    *,
-    store: Store | None = None,
-    force: Iterable[str] = (),
-    until: Iterable[str] = (),
-    targets: Iterable[str] = (),
-) -> list[PlannedTask]:
-    """Plan what `build` would do with the same arguments.
+def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | None = None) -> list[PlannedTask]:
+    """Plan what `build` would do with the same options.
 
     Raises
     ------
@@ -204,7 +186,7 @@ def plan_of(
     _require_place(project)
     store = writable(store or Store())
     Seen(project.out, store, project.stage_id).require_same_stage()
-    graph, forced = selection(project, force, until, targets)
+    graph, forced = selection(project, options)
     return plan(graph, store, _history(project, store)["keys"], force=forced)
 
 
@@ -246,14 +228,6 @@ def logs_of(project: Project, target: str, *, store: Store | None = None) -> lis
         facts |= {"log": str(log) if log and log.is_file() else None, "error": event.get("error")}
         found.append({**facts, "spec": event.get("spec"), "made_by": record["made_by"] if record else None})
     return found
-
-
-def worker_count(jobs: int | None) -> int:
-    """So many workers as asked for, or one per core."""
-    if jobs is not None:
-        return max(1, jobs)
-    # What this process may use, where the system can tell; a container often may use less than there is.
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _history_name(project: Project) -> str:

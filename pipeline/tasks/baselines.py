@@ -2,7 +2,6 @@
 
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,6 +9,8 @@ from pipeline.files.tables import write_table
 from pipeline.frames import inverse, rotation_vector
 from pipeline.tasks.cameras import Inputs, pinhole_of
 from pipeline.tasks.frame_poses import pinhole_from_camera
+from pipeline.tasks.params import Baselines as Params
+from pipeline.tasks.params import RigFrame
 
 BASELINES = "baselines.csv"
 HEADER = (
@@ -22,17 +23,15 @@ _COLUMNS = ("frame", "camera", "second_camera", "pinhole_baseline_mm", "stop_bas
 _VECTORS = ("rvec", "pinhole_t", "stop_t")
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: cameras (names, whose pinholes are the inputs `pinhole0`, …), frames (list of {number,
-    camera_from_world: in the order of the cameras}).
-    """
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write baselines.csv; pinholes of the cameras, in their order, are the inputs `pinhole0`, …"""
     to_pinhole = []
-    for i in range(len(params["cameras"])):
+    for i in range(len(params.cameras)):
         pinhole = pinhole_of(inputs, f"pinhole{i}")
         to_pinhole.append(np.full((4, 4), np.nan) if pinhole is None else pinhole_from_camera(pinhole))
     rows = [
-        (frame["number"], params["cameras"][i], params["cameras"][j], *_between(frame, to_pinhole, i, j))
-        for frame in params["frames"]
+        (frame.number, params.cameras[i], params.cameras[j], *_between(frame, to_pinhole, i, j))
+        for frame in params.frames
         for i, j in combinations(range(len(to_pinhole)), 2)
     ]
     vectors = [f"{vector}_{axis}_{'rad' if vector == 'rvec' else 'mm'}" for vector in _VECTORS for axis in "xyz"]
@@ -40,9 +39,9 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     write_table(out / BASELINES, HEADER, columns)
 
 
-def _between(frame: dict[str, Any], to_pinhole: list[np.ndarray], i: int, j: int) -> tuple[float, ...]:
+def _between(frame: RigFrame, to_pinhole: list[np.ndarray], i: int, j: int) -> tuple[float, ...]:
     """Both baselines, then rvec and both translations of the second camera from the first."""
-    first, second = (np.array(frame["camera_from_world"][n]) for n in (i, j))
+    first, second = (np.array(frame.camera_from_world[n]) for n in (i, j))
     stop = second @ inverse(first)
     pinhole = to_pinhole[j] @ stop @ inverse(to_pinhole[i])
     lengths = [float(np.linalg.norm(pose[:3, 3])) for pose in (pinhole, stop)]

@@ -1,18 +1,20 @@
 """Build a dataset: the way from a stage to its output folder."""
 
+import dataclasses
 import platform
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import pipeline
-from pipeline.declared import arguments_settled, number, whole
+from pipeline.declared import arguments_settled
 from pipeline.engine import session
 from pipeline.engine.engines import Engine, Processes
-from pipeline.engine.events import silent
+from pipeline.engine.events import Emit, silent
 from pipeline.engine.graph import TASKS, TaskGraph
 from pipeline.engine.libraries import installed_version
 from pipeline.engine.locks import Errand, locked
+from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.project import Project
 from pipeline.engine.result import Result
 from pipeline.engine.store import Store
@@ -22,17 +24,15 @@ from pipeline.limits import limits
 from pipeline.processor import level
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.spelling import nearest
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
 from pipeline.tasks.preview import folder_of, only_images, preview_of
 from pipeline.tasks.sandbox import project_of_untrusted
 
-__all__ = ["TASKS", "build", "compile_once", "default_out", "project"]
+__all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
 
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
-
-_MOST_JOBS = 10_000
-_SHORTEST_S = 1e-3
 
 
 def default_out(stage: Path) -> Path:
@@ -123,19 +123,8 @@ def build(
     path: str | Path,
     out: str | Path | None = None,
     *,
-    jobs: int | None = None,
-    keep_going: bool = False,
-    force: Iterable[str] = (),
-    until: Iterable[str] = (),
-    targets: Iterable[str] = (),
-    retries: int = 0,
-    timeout_s: float | None = None,
-    check_percent: float = 0.0,
-    allow_roots: Iterable[str | Path] = (),
-    untrusted: bool = False,
-    preview: bool = False,
-    engine: str | None = None,
     on_event: Callable[[dict[str, Any]], None] | None = None,
+    **options: Any,
 ) -> Result:
     """Build a dataset stage: run what is missing, fill the output folder.
 
@@ -145,30 +134,11 @@ def build(
         The stage, e.g. `examples/02_plenoptic/dataset.usda`.
     out : str or Path, optional
         Output folder; see `default_out`.
-    jobs : int, optional
-        Worker processes, by default one per core; 1 runs everything in this process.
-    keep_going : bool
-        Go on with what does not depend on a task that failed.
-    force, until : iterable of str
-        Tasks to run in any case; tasks after which to stop, with nothing delivered.
-    targets : iterable of str
-        Tasks, or files and folders of the output folder: what they need runs, and their files alone are delivered.
-    retries : int
-        How often a task that failed is tried again.
-    timeout_s : float, optional
-        A task that takes longer has failed [s].
-    check_percent : float
-        Share of the tasks that are computed twice, to compare their bytes [%].
-    allow_roots : iterable of str or Path
-        Further folders that the stage may reference.
-    untrusted : bool
-        Read the stage in a confined process, and bound memory and time of each task by `limits`.
-    preview : bool
-        Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
-    engine : str, optional
-        `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     on_event : callable, optional
         Gets a dict for every start and end of a task.
+    **options
+        Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
+        check_percent, engine, allow_roots, untrusted, preview.
 
     Returns
     -------
@@ -180,49 +150,41 @@ def build(
     StageError
         The stage does not pass `check`; then nothing is written.
     UsageError
-        An argument is not of its kind, or out of its range.
+        An argument is not of its kind, or out of its range, or there is no such option.
     """
-    whole("jobs", 1 if jobs is None else jobs, UsageError, 1, _MOST_JOBS)
-    whole("retries", retries, UsageError, 0, _MOST_JOBS)
-    number("timeout_s", 1.0 if timeout_s is None else timeout_s, UsageError, _SHORTEST_S)
-    number("check_percent", check_percent, UsageError, 0.0, 100.0)
-    listener = on_event or silent
+    known = [field.name for field in dataclasses.fields(BuildOptions)]
+    for name in options.keys() - set(known):
+        near = nearest(name, known)
+        hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
+        raise UsageError(f"build has no option {name!r}", hint=hint)
+    return build_with(path, out, BuildOptions(**options), on_event or silent)
+
+
+def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
+    """`build` with its options in a record."""
 
     def warn(text: str) -> None:
-        listener({"event": "warning", "text": text})
+        on_event({"event": "warning", "text": text})
 
-    dataset = project(path, out, allow_roots, untrusted=untrusted, preview=preview, warn=warn)
-    return session.build(
-        dataset,
-        jobs=jobs,
-        keep_going=keep_going,
-        force=force,
-        until=until,
-        targets=targets,
-        retries=retries,
-        timeout_s=timeout_s,
-        check_percent=check_percent,
-        engine=_place(engine, jobs, timeout_s, untrusted=untrusted),
-        on_event=listener,
-        prepare=lambda: compile_once(warn, dataset.graph),
-    )
+    roots, untrusted = options.allow_roots, options.untrusted
+    dataset = project(path, out, roots, untrusted=untrusted, preview=options.preview, warn=warn)
+    caller = Caller(on_event=on_event, prepare=lambda: compile_once(warn, dataset.graph))
+    return session.build(dataset, options, engine=_place(options), caller=caller)
 
 
-def _place(
-    cluster: str | None, jobs: int | None, timeout_s: float | None, *, untrusted: bool
-) -> Callable[[Store, tuple[str, ...]], Engine] | None:
+def _place(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] | None:
     """Another place for tasks than usual: a cluster, or workers that may not take whatever a stage makes them need."""
-    most = limits()
-    if untrusted and timeout_s is None:
+    most, timeout_s = limits(), options.timeout_s
+    if options.untrusted and timeout_s is None:
         timeout_s = most.task_s
-    if cluster:
+    if options.engine:
         from pipeline.engine.cluster import engine_of
 
-        return engine_of(cluster, timeout_s)
-    if not untrusted:
+        return engine_of(options.engine, timeout_s)
+    if not options.untrusted:
         return None
     return lambda store, packages: Processes(
-        store, packages, session.worker_count(jobs), timeout_s=timeout_s, memory_bytes=most.task_bytes
+        store, packages, options.workers, timeout_s=timeout_s, memory_bytes=most.task_bytes
     )
 
 

@@ -2,6 +2,7 @@
 many points of each target the camera sees in each frame."""
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,9 @@ from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import Table, read_table
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.params import Certificate as Params
+from pipeline.tasks.params import PlacedTarget
+from pipeline.tasks.surroundings import placed_target
 from pipeline.truth.certificate import certify
 from pipeline.truth.judged import ROWS, Rows, rows_of_build
 from pipeline.truth.solve import Rig, tangent_planes
@@ -19,25 +23,24 @@ _STREAM = 0x5EA1
 """Random numbers of the judge are none of those that it judges."""
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frames (list of {number, targets: of {name, target, vision_from_target}}), claim_px, square_px, seed."""
-    tracer, images = tracer_of(inputs, params["seed"] ^ _STREAM)
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write certificate.json and points.json."""
+    tracer, images = tracer_of(inputs, params.seed ^ _STREAM)
     tables = [
-        (frame["targets"], read_table(inputs[f"frame{frame['number']}"]["correspondences.csv"]))
-        for frame in params["frames"]
+        (frame.targets, read_table(inputs[f"frame{frame.number}"]["correspondences.csv"])) for frame in params.frames
     ]
-    rig = Rig(tracer, images, params["square_px"])
+    rig = Rig(tracer, images, params.square_px)
     of = sum(len(table.columns["x_px"]) for _, table in tables)
-    found = certificate(rig, tables, params["claim_px"], params["seed"], rows_of_build(of))
+    found = certificate(rig, tables, params.claim_px, params.seed, rows_of_build(of))
     write_json(out / "certificate.json", found)
-    numbers = [frame["number"] for frame in params["frames"]]
+    numbers = [frame.number for frame in params.frames]
     write_json(out / "points.json", points_seen(numbers, tables))
 
 
-def points_seen(numbers: list[int], tables: list[tuple[list[dict[str, Any]], Table]]) -> dict[str, Any]:
+def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> dict[str, Any]:
     """Points of each target, and per frame how many of them have a row, and rows: plain data for the manifest."""
     of = {
-        entry["name"]: len(target_from_plain(entry["target"]).points().kinds)
+        entry.name: len(target_from_plain(entry.target).points().kinds)
         for targets, _ in tables[:1]
         for entry in targets
     }
@@ -52,7 +55,11 @@ def points_seen(numbers: list[int], tables: list[tuple[list[dict[str, Any]], Tab
 
 
 def certificate(
-    rig: Rig, tables: list[tuple[list[dict[str, Any]], Table]], claim_px: float | None, seed: int, rows: int = ROWS
+    rig: Rig,
+    tables: Sequence[tuple[Sequence[PlacedTarget], Table]],
+    claim_px: float | None,
+    seed: int,
+    rows: int = ROWS,
 ) -> dict[str, Any]:
     """Draw a sample of so many rows from the tables of all frames, solve it again, and state the differences."""
     parts = [part for targets, table in tables for part in rows_of(rig, targets, table)]
@@ -62,7 +69,7 @@ def certificate(
     return certify(rig, Rows(*columns).drawn(seed, rows), len(columns[1]), claim_px)
 
 
-def rows_of(rig: Rig, targets: list[dict[str, Any]], table: Table) -> list[tuple[np.ndarray, ...]]:
+def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table) -> list[tuple[np.ndarray, ...]]:
     """Fields of `Rows` for each target of a table."""
     names = np.array(table.columns["target"])
     point = table.numbers("point_id").astype(int)
@@ -71,9 +78,10 @@ def rows_of(rig: Rig, targets: list[dict[str, Any]], table: Table) -> list[tuple
     cell = cells_of(rig, table)
     found: list[tuple[np.ndarray, ...]] = []
     for entry in targets:
-        points = target_from_plain(entry["target"]).points()
-        planes = tangent_planes(np.array(entry["vision_from_target"]), points.position_mm, points.plane_axes)
-        here = names == entry["name"]
+        target, pose = placed_target(entry)
+        points = target.points()
+        planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+        here = names == entry.name
         found.append((planes[point[here]], cell[here], x[here], is_direct[here]))
     return found
 

@@ -11,7 +11,10 @@ from pipeline.camera.camera import Camera
 from pipeline.camera.pinhole import Pinhole, Projection
 from pipeline.camera.report import report
 from pipeline.files.jsonfile import write_json
+from pipeline.records import to_plain
 from pipeline.tasks.cameras import Inputs, focused_camera, pinhole_of
+from pipeline.tasks.params import CameraLabels
+from pipeline.tasks.params import FirstOrder as Params
 
 CONVENTIONS = {
     "pixel": "(0, 0) is the centre of the top-left pixel, x right, y down",
@@ -24,13 +27,14 @@ CONVENTIONS = {
 _FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
 
 
-def document(labels: dict[str, Any], camera: Camera, pinhole: Pinhole | None) -> dict[str, Any]:
+def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> dict[str, Any]:
     """Content of camera.json: a focused camera, its pinhole, and `labels` besides."""
     figures = report(camera)
-    lens = {"name": labels["lens_name"], "index_source": labels["index_source"], **figures.pop("lens")}
+    lens = {"name": labels.lens_name, "index_source": labels.index_source, **figures.pop("lens")}
     head = {name: figures.pop(name) for name in _FIRST}
-    light = {"weight": labels["weight"], "footprint": labels["footprint"], "wavelengths_nm": [labels["wavelength_nm"]]}
-    head["focus_request"] = labels.get("focus_request")
+    shone = labels.light
+    light = {"weight": shone.weight, "footprint": shone.footprint, "wavelengths_nm": [shone.wavelength_nm]}
+    head["focus_request"] = to_plain(labels.focus_request)
     pinhole_says = None if pinhole is None else _pinhole(pinhole, camera.sensor.pitch_mm)
     return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
 
@@ -57,7 +61,7 @@ def _projection(projection: Projection, pitch_mm: float) -> dict[str, Any]:
     }
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: labels (what the report says besides), circle_of_confusion_px."""
-    camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params["circle_of_confusion_px"])
-    write_json(out / "camera.json", document(params["labels"], camera, pinhole_of(inputs)))
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write camera.json."""
+    camera = dataclasses.replace(focused_camera(inputs), circle_of_confusion_px=params.circle_of_confusion_px)
+    write_json(out / "camera.json", document(params.labels, camera, pinhole_of(inputs)))

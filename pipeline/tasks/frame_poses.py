@@ -9,6 +9,8 @@ from pipeline.camera.pinhole import Pinhole
 from pipeline.files.jsonfile import write_json
 from pipeline.frames import inverse, rigid, rotation_vector
 from pipeline.tasks.cameras import Inputs, pinhole_of
+from pipeline.tasks.params import FramePoses as Params
+from pipeline.tasks.params import PosedFrame
 
 CONVENTIONS = {
     "transforms": "a_from_b acts on column vectors, mm",
@@ -24,20 +26,22 @@ def name_of(number: int) -> str:
     return f"{number:04d}.json"
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: camera (its name), frames (list of {number, camera_from_world, targets: name -> camera_from_target})."""
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write a file for each frame."""
     pinhole = pinhole_of(inputs)
-    for frame in params["frames"]:
-        write_json(out / name_of(frame["number"]), poses(params["camera"], frame, pinhole))
+    for frame in params.frames:
+        write_json(out / name_of(frame.number), poses(params.camera, frame, pinhole))
 
 
-def poses(camera: str, frame: dict[str, Any], pinhole: Pinhole | None) -> dict[str, Any]:
+def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> dict[str, Any]:
     """The content of poses.json."""
-    camera_from_world = np.array(frame["camera_from_world"])
-    targets = {name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame["targets"].items()}
+    camera_from_world = np.array(frame.camera_from_world)
+    targets: dict[str, dict[str, Any]] = {
+        name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame.targets.items()
+    }
     content = {
         "conventions": CONVENTIONS,
-        "frame": frame["number"],
+        "frame": frame.number,
         "camera": camera,
         "camera_from_world": camera_from_world,
         "pinhole": None,

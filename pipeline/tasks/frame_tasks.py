@@ -1,58 +1,77 @@
 """The tasks of a camera in its frames: image, position images, truth, and the certificate of all frames."""
 
+import dataclasses
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from pipeline.engine.deliver import Source
-from pipeline.engine.digest import Shared
 from pipeline.engine.graph import Task, TaskGraph
 from pipeline.frames import apply
 from pipeline.records import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.frame_poses import name_of
+from pipeline.tasks.params import (
+    Certificate,
+    Exposure,
+    FramePoses,
+    Image,
+    ImageTile,
+    JudgedFrame,
+    Light,
+    PaintedView,
+    PlaneAsked,
+    PosedFrame,
+    Positions,
+    TableLabels,
+    Truth,
+    TruthTable,
+    TruthTile,
+    View,
+)
 from pipeline.tasks.poses import target_poses
 from pipeline.tasks.things import Things, matrix
-from pipeline.tasks.tiles import Bands, image_bands, point_tiles
+from pipeline.tasks.tiles import image_bands, point_tiles
 from pipeline.truth.on_points import plane_name
 from pipeline.truth.settings import OF_SEARCH, TruthSettings
 
 KIND = "pipeline.tasks."
 
 
-def image_params(entry: CameraEntry) -> dict[str, Any]:
-    """Params that every image of a camera reads."""
-    return {
-        "samples": entry.image_samples,
-        "seed": entry.sampling.seed,
-        "weight": entry.weight,
-        "wavelength_nm": entry.wavelength_nm,
-    }
+def add(
+    graph: TaskGraph, name: str, params: Any, reads: dict[str, str] | None = None, together: str | None = None
+) -> str:
+    """Add a task whose kind is the beginning of its name, and give its name back."""
+    return graph.add(name, f"{KIND}{name.partition('/')[0]}", to_plain(params), reads, together)
+
+
+def exposure_of(entry: CameraEntry) -> Exposure:
+    """The rays of every image of a camera."""
+    return Exposure(
+        samples=entry.image_samples,
+        seed=entry.sampling.seed,
+        weight=entry.weight,
+        wavelength_nm=entry.wavelength_nm,
+    )
+
+
+def light_of(entry: CameraEntry) -> Light:
+    """The light of a camera's bundles."""
+    return Light(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
 
 
 def add_tiles(
-    graph: TaskGraph,
-    name: str,
-    params: dict[str, Any],
-    reads: dict[str, str],
-    rows: Bands,
-    together: str | None = None,
+    graph: TaskGraph, name: str, params: Sequence[Any], reads: dict[str, str], together: str | None = None
 ) -> dict[str, str]:
-    """Tasks of tiles, each with its rows in the params; role and name of each. One tile alone is no task.
+    """Tasks of tiles, one for each of the params; role and name of each. One tile alone is no task.
 
-    Tiles with the same rows share work with those of other calls that say the same `together`.
+    Tiles of one number share work with those of other calls that say the same `together`.
     """
-    kind = f"{KIND}{name.partition('/')[0]}"
     return {
-        f"tile{number}": graph.add(
-            f"{name}/{number:04d}",
-            kind,
-            {**params, "rows": list(some)},
-            reads,
-            f"{together}/{number}" if together else None,
-        )
-        for number, some in enumerate(rows if len(rows) > 1 else [])
+        f"tile{number}": add(graph, f"{name}/{number:04d}", tile, reads, f"{together}/{number}" if together else None)
+        for number, tile in enumerate(params if len(params) > 1 else [])
     }
 
 
@@ -87,22 +106,21 @@ class FrameTasks:
         self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
         self.painted, self.bare = painted, bare
         self.settings = from_plain(TruthSettings, entry.truth)
-        self._image = {**image_params(entry), "background": dataset.background}
-        self._truth = _truth_params(entry, self.settings)
+        self._labels = _labels_of(entry, self.settings)
         self._reads = {"camera": f"focus/{entry.name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
-        self._judged: list[dict[str, Any]] = []
-        self._posed: list[dict[str, Any]] = []
+        self._judged: list[JudgedFrame] = []
+        self._posed: list[PosedFrame] = []
 
     def add(self, frame: Frame) -> None:
         """Add the tasks of a frame."""
         name, folder = f"{self.entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.name}"
         poses = target_poses(self.dataset, frame, self.entry.name)
         targets = {target: matrix(pose) for target, pose in poses.items()}
-        camera_from_world = frame.camera_from_world[self.entry.name]
-        self._posed.append({"number": frame.number, "camera_from_world": camera_from_world, "targets": targets})
-        image = self._add_image(name, self._image_params(frame, poses))
+        camera_from_world = [list(row) for row in frame.camera_from_world[self.entry.name]]
+        self._posed.append(PosedFrame(number=frame.number, camera_from_world=camera_from_world, targets=targets))
+        image = self._add_image(name, self._painted(frame, poses))
         truth = self._add_truth(name, folder, frame, poses)
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
@@ -111,41 +129,48 @@ class FrameTasks:
     def add_poses(self) -> None:
         """Add the task that writes the poses of all frames added so far."""
         name = self.entry.name
-        params = {"camera": name, "frames": to_plain(self._posed)}
-        task = self.graph.add(f"frame_poses/{name}", f"{KIND}frame_poses", params, {"pinhole": f"pinhole/{name}"})
-        for number in (frame["number"] for frame in self._posed):
+        params = FramePoses(camera=name, frames=tuple(self._posed))
+        task = add(self.graph, f"frame_poses/{name}", params, {"pinhole": f"pinhole/{name}"})
+        for number in (frame.number for frame in self._posed):
             self.files[f"frames/{number:04d}/{name}/poses.json"] = (task, name_of(number))
 
     def add_certificate(self) -> str:
         """Add the task that judges all frames added so far; gives its name."""
-        params: dict[str, Any] = {"claim_px": self.settings.claim_px, "square_px": self.entry.square_px}
-        params |= {"frames": self._judged, "seed": self.entry.sampling.seed}
-        truths = {f"frame{n}": f"truth/{self.entry.name}/{n:04d}" for n in (frame["number"] for frame in self._judged)}
-        return self.graph.add(f"certificate/{self.entry.name}", f"{KIND}certificate", params, {**self._reads, **truths})
+        params = Certificate(
+            frames=tuple(self._judged),
+            claim_px=self.settings.claim_px,
+            square_px=self.entry.square_px,
+            seed=self.entry.sampling.seed,
+        )
+        truths = {f"frame{n}": f"truth/{self.entry.name}/{n:04d}" for n in (frame.number for frame in self._judged)}
+        return add(self.graph, f"certificate/{self.entry.name}", params, {**self._reads, **truths})
 
-    def _add_image(self, name: str, params: dict[str, Any]) -> str:
-        rows = image_bands(self.entry.asked.sensor, self.entry.image_samples)
-        together: str | None = f"image/{self.entry.name}"  # what leaves the camera is the same in every frame
-        tiles = add_tiles(self.graph, f"image_tile/{name}", params, self._reads, rows, together)
-        if tiles:
-            params, together = {key: params[key] for key in image_params(self.entry)}, None
-        params = {**params, "tiles": len(tiles)}
-        return self.graph.add(f"image/{name}", f"{KIND}image", params, {**self._reads, **tiles}, together)
+    def _add_image(self, name: str, view: PaintedView) -> str:
+        exposure, together = exposure_of(self.entry), f"image/{self.entry.name}"
+        bands = image_bands(self.entry.asked.sensor, self.entry.image_samples)
+        parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
+        # What leaves the camera is the same in every frame: frames share it.
+        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, self._reads, together)
+        params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
+        return add(self.graph, f"image/{name}", params, {**self._reads, **tiles}, None if tiles else together)
 
-    def _image_params(self, frame: Frame, poses: dict[str, np.ndarray]) -> dict[str, Any]:
-        targets = self.painted.targets(poses)
-        for target in targets:
-            del target["name"]  # an image does not know it
-        return {**self._image, "targets": targets, "occluders": self.painted.occluders(frame, self.entry.name)}
+    def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
+        return PaintedView(
+            targets=self.painted.targets(poses, named=False),
+            occluders=self.painted.occluders(frame, self.entry.name),
+            background=self.dataset.background,
+        )
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
         targets = self.bare.targets(poses)
-        self._judged.append({"number": frame.number, "targets": targets})
+        self._judged.append(JudgedFrame(number=frame.number, targets=targets))
         # The saddle of a corner that is not sharp is the only position that a colour moves.
         if "saddle" in self.settings.column_sets:
             targets = self.painted.targets(poses)
-        occluders = self.bare.occluders(frame, self.entry.name)
-        params = {**self._truth, "frame": frame.number, "targets": targets, "occluders": occluders}
+        view = View(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
+        table = TruthTable(
+            frame=frame.number, camera=self.entry.name, settings=_what_counts(self.settings), labels=self._labels
+        )
         reads = dict(self._reads)
         if self.settings.searches:
             reads["rays"] = f"rays/{self.entry.name}"
@@ -153,59 +178,57 @@ class FrameTasks:
                 reads["micro_images"] = f"micro_images/{self.entry.name}"
         if self.settings.method == "image":
             reads["positions"] = self._add_positions(name, folder, poses)
-        tiles = self._add_truth_tiles(name, params, reads)
-        if tiles:
-            params = {key: params[key] for key in ("frame", "camera", "truth", "labels")}
-        params = {**params, "tiles": len(tiles)}
-        return self.graph.add(f"truth/{name}", f"{KIND}truth", params, {**reads, **tiles})
-
-    def _add_truth_tiles(self, name: str, params: dict[str, Any], reads: dict[str, str]) -> dict[str, str]:
-        """Tasks that solve some points each; role and name of each. Searches in position images are one task."""
-        some = self._points if not self.settings.searches else []
-        return {
-            f"tile{number}": self.graph.add(
-                f"truth_tile/{name}/{number:04d}", f"{KIND}truth_tile", {**params, "points": points}, reads
-            )
-            for number, points in enumerate(some if len(some) > 1 else [])
-        }
+        square_px = self.entry.square_px
+        parts = [
+            TruthTile(table=table, view=view, square_px=square_px, points=points)
+            for points in self._points
+            if not self.settings.searches  # searches in position images are one task
+        ]
+        tiles = add_tiles(self.graph, f"truth_tile/{name}", parts, reads)
+        params = Truth(table=table, tiles=len(tiles), view=None if tiles else view, square_px=square_px)
+        return add(self.graph, f"truth/{name}", params, {**reads, **tiles})
 
     def _add_positions(self, name: str, folder: str, poses: dict[str, np.ndarray]) -> str:
         entry = self.entry
         planes = [plane for target in self.dataset.targets for plane in _tangent_planes(target, poses[target.name])]
-        light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
-        light["square_px"] = entry.square_px
-        params = {"planes": planes, "extent": entry.extent, **to_plain(entry.sampling), **light}
-        positions = self.graph.add(f"positions/{name}", f"{KIND}positions", params, self._reads)
+        params = Positions(
+            planes=tuple(planes),
+            extent=entry.extent,
+            sampling=entry.sampling,
+            light=light_of(entry),
+            square_px=entry.square_px,
+        )
+        positions = add(self.graph, f"positions/{name}", params, self._reads)
         self.files[f"{folder}/positions.exr"] = (positions, "positions.exr")
         return positions
 
 
-def _truth_params(entry: CameraEntry, settings: TruthSettings) -> dict[str, Any]:
-    """Params that `truth` reads in every frame; without position images none of their search."""
-    labels = {
-        "weight": entry.weight,
-        "wavelength_nm": entry.wavelength_nm,
-        "index_source": entry.index_source,
-        "footprint": entry.footprint,
-        "stop": entry.camera.prescription.stop.aperture,
-        "seed": entry.sampling.seed,
-    }
-    truth = to_plain(entry.truth)
+def _labels_of(entry: CameraEntry, settings: TruthSettings) -> TableLabels:
+    """Labels of all tables of a camera."""
+    return TableLabels(
+        light=light_of(entry),
+        index_source=entry.index_source,
+        stop=entry.camera.prescription.stop.aperture,
+        seed=entry.sampling.seed,
+        samples=entry.sampling.samples if settings.searches else None,
+    )
+
+
+def _what_counts(settings: TruthSettings) -> TruthSettings:
+    """The settings without those of a search where there is none: they change no row."""
     if settings.searches:
-        labels["samples"] = entry.sampling.samples
-    else:
-        truth = {name: value for name, value in truth.items() if name not in OF_SEARCH}
-    return {"camera": entry.name, "truth": Shared(truth), "square_px": entry.square_px, "labels": Shared(labels)}
+        return settings
+    return dataclasses.replace(settings, **{name: getattr(TruthSettings(), name) for name in OF_SEARCH})
 
 
-def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[dict[str, Any]]:
-    """Name, pose and points (vision frame) of every tangent plane of a target; those that face away are named alike."""
+def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[PlaneAsked]:
+    """Every tangent plane of a target; those that face away are named alike."""
     points = entry.target.points()
     return [
-        {
-            "name": plane_name(entry.name, number, len(points.frames)),
-            "vision_from_target": matrix(vision_from_target @ plane.target_from_plane),
-            "points_mm": apply(vision_from_target, points.position_mm[plane.members]).tolist(),
-        }
+        PlaneAsked(
+            name=plane_name(entry.name, number, len(points.frames)),
+            vision_from_target=matrix(vision_from_target @ plane.target_from_plane),
+            points_mm=apply(vision_from_target, points.position_mm[plane.members]).tolist(),
+        )
         for number, plane in enumerate(points.planes())
     ]

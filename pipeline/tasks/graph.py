@@ -5,18 +5,35 @@ in the params of the tasks that write them.
 """
 
 import dataclasses
-from typing import Any
 
 from pipeline.camera.camera import Camera
 from pipeline.camera.request import FocusRequest, group_shift
 from pipeline.camera.stop import shown_f_number
 from pipeline.engine.deliver import Source
 from pipeline.engine.graph import TaskGraph
-from pipeline.records import from_plain, to_plain
+from pipeline.records import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.problems import blamed_on
 from pipeline.tasks.baselines import BASELINES
-from pipeline.tasks.frame_tasks import KIND, FrameTasks, add_tiles, image_params
+from pipeline.tasks.frame_tasks import FrameTasks, add, add_tiles, exposure_of, light_of
+from pipeline.tasks.params import (
+    Baselines,
+    CameraLabels,
+    FirstOrder,
+    Focus,
+    FocusLabels,
+    Matrix,
+    MicroImages,
+    MicroImagesTile,
+    Nothing,
+    Planes,
+    Rays,
+    RaysTile,
+    RigFrame,
+    Stop,
+    White,
+    WhiteTile,
+)
 from pipeline.tasks.poses import targets_json
 from pipeline.tasks.things import Things
 from pipeline.tasks.tiles import bundle_bands, image_bands, microlens_tiles
@@ -46,30 +63,36 @@ def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
     """The task that says how the cameras stand to each other; gives its name."""
     names = [camera.name for camera in dataset.cameras]
     frames = [
-        {"number": frame.number, "camera_from_world": [frame.camera_from_world[name] for name in names]}
+        RigFrame(number=frame.number, camera_from_world=tuple(_matrix(frame.camera_from_world[name]) for name in names))
         for frame in dataset.frames
     ]
     reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
-    return graph.add("baselines", f"{KIND}baselines", {"cameras": names, "frames": to_plain(frames)}, reads)
+    return add(graph, "baselines", Baselines(cameras=tuple(names), frames=tuple(frames)), reads)
+
+
+def _matrix(rows: tuple[tuple[float, ...], ...]) -> Matrix:
+    return [list(row) for row in rows]
 
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    asked = "request" if isinstance(entry.asked, FocusRequest) else "camera"
-    plain = to_plain(_nameless(entry.asked))
-    planes = {field: plain.pop(field) for field in ("near_mm", "far_mm", "circle_of_confusion_px")}
-    reads = {"camera": graph.add(f"focus/{name}", f"{KIND}focus", {asked: plain})}
-    settled = {**reads, "planes": graph.add(f"planes/{name}", f"{KIND}planes", planes, reads)}
-    pinhole = graph.add(f"pinhole/{name}", f"{KIND}pinhole", {}, settled)
-    params = {"labels": labels_of(entry), "circle_of_confusion_px": planes["circle_of_confusion_px"]}
-    report = graph.add(f"first_order/{name}", f"{KIND}first_order", params, {**settled, "pinhole": pinhole})
+    planes = Planes(
+        near_mm=entry.asked.near_mm,
+        far_mm=entry.asked.far_mm,
+        circle_of_confusion_px=entry.asked.circle_of_confusion_px,
+    )
+    reads = {"camera": add(graph, f"focus/{name}", _focus(entry.asked))}
+    settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
+    pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
+    params = FirstOrder(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
+    report = add(graph, f"first_order/{name}", params, {**settled, "pinhole": pinhole})
     if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")
     _add_white(graph, files, entry, reads, name, f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
         shown = shown_f_number(f_number)
-        stopped = graph.add(f"stop/{name}/{shown}", f"{KIND}stop", {"f_number": f_number}, reads)
+        stopped = add(graph, f"stop/{name}/{shown}", Stop(f_number=f_number), reads)
         at = f"{folder}/white/{shown}"
         _add_white(graph, files, entry, {"camera": stopped}, f"{name}/{shown}", at, f"{at}.")
 
@@ -84,9 +107,10 @@ def _add_white(
     tables_at: str,
 ) -> None:
     """The white image and the micro-images of a camera with its stop as set."""
-    params = image_params(entry)
-    tiles = add_tiles(graph, f"white_tile/{name}", params, reads, image_bands(entry.asked.sensor, entry.image_samples))
-    white = graph.add(f"white/{name}", f"{KIND}white", {**params, "tiles": len(tiles)}, {**reads, **tiles})
+    exposure, bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
+    parts = [WhiteTile(exposure=exposure, rows=rows) for rows in bands]
+    tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
+    white = add(graph, f"white/{name}", White(exposure=exposure, tiles=len(tiles)), {**reads, **tiles})
     files[f"{white_at}.exr"] = (white, "white.exr")
     files[f"{white_at}.png"] = (white, "white.png")
     if entry.asked.microlenses:
@@ -99,16 +123,17 @@ def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str
     """The task of the tables of micro-images, with its tiles; gives its name."""
     assert entry.asked.microlenses is not None
     count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
-    tiles = {
-        f"tile{number}": graph.add(
-            f"micro_images_tile/{name}/{number:04d}",
-            f"{KIND}micro_images_tile",
-            {"tile": number, "tiles": count},
-            reads,
-        )
-        for number in range(count if count > 1 else 0)
-    }
-    return graph.add(f"micro_images/{name}", f"{KIND}micro_images", {"tiles": len(tiles)}, {**reads, **tiles})
+    parts = [MicroImagesTile(tile=number, tiles=count) for number in range(count)]
+    tiles = add_tiles(graph, f"micro_images_tile/{name}", parts, reads)
+    return add(graph, f"micro_images/{name}", MicroImages(tiles=len(tiles)), {**reads, **tiles})
+
+
+def _focus(asked: Camera | FocusRequest) -> Focus:
+    """Params of `focus`, without what the task `planes` reads: that has the values that it has of its own accord."""
+    rest = dataclasses.replace(_nameless(asked), near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
+    if isinstance(rest, Camera):
+        return Focus(camera=rest, request=None)
+    return Focus(camera=None, request=rest)
 
 
 def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
@@ -122,34 +147,33 @@ def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
     return dataclasses.replace(nameless, focus_groups=tuple(sorted(numbers[name] for name in nameless.focus_groups)))
 
 
-def labels_of(entry: CameraEntry) -> dict[str, Any]:
+def labels_of(entry: CameraEntry) -> CameraLabels:
     """Labels of a camera in camera.json, besides its figures."""
-    names = ("lens_name", "index_source", "weight", "footprint", "wavelength_nm")
-    labels = {key: getattr(entry, key) for key in names}
-    asked = entry.asked
+    asked, focus = entry.asked, None
     if isinstance(asked, FocusRequest):
-        labels["focus_request"] = {
-            "focus_distance_mm": asked.focus_distance_mm,
-            "focus_type": None if asked.focus_distance_mm is None else asked.type,
-            "focus_groups": list(asked.focus_groups),
-            "group_shift_mm": group_shift(asked) if asked.focus_groups else None,
-            "stop_match": "microlenses" if asked.match_stop else "none",
-        }
-    return labels
+        focus = FocusLabels(
+            focus_distance_mm=asked.focus_distance_mm,
+            focus_type=None if asked.focus_distance_mm is None else asked.type,
+            focus_groups=asked.focus_groups,
+            group_shift_mm=group_shift(asked) if asked.focus_groups else None,
+            stop_match="microlenses" if asked.match_stop else "none",
+        )
+    return CameraLabels(
+        lens_name=entry.lens_name, index_source=entry.index_source, light=light_of(entry), focus_request=focus
+    )
 
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
     """The tile tasks of a camera and the task that joins them; returns its name."""
-    sampling = to_plain(entry.sampling)
+    bands = bundle_bands(entry.asked.sensor, entry.sampling)
     tiles = {
-        f"tile{number}": graph.add(
+        f"tile{number}": add(
+            graph,
             f"rays_tile/{entry.name}/{number:04d}",
-            f"{KIND}rays_tile",
-            {"first_row": first, "end_row": end, **sampling, "square_px": entry.square_px},
+            RaysTile(first_row=first, end_row=end, sampling=entry.sampling, square_px=entry.square_px),
             reads,
         )
-        for number, (first, end) in enumerate(bundle_bands(entry.asked.sensor, entry.sampling))
+        for number, (first, end) in enumerate(bands)
     }
-    light = {"weight": entry.weight, "footprint": entry.footprint, "wavelength_nm": entry.wavelength_nm}
-    params = {"tiles": len(tiles), **sampling, **light}
-    return graph.add(f"rays/{entry.name}", f"{KIND}rays", params, {**reads, **tiles})
+    params = Rays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
+    return add(graph, f"rays/{entry.name}", params, {**reads, **tiles})

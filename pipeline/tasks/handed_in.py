@@ -9,14 +9,14 @@ import hashlib
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from pipeline.camera.camera import Camera
+from pipeline.camera.camera import Camera, Sampling
 from pipeline.camera.focus import focused
 from pipeline.camera.micro_images import micro_images
-from pipeline.camera.request import FocusRequest, solved
+from pipeline.camera.request import solved
 from pipeline.camera.tracer import Tracer
 from pipeline.engine.foreign import ForeignFolder, Unfit
+from pipeline.engine.graph import TaskGraph
 from pipeline.engine.manifest import Manifest
 from pipeline.engine.project import Project
 from pipeline.errors import UsageError
@@ -25,6 +25,7 @@ from pipeline.files.tables import Table, table_of
 from pipeline.limits import how_to_raise, limits
 from pipeline.records import from_plain
 from pipeline.spelling import printable
+from pipeline.tasks.params import Focus, Planes, Rays, Truth, TruthTable, TruthTile, View
 from pipeline.tasks.readable import unreadable
 from pipeline.tasks.sandbox import project_of_untrusted
 from pipeline.truth.settings import TruthSettings
@@ -41,24 +42,22 @@ class Scene:
     ----------
     file : str
         Where the table lies in the folder.
-    params : dict
-        Of the task `truth`, from the stage; targets in the order of the table.
+    truth : TruthTable
+        Of the task `truth`, from the stage.
+    view : View
+        Of the same; targets in the order of the table.
     table : Table
     """
 
     file: str
-    params: dict[str, Any]
+    truth: TruthTable
+    view: View
     table: Table
 
     @property
     def number(self) -> int:
         """Time code."""
-        return int(self.params["frame"])
-
-    @property
-    def targets(self) -> list[dict[str, Any]]:
-        """Records {name, target, vision_from_target}."""
-        return list(self.params["targets"])
+        return self.truth.frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +66,10 @@ class JudgedCamera:
 
     Attributes
     ----------
-    sampling : dict or None
-        supersampling, samples and square_px of its position images; None for the method without.
+    sampling : Sampling or None
+        Of its position images; None for the method without.
+    tables : dict
+        By frame: where its table lies in the folder, with what `Scene` has of the stage.
     """
 
     name: str
@@ -76,8 +77,8 @@ class JudgedCamera:
     seed: int
     settings: TruthSettings
     square_px: float
-    sampling: dict[str, Any] | None
-    tables: dict[int, tuple[str, dict[str, Any]]]
+    sampling: Sampling | None
+    tables: dict[int, tuple[str, TruthTable, View]]
 
     def rig(self, stream: int = 0) -> Rig:
         """The camera ready to trace, with the random numbers of the build, or with others."""
@@ -140,7 +141,7 @@ class HandedIn:
     def tables_of(self, camera: JudgedCamera) -> list[Scene]:
         """The tables of a camera that can be read; those that cannot are problems."""
         scenes, folder, left = [], ForeignFolder(self.root), limits().table_bytes
-        for file, params in camera.tables.values():
+        for file, truth, view in camera.tables.values():
             try:
                 data = folder.read(file, left)
                 table, left = table_of(file, data), left - len(data)
@@ -149,7 +150,7 @@ class HandedIn:
             except DamagedFile as error:
                 self._add(error.what)
             else:
-                scenes.append(Scene(file=file, params=params, table=table))
+                scenes.append(Scene(file=file, truth=truth, view=view, table=table))
         return scenes
 
     def require_small_tables(self, project: Project) -> None:
@@ -177,35 +178,35 @@ def cameras_of(project: Project) -> list[JudgedCamera]:
 
 def _camera(project: Project, name: str) -> JudgedCamera:
     graph = project.graph
-    truths = [task for task in (graph[one] for one in graph) if task.name.startswith(f"truth/{name}/")]
-    first = truths[0].params
-    settings, sampling = from_plain(TruthSettings, first["truth"]), None
+    truths = {one: from_plain(Truth, graph[one].params) for one in graph if one.startswith(f"truth/{name}/")}
+    first = next(iter(truths.values()))
+    settings, sampling = first.table.settings, None
     if settings.searches:
-        sampling = {key: graph[f"rays/{name}"].params[key] for key in ("supersampling", "samples")}
-        sampling["square_px"] = first["square_px"]
+        sampling = from_plain(Rays, graph[f"rays/{name}"].params).sampling
     file_of = {source[0]: path for path, source in project.files.items() if not isinstance(source, bytes)}
     return JudgedCamera(
         name=name,
-        camera=_focused(graph[f"focus/{name}"].params, graph[f"planes/{name}"].params),
-        seed=first["labels"]["seed"],
+        camera=_focused(
+            from_plain(Focus, graph[f"focus/{name}"].params), from_plain(Planes, graph[f"planes/{name}"].params)
+        ),
+        seed=first.table.labels.seed,
         settings=settings,
-        square_px=first["square_px"],
+        square_px=first.square_px,
         sampling=sampling,
-        tables={
-            task.params["frame"]: (
-                file_of[task.name],
-                {**task.params, "targets": sorted(task.params["targets"], key=lambda entry: entry["name"])},
-            )
-            for task in truths
-        },
+        tables={one.table.frame: (file_of[task], one.table, _view_of(graph, task)) for task, one in truths.items()},
     )
 
 
-def _focused(focus: dict[str, Any], planes: dict[str, Any]) -> Camera:
+def _view_of(graph: TaskGraph, truth: str) -> View:
+    """The view of a task `truth`, which its tiles have if there are any; targets by name."""
+    own = from_plain(Truth, graph[truth].params).view
+    view = own or from_plain(TruthTile, graph[graph[truth].reads["tile0"]].params).view
+    return dataclasses.replace(view, targets=tuple(sorted(view.targets, key=lambda entry: entry.name)))
+
+
+def _focused(focus: Focus, planes: Planes) -> Camera:
     """The camera that the tasks `focus` and `planes` would make."""
-    has_wishes = "request" in focus
-    asked = from_plain(FocusRequest, focus["request"]) if has_wishes else from_plain(Camera, focus["camera"])
-    return focused(dataclasses.replace(solved(asked), **planes))
+    return focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
 
 
 @functools.lru_cache(maxsize=1)

@@ -1,5 +1,6 @@
 """Task `image`: the image of one camera in one frame, linear and as a preview; joined from tiles where it has some."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,35 +13,37 @@ from pipeline.files.png import write_png
 from pipeline.render.spectra import srgb_preview
 from pipeline.tasks.cameras import Inputs, focused_camera, stacked
 from pipeline.tasks.image_tile import PIXELS, image_rows
+from pipeline.tasks.params import Exposure
+from pipeline.tasks.params import Image as Params
 
 _PREVIEW_ROWS = 512
 """Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: tiles (number), weight, wavelength_nm, samples, seed; without tiles also targets (list of {target,
-    vision_from_target}), occluders, background."""
-    if params["tiles"]:
-        _write(out, stacked(inputs, params["tiles"], PIXELS), params, inputs)
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write image.exr and image.png."""
+    if params.tiles:
+        _write(out, stacked(inputs, params.tiles, PIXELS), params, inputs)
     else:
         run_together([params], inputs, [out])
 
 
-def run_together(params: Sequence[dict[str, Any]], inputs: Inputs, outs: Sequence[Path]) -> None:
+def run_together(params: Sequence[Params], inputs: Inputs, outs: Sequence[Path]) -> None:
     """Images without tiles of several frames, which share the rays."""
-    for pixels, one, out in zip(image_rows(params, inputs), params, outs, strict=True):
+    views = [one.view for one in params if one.view]
+    for pixels, one, out in zip(image_rows(params[0].exposure, views, inputs), params, outs, strict=True):
         _write(out, pixels, one, inputs)
 
 
-def _write(out: Path, pixels: np.ndarray, params: dict[str, Any], inputs: Inputs) -> None:
-    write_image(out, "image", pixels, params, Tracer(focused_camera(inputs), params["seed"]))
+def _write(out: Path, pixels: np.ndarray, params: Params, inputs: Inputs) -> None:
+    write_image(out, "image", pixels, params.exposure, Tracer(focused_camera(inputs), params.exposure.seed))
 
 
 def write_image(
     out: Path,
     name: str,
     pixels: np.ndarray,
-    params: dict[str, Any],
+    exposure: Exposure,
     tracer: Tracer,
     more: Sequence[BandedPart] = (),
 ) -> None:
@@ -50,7 +53,7 @@ def write_image(
     attributes = {
         "content": f"relative irradiance: integral of L {measure} over W_ref",
         "W_ref_mm2" if by_area else "W_ref_sr": tracer.reference_weight_sr,
-        **{key: params[key] for key in ("weight", "wavelength_nm", "samples", "seed")},
+        **dataclasses.asdict(exposure),
     }
     write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *more])
     bands = range(0, len(pixels), _PREVIEW_ROWS)

@@ -10,28 +10,33 @@ from pipeline.files.npy import write_npy
 from pipeline.render.imaging import irradiances
 from pipeline.render.light import TargetLight
 from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.surroundings import placed_occluders, placed_targets
+from pipeline.tasks.params import Exposure, PaintedView
+from pipeline.tasks.params import ImageTile as Params
+from pipeline.tasks.surroundings import placed_occluder, placed_target
 
 PIXELS = "pixels.npy"
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: those of `image`; rows."""
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write pixels.npy."""
     run_together([params], inputs, [out])
 
 
-def run_together(params: Sequence[dict[str, Any]], inputs: Inputs, outs: Sequence[Path]) -> None:
+def run_together(params: Sequence[Params], inputs: Inputs, outs: Sequence[Path]) -> None:
     """The same rows of several frames, which share the rays."""
-    for pixels, out in zip(image_rows(params, inputs), outs, strict=True):
+    views = [one.view for one in params]
+    for pixels, out in zip(image_rows(params[0].exposure, views, inputs, params[0].rows), outs, strict=True):
         write_npy(out / PIXELS, pixels)
 
 
-def image_rows(params: Sequence[dict[str, Any]], inputs: Inputs) -> np.ndarray:
-    """Rows of images that the params ask for, else all, (frames, h, w) float64; params differ in their scenes alone."""
-    tracer, images = tracer_of(inputs, params[0]["seed"])
-    return irradiances(tracer, images, params[0]["samples"], list(map(_radiance, params)), params[0].get("rows"))
+def image_rows(
+    exposure: Exposure, views: Sequence[PaintedView], inputs: Inputs, rows: tuple[int, int] | None = None
+) -> np.ndarray:
+    """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
+    tracer, images = tracer_of(inputs, exposure.seed)
+    return irradiances(tracer, images, exposure.samples, list(map(_radiance, views)), rows)
 
 
-def _radiance(params: dict[str, Any]) -> Any:
-    targets, occluders = placed_targets(params["targets"]), placed_occluders(params["occluders"])
-    return TargetLight(targets, params["background"], occluders).radiance
+def _radiance(view: PaintedView) -> Any:
+    targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
+    return TargetLight(targets, view.background, occluders).radiance

@@ -21,13 +21,12 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
     for task in tasks:
         kind = task.short_kind.removesuffix("_tile")
         found.add(_OF_KIND.get(kind, "lens"))
-        if task.short_kind == "focus" and _are_bent(
-            (task.params.get("camera") or task.params["request"])["microlenses"]
-        ):
+        if task.short_kind == "focus" and _are_bent((task.params["camera"] or task.params["request"])["microlenses"]):
             found.add("microlenses")
-        if kind == "truth" and task.params["truth"]["method"] != "direct":
+        if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":
             found.add("search")
-        if any(_kind_of(placed["target"]) in _NOT_FLAT for placed in task.params.get("targets", ())):
+        view = task.params.get("view") or {}
+        if any(_kind_of(placed["target"]) in _NOT_FLAT for placed in view.get("targets", ())):
             found.add("shapes")
     return tuple(step for step in STEPS if step in found)
 

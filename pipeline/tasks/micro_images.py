@@ -2,7 +2,6 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from pipeline.camera.micro_light import OUTLINE_DEG, MicroLight, micro_light
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import write_table
 from pipeline.tasks.cameras import Inputs, stacked, tracer_of
+from pipeline.tasks.params import MicroImages as Params
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
 _ALONE = (
@@ -38,12 +38,12 @@ OUTLINES_HEADER = (
 _DECIMALS = 6
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: tiles (number)."""
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write both tables."""
     tracer, images = tracer_of(inputs, 0)
     grid, array = tracer.lattice, tracer.camera.microlenses
     assert images is not None and grid is not None and array is not None
-    found = _joined(inputs, params["tiles"]) if params["tiles"] else micro_light(tracer, images)
+    found = _joined(inputs, params.tiles) if params.tiles else micro_light(tracer, images)
     pitch = tracer.camera.sensor.pitch_mm
     centre, centroid = tracer.pixels_at(images.centre_mm), np.full((len(grid.k), 2), np.nan)
     centroid[found.rows] = tracer.pixels_at(found.centroid_mm)

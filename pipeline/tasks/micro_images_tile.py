@@ -2,17 +2,17 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from pipeline.camera.micro_light import micro_light
 from pipeline.files.npy import write_npy
 from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.params import MicroImagesTile as Params
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: tile, tiles."""
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write the fields of `MicroLight`, a file each."""
     tracer, images = tracer_of(inputs, 0)
     assert images is not None
-    found = micro_light(tracer, images, params["tile"], params["tiles"])
+    found = micro_light(tracer, images, params.tile, params.tiles)
     for field in dataclasses.fields(found):
         write_npy(out / f"{field.name}.npy", getattr(found, field.name))

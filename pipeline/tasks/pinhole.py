@@ -4,14 +4,14 @@ It writes `pinhole.json`, which the report of the camera and its poses read; nul
 """
 
 from pathlib import Path
-from typing import Any
 
 from pipeline.camera.pinhole import pinhole
 from pipeline.files.jsonfile import write_json
 from pipeline.records import to_plain
 from pipeline.tasks.cameras import PINHOLE, Inputs, focused_camera
+from pipeline.tasks.params import Nothing as Params
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: none."""
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write pinhole.json."""
     write_json(out / PINHOLE, to_plain(pinhole(focused_camera(inputs))))

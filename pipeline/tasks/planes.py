@@ -5,14 +5,14 @@ It writes `planes.json`, which the report and the tasks that trace J read beside
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 from pipeline.camera.focus import focused
 from pipeline.files.jsonfile import write_json
 from pipeline.tasks.cameras import PLANES, Inputs, focused_camera
+from pipeline.tasks.params import Planes as Params
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: near_mm, far_mm (null: derived), circle_of_confusion_px."""
-    camera = focused(dataclasses.replace(focused_camera(inputs), **params))
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write planes.json."""
+    camera = focused(dataclasses.replace(focused_camera(inputs), **dataclasses.asdict(params)))
     write_json(out / PLANES, {"near_mm": camera.near_mm, "far_mm": camera.far_mm})

@@ -3,49 +3,55 @@
 Only where target points may be seen, unless the whole image is asked for: the candidates are those of method `direct`.
 """
 
+import dataclasses
 import functools
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from pipeline.camera.camera import Sampling
 from pipeline.camera.micro_images import MicroImages
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.tasks.cameras import Inputs, stretches, tracer_of
+from pipeline.tasks.params import Positions as Params
 from pipeline.truth.candidates import candidates
 from pipeline.truth.grid import fine_from_image
+from pipeline.truth.solve import Rig
 
 Tile = tuple[slice, slice]
 """Rows and columns of the fine grid."""
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: planes (list of {name, vision_from_target, points_mm}), extent, supersampling, samples, square_px, ..."""
-    tracer, images = tracer_of(inputs, params["seed"])
-    names = ("extent", "supersampling", "samples", "seed", "weight", "footprint", "wavelength_nm")
-    head = {"frame": "frame of the tangent plane, mm: x right, y up, z = 0", **{name: params[name] for name in names}}
-    sensor, k = tracer.camera.sensor, params["supersampling"]
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write positions.exr."""
+    tracer, images = tracer_of(inputs, params.sampling.seed)
+    head: dict[str, str | float | int] = {
+        "frame": "frame of the tangent plane, mm: x right, y up, z = 0",
+        "extent": params.extent,
+    }
+    head |= {**dataclasses.asdict(params.sampling), **dataclasses.asdict(params.light)}
+    sensor, k = tracer.camera.sensor, params.sampling.supersampling
     shape = sensor.height_px * k, sensor.width_px * k
     parts = []
-    for plane in params["planes"]:
-        wanted = tiles(tracer, images, np.array(plane["points_mm"]), k) if params["extent"] == "tiles" else None
-        rows = functools.partial(_rows, tracer, images, np.array(plane["vision_from_target"]), params, wanted)
-        parts.append(BandedPart(name=plane["name"], shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
+    for plane in params.planes:
+        wanted = tiles(tracer, images, np.array(plane.points_mm), k) if params.extent == "tiles" else None
+        pose = np.array(plane.vision_from_target)
+        rows = functools.partial(_rows, Rig(tracer, images, params.square_px), pose, params.sampling, wanted)
+        parts.append(BandedPart(name=plane.name, shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
     write_bands(out / "positions.exr", parts)
 
 
 def _rows(
-    tracer: Tracer,
-    images: MicroImages | None,
+    rig: Rig,
     vision_from_target: np.ndarray,
-    params: dict[str, Any],
+    sampling: Sampling,
     wanted: list[Tile] | None,
     first: int,
     end: int,
 ) -> dict[str, np.ndarray]:
     """Rows of the part of a plane."""
-    pixels = position_image(tracer, images, vision_from_target, params, wanted, (first, end))
+    pixels = position_image(rig, vision_from_target, sampling, wanted, (first, end))
     return {"X": pixels[..., 0], "Y": pixels[..., 1]}
 
 
@@ -61,10 +67,9 @@ def tiles(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray, sup
 
 
 def position_image(
-    tracer: Tracer,
-    images: MicroImages | None,
+    rig: Rig,
     vision_from_target: np.ndarray,
-    params: dict[str, Any],
+    sampling: Sampling,
     wanted: list[Tile] | None = None,
     rows: tuple[int, int] | None = None,
 ) -> np.ndarray:
@@ -75,15 +80,15 @@ def position_image(
     rows : (int, int), optional
         First and end row of the fine grid, if not all are asked for.
     """
-    sensor, k = tracer.camera.sensor, params["supersampling"]
+    sensor, k = rig.tracer.camera.sensor, sampling.supersampling
     first, end = rows or (0, sensor.height_px * k)
     here = np.full((end - first, sensor.width_px * k), wanted is None)
     for down, across in wanted or ():
         here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
     result = np.full((here.size, 2), np.nan, np.float32)
-    for piece in stretches(tracer, images, k, first, end) if here.any() else ():
+    for piece in stretches(rig.tracer, rig.images, k, first, end) if here.any() else ():
         some = here.ravel()[piece.index]
-        arguments = piece.positions_mm[some], piece.lens[some], planes, params["samples"], piece.pixels[some]
-        result[piece.index[some]] = tracer.moments(*arguments, params["square_px"])[:, :2]
+        arguments = piece.positions_mm[some], piece.lens[some], planes, sampling.samples, piece.pixels[some]
+        result[piece.index[some]] = rig.tracer.moments(*arguments, rig.square_px)[:, :2]
     return result.reshape(*here.shape, 2)

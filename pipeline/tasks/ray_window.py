@@ -5,10 +5,10 @@ Random numbers depend on the seed and the fine position alone, so a window holds
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from pipeline.camera.camera import Sampling
 from pipeline.camera.micro_images import owners
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.tasks.cameras import Stretch
@@ -42,17 +42,17 @@ class Window:
     piece: Stretch
 
 
-def window_around(rig: Rig, x_px: np.ndarray, sampling: dict[str, Any]) -> Window:
+def window_around(rig: Rig, x_px: np.ndarray, sampling: Sampling) -> Window:
     """The window that a search for a row at an image position (2,) reads.
 
     Parameters
     ----------
     rig : Rig
         With the seed of the build.
-    sampling : dict
-        supersampling, samples and square_px, as the task `rays_tile` reads them.
+    sampling : Sampling
+        As the task `rays_tile` reads it.
     """
-    sensor, k = rig.tracer.camera.sensor, sampling["supersampling"]
+    sensor, k = rig.tracer.camera.sensor, sampling.supersampling
     reach, most = REACH_PX + math.ceil(REACH_STEPS / k), np.array([sensor.width_px, sensor.height_px])
     middle = np.clip(np.rint(x_px), 0, most - 1).astype(np.int64)
     first, end = np.maximum(middle - reach, 0), np.minimum(middle + reach + 1, most)
@@ -64,11 +64,11 @@ def window_around(rig: Rig, x_px: np.ndarray, sampling: dict[str, Any]) -> Windo
     return Window(_grid(rig, piece, (height, width), first, sampling), first, piece)
 
 
-def _grid(rig: Rig, piece: Stretch, shape: tuple[int, int], first_px: np.ndarray, sampling: dict[str, Any]) -> RayGrid:
+def _grid(rig: Rig, piece: Stretch, shape: tuple[int, int], first_px: np.ndarray, sampling: Sampling) -> RayGrid:
     """Values of `rays.exr` at the positions, rounded as it is."""
-    camera, lattice, k = rig.tracer.camera, rig.tracer.lattice, sampling["supersampling"]
+    camera, lattice, k = rig.tracer.camera, rig.tracer.lattice, sampling.supersampling
     assert camera.near_mm is not None and camera.far_mm is not None
-    found, second = (values.astype(np.float32) for values in traced(rig.tracer, piece, sampling))
+    found, second = (values.astype(np.float32) for values in traced(rig.tracer, piece, sampling, rig.square_px))
     bundles = found.reshape(*shape, WIDTH)
     cells = (piece.lens if rig.images else np.zeros_like(piece.lens)).reshape(shape)
     microlenses, centres = np.zeros((1, 3), np.int64), None
@@ -87,7 +87,7 @@ def _grid(rig: Rig, piece: Stretch, shape: tuple[int, int], first_px: np.ndarray
         cell=cells,
         microlenses=microlenses,
         centres_px=centres,
-        square_steps=sampling["square_px"] * k,
+        square_steps=rig.square_px * k,
     )
 
 
@@ -97,7 +97,7 @@ def rows_near(
     point_mm: np.ndarray,
     vision_from_plane: np.ndarray,
     settings: TruthSettings,
-    sampling: dict[str, Any],
+    sampling: Sampling,
 ) -> Correspondences:
     """Rows that the search finds of one point (3,) of a tangent plane in a window; positions are those of the image."""
     image = _position_image(rig, window, vision_from_plane, settings.method, sampling)
@@ -107,14 +107,14 @@ def rows_near(
 
 
 def _position_image(
-    rig: Rig, window: Window, vision_from_plane: np.ndarray, method: str, sampling: dict[str, Any]
+    rig: Rig, window: Window, vision_from_plane: np.ndarray, method: str, sampling: Sampling
 ) -> np.ndarray:
     """J on a plane, in its frame, by a method, (K h, K w, 2) [mm]."""
     grid, piece = window.grid, window.piece
     if method == "image":
         planes = np.stack([target_plane(vision_from_plane), parallel_planes(1.0, 2.0)[0]])
-        rays = piece.positions_mm, piece.lens, planes, sampling["samples"], piece.pixels
-        crossings = rig.tracer.moments(*rays, sampling["square_px"])[:, :2].astype(np.float32)
+        rays = piece.positions_mm, piece.lens, planes, sampling.samples, piece.pixels
+        crossings = rig.tracer.moments(*rays, rig.square_px)[:, :2].astype(np.float32)
         return crossings.reshape(*grid.cell.shape, 2).astype(np.float64)
     image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, vision_from_plane)
     return corrected(image, grid, vision_from_plane) if method == "moments" else image

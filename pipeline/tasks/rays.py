@@ -1,5 +1,6 @@
 """Task `rays`: J_near, J_far, second moments, hit fraction and error of a camera, assembled from its tiles."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.npy import StackedRows
 from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.params import Rays as Params
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.error import in_pixels, jacobian
 
@@ -17,14 +19,15 @@ MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 """Channel names of the part `moments`: upper triangle of the covariance of (x_near, y_near, x_far, y_far)."""
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: tiles (number), supersampling, samples, seed, weight, footprint, wavelength_nm."""
-    tracer, _ = tracer_of(inputs, params["seed"])
-    camera, tiles = tracer.camera, _Tiles(inputs, params["tiles"], params["supersampling"])
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write rays.exr."""
+    tracer, _ = tracer_of(inputs, params.sampling.seed)
+    camera, tiles = tracer.camera, _Tiles(inputs, params.tiles, params.sampling.supersampling)
     head: dict[str, Any] = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
-        **{name: params[name] for name in ("supersampling", "samples", "seed", "weight", "footprint", "wavelength_nm")},
+        **dataclasses.asdict(params.sampling),
+        **dataclasses.asdict(params.light),
     }
     kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
     parts = [

@@ -1,29 +1,30 @@
 """Task `rays_tile`: bundles of a band of rows of a camera's fine grid. Tiles only spread the work over cores."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from pipeline.camera.camera import Sampling
 from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.files.npy import write_npy
 from pipeline.tasks.cameras import Inputs, Stretch, stretches, tracer_of
+from pipeline.tasks.params import RaysTile as Params
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last is their number."""
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: first_row, end_row, supersampling, samples, seed, square_px."""
-    tracer, images = tracer_of(inputs, params["seed"])
-    k = params["supersampling"]
-    height, width = (params["end_row"] - params["first_row"]) * k, tracer.camera.sensor.width_px * k
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write three arrays."""
+    tracer, images = tracer_of(inputs, params.sampling.seed)
+    k = params.sampling.supersampling
+    height, width = (params.end_row - params.first_row) * k, tracer.camera.sensor.width_px * k
     bundles = np.empty((height * width, WIDTH), np.float32)
     cells = np.empty(height * width, np.int32)
     covariance = np.empty((height * width, 10), np.float32)
-    for piece in stretches(tracer, images, k, params["first_row"] * k, params["end_row"] * k):
-        bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params)
+    for piece in stretches(tracer, images, k, params.first_row * k, params.end_row * k):
+        bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params.sampling, params.square_px)
         cells[piece.index] = piece.lens if images else 0
     # Of every pixel the bundle next to its centre keeps its second moments.
     small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
@@ -32,21 +33,21 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     write_npy(out / "covariance.npy", np.ascontiguousarray(small))
 
 
-def traced(tracer: Tracer, piece: Stretch, params: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Bundles (n, WIDTH) of positions, and second moments (n, 10), which only those next to a pixel's centre need."""
-    camera, k, lens = tracer.camera, params["supersampling"], piece.lens
+    camera, k, lens = tracer.camera, sampling.supersampling, piece.lens
     assert camera.near_mm is not None and camera.far_mm is not None
     planes = parallel_planes(camera.near_mm, camera.far_mm)
-    moments = tracer.moments(piece.positions_mm, lens, planes, params["samples"], piece.pixels, params["square_px"])
+    moments = tracer.moments(piece.positions_mm, lens, planes, sampling.samples, piece.pixels, square_px)
     free = moments[:, FREE_WEIGHT] if tracer.lattice is not None else tracer.reference_weight_sr
     bundles = np.empty((len(lens), WIDTH))
     bundles[:, NEAR], bundles[:, FAR] = moments[:, 0:2], moments[:, 2:4]
     bundles[:, HIT_FRACTION] = moments[:, WEIGHT] / free
     bundles[:, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
     covariance = moments[:, COVARIANCE:WEIGHT]
-    if params["square_px"] > 0:
+    if square_px > 0:
         # Second moments are those of the bundle without its square.
         kept = (piece.pixels % k == k // 2).all(axis=1)
-        points = piece.positions_mm[kept], lens[kept], planes, params["samples"], piece.pixels[kept]
+        points = piece.positions_mm[kept], lens[kept], planes, sampling.samples, piece.pixels[kept]
         covariance[kept] = tracer.moments(*points)[:, COVARIANCE:WEIGHT]
     return bundles, covariance

@@ -11,7 +11,7 @@ from pipeline.target.points import TargetPoints
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.handed_in import JudgedCamera, Scene
 from pipeline.tasks.ray_window import rows_near, window_around
-from pipeline.tasks.surroundings import surroundings_of
+from pipeline.tasks.surroundings import placed_target, surroundings_of
 from pipeline.tasks.table_rules import Rows
 from pipeline.tasks.truth import finished, solved, unfiltered
 from pipeline.truth import judged
@@ -66,7 +66,7 @@ def second_look(camera: JudgedCamera, rig: Rig, scenes: list[tuple[Scene, Rows]]
     rig : Rig
         With the random numbers of the build.
     """
-    groups = [(scene, rows, number) for scene, rows in scenes for number in range(len(scene.targets))]
+    groups = [(scene, rows, number) for scene, rows in scenes for number in range(len(scene.view.targets))]
     sizes = [len(_target(scene, number).points().kinds) for scene, _, number in groups]
     of, stated = sum(sizes), sum(len(rows.point) for _, rows in scenes)
     wanted = min(of, max(_FEWEST_POINTS, ROWS * of // max(stated, 1)), ROWS)
@@ -84,7 +84,7 @@ def second_look(camera: JudgedCamera, rig: Rig, scenes: list[tuple[Scene, Rows]]
 
 
 def _target(scene: Scene, number: int) -> Any:
-    return target_from_plain(scene.targets[number]["target"])
+    return target_from_plain(scene.view.targets[number].target)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class _Group:
     here: np.ndarray
 
     def problems(self) -> Iterator[str]:
-        name = self.scene.targets[self.number]["name"]
+        name = self.scene.view.targets[self.number].name
         again, others = self._again()
         mine = list(zip(again.found.point.tolist(), again.found.cell.tolist(), strict=True))
         stated = {(int(self.rows.point[row]), int(self.rows.cell[row])): int(row) for row in self.here}
@@ -118,8 +118,8 @@ class _Group:
     def _again(self) -> tuple[Correspondences, dict[str, np.ndarray]]:
         """All rows of the points, and their other positions."""
         camera, rig, settings = self.camera, self.rig, self.camera.settings
-        entry = self.scene.targets[self.number]
-        target, pose = target_from_plain(entry["target"]), np.array(entry["vision_from_target"])
+        entry = self.scene.view.targets[self.number]
+        target, pose = placed_target(entry)
         points = target.points()
         planes = tangent_planes(pose, points.position_mm, points.plane_axes)
         asked = planes.copy()
@@ -128,7 +128,7 @@ class _Group:
             found = solved(rig, settings, asked)
         else:
             found = finished(rig, self._searched(points, pose, asked), asked, settings)
-        surroundings = surroundings_of(self.scene.targets, self.scene.params["occluders"])
+        surroundings = surroundings_of(self.scene.view.targets, self.scene.view.occluders)
         found, _ = seen(rig, surroundings, self.number, found, planes)
         others: dict[str, np.ndarray] = {}
         for name in settings.column_sets:

@@ -14,6 +14,7 @@ from pipeline.frames import apply
 from pipeline.target.points import TargetPoints
 from pipeline.target.target import target_from_plain
 from pipeline.tasks.handed_in import JudgedCamera, Scene
+from pipeline.tasks.params import PlacedTarget
 from pipeline.tasks.truth_table import column_order, header_of
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.solve import Rig
@@ -69,8 +70,8 @@ def rows_of_scene(camera: JudgedCamera, rig: Rig, scene: Scene) -> Rows:
         values = {name: scene.table.numbers(name) for name in wanted if name not in _TEXT}
     except ValueError as error:
         raise UnfitTable(f"{scene.file}: {error}") from None
-    targets = {entry["name"]: number for number, entry in enumerate(scene.targets)}
-    counts = np.array([len(_points(entry).kinds) for entry in scene.targets] + [0])
+    targets = {entry.name: number for number, entry in enumerate(scene.view.targets)}
+    counts = np.array([len(_points(entry).kinds) for entry in scene.view.targets] + [0])
     target = np.array([targets.get(name, -1) for name in scene.table.columns["target"]], np.int64)
     point, cell = _whole(values["point_id"]), _cells(rig, values)
     unknown = (target < 0) | (point < 0) | (point >= counts[target]) | (cell < 0)
@@ -97,7 +98,7 @@ def wrong_counts(camera: str, stated: Any, scenes: list[tuple[Scene, Rows]]) -> 
     frames = stated.get(camera, {}).get("frames") if isinstance(stated, dict) and _is_dict(stated, camera) else None
     known = {row.get("frame"): row for row in frames if isinstance(row, dict)} if isinstance(frames, list) else {}
     for scene, rows in scenes:
-        names = [entry["name"] for entry in scene.targets]
+        names = [entry.name for entry in scene.view.targets]
         pairs = np.unique(np.stack([rows.target, rows.point], axis=1), axis=0)
         seen = {name: int(np.sum(pairs[:, 0] == number)) for number, name in enumerate(names)}
         if known.get(scene.number) != {"frame": scene.number, "rows": len(rows.point), "seen": seen}:
@@ -130,10 +131,10 @@ def _places(scene: Scene, rig: Rig, rows: Rows) -> Iterator[_Rule]:
         np.stack([rows.values[f"{frame}_{axis}_mm"] for axis in "xyz"], axis=1) for frame in ("target", "camera")
     )
     wrong = np.zeros((2, len(rows.point)), bool)
-    for number, entry in enumerate(scene.targets):
+    for number, entry in enumerate(scene.view.targets):
         mine = rows.target == number
         points = _points(entry).position_mm[rows.point[mine]]
-        where = apply(np.array(entry["vision_from_target"]), points)
+        where = apply(np.array(entry.vision_from_target), points)
         wrong[0, mine] = ~(np.abs(here[mine] - points) < _SAME_MM).all(axis=1)
         wrong[1, mine] = ~(np.abs(there[mine] - where) < _SAME_MM).all(axis=1)
     yield wrong[0], "whose target_x_mm, target_y_mm, target_z_mm are not those of the point"
@@ -166,21 +167,21 @@ def _ranges(settings: TruthSettings, rows: Rows) -> Iterator[_Rule]:
 
 def _header(camera: JudgedCamera, scene: Scene, rows: Rows) -> Iterator[str]:
     """Comment lines against the stage, and the rows that they count."""
-    k = camera.sampling["supersampling"] if camera.sampling else None
+    k = camera.sampling.supersampling if camera.sampling else None
     is_plenoptic = camera.camera.microlenses is not None
-    head = header_of(scene.params, camera.settings, k, is_plenoptic=is_plenoptic)
+    head = header_of(scene.truth, k, is_plenoptic=is_plenoptic)
     if [line.strip() for line in head] != list(scene.table.comments[: len(head)]):
         yield f"{scene.file}: its comments are not those of the stage"
     counts = Counter(rows.target.tolist())
-    for number, entry in enumerate(scene.targets):
-        said = [line for line in scene.table.comments[len(head) :] if line.startswith(f"{entry['name']}: ")]
+    for number, entry in enumerate(scene.view.targets):
+        said = [line for line in scene.table.comments[len(head) :] if line.startswith(f"{entry.name}: ")]
         stated = [int(count) for line in said for count in re.findall(r"\brows (\d{1,12})\b", line)]
         if len(said) != 1 or stated != [counts[number]] * len(stated) or (counts[number] and not stated):
-            yield f"{scene.file}: its comments count other rows of {entry['name']} than the {counts[number]} there"
+            yield f"{scene.file}: its comments count other rows of {entry.name} than the {counts[number]} there"
 
 
-def _points(entry: dict[str, Any]) -> TargetPoints:
-    points: TargetPoints = target_from_plain(entry["target"]).points()
+def _points(entry: PlacedTarget) -> TargetPoints:
+    points: TargetPoints = target_from_plain(entry.target).points()
     return points
 
 

@@ -4,14 +4,13 @@
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
-from pipeline.engine.digest import Shared
-from pipeline.records import to_plain
+from pipeline.records import Shared, to_plain
 from pipeline.scene.dataset import Dataset, Frame
 from pipeline.target.target import bare, plain_from_target
+from pipeline.tasks.params import Matrix, PlacedOccluder, PlacedTarget
 from pipeline.tasks.poses import vision_from_occluder
 
 
@@ -33,22 +32,22 @@ class Things:
         self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
         self._occluders = {path: Shared(to_plain(mesh)) for path, mesh in occluders.items()}
 
-    def targets(self, poses: dict[str, np.ndarray]) -> list[dict[str, Any]]:
-        """All targets, posed as `target_poses` says: {name, target, vision_from_target}."""
-        return [
-            {"name": name, "target": target, "vision_from_target": matrix(poses[name])}
+    def targets(self, poses: dict[str, np.ndarray], *, named: bool = True) -> tuple[PlacedTarget, ...]:
+        """All targets, posed as `target_poses` says."""
+        return tuple(
+            PlacedTarget(name=name if named else "", target=target, vision_from_target=matrix(poses[name]))
             for name, target in self._targets.items()
-        ]
+        )
 
-    def occluders(self, frame: Frame, camera: str) -> list[dict[str, Any]]:
-        """The occluders that are there in the frame: {occluder, vision_from_occluder}."""
-        return [
-            {"occluder": occluder, "vision_from_occluder": matrix(vision_from_occluder(frame, camera, path))}
+    def occluders(self, frame: Frame, camera: str) -> tuple[PlacedOccluder, ...]:
+        """The occluders that are there in the frame."""
+        return tuple(
+            PlacedOccluder(occluder=occluder, vision_from_occluder=matrix(vision_from_occluder(frame, camera, path)))
             for path, occluder in self._occluders.items()
             if path in frame.world_from_occluder
-        ]
+        )
 
 
-def matrix(transform: np.ndarray) -> list[list[float]]:
+def matrix(transform: np.ndarray) -> Matrix:
     """A transform as a param."""
     return (transform + 0.0).tolist()  # type: ignore[no-any-return]  # + 0.0: no -0.0 in a key

@@ -54,7 +54,7 @@ def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
     return max(1, math.ceil(width * height / (along * across) / _MICROLENSES))
 
 
-def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str, list[int]]]:
+def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str, tuple[int, int]]]:
     """First and end of the points of each target, by name, in each tile of truth that is solved point by point.
 
     Parameters
@@ -66,11 +66,11 @@ def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str,
     rows = count * (_MICRO_IMAGES_OF_A_POINT if is_plenoptic else 1)
     tiles = []
     for low, high in bands(count, rows / _ROWS) if count else []:
-        before, some = 0, dict[str, list[int]]()
+        before, some = 0, dict[str, tuple[int, int]]()
         for name, size in sorted(points.items()):
             first, end = max(low - before, 0), min(high - before, size)
             if first < end or (size == 0 and low == 0):
-                some[name] = [first, end]
+                some[name] = first, end
             before += size
         tiles.append(some)
     return tiles

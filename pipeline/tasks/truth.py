@@ -13,10 +13,11 @@ from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table, write_table
 from pipeline.records import from_plain
 from pipeline.target.points import TargetPoints
-from pipeline.target.target import target_from_plain
 from pipeline.tasks.cameras import Inputs, focused_camera, tracer_of
+from pipeline.tasks.params import Truth as Params
+from pipeline.tasks.params import TruthTable, View
 from pipeline.tasks.ray_grid import RayFile, rows_of
-from pipeline.tasks.surroundings import surroundings_of
+from pipeline.tasks.surroundings import placed_target, surroundings_of
 from pipeline.tasks.truth_table import TargetNote, column_order, columns_of, header_of
 from pipeline.truth.column_sets import column_names, column_set
 from pipeline.truth.correspond import Correspondences
@@ -36,37 +37,43 @@ Traced = Callable[[int, slice, slice], np.ndarray]
 """(number of a tangent plane, rows and columns of the fine grid) to its traced position image there."""
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: frame, camera, truth, labels, tiles (number); without tiles also targets (list of {name, target,
-    vision_from_target}), occluders, square_px."""
-    settings = from_plain(TruthSettings, params["truth"])
-    notes, columns = joined(inputs, params["tiles"]) if params["tiles"] else target_rows(params, inputs)
-    k = RayFile(inputs).supersampling if settings.searches else None
-    head = header_of(params, settings, k, is_plenoptic=focused_camera(inputs).microlenses is not None)
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write correspondences.csv."""
+    table = params.table
+    if params.view is None:
+        notes, columns = joined(inputs, params.tiles)
+    else:
+        rig = Rig(*tracer_of(inputs, table.labels.seed), params.square_px)
+        notes, columns = target_rows(table, params.view, rig, inputs)
+    k = RayFile(inputs).supersampling if table.settings.searches else None
+    head = header_of(table, k, is_plenoptic=focused_camera(inputs).microlenses is not None)
     write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
 
 
-def target_rows(params: dict[str, Any], inputs: Inputs) -> tuple[list[TargetNote], dict[str, list[Any]]]:
-    """What is told of each target, and the columns of the rows of all of them.
+def target_rows(
+    table: TruthTable, view: View, rig: Rig, inputs: Inputs, some_points: dict[str, tuple[int, int]] | None = None
+) -> tuple[list[TargetNote], dict[str, list[Any]]]:
+    """Notes on the targets, and the columns of the rows of all of them.
 
-    Params: `points`, first and end of the points of each target that are asked for, by name; else all.
+    Parameters
+    ----------
+    some_points : dict, optional
+        First and end of the points of each target that are asked for, by name; by default all.
     """
-    settings = from_plain(TruthSettings, params["truth"])
-    rig = Rig(*tracer_of(inputs, params["labels"]["seed"]), params["square_px"])
+    settings = table.settings
     rays = RayFile(inputs) if settings.searches else None
     positions = ExrWindows(inputs["positions"]["positions.exr"]) if "positions" in inputs else None
     columns: dict[str, list[Any]] = {name: [] for name in column_order(settings)}
     notes = []
-    entries = sorted(params["targets"], key=lambda entry: entry["name"])
-    surroundings = surroundings_of(entries, params["occluders"])
-    asked = params.get("points") or {entry["name"]: None for entry in entries}
+    entries = sorted(view.targets, key=lambda entry: entry.name)
+    surroundings = surroundings_of(entries, view.occluders)
     for number, entry in enumerate(entries):
-        name = entry["name"]
-        if name not in asked:
+        name = entry.name
+        if some_points is not None and name not in some_points:
             continue
-        target, pose = target_from_plain(entry["target"]), np.array(entry["vision_from_target"])
+        target, pose = placed_target(entry)
         points = target.points()
-        some = slice(*asked[name] or (0, len(points.kinds)))
+        some = slice(*some_points[name]) if some_points is not None else slice(0, len(points.kinds))
         traced = functools.partial(_traced, positions, name, len(points.frames)) if positions else None
         found = correspondences(rig, rays, settings, points, pose, traced, some)
         if found is None:
@@ -74,7 +81,7 @@ def target_rows(params: dict[str, Any], inputs: Inputs) -> tuple[list[TargetNote
             continue
         planes, sets = tangent_planes(pose, points.position_mm, points.plane_axes), []
         found, visibility = seen(rig, surroundings, number, found, planes)
-        rows = columns_of(params, name, points, pose, rig, found, visibility)
+        rows = columns_of(table, name, points, pose, rig, found, visibility)
         for extra in settings.column_sets:
             positions_of = column_set(extra, rig, target, pose, planes, found.found)
             rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.target.points import TargetPoints
+from pipeline.tasks.params import TruthTable
 from pipeline.truth.column_sets import SETS, SetNote, column_names
 from pipeline.truth.correspond import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -47,7 +48,7 @@ def column_order(settings: TruthSettings) -> list[str]:
 
 
 def columns_of(
-    params: dict[str, Any],
+    table: TruthTable,
     target: str,
     points: TargetPoints,
     pose: np.ndarray,
@@ -64,8 +65,8 @@ def columns_of(
     point = points.position_mm[found.point]
     blur = truth.blur_px2
     values = (
-        [params["frame"]] * rows,
-        [params["camera"]] * rows,
+        [table.frame] * rows,
+        [table.camera] * rows,
         [target] * rows,
         found.point,
         *microlens,
@@ -132,23 +133,21 @@ class TargetNote:
         )
 
 
-def header_of(
-    params: dict[str, Any], settings: TruthSettings, supersampling: int | None, *, is_plenoptic: bool
-) -> list[str]:
+def header_of(table: TruthTable, supersampling: int | None, *, is_plenoptic: bool) -> list[str]:
     """Comment lines of a table, what became of its targets left out; no supersampling K without position images."""
-    labels = params["labels"]
+    settings, labels, light = table.settings, table.labels, table.labels.light
     empty = "" if is_plenoptic else "microlens_k, microlens_l, microlens_type (a conventional camera); "
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
     return [
-        f"exact image positions of target points: camera {params['camera']}, frame {params['frame']}",
+        f"exact image positions of target points: camera {table.camera}, frame {table.frame}",
         "pixel convention: (0, 0) is the centre of the top-left pixel, x right, y down",
         "units: px in the image, mm in space; target frame x right, y up, z to the viewer;"
         " camera = vision frame x right, y down, z forward, origin at the aperture stop",
         f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
         f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
-        f"weight: {labels['weight']}; wavelengths: {labels['wavelength_nm']} nm; indices: {labels['index_source']};"
-        f" stop: {labels['stop']}; footprint: {labels['footprint']}",
-        f"seed: {labels['seed']}" + (f"; K: {supersampling}; samples: {labels['samples']}" if supersampling else ""),
+        f"weight: {light.weight}; wavelengths: {light.wavelength_nm} nm; indices: {labels.index_source};"
+        f" stop: {labels.stop}; footprint: {light.footprint}",
+        f"seed: {labels.seed}" + (f"; K: {supersampling}; samples: {labels.samples}" if supersampling else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",
         f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
         *(SETS[name] for name in settings.column_sets),

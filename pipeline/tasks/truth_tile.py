@@ -1,17 +1,19 @@
 """Task `truth_tile`: the rows of some target points, for the task `truth`; of the method that solves each alone."""
 
 from pathlib import Path
-from typing import Any
 
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import write_table
 from pipeline.records import to_plain
-from pipeline.tasks.cameras import Inputs
+from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.params import TruthTile as Params
 from pipeline.tasks.truth import NOTES, ROWS, target_rows
+from pipeline.truth.solve import Rig
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: those of `truth`; points."""
-    notes, columns = target_rows(params, inputs)
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write the rows and what is told of the targets."""
+    rig = Rig(*tracer_of(inputs, params.table.labels.seed), params.square_px)
+    notes, columns = target_rows(params.table, params.view, rig, inputs, params.points)
     write_table(out / ROWS, [], columns)
     write_json(out / NOTES, {"targets": to_plain(notes)})

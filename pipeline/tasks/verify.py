@@ -115,5 +115,5 @@ def _judge(folder: HandedIn, camera: JudgedCamera, seed: int, verdict: Verdict) 
     verdict.looks[camera.name] = {"points": look.points, "of": look.of, "rows": look.rows}
     found = wrong_visibilities(other, [scene for scene, _ in scenes], seed)
     verdict.problems.extend(f"camera {camera.name}, {wrong}" for wrong in found)
-    tables = [(scene.targets, scene.table) for scene, _ in scenes]
+    tables = [(scene.view.targets, scene.table) for scene, _ in scenes]
     verdict.cameras[camera.name] = certificate(other, tables, camera.settings.claim_px, seed)

@@ -18,17 +18,17 @@ def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
     found, first = [], 0
     drawn = sample(np.zeros(sum(len(scene.table.columns["visibility"]) for scene in scenes), bool), seed)
     for scene in scenes:
-        targets, table = scene.targets, scene.table
-        surroundings = surroundings_of(targets, scene.params["occluders"])
+        targets, table = scene.view.targets, scene.table
+        surroundings = surroundings_of(targets, scene.view.occluders)
         names = np.array(table.columns["target"], str)
         for number, (planes, cell, x_px, _) in enumerate(rows_of(rig, targets, table)):
             here = drawn[(drawn >= first) & (drawn < first + len(cell))] - first
             first += len(cell)
-            stated = table.numbers("visibility")[names == targets[number]["name"]][here]
+            stated = table.numbers("visibility")[names == targets[number].name][here]
             share, _ = visibility(rig, surroundings, number, rig.lens(cell[here]), x_px[here], planes[here])
             wrong = ~np.isclose(share, stated, rtol=0, atol=_SAME_SHARE, equal_nan=True)
             if wrong.any():
                 worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"
-                which = f"{int(wrong.sum())} of {len(here)} rows of {targets[number]['name']}"
+                which = f"{int(wrong.sum())} of {len(here)} rows of {targets[number].name}"
                 found.append(f"frame {scene.number}: {which} state another visibility, {worst}")
     return found

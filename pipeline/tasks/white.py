@@ -2,28 +2,28 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.tracer import Tracer
 from pipeline.tasks.cameras import Inputs, focused_camera, stacked
 from pipeline.tasks.image import part_of, write_image
+from pipeline.tasks.params import White as Params
 from pipeline.tasks.white_tile import FOREIGN, WHITE, white_rows
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: tiles (number), samples, seed, weight, wavelength_nm."""
-    if params["tiles"]:
-        white, foreign = (stacked(inputs, params["tiles"], name) for name in (WHITE, FOREIGN))
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write white.exr and white.png."""
+    if params.tiles:
+        white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
     else:
-        white, foreign = white_rows(params, inputs)
-    tracer = Tracer(focused_camera(inputs), params["seed"])
+        white, foreign = white_rows(params.exposure, inputs)
+    tracer = Tracer(focused_camera(inputs), params.exposure.seed)
     if tracer.camera.microlenses is None:
-        write_image(out, "white", white, params, tracer)
+        write_image(out, "white", white, params.exposure, tracer)
         return
     total = float(foreign.sum() / white.sum()) if white.any() else math.nan
     share = np.divide(foreign, white, out=np.full_like(white, np.nan), where=white > 0)
     content = "share of the light that came through another microlens than that of the pixel's cell"
     crosstalk = part_of("crosstalk", share, {"content": content, "of_all_light": total})
-    write_image(out, "white", white, params, tracer, [crosstalk])
+    write_image(out, "white", white, params.exposure, tracer, [crosstalk])

@@ -1,25 +1,28 @@
 """Task `white_tile`: some rows of the image of a white scene, for the task `white`."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pipeline.files.npy import write_npy
 from pipeline.render.imaging import irradiance_and_crosstalk
 from pipeline.tasks.cameras import Inputs, tracer_of
+from pipeline.tasks.params import Exposure
+from pipeline.tasks.params import WhiteTile as Params
 
 WHITE, FOREIGN = "white.npy", "foreign.npy"
 
 
-def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: those of `white`; rows."""
-    for name, pixels in zip((WHITE, FOREIGN), white_rows(params, inputs), strict=True):
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write both arrays."""
+    for name, pixels in zip((WHITE, FOREIGN), white_rows(params.exposure, inputs, params.rows), strict=True):
         write_npy(out / name, pixels)
 
 
-def white_rows(params: dict[str, Any], inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
-    """Rows that the params ask for, else all, (h, w) float64 each: the image, and its part through other microlenses
-    than that of the pixel's cell."""
-    tracer, images = tracer_of(inputs, params["seed"])
-    return irradiance_and_crosstalk(tracer, images, params["samples"], None, params.get("rows"))
+def white_rows(
+    exposure: Exposure, inputs: Inputs, rows: tuple[int, int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows from the first to an end, by default all, (h, w) float64 each: the image, and its part through other
+    microlenses than that of the pixel's cell."""
+    tracer, images = tracer_of(inputs, exposure.seed)
+    return irradiance_and_crosstalk(tracer, images, exposure.samples, None, rows)

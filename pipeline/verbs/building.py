@@ -60,21 +60,27 @@ def build(
     untrusted: Untrusted = False,
 ) -> None:
     """Run what is missing and fill the output folder; the second time nothing runs."""
+    from pipeline.engine.options import BuildOptions
+
+    options = BuildOptions(
+        jobs=jobs,
+        keep_going=keep_going,
+        force=tuple(force or ()),
+        until=tuple(until or ()),
+        targets=tuple(targets or ()),
+        retries=retries,
+        timeout_s=timeout,
+        check_percent=check_determinism,
+        engine=engine,
+        allow_roots=tuple(allow_root or ()),
+        untrusted=untrusted,
+        preview=preview,
+    )
     if dry_run:
-        print_plan(stage, out, allow_root, force, until, targets, as_json=as_json, untrusted=untrusted, preview=preview)
+        print_plan(stage, out, options, as_json=as_json)
         return
-    arguments: dict[str, Any] = {"out": out, "jobs": jobs, "keep_going": keep_going, "force": force or ()}
-    arguments |= {
-        "until": until or (),
-        "targets": targets or (),
-        "retries": retries,
-        "timeout_s": timeout,
-        "check_percent": check_determinism,
-    }
-    arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted, "preview": preview, "engine": engine}
-    again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
     try:
-        result = _run(stage, arguments, events, verbose - quiet, shlex.join(again))
+        result = _run(stage, out, options, events, verbose - quiet)
     except PipelineError as error:
         if as_json:  # one object at the end, also after a failure
             say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
@@ -142,15 +148,17 @@ def _say_profile(result: Any) -> None:
         note(line)
 
 
-def _run(stage: Path, arguments: dict[str, Any], events: Path | None, verbosity: int, again: str) -> Any:
+def _run(stage: Path, out: Path | None, options: Any, events: Path | None, verbosity: int) -> Any:
     from pipeline.engine.events import EventFile, fan_out
     from pipeline.progress import Ending, display
-    from pipeline.tasks.build import build
+    from pipeline.tasks.build import build_with
 
+    roots = (f"--allow-root={root}" for root in options.allow_roots)
+    again = shlex.join([str(stage), *(["-o", str(out)] if out else []), *roots])
     file, ending = EventFile(events) if events else None, Ending(verbosity, again)
     try:
         with display(verbosity) as shown:
-            return build(stage, on_event=fan_out(filter(None, [shown, ending, file])), **arguments)
+            return build_with(stage, out, options, fan_out(filter(None, [shown, ending, file])))
     finally:
         if file:
             file.close()

@@ -1,5 +1,6 @@
 """Options and arguments of the verbs that read a stage with its output folder."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -136,10 +137,8 @@ CheckDeterminism = Annotated[
 ]
 
 
-def project_of(
-    stage: Path, out: Path | None, allow_root: list[Path] | None, untrusted: bool = False, *, preview: bool = False
-) -> Any:
+def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] | None, untrusted: bool = False) -> Any:
     """The project of a stage."""
     from pipeline.tasks.build import project
 
-    return project(stage, out=out, allow_roots=tuple(allow_root or ()), untrusted=untrusted, preview=preview)
+    return project(stage, out, tuple(allow_root or ()), untrusted=untrusted)

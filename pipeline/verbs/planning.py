@@ -25,7 +25,12 @@ def plan(
     untrusted: Untrusted = False,
 ) -> None:
     """Say what `build` would run, and why."""
-    work = print_plan(stage, out, allow_root, force, until, as_json=as_json, specs=specs, untrusted=untrusted)
+    from pipeline.engine.options import BuildOptions
+
+    options = BuildOptions(
+        force=tuple(force or ()), until=tuple(until or ()), allow_roots=tuple(allow_root or ()), untrusted=untrusted
+    )
+    work = print_plan(stage, out, options, as_json=as_json, specs=specs)
     raise typer.Exit(Exit.WORK if exit_code and work else Exit.DONE)
 
 
@@ -78,27 +83,17 @@ def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
     return with_edits(tasks, project, sources_of(project), stage)
 
 
-def print_plan(
-    stage: Path,
-    out: Path | None,
-    allow_root: list[Path] | None,
-    force: list[str] | None,
-    until: list[str] | None,
-    targets: list[str] | None = None,
-    *,
-    as_json: bool,
-    specs: Path | None = None,
-    untrusted: bool = False,
-    preview: bool = False,
-) -> bool:
-    """Print a plan; whether there is work to do."""
+def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, specs: Path | None = None) -> bool:
+    """Print a plan of a build with such `BuildOptions`; whether there is work to do."""
     from pipeline.engine.explain import describe
     from pipeline.engine.session import forecast_of, plan_of
     from pipeline.engine.single import write_specs
+    from pipeline.tasks.build import project as project_made_of
     from pipeline.tasks.sizes import size
 
-    project = project_of(stage, out, allow_root, untrusted, preview=preview)
-    tasks = _with_edits(plan_of(project, force=force or (), until=until or (), targets=targets or ()), project, stage)
+    how = {"untrusted": options.untrusted, "preview": options.preview}
+    project = project_made_of(stage, out, options.allow_roots, **how)
+    tasks = _with_edits(plan_of(project, options), project, stage)
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
     to_come = forecast_of(project, tasks, size)

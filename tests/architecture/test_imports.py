@@ -1,8 +1,11 @@
 """Who may import whom, and what a process that only needs little does not load."""
 
+import dataclasses
+import importlib
 import os
 import subprocess
 import sys
+import typing
 from pathlib import Path
 
 import pytest
@@ -46,6 +49,17 @@ def test_no_module_is_long_and_no_function_very_long():
             if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno > 110:
                 too_long.append(f"{path}:{node.name}")
     assert too_long == []
+
+
+def test_every_kind_of_task_has_a_record_of_its_params():
+    """Frozen, and what `run` takes: nobody reads params by strings."""
+    for path in sorted((ROOT / "pipeline/tasks").glob("*.py")):
+        module = importlib.import_module(f"pipeline.tasks.{path.stem}")
+        if not hasattr(module, "run"):
+            continue
+        assert dataclasses.is_dataclass(module.Params) and module.Params.__dataclass_params__.frozen, path
+        assert typing.get_type_hints(module.run)["params"] is module.Params, path
+        assert 'params["' not in path.read_text(encoding="utf-8"), path
 
 
 def test_a_plan_loads_no_compiler_and_no_library_of_the_tasks(tmp_path):

@@ -106,7 +106,8 @@ def test_wrong_kinds_are_named_with_what_is_wanted() -> None:
         (lambda: CAMERA.bundle("a", 3), "x_px is 'a'", f"{a_number}, from -8388608 to 8388608"),
         (lambda: CAMERA.bundle(3, 3, samples=1000), "samples is 1000", "a power of two, e.g. 512"),
         (lambda: pipeline.open_dataset(None), "open_dataset: path is None", "a text or a Path"),
-        (lambda: pipeline.build(STAGE, force="image"), "build: force is 'image'", "it has to be a list, each a text"),
+        (lambda: pipeline.build(STAGE, force="image"), "BuildOptions: force is 'image'", "a sequence, each a text"),
+        (lambda: pipeline.build(STAGE, jbos=2), "build has no option 'jbos'", "did you mean jobs?"),
         (lambda: pipeline.build(STAGE, jobs=0), "jobs is 0", "it has to be a whole number, from 1 to 10000"),
     ]
     for call, what, hint in said:

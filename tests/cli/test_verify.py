@@ -43,6 +43,22 @@ def test_a_build_agrees_without_store_and_stage(built, tmp_path, monkeypatch):
     json.dumps(verdict.to_dict())
 
 
+def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, monkeypatch, common_store):
+    """More points than one tile solves."""
+    text = without_method(TINY.read_text(encoding="utf-8")).replace("@../../../stages/", "@")
+    for small, large in (("columns = 3", "columns = 20"), ("rows = 2", "rows = 11"), ("Size = 1.4", "Size = 0.2")):
+        assert small in text
+        text = text.replace(small, large)
+    stage = tmp_path / "dataset.usda"
+    stage.write_text(text, encoding="utf-8")
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    built = pipeline.build(stage, tmp_path / "out", jobs=1)
+    assert "truth_tile" in {task.kind for task in built.tasks}
+    verdict = verify(tmp_path / "out", seed=4)
+    assert verdict.agrees and verdict.problems == []
+    assert verdict.looks["Rig.Camera"]["rows"] > 0
+
+
 def test_a_row_moved_by_a_fiftieth_of_a_pixel_disagrees(built, tmp_path):
     """By content: the altered file is told by its digest, the rows by a fresh solution."""
     moved = tmp_path / "moved"

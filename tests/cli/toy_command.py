@@ -17,6 +17,8 @@ from engine import toy
 from pipeline.__main__ import main
 from pipeline.engine import session
 from pipeline.engine.cluster import engine_of
+from pipeline.engine.events import silent
+from pipeline.engine.options import Caller
 from pipeline.errors import UsageError
 
 
@@ -60,11 +62,11 @@ def project(path, out=None, allow_roots=(), untrusted=False, preview=False):
     return toy.project(out or Path("build") / path.stem, **facts.get("project", {}))
 
 
-def build(path, out=None, allow_roots=(), untrusted=False, preview=False, engine=None, **arguments):
+def build_with(path, out, options, on_event=silent):
     """Build a stage."""
-    place = engine_of(engine) if engine else None
-    prepare = compiling if Path("compiling").exists() else None
-    return session.build(project(path, out, allow_roots), engine=place, prepare=prepare, **arguments)
+    place = engine_of(options.engine) if options.engine else None
+    caller = Caller(on_event=on_event, prepare=compiling if Path("compiling").exists() else None)
+    return session.build(project(path, out, options.allow_roots), options, engine=place, caller=caller)
 
 
 def compiling():
@@ -77,7 +79,7 @@ def compiling():
 def fakes() -> dict[str, types.ModuleType]:
     """What the command imports of other rooms."""
     modules = {}
-    rooms = {"tasks.build": (project, build), "scene.load": (load,), "scene.fix": (said_of,)}
+    rooms = {"tasks.build": (project, build_with), "scene.load": (load,), "scene.fix": (said_of,)}
     for name, functions in {f"pipeline.{room}": functions for room, functions in rooms.items()}.items():
         modules[name] = types.ModuleType(name)
         modules[name].TASKS = ("toykit.tasks",)

@@ -10,6 +10,7 @@ import pytest
 from engine import toy
 
 from pipeline.engine.care import bytes_of, check, collect, info, pinned_keys
+from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
 from pipeline.engine.workspace import sweep
@@ -60,28 +61,28 @@ def test_blobs_that_nothing_refers_to_go_and_shared_ones_stay(store):
 
 
 def test_results_of_an_output_folder_stay_until_it_is_deleted(tmp_path, store):
-    build(toy.project(tmp_path / "out"), jobs=1)
-    build(toy.project(tmp_path / "out", power=9.0), jobs=1)  # the first results are of no build any more
+    build(toy.project(tmp_path / "out"), ALONE)
+    build(toy.project(tmp_path / "out", power=9.0), ALONE)  # the first results are of no build any more
     assert len(pinned_keys(store)) == 5
     assert collect(store, 0).records > 0
-    assert build(toy.project(tmp_path / "out", power=9.0), jobs=1).executed == 0
+    assert build(toy.project(tmp_path / "out", power=9.0), ALONE).executed == 0
     shutil.rmtree(tmp_path / "out")
     collect(store, 0)
     assert info(store).bytes == 0
-    assert build(toy.project(tmp_path / "out", power=9.0), jobs=1).executed == 5
+    assert build(toy.project(tmp_path / "out", power=9.0), ALONE).executed == 5
 
 
 def test_a_build_keeps_the_store_within_its_limit(tmp_path, store, monkeypatch):
     for power in range(4):
-        build(toy.project(tmp_path / "out", power=float(power)), jobs=1)
+        build(toy.project(tmp_path / "out", power=float(power)), ALONE)
     shutil.rmtree(tmp_path / "out")
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "4k")
     before = store.size()
-    result = build(toy.project(tmp_path / "other", power=8.0), jobs=1)
+    result = build(toy.project(tmp_path / "other", power=8.0), ALONE)
     assert before > 4000 >= result.store_bytes == store.size()
     events = []
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
-    build(toy.project(tmp_path / "other", power=8.0), jobs=1, on_event=events.append)
+    build(toy.project(tmp_path / "other", power=8.0), ALONE, caller=Caller(on_event=events.append))
     assert any("over its limit" in event.get("text", "") for event in events)
 
 
@@ -92,7 +93,7 @@ def test_a_build_says_why_its_store_stays_over_the_limit(tmp_path, store, monkey
     events = []
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
     monkeypatch.setattr("pipeline.engine.session.collect", refuse)
-    assert build(toy.project(tmp_path / "out"), jobs=1, on_event=events.append).exit_code == 0
+    assert build(toy.project(tmp_path / "out"), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
     assert any("over its limit" in event.get("text", "") and "cannot read" in event["text"] for event in events)
 
 
@@ -122,16 +123,16 @@ def test_a_collector_killed_between_records_and_blobs_leaves_a_whole_store(store
 
 
 def test_clocks_decide_nothing(tmp_path, store):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     for seconds in (0, 4102444800):
         for path in store.root.rglob("*"):
             os.utime(path, (seconds, seconds))
-        assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+        assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
         assert collect(store, 10**9).records == 0
 
 
 def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, store):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     right = toy.contents(tmp_path / "out")
     blob = store.path(
         "blob", json.loads((tmp_path / "out/manifest.json").read_text())["files"]["report/index.html"]["sha256"]
@@ -142,7 +143,7 @@ def test_a_check_finds_every_damaged_entry_and_a_build_heals_them(tmp_path, stor
     found = check(Store(store.root))
     assert found.damaged == (blob.name,) and len(found.incomplete) <= 1
     assert check(store).damaged == ()
-    assert build(toy.project(tmp_path / "out"), jobs=1).executed
+    assert build(toy.project(tmp_path / "out"), ALONE).executed
     assert toy.contents(tmp_path / "out") == right
     assert info(store).quarantined
 
@@ -177,12 +178,12 @@ def test_a_builder_beside_a_collector_gives_the_right_files(tmp_path, store):
 
     thread = threading.Thread(target=collecting)
     thread.start()
-    results = [build(toy.project(tmp_path / "out", power=float(n)), jobs=1) for n in range(6)]
+    results = [build(toy.project(tmp_path / "out", power=float(n)), ALONE) for n in range(6)]
     stop.set()
     thread.join()
     assert {result.exit_code for result in results} == {0}
     fresh = Store(store.root.with_name("fresh"))
-    build(toy.project(tmp_path / "again", power=5.0), jobs=1, store=fresh)
+    build(toy.project(tmp_path / "again", power=5.0), ALONE, store=fresh)
     assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "again")
 
 

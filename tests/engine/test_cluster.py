@@ -13,6 +13,7 @@ import pytest
 from engine import toy
 
 from pipeline.engine.cluster import Dask, engine_of
+from pipeline.engine.options import BuildOptions
 from pipeline.engine.run import run
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
@@ -107,7 +108,7 @@ def test_the_same_manifest_as_here_also_with_a_worker_killed_and_a_second_build_
     threading.Thread(target=kill).start()
     result = build(project, engine=lambda store, packages: cluster.engine(store))
     assert result.exit_code == 0 and cluster.workers[0].wait() == -signal.SIGKILL
-    here = build(toy.project(tmp_path / "here", extra=slow), jobs=2, store=Store(tmp_path / "fresh"))
+    here = build(toy.project(tmp_path / "here", extra=slow), BuildOptions(jobs=2), store=Store(tmp_path / "fresh"))
     assert toy.contents(result.out) == toy.contents(here.out)
     assert build(project, engine=lambda store, packages: cluster.engine(store)).executed == 0
 
@@ -142,7 +143,7 @@ def test_a_scheduler_that_dies_ends_with_what_was_finished(tmp_path, cluster, st
     threading.Thread(target=kill).start()
     with pytest.raises(EnvironmentFault, match="scheduler is gone"):
         run(graph, store, engine=cluster.engine(store))
-    again = run(graph, store, jobs=2)
+    again = run(graph, store, BuildOptions(jobs=2))
     states = [result.state for result in again.results.values()]
     assert states.count("cached") >= 2 and set(states) == {"cached", "executed"}
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from engine import toy
 
+from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.run import MAX_COMPANY, run
 from pipeline.engine.store import Store
 
@@ -58,18 +59,18 @@ def test_results_that_are_there_are_not_made_again(tmp_path, store):
 
 
 def test_free_workers_are_not_left_without_work(tmp_path, store):
-    run(graph(tmp_path, 4), store, jobs=2)
+    run(graph(tmp_path, 4), store, BuildOptions(jobs=2))
     assert sorted(text.count("+") + 1 for text in ran(tmp_path)) == [2, 2]
 
 
 def test_with_a_time_for_each_task_there_is_no_company(tmp_path, store):
-    run(graph(tmp_path, 2), store, timeout_s=60.0)
+    run(graph(tmp_path, 2), store, BuildOptions(timeout_s=60.0))
     assert ran(tmp_path) == ["a", "b"]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_only_the_one_that_fails_has_failed(tmp_path, store, jobs):
-    outcome = run(graph(tmp_path, 3, fails=True), store, jobs=jobs, keep_going=True)
+    outcome = run(graph(tmp_path, 3, fails=True), store, BuildOptions(jobs=jobs, keep_going=True))
     assert {name: result.state for name, result in outcome.results.items()} == {
         "a": "executed",
         "b": "failed",
@@ -81,13 +82,15 @@ def test_only_the_one_that_fails_has_failed(tmp_path, store, jobs):
 
 def test_a_death_in_company_condemns_nobody(tmp_path, store):
     events = []
-    outcome = run(graph(tmp_path, 4, kills="in company"), store, jobs=2, on_event=events.append)
+    outcome = run(
+        graph(tmp_path, 4, kills="in company"), store, BuildOptions(jobs=2), caller=Caller(on_event=events.append)
+    )
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert any(event["event"] == "retry" and "it runs alone now" in event["error"] for event in events)
 
 
 def test_who_kills_its_worker_alone_too_has_failed(tmp_path, store):
-    outcome = run(graph(tmp_path, 4, kills="always"), store, jobs=2, keep_going=True)
+    outcome = run(graph(tmp_path, 4, kills="always"), store, BuildOptions(jobs=2, keep_going=True))
     assert {name for name, result in outcome.results.items() if result.state == "failed"} == {"b"}
 
 

@@ -17,6 +17,7 @@ from pipeline.engine import manifest, seen
 from pipeline.engine import store as store_module
 from pipeline.engine.folder import Folder
 from pipeline.engine.locks import locked_folder
+from pipeline.engine.options import ALONE, Caller
 from pipeline.engine.seen import Seen
 from pipeline.engine.session import build, logs_of, plan_of, status_of
 from pipeline.engine.store import Store
@@ -26,7 +27,7 @@ from pipeline.errors import UsageError
 @pytest.fixture
 def out(tmp_path):
     """A finished build of the toy project."""
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     return tmp_path / "out"
 
 
@@ -56,14 +57,14 @@ def test_files_are_copies_and_not_links(out):
 def test_missing_files_come_back_and_altered_ones_are_kept_aside(out, name):
     right, said = toy.contents(out), []
     (out / name).unlink()
-    assert build(toy.project(out), jobs=1).executed == 0
+    assert build(toy.project(out), ALONE).executed == 0
     assert toy.contents(out) == right
     altered = bytearray(right[name])
     altered[0] ^= 1
     times = (out / name).stat()
     (out / name).write_bytes(altered)
     os.utime(out / name, ns=(times.st_atime_ns, times.st_mtime_ns))  # as if nothing had happened
-    assert build(toy.project(out), jobs=1, on_event=said.append).executed == 0
+    assert build(toy.project(out), ALONE, caller=Caller(on_event=said.append)).executed == 0
     assert toy.contents(out) == {**right, f"{name}.kept1": bytes(altered)}
     assert any(f"{name.rpartition('/')[2]}.kept1" in event.get("text", "") for event in said)
 
@@ -71,12 +72,12 @@ def test_missing_files_come_back_and_altered_ones_are_kept_aside(out, name):
 def test_a_touched_file_with_the_same_bytes_stays(out):
     os.utime(out / "dataset.usda", ns=(1, 1))
     before = toy.snapshot(out)
-    assert build(toy.project(out), jobs=1).delivery.written == ()
+    assert build(toy.project(out), ALONE).delivery.written == ()
     assert toy.snapshot(out) == before
 
 
 def test_files_no_longer_made_go_and_their_folders_too(out):
-    result = build(toy.project(out, poses=toy.POSES[:1]), jobs=1)
+    result = build(toy.project(out, poses=toy.POSES[:1]), ALONE)
     assert result.delivery.removed == ("frames/0001/cam/image.txt",)
     assert not (out / "frames" / "0001").exists() and (out / "frames" / "0000").exists()
 
@@ -85,7 +86,7 @@ def test_foreign_files_stay_with_a_warning(out):
     (out / "notes.txt").write_text("mine")
     (out / "frames" / "0001" / "mine.txt").write_text("mine")
     events = []
-    build(toy.project(out, poses=toy.POSES[:1]), jobs=1, on_event=events.append)
+    build(toy.project(out, poses=toy.POSES[:1]), ALONE, caller=Caller(on_event=events.append))
     assert (out / "frames" / "0001" / "mine.txt").read_text() == (out / "notes.txt").read_text() == "mine"
     assert any("notes.txt" in event.get("text", "") for event in events)
     assert "notes.txt" not in json.loads((out / "manifest.json").read_text())["files"]
@@ -96,7 +97,7 @@ def test_foreign_things_in_the_way_are_kept_under_another_name(tmp_path):
     (out / "dataset.usda").mkdir(parents=True)
     (out / "dataset.usda" / "thesis.tex").write_text("years of work")
     (out / "report").write_text("mine")
-    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert build(toy.project(out), ALONE).exit_code == 0
     assert (out / "dataset.usda").is_file()
     assert (out / "dataset.usda.kept1" / "thesis.tex").read_text() == "years of work"
     assert (out / "report.kept1").read_text() == "mine"
@@ -107,7 +108,7 @@ def test_a_link_in_the_folder_is_not_written_through(out, tmp_path):
     elsewhere.mkdir()
     shutil.rmtree(out / "report")
     (out / "report").symlink_to(elsewhere)
-    build(toy.project(out), jobs=1)
+    build(toy.project(out), ALONE)
     assert not list(elsewhere.iterdir())
     assert (out / "report" / "index.html").is_file() and not (out / "report").is_symlink()
 
@@ -115,7 +116,7 @@ def test_a_link_in_the_folder_is_not_written_through(out, tmp_path):
 def test_a_folder_of_another_stage_is_refused_before_anything_runs(out, cache):
     before = toy.snapshot(out)
     with pytest.raises(UsageError, match="another stage"):
-        build(toy.project(out, stage="other", power=9.0), jobs=1)
+        build(toy.project(out, stage="other", power=9.0), ALONE)
     assert toy.snapshot(out) == before
 
 
@@ -136,10 +137,10 @@ def test_an_interrupted_delivery_leaves_no_manifest_or_the_whole_previous_build(
         else:
             patch.setattr(Folder, "place", killed)
         with pytest.raises(Killed):
-            build(edited, jobs=1)
+            build(edited, ALONE)
     assert toy.contents(out) == before if place == "copy" else not (out / "manifest.json").exists()
-    assert build(edited, jobs=1).executed == 0
-    fresh = build(toy.project(out.parent / "fresh", poses=[*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]]), jobs=1)
+    assert build(edited, ALONE).executed == 0
+    fresh = build(toy.project(out.parent / "fresh", poses=[*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]]), ALONE)
     assert toy.contents(out) == toy.contents(fresh.out)
 
 
@@ -149,9 +150,9 @@ def test_files_of_an_interrupted_delivery_are_removed_later(out, monkeypatch):
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Folder, "remove", killed)
-        build(toy.project(out, poses=toy.POSES[:1]), jobs=1)
+        build(toy.project(out, poses=toy.POSES[:1]), ALONE)
     assert not (out / "manifest.json").exists()
-    build(toy.project(out, poses=toy.POSES[:1]), jobs=1)
+    build(toy.project(out, poses=toy.POSES[:1]), ALONE)
     assert not (out / "frames" / "0001").exists()
 
 
@@ -162,7 +163,7 @@ def test_a_full_disk_leaves_the_previous_build_whole(out, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(store_module, "copy", full)
-    result = build(toy.project(out, power=9.0), jobs=1)
+    result = build(toy.project(out, power=9.0), ALONE)
     assert result.exit_code == 5 and "bytes free" in str(result.error)
     assert toy.snapshot(out) == before
 
@@ -183,7 +184,7 @@ def test_no_file_lands_outside_the_folder(tmp_path, path):
     project = toy.project(tmp_path / "out")
     project.files[path] = b"x"
     with pytest.raises(ValueError, match="cannot deliver"):
-        build(project, jobs=1)
+        build(project, ALONE)
 
 
 def test_a_file_with_the_very_same_bytes_is_taken_over(out, cache, monkeypatch):
@@ -192,7 +193,7 @@ def test_a_file_with_the_very_same_bytes_is_taken_over(out, cache, monkeypatch):
     (out / "manifest.json").unlink()
     shutil.rmtree(cache)
     monkeypatch.setattr(Folder, "present", lambda self: set())
-    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert build(toy.project(out), ALONE).exit_code == 0
     assert {path.name for path in out.rglob("*")} == before
 
 
@@ -206,7 +207,7 @@ def test_what_dead_builders_left_goes_and_what_other_machines_write_stays_for_a_
     for name in {aside_of(here), aside_of("dead"), *busy}:
         (out / name).mkdir()
     os.utime(out / aside_of("dead"), (0, 0))
-    assert build(toy.project(out), jobs=1).delivery.written == ()
+    assert build(toy.project(out), ALONE).delivery.written == ()
     assert {path.name for path in out.glob(".pipeline-*")} == busy
 
 
@@ -215,7 +216,7 @@ def test_an_old_folder_whose_name_only_begins_like_ours_stays(out, name):
     (out / name).mkdir()
     (out / name / "thesis.tex").write_text("years of work")
     os.utime(out / name, (0, 0))
-    assert build(toy.project(out), jobs=1).delivery.foreign == (f"{name}/thesis.tex",)
+    assert build(toy.project(out), ALONE).delivery.foreign == (f"{name}/thesis.tex",)
     assert (out / name / "thesis.tex").read_text() == "years of work"
 
 
@@ -224,7 +225,7 @@ def test_a_foreign_manifest_is_kept_under_another_name(tmp_path):
     out.mkdir()
     (out / "manifest.json").write_text('{"name": "my web app"}')
     events = []
-    assert build(toy.project(out), jobs=1, on_event=events.append).exit_code == 0
+    assert build(toy.project(out), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
     assert (out / "manifest.json.kept1").read_text() == '{"name": "my web app"}'
     assert any("manifest.json.kept1" in event.get("text", "") for event in events)
 
@@ -235,7 +236,7 @@ def test_a_damaged_manifest_is_kept_aside_if_the_note_in_the_store_is_damaged_to
         whole = path.read_bytes()
         path.unlink()
         path.write_bytes(whole[1:])
-    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert build(toy.project(out), ALONE).exit_code == 0
     assert toy.contents(out) == {**right, "manifest.json.kept1": right["manifest.json"][1:]}
 
 
@@ -243,7 +244,7 @@ def test_a_cut_manifest_is_replaced_in_a_folder_that_the_store_does_not_know(out
     right = toy.contents(out)
     moved = out.rename(tmp_path / "moved")
     (moved / "manifest.json").write_bytes(right["manifest.json"][:100])
-    assert build(toy.project(moved), jobs=1).exit_code == 0
+    assert build(toy.project(moved), ALONE).exit_code == 0
     assert toy.contents(moved) == right
 
 
@@ -258,8 +259,8 @@ def test_a_foreign_file_survives_a_first_delivery_that_was_cut_short(tmp_path, m
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Folder, "place", killed)
-        build(toy.project(out), jobs=1)
-    build(toy.project(out), jobs=1)
+        build(toy.project(out), ALONE)
+    build(toy.project(out), ALONE)
     assert (out / f"{name}.kept1").read_text() == "mine"
 
 
@@ -268,7 +269,7 @@ def test_a_dangling_link_is_not_overwritten_by_what_is_kept(tmp_path):
     out.mkdir()
     (out / "dataset.usda").write_text("mine")
     (out / "dataset.usda.kept1").symlink_to("/nonexistent/on-another-disk")
-    build(toy.project(out), jobs=1)
+    build(toy.project(out), ALONE)
     assert (out / "dataset.usda.kept1").is_symlink()
     assert (out / "dataset.usda.kept2").read_text() == "mine"
 
@@ -278,7 +279,7 @@ def test_a_folder_that_was_moved_away_and_linked_back_is_filled_again(out, tmp_p
     shutil.move(out / "frames", tmp_path / "bigdisk")
     (out / "frames").symlink_to(tmp_path / "bigdisk")
     poses = [*toy.POSES[:1], [[5.0, 0.0], [0.0, 1.0]]]
-    build(toy.project(out, poses=poses), jobs=1)
+    build(toy.project(out, poses=poses), ALONE)
     assert {name for name in right if not (out / name).is_file()} == set()
     assert (out / "frames.kept1").is_symlink() and not (out / "frames").is_symlink()
     assert (tmp_path / "bigdisk" / "0001" / "cam" / "image.txt").read_bytes() == right["frames/0001/cam/image.txt"]
@@ -313,15 +314,15 @@ def test_what_somebody_writes_during_a_delivery_is_found_by_the_next_build(out, 
 
     with monkeypatch.context() as patch:
         patch.setattr(*step, with_somebody)
-        build(edited, jobs=1)
-    assert build(edited, jobs=1).delivery.written == (name,)
+        build(edited, ALONE)
+    assert build(edited, ALONE).delivery.written == (name,)
 
 
 def test_files_that_nobody_touched_are_not_read_again(out, monkeypatch):
     time.sleep(0.05)
-    build(toy.project(out), jobs=1)
+    build(toy.project(out), ALONE)
     monkeypatch.setattr(seen, "digest_of", lambda path: pytest.fail(f"{path} was read"))
-    assert build(toy.project(out), jobs=1).delivery.written == ()
+    assert build(toy.project(out), ALONE).delivery.written == ()
 
 
 def test_files_of_a_delivery_that_took_its_time_are_not_read_again(tmp_path, monkeypatch):
@@ -332,17 +333,17 @@ def test_files_of_a_delivery_that_took_its_time_are_not_read_again(tmp_path, mon
         place(*arguments, **options)
 
     monkeypatch.setattr(Folder, "place", slow)
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     monkeypatch.setattr(seen, "digest_of", lambda path: pytest.fail(f"{path} was read"))
-    assert build(toy.project(tmp_path / "out"), jobs=1).delivery.written == ()
+    assert build(toy.project(tmp_path / "out"), ALONE).delivery.written == ()
 
 
 def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, monkeypatch):
     out, codes = tmp_path / "out", []
     builds = [(toy.project(out, power=power), Store(tmp_path / f"store{power}")) for power in (4.0, 9.0)]
-    build(builds[1][0], store=builds[1][1], jobs=1)  # so that the other builder only delivers
+    build(builds[1][0], ALONE, store=builds[1][1])  # so that the other builder only delivers
     (project, store), other = builds
-    second = threading.Thread(target=lambda: codes.append(build(other[0], store=other[1], jobs=1).exit_code))
+    second = threading.Thread(target=lambda: codes.append(build(other[0], ALONE, store=other[1]).exit_code))
     place = Folder.place
 
     def slow(*arguments, **options):
@@ -352,9 +353,9 @@ def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, m
         place(*arguments, **options)
 
     monkeypatch.setattr(Folder, "place", slow)
-    codes.append(build(project, store=store, jobs=1).exit_code)
+    codes.append(build(project, ALONE, store=store).exit_code)
     second.join()
-    fresh = build(toy.project(tmp_path / "fresh", power=9.0), jobs=1)
+    fresh = build(toy.project(tmp_path / "fresh", power=9.0), ALONE)
     ours = {name: data for name, data in toy.contents(out).items() if ".kept" not in name}  # the other store's files
     assert codes == [0, 0] and ours == toy.contents(fresh.out)
 
@@ -370,15 +371,15 @@ def test_a_folder_by_two_names_is_one_folder(tmp_path, monkeypatch):
     (tmp_path / "real").mkdir()
     (tmp_path / "alias").symlink_to(tmp_path / "real")
     real, alias = (toy.project(tmp_path / name / "out", power=9.0) for name in ("real", "alias"))
-    build(toy.project(real.out), jobs=1)
+    build(toy.project(real.out), ALONE)
 
     def killed(*arguments, **options):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Folder, "place", killed)
-        build(real, jobs=1)
-    build(alias, jobs=1)
+        build(real, ALONE)
+    build(alias, ALONE)
     assert not list(real.out.rglob("*.kept*"))
     assert plan_of(real) == plan_of(alias) and status_of(real) == status_of(alias)
     assert logs_of(real, "lens") == logs_of(alias, "lens")
@@ -386,7 +387,7 @@ def test_a_folder_by_two_names_is_one_folder(tmp_path, monkeypatch):
 
 def test_an_output_folder_that_is_a_link_to_nowhere_is_no_bug_of_ours(tmp_path):
     (tmp_path / "out").symlink_to(tmp_path / "not" / "mounted")
-    result = build(toy.project(tmp_path / "out"), jobs=1)
+    result = build(toy.project(tmp_path / "out"), ALONE)
     assert result.exit_code == 5 and not (tmp_path / "not").exists()
 
 
@@ -404,9 +405,9 @@ def test_a_result_that_is_damaged_in_the_store_again_and_again_is_no_bug_of_ours
 
     with monkeypatch.context() as patch:
         patch.setattr(Folder, "present", damaging)
-        result = build(toy.project(out), jobs=1)
+        result = build(toy.project(out), ALONE)
     assert result.exit_code == 5 and "went from the store" in str(result.error)
-    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert build(toy.project(out), ALONE).exit_code == 0
 
 
 def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
@@ -418,7 +419,7 @@ def test_a_folder_that_changes_meanwhile_is_no_bug_of_ours(out, monkeypatch):
         real(self, aside, path, **options)
 
     monkeypatch.setattr(Folder, "place", place)
-    result = build(toy.project(out), jobs=1)
+    result = build(toy.project(out), ALONE)
     assert result.exit_code == 5 and "changed while files were put there" in str(result.error)
 
 
@@ -426,7 +427,7 @@ def test_a_folder_that_was_deleted_and_used_for_something_else_keeps_that(out):
     shutil.rmtree(out)
     out.mkdir()
     (out / "dataset.usda").write_text("mine")
-    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert build(toy.project(out), ALONE).exit_code == 0
     assert (out / "dataset.usda.kept1").read_text() == "mine"
 
 
@@ -439,7 +440,7 @@ def test_a_manifest_from_elsewhere_makes_nothing_ours(tmp_path):
     facts = {"sha256": hashlib.sha256(data).hexdigest(), "size": len(data)}
     listed = json.dumps({"format": 1, "stage": None, "tasks": {}, "files": {"thesis.txt": facts}})
     (out / "manifest.json").write_text(listed)
-    result = build(toy.project(out), jobs=1)
+    result = build(toy.project(out), ALONE)
     assert result.delivery.foreign == ("thesis.txt",) and result.delivery.removed == ()
     assert (out / "thesis.txt").read_bytes() == data and (out / "manifest.json.kept1").read_text() == listed
 
@@ -450,14 +451,14 @@ def test_a_doctored_manifest_of_ours_makes_nothing_ours(out):
     digest = hashlib.sha256(b"years of work").hexdigest()
     facts["files"]["thesis.txt"] = {"sha256": digest, "size": 13}
     (out / "manifest.json").write_text(json.dumps(facts))
-    assert build(toy.project(out), jobs=1).delivery.removed == ()
+    assert build(toy.project(out), ALONE).delivery.removed == ()
     assert (out / "thesis.txt").read_text() == "years of work"
 
 
 def test_a_file_that_was_annotated_and_is_no_longer_made_stays(out):
     path = out / "frames/0001/cam/image.txt"
     path.write_text(path.read_text() + "blurred, do not use")
-    result = build(toy.project(out, poses=toy.POSES[:1]), jobs=1)
+    result = build(toy.project(out, poses=toy.POSES[:1]), ALONE)
     assert result.delivery.foreign == ("frames/0001/cam/image.txt",) and "do not use" in path.read_text()
 
 
@@ -466,7 +467,7 @@ def test_a_folder_that_was_moved_or_copied_is_ours_still(out, tmp_path, how):
     """The store wrote that very manifest: nothing in it needs to be kept aside."""
     there = tmp_path / "elsewhere"
     out.rename(there) if how == "moved" else shutil.copytree(out, there)
-    result = build(toy.project(there, power=9.0, poses=toy.POSES[:1]), jobs=1)
+    result = build(toy.project(there, power=9.0, poses=toy.POSES[:1]), ALONE)
     assert result.delivery.removed == ("frames/0001/cam/image.txt",)
     assert not list(there.rglob("*.kept*")) and result.delivery.foreign == ()
 
@@ -476,7 +477,7 @@ def test_many_files_in_the_way_are_counted_and_not_listed(tmp_path):
     for name in toy.project(out).files:
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         (out / name).write_text("mine")
-    build(toy.project(out), jobs=1, on_event=said.append)
+    build(toy.project(out), ALONE, caller=Caller(on_event=said.append))
     texts = [event["text"] for event in said if event["event"] == "warning"]
     assert len(texts) == 4 and texts[-1].startswith("3 other files") and len(list(out.rglob("*.kept1"))) == 6
 
@@ -488,21 +489,21 @@ def test_two_datasets_of_one_name_do_not_share_an_output_folder(tmp_path):
         stage.parent.mkdir()
         stage.touch()
     first, second = (dataclasses.replace(toy.project(out), stage_id=str(stage)) for stage in stages)
-    build(first, jobs=1)
+    build(first, ALONE)
     before = toy.snapshot(out)
     with pytest.raises(UsageError, match=r"another stage: .*/a/dataset.usda, not .*/b/dataset.usda"):
-        build(second, jobs=1)
+        build(second, ALONE)
     assert toy.snapshot(out) == before
     stages[0].unlink()  # moved, then: the same dataset in another place
-    assert build(second, jobs=1).exit_code == 0
+    assert build(second, ALONE).exit_code == 0
 
 
 def test_a_deleted_output_folder_is_free_for_another_dataset(tmp_path):
     out, stage = tmp_path / "out", tmp_path / "a.usda"
     stage.touch()
-    build(dataclasses.replace(toy.project(out), stage_id=str(stage)), jobs=1)
+    build(dataclasses.replace(toy.project(out), stage_id=str(stage)), ALONE)
     shutil.rmtree(out)
-    assert build(toy.project(out), jobs=1).exit_code == 0
+    assert build(toy.project(out), ALONE).exit_code == 0
 
 
 def test_what_is_delivered_is_hashed_while_it_is_copied(out, monkeypatch):
@@ -520,7 +521,7 @@ def test_what_is_delivered_is_hashed_while_it_is_copied(out, monkeypatch):
         real(source, target)
 
     monkeypatch.setattr(store_module, "copy", flipping)
-    result = build(toy.project(out), jobs=1)
+    result = build(toy.project(out), ALONE)
     assert flips and result.exit_code == 0 and toy.executed(result) == {"rays/cam"}
     assert toy.contents(out) == right
 
@@ -537,8 +538,8 @@ def test_an_output_folder_that_the_stage_lies_in_is_refused(tmp_path, monkeypatc
     for place, allowed in ((out, False), (f"{out}/build", True)):
         project = dataclasses.replace(toy.project(Path(place)), reads=reads)
         if allowed:
-            assert build(project, jobs=1).exit_code == 0
+            assert build(project, ALONE).exit_code == 0
             continue
         with pytest.raises(UsageError, match="files that the stage is made of"):
-            build(project, jobs=1)
+            build(project, ALONE)
     assert {path.read_text() for path in reads} == {"mine"} and not list(tmp_path.rglob("*.kept*"))

@@ -7,6 +7,7 @@ from engine import toy
 
 from pipeline.engine.explain import describe
 from pipeline.engine.forecast import means_by_kind
+from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.session import build, forecast_of, plan_of
 
 UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
@@ -21,7 +22,7 @@ def size(kind, params):
 def known(tmp_path, store):
     """A build of which every task took two seconds and a hundred rays."""
     project = toy.project(tmp_path / "out")
-    build(project, jobs=1)
+    build(project, ALONE)
     (name,) = store.notes("history")
     note = store.read_note("history", name)
     for key in note["keys"].values():
@@ -34,7 +35,7 @@ def known(tmp_path, store):
 
 
 def to_come(project, store, **options):
-    return forecast_of(project, plan_of(project, store=store, **options), size, store=store)
+    return forecast_of(project, plan_of(project, BuildOptions(**options), store=store), size, store=store)
 
 
 def test_nothing_is_to_come_when_all_is_there(known, store):
@@ -68,13 +69,13 @@ def test_kinds_that_never_ran_are_counted_and_told(known, store, tmp_path):
 
 
 def test_a_plan_tells_work_in_words(known, store):
-    tasks = plan_of(known, store=store, force=["image"])
+    tasks = plan_of(known, BuildOptions(force=("image",)), store=store)
     told = list(describe(tasks, forecast_of(known, tasks, size, store=store)))
     assert told[1].startswith("to come: about 6 s of processor time, 3e+02 rays, 0.001 GB in one process at most")
 
 
 def test_a_build_keeps_the_mean_of_each_kind(tmp_path, store):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     (name,) = store.notes("history")
     costs = store.read_note("history", name)["costs"]
     assert set(costs) == {"lens", "rays", "image", "report"}

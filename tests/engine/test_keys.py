@@ -14,12 +14,13 @@ from engine import toy
 import pipeline
 from pipeline.engine import code
 from pipeline.engine.code import UnknownKind, code_of, fingerprint
-from pipeline.engine.digest import Shared, canonical, key_of
+from pipeline.engine.digest import canonical, key_of
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.libraries import is_foreign
 from pipeline.engine.spec import Specs
 from pipeline.engine.store import Store
 from pipeline.errors import EnvironmentFault
+from pipeline.records import Shared
 
 TASKS = Path(pipeline.__file__).parent / "tasks"
 

@@ -7,6 +7,7 @@ import pytest
 from engine import toy
 
 from pipeline.engine.care import collect
+from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.session import build, sources_of, status_of
 from pipeline.errors import UsageError
 
@@ -20,7 +21,7 @@ def out(tmp_path):
 
 
 def part(out, *targets, **changes):
-    return build(toy.project(out, **changes), jobs=1, targets=targets)
+    return build(toy.project(out, **changes), BuildOptions(jobs=1, targets=targets))
 
 
 @pytest.mark.parametrize(
@@ -51,10 +52,10 @@ def test_parts_add_up_and_the_whole_build_takes_them_over(out, tmp_path):
     part(out, "rays", "dataset.usda")
     before = toy.snapshot(out)
     assert len(before) == 5
-    result = build(toy.project(out), jobs=1)
+    result = build(toy.project(out), ALONE)
     assert result.delivery.written == ("report/index.html",) and result.delivery.foreign == ()
     assert {name: facts for name, facts in toy.snapshot(out).items() if name in before} == before
-    assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "at once"), jobs=1).out)
+    assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "at once"), ALONE).out)
 
 
 def test_what_a_part_was_made_of_is_not_collected_as_long_as_its_files_are_there(out, store):
@@ -66,7 +67,7 @@ def test_what_a_part_was_made_of_is_not_collected_as_long_as_its_files_are_there
 
 
 def test_a_part_of_a_finished_build_leaves_all_as_it_is(out):
-    build(toy.project(out), jobs=1)
+    build(toy.project(out), ALONE)
     before = toy.snapshot(out)
     result = part(out, IMAGE)
     assert result.delivery.finished and toy.snapshot(out) == before
@@ -76,7 +77,7 @@ def test_a_part_of_a_finished_build_leaves_all_as_it_is(out):
 
 
 def test_an_edited_part_takes_the_manifest_away_and_nothing_else(out, tmp_path):
-    build(toy.project(out), jobs=1)
+    build(toy.project(out), ALONE)
     before = toy.contents(out)
     result = part(out, IMAGE, poses=MOVED)
     assert result.delivery.written == (IMAGE,) and result.delivery.removed == () and not result.delivery.finished
@@ -84,15 +85,15 @@ def test_an_edited_part_takes_the_manifest_away_and_nothing_else(out, tmp_path):
     assert after.keys() == before.keys() - {"manifest.json"}
     assert [name for name in after if after[name] != before[name]] == [IMAGE]
     assert {task.state for task in status_of(toy.project(out, poses=MOVED))} == {"missing"}
-    build(toy.project(out, poses=MOVED), jobs=1)
-    assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "new", poses=MOVED), jobs=1).out)
+    build(toy.project(out, poses=MOVED), ALONE)
+    assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "new", poses=MOVED), ALONE).out)
 
 
 def test_files_of_a_former_build_stay_ours_through_a_part(out):
-    build(toy.project(out), jobs=1)
+    build(toy.project(out), ALONE)
     part(out, "frames/0000", poses=[MOVED[1]])
     assert (out / IMAGE).exists()
-    result = build(toy.project(out, poses=[MOVED[1]]), jobs=1)
+    result = build(toy.project(out, poses=[MOVED[1]]), ALONE)
     assert result.delivery.removed == (IMAGE,) and result.delivery.foreign == ()
 
 
@@ -106,7 +107,7 @@ def test_a_manifest_of_others_and_their_files_are_kept(out):
 
 
 def test_a_folder_of_another_stage_is_refused(out):
-    build(toy.project(out, stage="other"), jobs=1)
+    build(toy.project(out, stage="other"), ALONE)
     before = toy.snapshot(out)
     with pytest.raises(UsageError, match="another stage"):
         part(out, IMAGE)
@@ -138,15 +139,15 @@ def test_what_means_nothing_is_told_with_what_is_near(out, target, hint):
 
 def test_the_summary_names_the_files(out):
     assert json.loads(json.dumps(part(out, IMAGE).to_dict()))["files"] == [IMAGE]
-    assert "files" not in build(toy.project(out), jobs=1).to_dict()
+    assert "files" not in build(toy.project(out), ALONE).to_dict()
 
 
 def test_what_the_source_was_is_kept_until_no_task_is_older(out, store):
     """A later plan names edits since each task was built: the last whole build is kept, however many parts follow."""
 
-    def built(source, **arguments):
+    def built(source, **options):
         project = replace(toy.project(out, poses=[[[float(source)]]]), source=source)
-        build(project, jobs=1, **arguments)
+        build(project, BuildOptions(jobs=1, **options))
         return sources_of(project, store=store)
 
     assert built(1) == [1] == built(1)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from engine import toy
 
+from pipeline.engine.options import ALONE, BuildOptions, Caller, Known
 from pipeline.engine.run import run
 from pipeline.engine.session import build
 from pipeline.engine.store import DamagedBlob
@@ -12,7 +13,7 @@ from pipeline.engine.store import DamagedBlob
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_failure_carries_its_last_lines_and_its_log(tmp_path, store, jobs):
-    outcome = run(toy.graph_of(("fail", "fail", {"flag": str(tmp_path / "no")})), store, jobs=jobs)
+    outcome = run(toy.graph_of(("fail", "fail", {"flag": str(tmp_path / "no")})), store, BuildOptions(jobs=jobs))
     failed = outcome.results["fail"]
     assert failed.state == "failed"
     assert "ValueError: the flag is not there" in failed.error
@@ -30,7 +31,7 @@ def test_failures_are_not_cached(tmp_path, store):
 def test_keep_going_runs_all_that_does_not_need_the_failed_task(tmp_path):
     extra = [("fail", "fail", {"flag": str(tmp_path / "no")}), ("report/fail", "report", {}, {"a": "fail"})]
     broken = toy.project(tmp_path / "out", extra=extra)
-    result = build(broken, jobs=1, keep_going=True)
+    result = build(broken, BuildOptions(jobs=1, keep_going=True))
     assert (result.executed, result.failed, result.skipped) == (5, 1, 1)
     assert result.exit_code == 1 and result.delivery is None
     assert not (tmp_path / "out").exists()
@@ -46,28 +47,28 @@ def test_without_keep_going_nothing_is_started_after_a_failure(tmp_path, store):
 def test_prepare_is_called_once_and_only_if_something_runs(tmp_path):
     calls = []
     for _ in range(2):
-        build(toy.project(tmp_path / "out"), jobs=1, prepare=lambda: calls.append(1))
+        build(toy.project(tmp_path / "out"), ALONE, caller=Caller(prepare=lambda: calls.append(1)))
     assert calls == [1]
 
 
 def test_a_forced_task_runs_and_its_readers_are_saved_by_early_cutoff(tmp_path):
-    build(toy.project(tmp_path / "out"), jobs=1)
-    again = build(toy.project(tmp_path / "out"), jobs=1, force=["rays"])
+    build(toy.project(tmp_path / "out"), ALONE)
+    again = build(toy.project(tmp_path / "out"), BuildOptions(jobs=1, force=("rays",)))
     assert toy.executed(again) == {"rays/cam"}
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_task_that_gives_other_bytes_when_forced_is_reported(tmp_path, jobs):
     noisy = toy.bare(toy.graph_of(("noisy", "noisy", {})), tmp_path / "out")
-    build(noisy, jobs=jobs)
+    build(noisy, BuildOptions(jobs=jobs))
     events = []
-    build(noisy, jobs=jobs, force=["noisy"], on_event=events.append)
+    build(noisy, BuildOptions(jobs=jobs, force=("noisy",)), caller=Caller(on_event=events.append))
     assert any("NON-DETERMINISM" in event.get("text", "") for event in events)
 
 
 def test_a_full_disk_is_the_machines_fault_and_stops_the_build(tmp_path):
     graph = toy.graph_of(("full", "full", {}), ("report", "report", {}), ("lens", "lens", {"power": 1.0}))
-    result = build(toy.bare(graph, tmp_path / "out"), jobs=1, keep_going=True)
+    result = build(toy.bare(graph, tmp_path / "out"), BuildOptions(jobs=1, keep_going=True))
     assert result.exit_code == 5 and result.failed == 1 and result.skipped == 2
 
 
@@ -77,7 +78,7 @@ def test_a_link_is_no_output(tmp_path, store):
 
 
 def test_a_blob_damaged_between_lookup_and_use_is_made_again(tmp_path, cache):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     hit = []
 
     def damage(event):
@@ -88,7 +89,7 @@ def test_a_blob_damaged_between_lookup_and_use_is_made_again(tmp_path, cache):
                     blob.unlink()
 
     poses = [[[9.0, 0.0], [0.0, 1.0]], [[8.0, 0.0], [0.0, 1.0]]]
-    result = build(toy.project(tmp_path / "out", poses=poses), jobs=1, on_event=damage)
+    result = build(toy.project(tmp_path / "out", poses=poses), ALONE, caller=Caller(on_event=damage))
     assert hit and result.exit_code == 0
     assert toy.executed(result) == {"rays/cam", "image/cam/0000", "image/cam/0001", "report"}
 
@@ -104,19 +105,19 @@ def test_results_lost_before_delivery_are_made_again_once(tmp_path, store, times
             record = store.peek(event["key"])
             store.path("blob", record["outputs"]["index.html"]["sha256"]).unlink()
 
-    result = build(toy.project(tmp_path / "out"), jobs=1, on_event=lose)
+    result = build(toy.project(tmp_path / "out"), ALONE, caller=Caller(on_event=lose))
     assert result.exit_code == code and result.executed == 5
     assert (result.delivery is not None) == (code == 0) == (tmp_path / "out/manifest.json").exists()
-    again = build(toy.project(tmp_path / "out"), jobs=1)
+    again = build(toy.project(tmp_path / "out"), ALONE)
     assert again.exit_code == 0 and toy.executed(again) == (set() if code == 0 else {"report"})
 
 
 def test_edited_code_is_not_run_under_the_old_import(tmp_path, kit):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     image = kit / "tasks" / "image.py"
     image.write_text(image.read_text().replace("{len(near)}", "{len(near) + 1}"))
-    assert build(toy.project(tmp_path / "out"), jobs=1).failed == 1  # this process still has the old code
-    assert build(toy.project(tmp_path / "out"), jobs=2).failed == 0  # a new worker reads the new one
+    assert build(toy.project(tmp_path / "out"), ALONE).failed == 1  # this process still has the old code
+    assert build(toy.project(tmp_path / "out"), BuildOptions(jobs=2)).failed == 0  # a new worker reads the new one
 
 
 def hungry(tmp_path, count, *, greedy):
@@ -127,7 +128,7 @@ def hungry(tmp_path, count, *, greedy):
 
 def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
     monkeypatch.setattr("pipeline.engine.run.available_bytes", lambda: 1000)
-    outcome = run(hungry(tmp_path, 3, greedy=False), store, jobs=3, peaks={"hungry": 600})
+    outcome = run(hungry(tmp_path, 3, greedy=False), store, BuildOptions(jobs=3), known=Known(peaks={"hungry": 600}))
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert len(list(tmp_path.glob("beside0-*"))) == 3
     assert outcome.peaks["hungry"] > 1 << 20  # measured: an interpreter takes some megabytes
@@ -135,19 +136,19 @@ def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
 
 def test_kinds_that_fit_run_together(tmp_path, store, monkeypatch):
     monkeypatch.setattr("pipeline.engine.run.available_bytes", lambda: 1000)
-    run(hungry(tmp_path, 2, greedy=False), store, jobs=2, peaks={"hungry": 400})
+    run(hungry(tmp_path, 2, greedy=False), store, BuildOptions(jobs=2), known=Known(peaks={"hungry": 400}))
     assert len(list(tmp_path.glob("beside1-*"))) >= 1
 
 
 def test_a_task_that_meets_too_little_memory_is_tried_alone(tmp_path, store):
     events = []
-    outcome = run(hungry(tmp_path, 3, greedy=True), store, jobs=3, on_event=events.append)
+    outcome = run(hungry(tmp_path, 3, greedy=True), store, BuildOptions(jobs=3), caller=Caller(on_event=events.append))
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert any(event["event"] == "retry" and "MemoryError" in event["error"] for event in events)
 
 
 def test_the_memory_of_a_kind_is_known_to_the_next_build(tmp_path, store):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     note = next((store.root / "history").glob("*.json")).read_text()
     assert '"peaks": {"image": ' in note
 
@@ -245,7 +246,7 @@ def test_a_bit_that_flips_between_the_look_at_an_input_and_its_use_is_noticed(tm
     params = {"folder": str(tmp_path / "tries"), "times": 1, "put_back": put_back}
     lens = ("lens", "lens", {"power": 4.0})
     graph = toy.graph_of(lens, ("meddled", "meddled", params, {"lens": "lens"}))
-    outcome = run(graph, store, jobs=jobs)
+    outcome = run(graph, store, BuildOptions(jobs=jobs))
     assert outcome.results["meddled"].state == "executed" and outcome.results["lens"].state == "executed"
     right = outcome.records["lens"]["outputs"]["lens.txt"]
     assert outcome.records["meddled"]["outputs"]["read.txt"] == right == store.put_bytes(b"8")

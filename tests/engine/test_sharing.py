@@ -12,6 +12,7 @@ from engine import toy
 from faults.shim import in_fork
 
 from pipeline.engine.care import check
+from pipeline.engine.options import ALONE
 from pipeline.engine.session import build
 from pipeline.engine.sharing import rights_of
 from pipeline.engine.store import Store
@@ -25,7 +26,7 @@ pytestmark = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be anot
 @pytest.fixture
 def place(tmp_path, kit):
     """A folder that everybody reaches, with one for each user."""
-    build(toy.project(tmp_path / "warm"), jobs=1)  # loads what the forks inherit: others may not read our Python
+    build(toy.project(tmp_path / "warm"), ALONE)  # loads what the forks inherit: others may not read our Python
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         place.chmod(0o755)
@@ -58,7 +59,7 @@ def build_as(place, user, umask):
         try:
             warnings = []
             result = build(
-                toy.project(place / f"{user}/out"), store=Store(place / "store", warn=warnings.append), jobs=1
+                toy.project(place / f"{user}/out"), ALONE, store=Store(place / "store", warn=warnings.append)
             )
             said.write_text("\n".join([*warnings, *(str(task.error) for task in result.failures)]))
             return result.exit_code

@@ -15,6 +15,7 @@ from engine import toy
 
 from pipeline.engine import manifest
 from pipeline.engine.care import check, collect, info
+from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.sealed import seal
 from pipeline.engine.session import build
 from pipeline.engine.store import DamagedBlob, Store
@@ -67,13 +68,13 @@ def test_a_record_of_another_form_is_a_miss_also_with_its_digest(store, record, 
 
 
 def test_a_note_of_another_form_keeps_nothing(tmp_path, cache):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     (path,) = (cache / "history").iterdir()
     for note in ({}, [], {"out": 5}, {"out": "\ud800", "keys": {}}, {"out": str(tmp_path / "out"), "keys": [1]}):
         path.unlink()
         path.write_bytes(seal(note))
         collect(Store(cache), 10**9)
-        assert build(toy.project(tmp_path / "out"), jobs=1).exit_code == 0
+        assert build(toy.project(tmp_path / "out"), ALONE).exit_code == 0
 
 
 def test_a_record_under_another_key_is_a_miss(store, record):
@@ -192,7 +193,7 @@ def test_only_folders_of_dead_processes_are_swept(store, cache):
 
 
 def test_a_flipped_bit_in_every_file_of_the_store_is_repaired(tmp_path, cache):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     right = toy.contents(tmp_path / "out")
     chance = random.Random(0)
     files = [path for table in ("ac", "cas") for path in (cache / table).rglob("*") if path.is_file()]
@@ -201,7 +202,7 @@ def test_a_flipped_bit_in_every_file_of_the_store_is_repaired(tmp_path, cache):
         whole[chance.randrange(len(whole))] ^= 1 << chance.randrange(8)
         path.unlink()
         path.write_bytes(whole)
-        again = build(toy.project(tmp_path / "out"), jobs=1)
+        again = build(toy.project(tmp_path / "out"), ALONE)
         assert again.executed and not again.failed
         assert toy.contents(tmp_path / "out") == right
     assert len(files) > 8
@@ -210,13 +211,15 @@ def test_a_flipped_bit_in_every_file_of_the_store_is_repaired(tmp_path, cache):
 def test_a_store_that_may_only_be_read_gets_a_private_one_on_top(tmp_path, kit, monkeypatch):
     """Its results count, what is new stays out of it, damage in it is a miss; said once per build."""
     shared, said = tmp_path / "shared", []
-    first = build(toy.project(tmp_path / "first"), store=Store(shared), jobs=1)
+    first = build(toy.project(tmp_path / "first"), ALONE, store=Store(shared))
     before = toy.snapshot(shared)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "private"))
     monkeypatch.setattr(os, "access", lambda path, mode: not str(path).startswith(str(shared)))
 
     def again(**changes):
-        result = build(toy.project(tmp_path / "out", **changes), store=Store(shared, warn=said.append), jobs=2)
+        result = build(
+            toy.project(tmp_path / "out", **changes), BuildOptions(jobs=2), store=Store(shared, warn=said.append)
+        )
         assert result.exit_code == 0
         return toy.executed(result)
 
@@ -288,28 +291,30 @@ FILES = ["VERSION", "gc.lock"]
 @pytest.mark.parametrize("how", ["file", "dangling link"])
 @pytest.mark.parametrize("name", [*FOLDERS, "shards"])
 def test_a_store_with_something_in_the_place_of_a_folder_heals_and_says_so(tmp_path, cache, name, how):
-    right = toy.contents(build(toy.project(tmp_path / "right"), jobs=1).out)
+    right = toy.contents(build(toy.project(tmp_path / "right"), ALONE).out)
     tables = [cache / table for table in ("cas/sha256", "ac/v1", "lock")]
     for path in [shard for table in tables for shard in table.iterdir()] if name == "shards" else [cache / name]:
         shutil.rmtree(path, ignore_errors=True)
         path.write_text("x") if how == "file" else path.symlink_to("/nonexistent")
     said = []
-    assert build(toy.project(tmp_path / "out"), store=Store(cache, warn=said.append), jobs=2).exit_code == 0
+    assert (
+        build(toy.project(tmp_path / "out"), BuildOptions(jobs=2), store=Store(cache, warn=said.append)).exit_code == 0
+    )
     assert any("quarantine" in text and name.rstrip("s") in text for text in said) or name == "shards"
     assert said and toy.contents(tmp_path / "out") == right
     found = check(Store(cache))
     assert found.damaged == found.incomplete == ()
-    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+    assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_store_with_a_folder_in_the_place_of_a_file_heals(tmp_path, cache, name):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     (cache / name).unlink()
     (cache / name).mkdir()
     (cache / name / "thesis.tex").write_text("years of work")
     assert name in check(Store(cache)).damaged and (cache / "VERSION").is_file()
-    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+    assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
     assert not collect(Store(cache), 0).busy
     assert [path.read_text() for path in cache.rglob("thesis.tex")] == ["years of work"]
 
@@ -317,7 +322,7 @@ def test_a_store_with_a_folder_in_the_place_of_a_file_heals(tmp_path, cache, nam
 @pytest.mark.parametrize("table", ["lock", "log"])
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo])
 def test_what_stands_in_the_place_of_a_lock_or_a_log_goes_out_of_the_way(tmp_path, cache, table, make):
-    first = build(toy.project(tmp_path / "out"), jobs=1)
+    first = build(toy.project(tmp_path / "out"), ALONE)
     for path in (cache / "ac").rglob("*.json"):
         path.unlink()
     for task in first.tasks:
@@ -325,14 +330,14 @@ def test_what_stands_in_the_place_of_a_lock_or_a_log_goes_out_of_the_way(tmp_pat
         path.parent.mkdir(parents=True, exist_ok=True)
         path.unlink(missing_ok=True)
         make(path)
-    again = build(toy.project(tmp_path / "out"), jobs=1)
+    again = build(toy.project(tmp_path / "out"), ALONE)
     assert again.executed == 5 and again.exit_code == 0
 
 
 @pytest.mark.parametrize("make", [Path.symlink_to, Path.hardlink_to])
 def test_a_file_of_the_user_that_a_lock_or_a_log_leads_to_is_not_written_to(tmp_path, cache, make):
     (tmp_path / "thesis.tex").write_text("years of work")
-    first = build(toy.project(tmp_path / "out"), jobs=1)
+    first = build(toy.project(tmp_path / "out"), ALONE)
     for path in (cache / "ac").rglob("*.json"):
         path.unlink()
     places = [Store(cache).path(table, task.key) for task in first.tasks for table in ("lock", "log")]
@@ -341,19 +346,19 @@ def test_a_file_of_the_user_that_a_lock_or_a_log_leads_to_is_not_written_to(tmp_
         path.unlink(missing_ok=True)
         make(path, tmp_path / "thesis.tex")
     for jobs in (1, 2):
-        again = build(toy.project(tmp_path / "out"), jobs=jobs, force=["image/*"])
+        again = build(toy.project(tmp_path / "out"), BuildOptions(jobs=jobs, force=("image/*",)))
         assert again.exit_code == 0 and again.executed
     assert not collect(Store(cache), 0).busy
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
 def test_a_store_that_lost_its_version_is_a_store_still(tmp_path, cache):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     for said in (None, b"", b"\0" * 27, b"1\n"):
         (cache / "VERSION").unlink()
         if said is not None:
             (cache / "VERSION").write_bytes(said)
-        assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+        assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
         assert (cache / "VERSION").read_bytes() == VERSION
 
 

@@ -12,6 +12,7 @@ import pytest
 from engine import toy
 
 from pipeline.engine.engines import Processes
+from pipeline.engine.options import ALONE, BuildOptions, Caller
 from pipeline.engine.run import run
 from pipeline.engine.session import build, plan_of
 from pipeline.engine.store import Store
@@ -22,14 +23,14 @@ def test_a_killed_worker_costs_only_its_task(tmp_path, store):
         ("killed", "killed", {"folder": str(tmp_path), "times": 1}),
         *((f"slow/{n}", "slow", {"folder": str(tmp_path), "name": str(n), "seconds": 0.1}) for n in range(4)),
     )
-    outcome = run(graph, store, jobs=2)
+    outcome = run(graph, store, BuildOptions(jobs=2))
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert len(list(tmp_path.glob("ran-*"))) == 4
 
 
 def test_a_task_that_keeps_killing_its_worker_is_given_up(tmp_path, store):
     graph = toy.graph_of(("killed", "killed", {"folder": str(tmp_path), "times": 9}), ("lens", "lens", {"power": 1.0}))
-    outcome = run(graph, store, jobs=2, keep_going=True)
+    outcome = run(graph, store, BuildOptions(jobs=2, keep_going=True))
     failed = outcome.results["killed"]
     assert failed.state == "failed" and "SIGKILL" in failed.error
     assert len(list(tmp_path.glob("death*"))) == 3
@@ -40,7 +41,7 @@ def test_a_task_that_keeps_killing_its_worker_is_given_up(tmp_path, store):
 def test_a_task_that_asks_for_more_memory_than_it_may_take_fails_and_says_what_allows_it(store, most_bytes, state):
     graph = toy.graph_of(("vast", "vast", {"bytes": 2**30}), ("lens", "lens", {"power": 1.0}))
     engine = Processes(store, graph.packages, 2, memory_bytes=most_bytes)
-    results = run(graph, store, engine=engine, keep_going=True).results
+    results = run(graph, store, BuildOptions(keep_going=True), engine=engine).results
     assert (results["vast"].state, results["lens"].state) == (state, "executed")
     if state == "failed":
         assert "MemoryError" in results["vast"].error
@@ -60,7 +61,7 @@ def test_a_signal_while_workers_are_ended_is_only_recorded(tmp_path, store, monk
             os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr(Processes, "close", disturbed)
-    result = build(toy.project(tmp_path / "out"), jobs=2, on_event=stop)
+    result = build(toy.project(tmp_path / "out"), BuildOptions(jobs=2), caller=Caller(on_event=stop))
     assert result.exit_code == 143 and result.delivery is None
     assert '"lens": ' in next((store.root / "history").iterdir()).read_text()
 
@@ -79,7 +80,7 @@ def test_a_signal_while_a_dead_worker_is_forgotten_stops_the_build(tmp_path, sto
 
 
 def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
-    outcome = run(toy.graph_of(("probe", "probe", {})), store, jobs=2)
+    outcome = run(toy.graph_of(("probe", "probe", {})), store, BuildOptions(jobs=2))
     entry = outcome.records["probe"]["outputs"]["probe.json"]
     facts = json.loads(store.blob(entry["sha256"]).read_text())
     imported = {name.split(".")[0] for name in facts["modules"]}
@@ -91,12 +92,13 @@ def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
 def test_a_worker_ends_with_its_driver(tmp_path, cache, kit):
     code = (
         "import sys; sys.path[:0] = sys.argv[3:]\n"
-        "from pathlib import Path\nfrom engine import toy\nfrom pipeline.engine.run import run\n"
+        "from pathlib import Path\nfrom engine import toy\nfrom pipeline.engine.options import BuildOptions\n"
+        "from pipeline.engine.run import run\n"
         "from pipeline.engine.store import Store\nimport os, threading, time\n"
         "task = ('slow', 'slow', {'folder': sys.argv[2], 'name': 'a', 'seconds': 60})\n"
         "def leave():\n    while not list(Path(sys.argv[2]).glob('ran-*')): time.sleep(0.02)\n    os._exit(7)\n"
         "threading.Thread(target=leave).start()\n"
-        "run(toy.graph_of(task), Store(sys.argv[1]), jobs=2)\n"
+        "run(toy.graph_of(task), Store(sys.argv[1]), BuildOptions(jobs=2))\n"
     )
     paths = [str(kit.parent), str(toy.KIT.parents[1])]
     # The worker inherits stderr: reading it to its end waits for the worker too.
@@ -118,7 +120,7 @@ def test_waiting_for_another_builder_is_no_time_of_the_task(tmp_path, store):
     held = threading.Event()
     threading.Thread(target=hold).start()
     held.wait()
-    assert build(project, jobs=2, timeout_s=2.0).exit_code == 0
+    assert build(project, BuildOptions(jobs=2, timeout_s=2.0)).exit_code == 0
 
 
 def test_two_builders_compute_once(tmp_path):
@@ -126,7 +128,7 @@ def test_two_builders_compute_once(tmp_path):
     results = []
 
     def one():
-        results.append(build(toy.bare(toy.graph_of(*tasks), tmp_path / "out"), jobs=2))
+        results.append(build(toy.bare(toy.graph_of(*tasks), tmp_path / "out"), BuildOptions(jobs=2)))
 
     threads = [threading.Thread(target=one) for _ in range(2)]
     for thread in threads:
@@ -140,7 +142,7 @@ def test_two_builders_compute_once(tmp_path):
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_what_a_task_prints_lands_in_its_log(tmp_path, store, jobs, capfd):
-    run(toy.project(tmp_path / "out").graph, store, jobs=jobs)
+    run(toy.project(tmp_path / "out").graph, store, BuildOptions(jobs=jobs))
     assert "rendering" not in capfd.readouterr().out
     logs = [path.read_text() for path in (store.root / "logs").rglob("*.log")]
     assert logs == ["rendering\n"] * 2
@@ -151,8 +153,9 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[2:]
 from engine import toy
+from pipeline.engine.options import BuildOptions
 from pipeline.engine.session import build
-build(toy.project(Path(sys.argv[1]), poses=[[[float(n)]] for n in range(60)]), jobs=2)
+build(toy.project(Path(sys.argv[1]), poses=[[[float(n)]] for n in range(60)]), BuildOptions(jobs=2))
 """
 
 
@@ -164,16 +167,16 @@ def test_a_builder_killed_at_any_time_leaves_nothing_wrong(tmp_path, cache, kit)
         time.sleep(milliseconds / 1000)
         process.kill()
         process.wait()
-    assert build(toy.project(tmp_path / "out", poses=poses), jobs=1).exit_code == 0
-    again = build(toy.project(tmp_path / "out", poses=poses), jobs=1)
+    assert build(toy.project(tmp_path / "out", poses=poses), ALONE).exit_code == 0
+    again = build(toy.project(tmp_path / "out", poses=poses), ALONE)
     assert again.executed == 0
     fresh = Store(tmp_path / "fresh")
-    build(toy.project(tmp_path / "fresh_out", poses=poses), jobs=1, store=fresh)
+    build(toy.project(tmp_path / "fresh_out", poses=poses), ALONE, store=fresh)
     assert toy.contents(tmp_path / "out") == toy.contents(tmp_path / "fresh_out")
     assert not [path for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
     assert len(list((cache / "tmp").iterdir())) <= 1
 
 
 def test_ended_workers_leave_nothing_in_the_store(tmp_path, cache):
-    assert build(toy.project(tmp_path / "out"), jobs=2).exit_code == 0
+    assert build(toy.project(tmp_path / "out"), BuildOptions(jobs=2)).exit_code == 0
     assert not list((cache / "tmp").iterdir())

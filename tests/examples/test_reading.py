@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 import pipeline
 from pipeline.frames import rigid, rotation_vector
 from pipeline.tasks.frame_poses import poses
+from pipeline.tasks.params import PosedFrame
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/reading.md").read_text(encoding="utf-8")
@@ -173,5 +174,5 @@ def test_poses_of_the_world_lead_to_both_centres(built: Path) -> None:
 
 def test_a_camera_without_a_pinhole_has_poses_to_its_stop_alone() -> None:
     still = np.eye(4).tolist()
-    content = poses("Left", {"number": 1, "camera_from_world": still, "targets": {"Board": still}}, None)
+    content = poses("Left", PosedFrame(number=1, camera_from_world=still, targets={"Board": still}), None)
     assert content["pinhole"] is None and content["targets"]["Board"] == {"camera_from_target": still, "pinhole": None}

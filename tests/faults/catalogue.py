@@ -33,6 +33,7 @@ from faults.workbench import Row, Workbench, entries
 from pipeline.engine import manifest
 from pipeline.engine.care import check, collect
 from pipeline.engine.code import UnknownKind, check_kind
+from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
 from pipeline.files.damaged import DamagedFile
@@ -238,7 +239,7 @@ def _build_above(bench: Workbench, place: Path) -> int:
     warnings: list[str] = []
     codes = []
     for _ in range(2):
-        result = build(bench.at(place), store=Store(place / "store", warn=warnings.append), jobs=1)
+        result = build(bench.at(place), ALONE, store=Store(place / "store", warn=warnings.append))
         codes.append((result.exit_code, result.executed > 0))
     return int(codes != [(0, True), (0, False)] or len(warnings) != 2)
 
@@ -455,7 +456,7 @@ def _forsaken(bench: Workbench) -> Path:
 def determinism(bench: Workbench) -> Row:
     row = Row("R20", "every task computed twice: other bytes")
     place = bench.new_place()
-    result = build(bench.at(place), store=Store(place / "store"), jobs=2, check_percent=100)
+    result = build(bench.at(place), BuildOptions(jobs=2, check_percent=100), store=Store(place / "store"))
     row.tried = len(result.checked)
     row.wrong = len(result.different) + (result.exit_code != 0)
     bench.judge(row, place)

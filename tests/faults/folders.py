@@ -12,6 +12,7 @@ from pathlib import Path
 from faults.doctored import ENTRIES, LIES, MANIFESTS, ODDITIES, STAGES, damaged_files, odd_files, signed
 from faults.workbench import STAGE, Row, Workbench
 
+from pipeline.engine.options import ALONE
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
 from pipeline.errors import PipelineError
@@ -116,5 +117,5 @@ def _plenoptic(bench: Workbench) -> Path:
     place = bench.new_place()
     stage = STAGE.parents[1] / "tiny_plenoptic/dataset.usda"
     project = project_of_untrusted(stage, place / "out", ())
-    build(project, store=Store(place / "store"), jobs=1)
+    build(project, ALONE, store=Store(place / "store"))
     return place / "out"

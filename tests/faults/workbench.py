@@ -14,6 +14,8 @@ from engine import toy
 from faults.shim import Shim, in_fork
 
 from pipeline.engine.care import check
+from pipeline.engine.events import silent
+from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.project import Project
 from pipeline.engine.session import build
 from pipeline.engine.store import Store
@@ -71,8 +73,8 @@ class Workbench:
 
     def build(self, place: Path, *, jobs: int = 1, on_event=None, out: str = "out"):
         """Build into `out` with the store `store`, both below a place."""
-        options = {"on_event": on_event} if on_event else {}
-        return build(self.at(place, out), store=Store(place / "store"), jobs=jobs, **options)
+        caller = Caller(on_event=on_event or silent)
+        return build(self.at(place, out), BuildOptions(jobs=jobs), store=Store(place / "store"), caller=caller)
 
     def build_in_fork(self, place: Path, act=None, meanwhile=None, out: str = "out", said: Path | None = None) -> int:
         """The same in a fork, with a fault at a step, or one that `meanwhile` arms; gives its exit code.

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
+from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
 from pipeline.camera.focus import focused
 from pipeline.files.jsonfile import write_json
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records import to_plain
 from pipeline.tasks import micro_images, rays, rays_tile
 from pipeline.tasks.cameras import FOCUSED
+from pipeline.tasks.params import Light
 from pipeline.tasks.ray_grid import read_grid
 from pipeline.truth.grid import RayGrid
 
@@ -119,18 +120,19 @@ def ray_grid(
 ) -> RayGrid:
     """Position images of a camera, made by the tasks of a build and read back from their files."""
     sensor = camera.sensor
-    sampling = {"supersampling": supersampling, "samples": samples, "seed": seed}
+    sampling = Sampling(supersampling=supersampling, samples=samples, seed=seed)
     for name in ("camera", "tile", "rays", "table"):
         (folder / name).mkdir(parents=True)
     write_json(folder / "camera" / FOCUSED, to_plain(camera))
     inputs = {"camera": {FOCUSED: folder / "camera" / FOCUSED}}
-    square = {"square_px": 1 / supersampling if footprint == "pixel" else 0.0}
-    rays_tile.run({"first_row": 0, "end_row": sensor.height_px, **sampling, **square}, inputs, folder / "tile")
+    square_px = 1 / supersampling if footprint == "pixel" else 0.0
+    whole = rays_tile.Params(first_row=0, end_row=sensor.height_px, sampling=sampling, square_px=square_px)
+    rays_tile.run(whole, inputs, folder / "tile")
     inputs["tile0"] = {f"{name}.npy": folder / "tile" / f"{name}.npy" for name in ("bundles", "cells", "covariance")}
-    light = {"weight": "irradiance", "footprint": footprint, "wavelength_nm": 587.56}
-    rays.run({"tiles": 1, **sampling, **light}, inputs, folder / "rays")
+    light = Light(weight="irradiance", footprint=footprint, wavelength_nm=587.56)
+    rays.run(rays.Params(tiles=1, sampling=sampling, light=light), inputs, folder / "rays")
     inputs["rays"] = {"rays.exr": folder / "rays" / "rays.exr"}
     if camera.microlenses:
-        micro_images.run({"tiles": 0}, inputs, folder / "table")
+        micro_images.run(micro_images.Params(tiles=0), inputs, folder / "table")
         inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
     return read_grid(inputs)

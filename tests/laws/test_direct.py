@@ -14,7 +14,7 @@ from laws.test_truth import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, RULE_OF_BIAS
 
-from pipeline.camera.camera import Camera, Sensor
+from pipeline.camera.camera import Camera, Sampling, Sensor
 from pipeline.camera.integrals import NODES, integrals
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.moments import COVARIANCE, VARIANCE, WEIGHT
@@ -197,10 +197,10 @@ def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg
     assert len(direct.found.point) == 6 and direct.counts["inaccurate"] == 0
     grid = rigs.ray_grid(tmp_path_factory.mktemp("rays"), camera, 1, 256, seed)
     flat = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, pose)
-    params = {"supersampling": 1, "samples": 256, "seed": seed, "square_px": 0.0}
+    sampling = Sampling(supersampling=1, samples=256, seed=seed)
     images = {
         "moments": corrected(flat, grid, pose),
-        "image": position_image(Tracer(camera, seed), None, pose, params).astype(float),
+        "image": position_image(Rig(Tracer(camera, seed), None), pose, sampling).astype(float),
     }
     for method, image in images.items():
         rows = correspond(image, board.points_mm(), grid, pose, TruthSettings(method=method, filter="none"))

@@ -11,6 +11,7 @@ from laws.test_direct import rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
 from pipeline.camera import squares
+from pipeline.camera.camera import Sampling
 from pipeline.camera.integrals import integrals
 from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
 from pipeline.camera.tracer import Tracer, target_plane
@@ -58,13 +59,12 @@ def test_the_shift_falls_with_the_square_of_the_edge(point: Rig) -> None:
 
 def test_all_methods_find_the_same_rows(pixel: Rig, direct: Correspondences, tmp_path) -> None:
     """Rows from position images of squares, the target's own and two planes', agree with those solved directly."""
-    camera, tracer = pixel.tracer.camera, pixel.tracer
-    grid = rigs.ray_grid(tmp_path, camera, 1, 1024, footprint="pixel")
+    grid = rigs.ray_grid(tmp_path, pixel.tracer.camera, 1, 1024, footprint="pixel")
     flat = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, POSE)
-    params = {"supersampling": 1, "samples": 1024, "seed": 1, "square_px": 1.0}
+    sampling = Sampling(supersampling=1, samples=1024, seed=1)
     images = {
         "two-plane": flat,
-        "image": position_image(tracer, pixel.images, POSE, params).astype(float),
+        "image": position_image(pixel, POSE, sampling).astype(float),
         "moments": corrected(flat, grid, POSE),
     }
     settings = TruthSettings(method="moments", filter="none")

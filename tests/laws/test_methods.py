@@ -12,6 +12,7 @@ from laws.random_scenes import random_camera, random_pose, random_target
 from scipy import stats
 from tolerances import ONCE_IN_A_MILLION
 
+from pipeline.camera.camera import Sampling
 from pipeline.camera.integrals import integrals
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.moments import COVARIANCE, WEIGHT
@@ -74,9 +75,9 @@ class Scene:
         return found
 
     def _traced(self, target_from_plane: np.ndarray) -> np.ndarray:
-        params = {"supersampling": K, "samples": self.samples, "seed": self.seed, "square_px": 0.0}
+        sampling = Sampling(supersampling=K, samples=self.samples, seed=self.seed)
         pose = self.pose @ target_from_plane
-        return position_image(self.rig.tracer, self.rig.images, pose, params).astype(np.float64)
+        return position_image(self.rig, pose, sampling).astype(np.float64)
 
     def apart(self, rows: Correspondences) -> tuple[np.ndarray, np.ndarray]:
         """Differences from `direct` (n, 2) [px] of the rows that it knows, and which those are."""

@@ -8,6 +8,7 @@ import pytest
 from engine import toy
 
 from pipeline.engine.explain import describe
+from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.project import tasks_of
 from pipeline.engine.session import build, plan_of
 from pipeline.errors import UsageError
@@ -15,8 +16,8 @@ from pipeline.errors import UsageError
 EDITED = [toy.POSES[0], [[3.0, 0.0], [0.0, 1.0]]]
 
 
-def states(project, **arguments):
-    return {task.name: task.state for task in plan_of(project, **arguments)}
+def states(project, **options):
+    return {task.name: task.state for task in plan_of(project, BuildOptions(**options))}
 
 
 def reasons(project, name):
@@ -25,17 +26,17 @@ def reasons(project, name):
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_second_build_runs_nothing_and_rewrites_nothing(tmp_path, jobs):
-    assert build(toy.project(tmp_path / "out"), jobs=jobs).executed == 5
+    assert build(toy.project(tmp_path / "out"), BuildOptions(jobs=jobs)).executed == 5
     before = toy.snapshot(tmp_path / "out")
-    again = build(toy.project(tmp_path / "out"), jobs=jobs)
+    again = build(toy.project(tmp_path / "out"), BuildOptions(jobs=jobs))
     assert (again.executed, again.cached) == (0, 5)
     assert toy.snapshot(tmp_path / "out") == before
 
 
 def test_an_edited_pose_reruns_its_frame_and_the_report_only(tmp_path):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     before = toy.snapshot(tmp_path / "out")
-    again = build(toy.project(tmp_path / "out", poses=EDITED), jobs=1)
+    again = build(toy.project(tmp_path / "out", poses=EDITED), ALONE)
     assert toy.executed(again) == {"image/cam/0001", "report"}
     after = toy.snapshot(tmp_path / "out")
     changed = {name for name in after if after[name] != before[name]}
@@ -43,35 +44,38 @@ def test_an_edited_pose_reruns_its_frame_and_the_report_only(tmp_path):
 
 
 def test_undoing_an_edit_runs_nothing(tmp_path):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     first = toy.contents(tmp_path / "out")
-    build(toy.project(tmp_path / "out", poses=EDITED), jobs=1)
-    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 0
+    build(toy.project(tmp_path / "out", poses=EDITED), ALONE)
+    assert build(toy.project(tmp_path / "out"), ALONE).executed == 0
     assert toy.contents(tmp_path / "out") == first
 
 
 def test_equal_bytes_stop_a_rerun_early(tmp_path):
-    build(toy.project(tmp_path / "out", power=4.0), jobs=1)
+    build(toy.project(tmp_path / "out", power=4.0), ALONE)
     edited = toy.project(tmp_path / "out", power=4.1)
     planned = states(edited)
     assert planned.pop("lens") == "run"
     assert set(planned.values()) == {"maybe"}
-    assert toy.executed(build(edited, jobs=1)) == {"lens"}
+    assert toy.executed(build(edited, ALONE)) == {"lens"}
 
 
 def test_edited_code_reruns_its_kind_and_a_comment_nothing(tmp_path, kit):
-    build(toy.project(tmp_path / "out"), jobs=2)
+    build(toy.project(tmp_path / "out"), BuildOptions(jobs=2))
     image = kit / "tasks" / "image.py"
     image.write_text("# A comment.\n" + image.read_text())
-    assert build(toy.project(tmp_path / "out"), jobs=2).executed == 0
+    assert build(toy.project(tmp_path / "out"), BuildOptions(jobs=2)).executed == 0
     image.write_text(image.read_text().replace("VERSION = 1", "VERSION = 2"))
     assert reasons(toy.project(tmp_path / "out"), "image/cam/0000") == ["code changed", "version: 1 -> 2"]
     # The bytes are the same ones, so the report has nothing to do.
-    assert toy.executed(build(toy.project(tmp_path / "out"), jobs=2)) == {"image/cam/0000", "image/cam/0001"}
+    assert toy.executed(build(toy.project(tmp_path / "out"), BuildOptions(jobs=2))) == {
+        "image/cam/0000",
+        "image/cam/0001",
+    }
 
 
 def test_the_plan_names_the_parameter_with_old_and_new_value(tmp_path):
-    build(toy.project(tmp_path / "out"), jobs=1)
+    build(toy.project(tmp_path / "out"), ALONE)
     edited = toy.project(tmp_path / "out", poses=EDITED)
     assert reasons(edited, "image/cam/0001") == ["params.pose[0][0]: 2.0 -> 3.0"]
     assert reasons(edited, "report") == ["image/cam/0001 must run first"]
@@ -81,7 +85,7 @@ def test_the_plan_names_the_parameter_with_old_and_new_value(tmp_path):
 def test_the_plan_says_new_forced_and_missing(tmp_path, cache):
     project = toy.project(tmp_path / "out")
     assert reasons(project, "lens") == ["never built"]
-    build(project, jobs=1)
+    build(project, ALONE)
     assert states(project, force=["lens"])["lens"] == "run"
     for blob in (cache / "cas").rglob("*"):
         if blob.is_file() and blob.read_bytes().startswith(b"far"):
@@ -91,7 +95,7 @@ def test_the_plan_says_new_forced_and_missing(tmp_path, cache):
 
 def test_a_long_plan_is_grouped(tmp_path):
     poses = [[[float(n), 0.0], [0.0, 1.0]] for n in range(40)]
-    build(toy.project(tmp_path / "out", poses=poses), jobs=1)
+    build(toy.project(tmp_path / "out", poses=poses), ALONE)
     moved = [[[n + 0.5, 0.0], [0.0, 1.0]] for n in range(40)]
     lines = list(describe(plan_of(toy.project(tmp_path / "out", poses=moved))))
     assert lines[0] == "42 tasks: 2 cached, 40 to run, 1 maybe".replace("42", "43")
@@ -100,10 +104,10 @@ def test_a_long_plan_is_grouped(tmp_path):
 
 
 def test_until_runs_a_part_and_leaves_the_folder_alone(tmp_path):
-    result = build(toy.project(tmp_path / "out"), jobs=1, until=["cameras/cam/near.bin"])
+    result = build(toy.project(tmp_path / "out"), BuildOptions(jobs=1, until=("cameras/cam/near.bin",)))
     assert toy.executed(result) == {"lens", "rays/cam"}
     assert result.delivery is None and not (tmp_path / "out").exists()
-    assert build(toy.project(tmp_path / "out"), jobs=1).executed == 3
+    assert build(toy.project(tmp_path / "out"), ALONE).executed == 3
 
 
 def test_a_target_is_a_task_a_pattern_or_a_file(tmp_path):
@@ -121,8 +125,9 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from engine import toy
+from pipeline.engine.options import BuildOptions
 from pipeline.engine.session import build
-result = build(toy.project(Path(sys.argv[1]) / "out"), jobs=int(sys.argv[2]))
+result = build(toy.project(Path(sys.argv[1]) / "out"), BuildOptions(jobs=int(sys.argv[2])))
 sys.exit(result.exit_code)
 """
 

@@ -188,7 +188,7 @@ def test_nothing_is_told_that_does_not_give_the_old_value(desk):
             task for task in with_edits(tasks, now, sources, desk.stage) if task.name == "image/Rig.Camera/0001"
         )
         assert len(image.edits) == named
-        assert ("params.targets[0]" in str(list(describe_task(image)))) != bool(named)
+        assert ("params.view.targets[0]" in str(list(describe_task(image)))) != bool(named)
 
 
 def test_more_edits_than_are_tried_one_by_one_are_told_as_many(desk):
