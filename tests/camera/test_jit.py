@@ -333,8 +333,10 @@ def test_a_graph_compiles_what_its_tasks_call():
 
 
 def test_tilted_microlenses_and_bent_targets_have_steps_of_their_own():
-    focus = task("focus", {"request": {"microlenses": {"model": "thin", "tilt_x_deg": 0.0, "tilt_y_deg": 1.0}}})
-    image = task("image", {"targets": [{"target": {"kind": "mesh"}}]})
+    focus = task(
+        "focus", {"camera": None, "request": {"microlenses": {"model": "thin", "tilt_x_deg": 0.0, "tilt_y_deg": 1.0}}}
+    )
+    image = task("image", {"view": {"targets": [{"target": {"kind": "mesh"}}]}})
     assert steps_of([focus]) == ("lens", "microlenses")
     assert steps_of([image, focus]) == ("lens", "microlenses", "images", "shapes")
 
