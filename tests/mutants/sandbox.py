@@ -49,6 +49,7 @@ PLAIN = (
     *("laws/test_own_bundle.py", "laws/test_measure.py", "laws/test_ideal_lens.py", "laws/test_microlenses.py"),
 )
 """Tests that may be short enough for kernels in plain Python."""
+_NO_LAWS = ("test_jit.py", "test_golden.py", "test_mutations.py")
 LIMIT_S = 900
 """A mistake whose tests take so long is not judged: the machine may be busy."""
 TOO_LATE = "time:"
@@ -157,18 +158,27 @@ class Sandbox:
         return self.reaching(site)[: self.nearest]
 
     def reaching(self, site: Site) -> list[str]:
-        """Test files of the room that name the function, then those that reach the module through fewest imports."""
+        """Test files that name the function, then those that reach the module through fewest imports.
+
+        They are those of the room; where none of these reaches the module, any that do, but golden files.
+        """
         away = self.imports.distances(site.module)
         places = [self.tree / "tests" / name for name in ROOMS[site.file.parts[1]]]
         files = [file for place in places for file in (sorted(place.rglob("test_*.py")) if place.is_dir() else [place])]
-        names = [str(file.relative_to(self.tree)) for file in files if file.name != "test_jit.py"]
-        reached = [name for name in names if module_of(name) in away]
+        anywhere = sorted((self.tree / "tests").rglob("test_*.py"))
+        reached = self._reached(files, away) or self._reached(anywhere, away)
         named = re.compile("|".join(rf"\b{name}\b" for name in site.functions) or "(?!)")
         silent = {name: not named.search((self.tree / name).read_text(encoding="utf-8")) for name in reached}
         return sorted(reached, key=lambda name: (silent[name], away[module_of(name)]))
 
+    def _reached(self, files: list[Path], away: dict[str, int]) -> list[str]:
+        names = [str(file.relative_to(self.tree)) for file in files if file.name not in _NO_LAWS]
+        return [name for name in names if module_of(name) in away]
+
     def tests(self, files: list[str], kernels: Path) -> str:
-        """The first test that fails, or the reason why tests could not run; empty where all pass."""
+        """The first test that fails, or the reason why tests could not run; empty where all pass, or there are none."""
+        if not files:  # pytest would run all that there are
+            return ""
         found = self._pytest(["-x", *files], {"PIPELINE_JIT_CACHE": str(kernels)})
         if found is None:
             return f"{TOO_LATE} {LIMIT_S} s"

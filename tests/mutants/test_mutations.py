@@ -134,6 +134,20 @@ def test_tests_that_name_the_function_come_first(toy: Sandbox, tmp_path: Path) -
     assert chosen == [f"tests/optics/test_{name}.py" for name in ("toy", "named", "aside")]
 
 
+def test_a_module_that_no_test_of_its_room_reaches_is_judged_by_any_that_do(toy: Sandbox, tmp_path: Path) -> None:
+    """Or by none: pytest without a file would run the tests of all rooms."""
+    sites = draw(["optics"], 99, 1, tmp_path / "toy")
+    site = next(site for site in sites if site.mutant.place[2] == "return (x * 2) if x < 9 else 0")
+    (toy.tree / "tests/files").mkdir()
+    (toy.tree / "tests/optics/test_toy.py").rename(toy.tree / "tests/files/test_toy.py")
+    toy.imports = Imports(toy.tree)
+    assert toy.chosen(site) == ["tests/files/test_toy.py"]
+    assert toy.judge(site).noticed_by == "files/test_toy.py::test_it"
+    (toy.tree / "tests/files/test_toy.py").write_text("def test_of_something_else():\n    assert False\n")
+    toy.imports = Imports(toy.tree)
+    assert toy.chosen(site) == [] and toy.judge(site).noticed_by == ""
+
+
 @pytest.fixture
 def toy(tmp_path: Path) -> Sandbox:
     """A program of one function with a test that calls it with one value."""
