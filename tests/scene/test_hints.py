@@ -125,3 +125,21 @@ def test_a_misspelt_value_is_not_reported_as_missing_too(tmp_path):
     size = "uniform double plen:squaresize = 1"
     found = problems(tmp_path, f'    def PlenCheckerboard "Board"\n    {{\n        {size}\n    }}\n')
     assert [one.code for one in found if "squaresize" in one.message.lower()] == ["unknown-property"]
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("mine", "it is a folder, in which there is dataset.usda"),
+        ("empty", "it is a folder without a stage"),
+        ("mine/lens.ZMX", "`pipeline import lens lens.ZMX` makes a stage of a lens file"),
+        ("mine/board.png", "stages are files of USD: .usd, .usda, .usdc, .usdz"),
+    ],
+)
+def test_what_is_no_stage_is_told_what_to_give_in_its_place(tmp_path, name, hint):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "mine").mkdir()
+    for file in ("dataset.usda", "lens.ZMX", "board.png"):
+        (tmp_path / "mine" / file).write_text("nothing of USD\n")
+    [problem] = load(tmp_path / name).problems
+    assert problem.hint == hint
