@@ -7,6 +7,8 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,19 +116,26 @@ class Sandbox:
 
     def judge(self, site: Site) -> Verdict:
         """Make a mistake, run the tests of its room, and take it back; one in a kernel first meets plain Python."""
-        path, start = self.tree / site.file, time.monotonic()
+        start = time.monotonic()
+        noticed_by = self.refuted_in_plain_python(site) if site.mutant.in_kernel else ""
+        if not noticed_by:
+            with self._made(site):
+                kernels = self._kernels_without(site) if site.mutant.in_kernel else self.kernels
+                noticed_by = self.tests(self.chosen(site), kernels)
+        self._must_pass(noticed_by)
+        return Verdict(site, noticed_by, time.monotonic() - start)
+
+    @contextmanager
+    def _made(self, site: Site) -> Iterator[None]:
+        """The tree with a mistake."""
+        path = self.tree / site.file
         original, stat = path.read_bytes(), path.stat()
         path.write_text(site.mutant.source, encoding="utf-8")
         try:
-            noticed_by = self.refuted_in_plain_python(site) if site.mutant.in_kernel else ""
-            if not noticed_by:
-                kernels = self._kernels_without(site) if site.mutant.in_kernel else self.kernels
-                noticed_by = self.tests(self.chosen(site), kernels)
+            yield
         finally:
             path.write_bytes(original)
             os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-        self._must_pass(noticed_by)
-        return Verdict(site, noticed_by, time.monotonic() - start)
 
     def refuted_in_plain_python(self, site: Site) -> str:
         """The test whose assertion fails in plain Python, and does not without the mistake; empty where none does.
@@ -134,7 +143,8 @@ class Sandbox:
         Where all pass, or raise other errors, or take long, compiled kernels have the last word.
         """
         short = [name for name in self.reaching(site) if any(f"{name}/".startswith(f"tests/{one}/") for one in PLAIN)]
-        test = self.refuted_by(short[: self.nearest])
+        with self._made(site):
+            test = self.refuted_by(short[: self.nearest])
         return f"{test}{IN_PLAIN_PYTHON}" if test and not self.refuted_by([f"tests/{test}"]) else ""
 
     def refuted_by(self, tests: list[str]) -> str:
