@@ -320,7 +320,7 @@ def _exit_code() -> int:
     try:
         require_room()
         # Not standalone: errors come here, and an Exit gives its code.
-        code = int(app(standalone_mode=False) or 0)
+        code = int(app(prog_name="pipeline", standalone_mode=False) or 0)
         written()
         return code
     except ReaderGone:

@@ -1,6 +1,5 @@
 """The graph of tasks. The only module that knows networkx."""
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -8,10 +7,11 @@ from typing import Any
 
 import networkx as nx
 
+from pipeline.engine import near
 from pipeline.engine.code import check_kind
 from pipeline.engine.digest import canonical
+from pipeline.engine.near import unpadded
 from pipeline.errors import UsageError
-from pipeline.spelling import nearest
 
 TASKS = ("pipeline.tasks",)
 
@@ -146,19 +146,5 @@ class TaskGraph:
         if not found:
             found = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
         if not found:
-            near = nearest(pattern, {*self, *_beginnings(self)})
-            hint = f"did you mean {near!r}?" if near else "`pipeline status` lists the tasks"
-            raise UsageError(f"no task is named {pattern!r}", hint=hint)
+            raise UsageError(f"no task is named {pattern!r}", hint=near.hint(pattern, self, ()))
         return found
-
-
-def unpadded(name: str) -> str:
-    """A name or path without the zeros before its numbers, so that `truth/2` and `truth/0002` are the same."""
-    return re.sub(r"(?<![^/])0+(?=\d+(/|$))", "", name)
-
-
-def _beginnings(names: Iterable[str]) -> Iterator[str]:
-    """Beginnings of names of tasks, up to a slash."""
-    for name in names:
-        while name := name.rpartition("/")[0]:
-            yield name

@@ -6,11 +6,12 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from pipeline.engine import near
 from pipeline.engine.deliver import Source
-from pipeline.engine.graph import TASKS, TaskGraph, unpadded
+from pipeline.engine.graph import TASKS, TaskGraph
+from pipeline.engine.near import unpadded
 from pipeline.engine.options import BuildOptions
 from pipeline.errors import UsageError
-from pipeline.spelling import nearest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,10 +137,10 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
     if not files:
         try:
             tasks = project.graph.select(target)
-        except UsageError as error:
+        except UsageError:
             files = [name for name in project.files if fnmatchcase(name, path)]
             if not files:
-                raise _nothing_meant(project, target, path, error) from None
+                raise _nothing_meant(project, target, path) from None
         else:
             wanted = set(tasks)
             return [name for name in project.files if _maker(project, name) in wanted], tasks
@@ -160,16 +161,9 @@ def _maker(project: Project, file: str) -> str | None:
     return None if isinstance(source, bytes) else source[0]
 
 
-def _nothing_meant(project: Project, target: str, path: str, error: UsageError) -> UsageError:
+def _nothing_meant(project: Project, target: str, path: str) -> UsageError:
     if Path(target).is_file():
         hint = "another output folder is named by -o"
         return UsageError(f"no task makes {target} in the output folder {project.out}", hint=hint)
-    split = [name.split("/") for name in project.graph]
-    named = [parts[: parts.index(target) + 1] for parts in split if target in parts]
-    folders = {parent.as_posix() for name in project.files for parent in Path(name).parents} - {"."}
-    if named:
-        first = sorted({"/".join(parts) for parts in named})
-        return UsageError(error.what, hint=f"there are {', '.join(first[:6])}{' …' if len(first) > 6 else ''}")
-    if near := nearest(path, {*project.files, *folders, *project.graph}):
-        return UsageError(f"neither a task nor a file is named {target!r}", hint=f"did you mean {near!r}?")
-    return error
+    hint = near.hint(path, project.graph, project.files)
+    return UsageError(f"neither a task nor a file is named {target!r}", hint=hint)

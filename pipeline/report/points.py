@@ -63,6 +63,6 @@ def _blank(cameras: dict[str, dict[str, Any]], numbers: list[int]) -> list[str]:
     for camera, found in sorted(cameras.items()):
         blank = [row["frame"] for row in found["frames"] if not row["rows"]]
         if blank:
-            which = "all frames" if len(blank) == len(numbers) else frames_in_words(blank)
+            which = "any frame" if len(blank) == len(numbers) else frames_in_words(blank)
             text.append(f"warning: {camera} sees no point in {which}: `pipeline check` says why")
     return text

@@ -18,6 +18,7 @@ from pipeline.scene.check_glass import check_glass
 from pipeline.scene.check_groups import check_groups, check_place
 from pipeline.scene.check_layers import check_layers
 from pipeline.scene.check_lens import check_lens, check_nominal
+from pipeline.scene.check_merged import check_merged
 from pipeline.scene.check_microlenses import check_microlenses
 from pipeline.scene.check_poses import check_poses
 from pipeline.scene.check_prims import all_prims, check_dangling, check_prim
@@ -75,5 +76,7 @@ def _is_camera(prim: Usd.Prim) -> bool:
 
 
 def _check_whole(prim: Usd.Prim) -> list[Problem]:
+    if merged := list(check_merged(prim)):
+        return merged  # all else follows from it
     found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
     return found + (list(check_camera(prim)) if _is_camera(prim) else [])

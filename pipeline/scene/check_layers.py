@@ -65,12 +65,21 @@ def _check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
 def _check_alike(stage: Usd.Stage) -> Iterator[Problem]:
     root, *others = used_layers(stage)
     for key, fallback, why in _ALIKE:
-        wanted = _info(root, key, fallback)
-        for layer in others:
-            value = _info(layer, key, fallback)
+        wanted, values = _info(root, key, fallback), [_info(layer, key, fallback) for layer in others]
+        if len(others) > 1 and len(set(values)) == 1 and values[0] != wanted:
+            yield _alone(root, key, f"{wanted} here and {values[0]} in all {len(others)} layers that it uses", why)
+            continue
+        for layer, value in zip(others, values, strict=True):
             if value != wanted:
                 message = f"{key} is {value} here and {wanted} in {shown_path(root.realPath)}"
                 yield Problem(code="layer-" + key, message=message, file=shown_path(layer.realPath), line=1, hint=why)
+
+
+def _alone(root: Sdf.Layer, key: str, differs: str, why: str) -> Problem:
+    """The root says otherwise than all other layers do: it is told there, once."""
+    file, line = shown_path(root.realPath), line_of_metadata(root.realPath, key)
+    hint = f"{why}: say what they say, and write what follows in it"
+    return Problem(code="layer-" + key, message=f"{key} is {differs}", file=file, line=line, hint=hint)
 
 
 def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:

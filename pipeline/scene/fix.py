@@ -11,8 +11,8 @@ from pxr import Sdf, Tf, Usd
 
 from pipeline.errors import UsageError
 from pipeline.scene.check_prims import all_prims
-from pipeline.scene.flatten import write_out_instances
 from pipeline.scene.for_viewers import fallback_types, pinhole, view_of
+from pipeline.scene.instances import write_out_instances
 from pipeline.scene.lines import text_map
 from pipeline.scene.opening import open_stage
 from pipeline.scene.places import place

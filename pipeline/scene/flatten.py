@@ -13,7 +13,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
 
     It names no other file and no folder of the machine: references are composed in, and asset values, whose paths
     flattening would make absolute, do not pass the checks. Instances have been
-    written out (`write_out_instances`): flattening would leave their prototypes beside the root.
+    written out (`instances`): flattening would leave their prototypes beside the root.
     """
     # Flattening warns on stderr of metadata that it does not know and leaves out.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
@@ -28,11 +28,3 @@ def text_for_viewers(
     """Text of a flattened stage, completed by what viewers need to show it, see `for_viewers`."""
     show_in_viewers(layer, cameras, targets, kept)
     return layer.ExportToString().rstrip("\n") + "\n"
-
-
-def write_out_instances(stage: Usd.Stage) -> None:
-    """Let every prim stand for itself, by the session layer, which is no file."""
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
-        while instances := [prim for prim in stage.TraverseAll() if prim.IsInstance()]:
-            for prim in instances:
-                prim.SetInstanceable(False)

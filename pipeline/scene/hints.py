@@ -10,6 +10,10 @@ from pipeline.spelling import nearest
 _DUPLICATE = re.compile(r"Duplicate items exist for field '\w+' at '[^']*\.([^']+)'(.*)", re.DOTALL)
 _DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*$")
 _WITH_UNIT = re.compile(r"=\s*[-+]?[\d.]+\s*(?:[a-df-zµ]\w*)\s*$", re.IGNORECASE)
+_STAGES = (".usd", ".usda", ".usdc", ".usdz")
+_LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
+"""Names of files of USD, and of those that `files.lenses` reads."""
+_TOLD = 4
 _ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
 
 
@@ -30,6 +34,25 @@ def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
     if _ONE_LINE.search(text):
         return message, "give each property a line of its own, and the closing brace as well"
     return message, None
+
+
+def of_folder(path: Path) -> str | None:
+    """Stages in the folder that was named in place of one; None if it is no folder."""
+    if not path.is_dir():
+        return None
+    names = sorted(file.name for file in path.iterdir() if file.suffix in _STAGES)
+    return (
+        f"it is a folder, in which there is {', '.join(names[:_TOLD])}" if names else "it is a folder without a stage"
+    )
+
+
+def of_format(path: Path) -> str | None:
+    """A hint for a file that USD does not take for one of its own; None if it has the name of one."""
+    if path.suffix in _STAGES:
+        return None
+    if path.suffix.lower() in _LENSES:
+        return f"`pipeline import lens {path.name}` makes a stage of a lens file"
+    return f"stages are files of USD: {', '.join(_STAGES)}"
 
 
 def _repeated(items: list[str]) -> str:

@@ -20,8 +20,9 @@ from pipeline.scene.check_rays import check_rays
 from pipeline.scene.check_seen import check_seen
 from pipeline.scene.composed import Composed, composed
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
-from pipeline.scene.flatten import flattened, text_for_viewers, write_out_instances
+from pipeline.scene.flatten import flattened, text_for_viewers
 from pipeline.scene.hints import without_followers
+from pipeline.scene.instances import check_instances
 from pipeline.scene.lines import knowing
 from pipeline.scene.opening import changed, open_stage
 from pipeline.scene.prescan import Look
@@ -115,13 +116,15 @@ def _loaded(layers: Look, look: bool) -> Loaded:
     if layers.problems:
         return _refused(layers.problems)
     stage, problems = open_stage(layers.root)
+    ignored = check_instances(stage)
     if new := _changed(stage, layers, problems):
         return _refused(new)
+    if ignored:
+        return _refused(problems + ignored)
     problems = without_followers(problems + check(stage, layers.roots))
     loaded = _refused(problems)
     if loaded.errors:
         return loaded
-    write_out_instances(stage)
     root = find_dataset(stage)
     dataset = read_dataset(root) if root else None
     cameras, targets = read_camera_entries(stage), read_target_entries(stage)

@@ -6,7 +6,7 @@ from pathlib import Path
 from pxr import Pcp, Tf, Usd, UsdUtils
 
 from pipeline.roots import real_path
-from pipeline.scene.hints import of_missing_asset, of_missing_stage, of_syntax
+from pipeline.scene.hints import of_format, of_missing_asset, of_missing_stage, of_syntax
 from pipeline.scene.layer_files import is_plain_file
 from pipeline.scene.lines import line_of, text_map
 from pipeline.scene.problems import Problem, StageError, shown_path
@@ -59,7 +59,7 @@ def problems_of(exception: Tf.ErrorException, path: Path, used: str | None = Non
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
     file = shown_path(path)
     return [
-        Problem(code="usd-open", message=text.replace(str(path), file), file=file, line=1, hint=used)
+        Problem(code="usd-open", message=text.replace(str(path), file), file=file, line=1, hint=used or of_format(path))
         for text in reasons
     ]
 

@@ -16,6 +16,7 @@ from pipeline.confine.process import Guards
 from pipeline.limits import how_to_raise, limits
 from pipeline.scene.asset_roots import file_of, outside
 from pipeline.scene.census import most_prims
+from pipeline.scene.hints import of_folder
 from pipeline.scene.judged_layers import layer_of
 from pipeline.scene.layer_files import LayerFile, is_plain_file, read_layer_file
 from pipeline.scene.lines import TextMap, line_of, text_map
@@ -144,7 +145,8 @@ class Look:
         if problem := outside(str(file.real), self.roots, mention.user, mention.asset):
             yield problem
         elif not file.is_plain:
-            yield mention.problem("file-kind", f"{shown_path(path)} is not a plain file")
+            hint = of_folder(self.root) if file.real == self.root else None
+            yield mention.problem("file-kind", f"{shown_path(path)} is not a plain file", hint)
         elif Sdf.Layer.SplitIdentifier(mention.identifier)[1]:
             message = f"@{mention.asset}@: arguments for the format of a file are not supported yet"
             yield mention.problem("not-yet-supported", message)

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.pdf import write_pdf
 from pipeline.report.artwork import pages_of, pdf_content, svg
@@ -46,12 +47,15 @@ class Artwork:
 
     def write_svg(self, path: Path) -> None:
         """All pages below one another."""
-        path.write_text(svg(pages_of(self._printable(), self.entry.name)), encoding="utf-8")
+        picture = svg(pages_of(self._printable(), self.entry.name))
+        with chosen_place("write", path):
+            path.write_text(picture, encoding="utf-8")
 
     def write_pdf(self, path: Path) -> None:
         """A page per chart."""
         pages = pages_of(self._printable(), self.entry.name)
-        write_pdf(path, [(page.width_mm, page.height_mm, pdf_content(page)) for page in pages])
+        with chosen_place("write", path):
+            write_pdf(path, [(page.width_mm, page.height_mm, pdf_content(page)) for page in pages])
 
     def _printable(self) -> Target:
         if isinstance(self.entry.target, MeshTarget):

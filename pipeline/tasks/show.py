@@ -13,6 +13,7 @@ from pipeline.camera.curves import FieldCurves, field_curves
 from pipeline.camera.focus import middle_focus
 from pipeline.camera.pinhole import pinhole
 from pipeline.camera.report import lens_report
+from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import json_bytes
 from pipeline.optics.first_order import first_order
@@ -75,7 +76,8 @@ class Shown:
         """Write the drawing of the lens."""
         with blamed_on(self.entry.file, self.entry.line, self.entry.prim_path):
             picture = drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}")
-        path.write_text(picture, encoding="utf-8")
+        with chosen_place("write", path):
+            path.write_text(picture, encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -138,8 +140,9 @@ class ShownLens:
         """Write the drawing of the lens."""
         if self.camera is None:
             raise UsageError("a lens without a real image cannot be drawn")
-        camera = drawing.with_full_field(self.camera)
-        path.write_text(drawing.svg(camera, self.entry.lens_name, film="rear focus"), encoding="utf-8")
+        picture = drawing.svg(drawing.with_full_field(self.camera), self.entry.lens_name, film="rear focus")
+        with chosen_place("write", path):
+            path.write_text(picture, encoding="utf-8")
 
 
 def show(

@@ -36,6 +36,7 @@ def graph(
     allow_root: Roots = None,
 ) -> None:
     """Print the graph of tasks, with what is done and what is not; or draw it."""
+    from pipeline.engine.files import chosen_place
     from pipeline.engine.overview import as_dot, as_mermaid, overview
     from pipeline.engine.session import plan_of
     from pipeline.report.graph import svg
@@ -45,7 +46,8 @@ def graph(
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
     if picture is not None:
-        picture.write_text(svg(groups, str(project.head.get("stage"))), encoding="utf-8")
+        with chosen_place("write", picture):
+            picture.write_text(svg(groups, str(project.head.get("stage"))), encoding="utf-8")
         note(f"wrote {picture}")
     elif form is Format.JSON:
         say_json({"groups": [group.to_dict() for group in groups]})

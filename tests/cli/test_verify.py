@@ -175,7 +175,7 @@ def test_a_build_that_sees_nothing_certifies_nothing(tmp_path, monkeypatch, comm
     assert result.points == {"Rig.Camera": {"of": {"Board": 6}, "frames": frames}}
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["points"] == result.to_dict()["points"] == result.points
-    assert point_lines(result.points)[-1].startswith("warning: Rig.Camera sees no point in all frames")
+    assert point_lines(result.points)[-1].startswith("warning: Rig.Camera sees no point in any frame")
     for found in (result.certificate, verify(tmp_path / "out").cameras):
         assert found["Rig.Camera"]["passed"] is None and not failed(found)
         assert lines(found) == [

@@ -96,6 +96,16 @@ def test_arrays_that_cannot_exist_are_refused(wrong: dict[str, object]) -> None:
         counted(**{"layout": "hexagonal", "columns": 9, "rows": 9, **wrong})
 
 
+def test_stated_focal_lengths_of_faces_are_theirs_or_refused() -> None:
+    """A plano-convex microlens has f = R / (n - 1), however thick it is."""
+    faces = {"index": 1.5, "thickness_mm": 0.01, "front_radii_mm": (math.inf,), "rear_radii_mm": (-0.02,)}
+    array = counted("square", 9, 9, model="refractive", **faces)
+    assert array.focal_lengths_mm == pytest.approx((0.04,), rel=1e-12)
+    for wrong in (0.04 * (1 + 1e-6), 0.04 * (1 - 1e-6), -0.04):
+        with pytest.raises(CameraError, match="are not those of the faces"):
+            counted("square", 9, 9, model="refractive", focal_lengths_mm=(wrong,), **faces)
+
+
 @pytest.mark.parametrize(
     ("layout", "stretch", "area"),
     [

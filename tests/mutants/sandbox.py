@@ -7,6 +7,8 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,6 +51,7 @@ PLAIN = (
     *("laws/test_own_bundle.py", "laws/test_measure.py", "laws/test_ideal_lens.py", "laws/test_microlenses.py"),
 )
 """Tests that may be short enough for kernels in plain Python."""
+_NO_LAWS = ("test_jit.py", "test_golden.py", "test_mutations.py")
 LIMIT_S = 900
 """A mistake whose tests take so long is not judged: the machine may be busy."""
 TOO_LATE = "time:"
@@ -113,19 +116,26 @@ class Sandbox:
 
     def judge(self, site: Site) -> Verdict:
         """Make a mistake, run the tests of its room, and take it back; one in a kernel first meets plain Python."""
-        path, start = self.tree / site.file, time.monotonic()
+        start = time.monotonic()
+        noticed_by = self.refuted_in_plain_python(site) if site.mutant.in_kernel else ""
+        if not noticed_by:
+            with self._made(site):
+                kernels = self._kernels_without(site) if site.mutant.in_kernel else self.kernels
+                noticed_by = self.tests(self.chosen(site), kernels)
+        self._must_pass(noticed_by)
+        return Verdict(site, noticed_by, time.monotonic() - start)
+
+    @contextmanager
+    def _made(self, site: Site) -> Iterator[None]:
+        """The tree with a mistake."""
+        path = self.tree / site.file
         original, stat = path.read_bytes(), path.stat()
         path.write_text(site.mutant.source, encoding="utf-8")
         try:
-            noticed_by = self.refuted_in_plain_python(site) if site.mutant.in_kernel else ""
-            if not noticed_by:
-                kernels = self._kernels_without(site) if site.mutant.in_kernel else self.kernels
-                noticed_by = self.tests(self.chosen(site), kernels)
+            yield
         finally:
             path.write_bytes(original)
             os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
-        self._must_pass(noticed_by)
-        return Verdict(site, noticed_by, time.monotonic() - start)
 
     def refuted_in_plain_python(self, site: Site) -> str:
         """The test whose assertion fails in plain Python, and does not without the mistake; empty where none does.
@@ -133,7 +143,8 @@ class Sandbox:
         Where all pass, or raise other errors, or take long, compiled kernels have the last word.
         """
         short = [name for name in self.reaching(site) if any(f"{name}/".startswith(f"tests/{one}/") for one in PLAIN)]
-        test = self.refuted_by(short[: self.nearest])
+        with self._made(site):
+            test = self.refuted_by(short[: self.nearest])
         return f"{test}{IN_PLAIN_PYTHON}" if test and not self.refuted_by([f"tests/{test}"]) else ""
 
     def refuted_by(self, tests: list[str]) -> str:
@@ -157,18 +168,27 @@ class Sandbox:
         return self.reaching(site)[: self.nearest]
 
     def reaching(self, site: Site) -> list[str]:
-        """Test files of the room that name the function, then those that reach the module through fewest imports."""
+        """Test files that name the function, then those that reach the module through fewest imports.
+
+        They are those of the room; where none of these reaches the module, any that do, but golden files.
+        """
         away = self.imports.distances(site.module)
         places = [self.tree / "tests" / name for name in ROOMS[site.file.parts[1]]]
         files = [file for place in places for file in (sorted(place.rglob("test_*.py")) if place.is_dir() else [place])]
-        names = [str(file.relative_to(self.tree)) for file in files if file.name != "test_jit.py"]
-        reached = [name for name in names if module_of(name) in away]
+        anywhere = sorted((self.tree / "tests").rglob("test_*.py"))
+        reached = self._reached(files, away) or self._reached(anywhere, away)
         named = re.compile("|".join(rf"\b{name}\b" for name in site.functions) or "(?!)")
         silent = {name: not named.search((self.tree / name).read_text(encoding="utf-8")) for name in reached}
         return sorted(reached, key=lambda name: (silent[name], away[module_of(name)]))
 
+    def _reached(self, files: list[Path], away: dict[str, int]) -> list[str]:
+        names = [str(file.relative_to(self.tree)) for file in files if file.name not in _NO_LAWS]
+        return [name for name in names if module_of(name) in away]
+
     def tests(self, files: list[str], kernels: Path) -> str:
-        """The first test that fails, or the reason why tests could not run; empty where all pass."""
+        """The first test that fails, or the reason why tests could not run; empty where all pass, or there are none."""
+        if not files:  # pytest would run all that there are
+            return ""
         found = self._pytest(["-x", *files], {"PIPELINE_JIT_CACHE": str(kernels)})
         if found is None:
             return f"{TOO_LATE} {LIMIT_S} s"

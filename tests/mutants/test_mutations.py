@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +135,20 @@ def test_tests_that_name_the_function_come_first(toy: Sandbox, tmp_path: Path) -
     assert chosen == [f"tests/optics/test_{name}.py" for name in ("toy", "named", "aside")]
 
 
+def test_a_module_that_no_test_of_its_room_reaches_is_judged_by_any_that_do(toy: Sandbox, tmp_path: Path) -> None:
+    """Or by none: pytest without a file would run the tests of all rooms."""
+    sites = draw(["optics"], 99, 1, tmp_path / "toy")
+    site = next(site for site in sites if site.mutant.place[2] == "return (x * 2) if x < 9 else 0")
+    (toy.tree / "tests/files").mkdir()
+    (toy.tree / "tests/optics/test_toy.py").rename(toy.tree / "tests/files/test_toy.py")
+    toy.imports = Imports(toy.tree)
+    assert toy.chosen(site) == ["tests/files/test_toy.py"]
+    assert toy.judge(site).noticed_by == "files/test_toy.py::test_it"
+    (toy.tree / "tests/files/test_toy.py").write_text("def test_of_something_else():\n    assert False\n")
+    toy.imports = Imports(toy.tree)
+    assert toy.chosen(site) == [] and toy.judge(site).noticed_by == ""
+
+
 @pytest.fixture
 def toy(tmp_path: Path) -> Sandbox:
     """A program of one function with a test that calls it with one value."""
@@ -178,6 +193,25 @@ def test_a_mistake_is_noticed_or_survives_and_is_taken_back(toy: Sandbox, tmp_pa
     for after, noticed_by in fates.items():
         assert toy.judge(sites[after]).noticed_by == noticed_by
     assert (toy.tree / "pipeline/optics/toy.py").read_text() == (tmp_path / "toy/pipeline/optics/toy.py").read_text()
+
+
+@pytest.mark.parametrize("fails_anyway", [False, True])
+def test_a_verdict_of_plain_python_counts_if_the_test_passes_without_the_mistake(
+    toy: Sandbox, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_anyway: bool
+) -> None:
+    """The second look is at the tree without it; else no verdict of plain Python would ever count."""
+    sites = draw(["optics"], 99, 1, tmp_path / "toy")
+    site = next(site for site in sites if site.mutant.place[2] == "return (x * 2) if x < 9 else 0")
+    site, test = replace(site, mutant=replace(site.mutant, in_kernel=True)), "optics/test_toy.py::test_it"
+    path = toy.tree / "pipeline/optics/toy.py"
+
+    def refuted_by(tests: list[str]) -> str:
+        return test if fails_anyway or "x * 2" in path.read_text() else ""
+
+    monkeypatch.setattr(toy, "refuted_by", refuted_by)
+    assert toy.refuted_in_plain_python(site) == ("" if fails_anyway else f"{test}, in plain Python")
+    assert toy.judge(site).noticed_by == (test if fails_anyway else f"{test}, in plain Python")
+    assert "x * 2" not in path.read_text()
 
 
 KERNELS = """import math

@@ -12,10 +12,12 @@ from laws import rigs
 from naive import slow_microlens, textbook
 from tolerances import ROUNDING_MM, SIGMAS
 
+from pipeline.camera import elements
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.optics.prescription import Prescription
 from pipeline.render.imaging import irradiance
 
 POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
@@ -114,6 +116,23 @@ PLACES = {
     "tilted about y": {"tilt_y_deg": -8.0},
     "tilted": {"tilt_x_deg": 9.0, "tilt_y_deg": -8.0, "rotation_deg": 5.0, "offset_x_mm": 0.03},
 }
+
+
+def test_bundles_of_tilted_arrays_are_bounded_where_their_chief_rays_cross_the_middle_of_the_array() -> None:
+    """The line through a microlens and the point that its bounds are taken from is, behind the stop, a ray through the
+    stop's centre."""
+    camera = camera_with("tilted")
+    tracer = Tracer(camera)
+    bounds = tracer.microlenses.lenses[:, [elements.OUTLINE_X, elements.OUTLINE_Y]]
+    above = tracer.lattice.z_mm
+    far = np.abs(above) > 0.1
+    vertices = np.column_stack([tracer.vertices_mm, tracer.film_z_mm + above])[far]
+    along = np.column_stack([(tracer.vertices_mm - bounds)[far] / above[far, None], np.ones(far.sum())])
+    stop = next(i for i, surface in enumerate(camera.prescription.surfaces) if surface.is_stop)
+    behind = Prescription(surfaces=camera.prescription.surfaces[stop:])
+    crossings, _, _ = textbook.trace(behind, vertices, along)
+    assert far.sum() > 1000
+    assert np.abs(crossings).max() < ROUNDING_MM
 
 
 @pytest.mark.parametrize("place", PLACES)

@@ -1,10 +1,13 @@
 """One mistake gives one message with a way out, and no others that only follow from it."""
 
+from pathlib import Path
+
 import pytest
 
 from pipeline.scene.load import load
 from pipeline.spelling import did_you_mean
 
+TINY = Path(__file__).resolve().parents[1] / "data/tiny_conventional"
 HEAD = """#usda 1.0
 (
     defaultPrim = "Mine"
@@ -125,3 +128,38 @@ def test_a_misspelt_value_is_not_reported_as_missing_too(tmp_path):
     size = "uniform double plen:squaresize = 1"
     found = problems(tmp_path, f'    def PlenCheckerboard "Board"\n    {{\n        {size}\n    }}\n')
     assert [one.code for one in found if "squaresize" in one.message.lower()] == ["unknown-property"]
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("mine", "it is a folder, in which there is dataset.usda"),
+        ("empty", "it is a folder without a stage"),
+        ("mine/lens.ZMX", "`pipeline import lens lens.ZMX` makes a stage of a lens file"),
+        ("mine/board.png", "stages are files of USD: .usd, .usda, .usdc, .usdz"),
+    ],
+)
+def test_what_is_no_stage_is_told_what_to_give_in_its_place(tmp_path, name, hint):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "mine").mkdir()
+    for file in ("dataset.usda", "lens.ZMX", "board.png"):
+        (tmp_path / "mine" / file).write_text("nothing of USD\n")
+    [problem] = load(tmp_path / name).problems
+    assert problem.hint == hint
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "code"),
+    [
+        ("metersPerUnit = 0.001", "metersPerUnit = 1", "layer-metersPerUnit"),
+        ('upAxis = "Y"', 'upAxis = "Z"', "layer-upAxis"),
+        ("timeCodesPerSecond = 24", "timeCodesPerSecond = 25", "layer-timeCodesPerSecond"),
+    ],
+)
+def test_a_stage_with_other_units_than_all_that_it_uses_is_told_once_and_at_its_own_line(tmp_path, right, wrong, code):
+    text, path = (TINY / "dataset.usda").read_text(encoding="utf-8"), tmp_path / "mine.usda"
+    path.write_text(text.replace("@../../../stages/", "@").replace(right, wrong), encoding="utf-8")
+    [problem] = load(path).errors
+    assert problem.code == code and "in all 3 layers that it uses" in problem.message
+    assert path.read_text(encoding="utf-8").splitlines()[problem.line - 1].strip() == wrong
+    assert problem.file.endswith(path.name)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from laws import rigs
+from scipy.interpolate import RegularGridInterpolator
 from tolerances import ROUNDING_MM
 
 from pipeline.frames import apply
@@ -13,6 +14,7 @@ from pipeline.target.checkerboard import Checkerboard
 from pipeline.target.errors import TargetError
 from pipeline.target.lines import Lines
 from pipeline.target.mesh import MeshTarget
+from pipeline.target.preview import preview_faces
 from pipeline.target.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
 from pipeline.target.target import Target
 
@@ -51,6 +53,17 @@ def test_a_warp_is_the_printed_parabola_over_the_whole_sheet() -> None:
     # Curvature of the vertex of a parabola, from its two coefficients.
     (patch,) = target.patches()
     assert patch.place(np.zeros((1, 2)))[2][0] == pytest.approx(2 * 1.5 / 18.0**2, rel=1e-12)
+
+
+def test_the_preview_of_a_bent_board_has_the_parabola_and_straight_lines_between_heights() -> None:
+    """The printed formula, and SciPy's interpolation: all that viewers see of a bent sheet are such points."""
+    x, y, z = preview_faces(Target(BOARD, Warped(deflection_mm=(1.5, -0.7)))).points_mm.T
+    assert z == pytest.approx(1.5 * (1 - (x / 18.0) ** 2) - 0.7 * (1 - (y / 16.0) ** 2), abs=1e-12)
+    assert (np.abs(x).max(), np.abs(y).max()) == pytest.approx((18.0, 16.0), rel=1e-12)
+    x, y, z = preview_faces(Target(BOARD, MAP)).points_mm.T
+    from_below = np.reshape(MAP.heights_mm, (5, 6))[::-1]
+    measured = RegularGridInterpolator((np.linspace(-16, 16, 5), np.linspace(-18, 18, 6)), from_below)
+    assert z == pytest.approx(measured(np.clip(np.stack([y, x], axis=1), [-16, -18], [16, 18])), abs=1e-12)
 
 
 def test_a_height_map_passes_through_its_heights_and_is_exact_for_parabolas() -> None:

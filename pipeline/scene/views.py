@@ -1,0 +1,115 @@
+"""Views: what a camera sees of a target in every frame, by a few rays per point, as `camera.outlook` traces them."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.camera import Camera
+from pipeline.camera.outlook import Fate, Outlook, covered_mm, outlook, pupil_points_mm
+from pipeline.scene.dataset import Dataset, Frame, TargetEntry
+
+_POINTS = 8_000
+"""So many points of a target are looked at in all frames together; where there are more, some of each frame."""
+_HIDING = 500
+"""In so many frames it is asked whether something stands before a target; of more, in some of them."""
+HIDDEN, MERGED = len(Fate), len(Fate) + 1
+"""Fates beside those of `Fate`: light comes into the image, unless something else stands in its way; it does, but all
+points of the target are grey together."""
+_LEAST_PX, _WIDEST_BLUR = 1.0, 4.0
+"""Points that stand nearer in the image than that are one; in so many times as wide a blur none can be told apart."""
+_NEIGHBOURS = 64
+"""The distance of neighbouring points is the median of so many."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The part of a target that a camera sees.
+
+    Attributes
+    ----------
+    numbers : tuple of int
+        The frames.
+    fates : list of int or None
+        Per frame what becomes of most points; None where one of them is seen.
+    points_mm : (frames, n, 3) float64
+        Vision frame.
+    outlook : Outlook
+        Of all frames and points.
+    """
+
+    numbers: tuple[int, ...]
+    fates: list[int | None]
+    points_mm: np.ndarray
+    outlook: Outlook
+
+
+def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
+    """The view that a camera of a dataset has of the target of that number."""
+    frames, target = dataset.frames, dataset.targets[number]
+    points, front = _points_of(target, len(frames))
+    poses = np.array([_pose(frame, name, target.name) for frame in frames])
+    places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
+    fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
+    found = outlook(camera, places, fronts)
+    fate = found.fate
+    if len(dataset.targets) + len(dataset.occluders) > 1:
+        for index in range(0, len(frames), 1 + len(frames) // _HIDING):
+            seen = np.flatnonzero(fate[index] == Fate.SEEN)
+            hidden = _hidden(dataset, frames[index], name, camera, number, places[index, seen], fronts[index, seen])
+            fate[index, seen[hidden]] = HIDDEN
+    for index in range(len(frames) if camera.microlenses is None else 0):
+        seen = np.flatnonzero(fate[index] == Fate.SEEN)
+        spacing = spacing_px(camera, places[index, seen])
+        if spacing < max(_LEAST_PX, np.median(found.blur_px[index, seen]) / _WIDEST_BLUR if len(seen) else 0.0):
+            fate[index, seen] = MERGED
+    fates = [None if (row == Fate.SEEN).any() else Counter(row.tolist()).most_common(1)[0][0] for row in fate]
+    return View(tuple(frame.number for frame in frames), fates, places, found)
+
+
+def spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
+    """Distance of neighbouring points in the image, paraxially; infinite of fewer than two."""
+    if len(points_mm) < 2:
+        return float("inf")
+    some = np.linspace(0, len(points_mm) - 1, min(_NEIGHBOURS, len(points_mm))).astype(int)
+    apart = np.linalg.norm(points_mm[some, None, :2] - points_mm[None, :, :2], axis=2)
+    apart[np.arange(len(some)), some] = np.inf
+    width_mm, _ = covered_mm(camera, float(np.mean(points_mm[:, 2])))
+    return float(np.median(apart.min(axis=1)) * camera.sensor.width_px / width_mm)
+
+
+def _points_of(entry: TargetEntry, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a target and their normals, (n, 3) each, target frame; of very many some, evenly in their order."""
+    points = entry.target.points()
+    count = min(len(points.kinds), max(1, _POINTS // max(1, frames)))
+    kept = np.unique(np.linspace(0, len(points.kinds) - 1, count).astype(int))
+    return points.position_mm[kept], points.plane_axes[kept][:, :, 2]
+
+
+def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:
+    """vision_from_target, (4, 4)."""
+    return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
+
+
+def _hidden(
+    dataset: Dataset, frame: Frame, name: str, camera: Camera, number: int, points_mm: np.ndarray, front: np.ndarray
+) -> np.ndarray:
+    """Points that something hides from every tried place of the entrance pupil, (n,) bool."""
+    from pipeline.render.surroundings import Surroundings  # Embree, for few datasets
+
+    targets = [(entry.target, _pose(frame, name, entry.name)) for entry in dataset.targets]
+    vision = np.array(frame.camera_from_world[name])
+    occluders = [
+        (entry.occluder, vision @ np.array(frame.world_from_occluder[entry.prim_path]))
+        for entry in dataset.occluders
+        if entry.prim_path in frame.world_from_occluder
+    ]
+    surroundings = Surroundings(targets, occluders)
+    hidden = surroundings.may_hide(points_mm, front)
+    front_mm = -camera.prescription.vertices_from_stop_mm[0]
+    for pupil in pupil_points_mm(camera) if hidden.any() else ():
+        way = points_mm - pupil
+        way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
+        start = points_mm + ((front_mm - points_mm[:, 2]) / way[:, 2])[:, None] * way
+        hidden &= surroundings.hides(number, points_mm, front, start, way)
+    return hidden

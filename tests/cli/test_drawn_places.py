@@ -1,0 +1,45 @@
+"""A drawing that cannot be written where it shall be is an error of the place: no traceback, and nothing of a file."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline import cli
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = str(ROOT / "tests/data/tiny_conventional/dataset.usda")
+DRAWINGS = [
+    ("show", TINY, "--plot", ".svg"),
+    ("show", str(ROOT / "stages/lenses/cooke_triplet_50mm.usda"), "--plot", ".svg"),
+    ("target", TINY, "--svg", ".svg"),
+    ("target", TINY, "--pdf", ".pdf"),
+    ("graph", TINY, "--picture", ".svg"),
+]
+
+
+@pytest.fixture
+def pipeline(tmp_path, monkeypatch, capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.mark.parametrize("place", ["no/such/drawing", "file/drawing", "folder"])
+@pytest.mark.parametrize(("verb", "stage", "option", "suffix"), DRAWINGS)
+def test_a_drawing_into_a_place_that_does_not_exist_is_an_error_with_a_hint(
+    pipeline, tmp_path, verb, stage, option, suffix, place
+):
+    (tmp_path / "file").touch()
+    (tmp_path / f"folder{suffix}").mkdir()
+    code, _, log = pipeline(verb, stage, option, f"{place}{suffix}")
+    assert code == 5
+    assert f"error: cannot write {place}{suffix}: " in log and "hint: choose another place" in log
+    assert "Traceback" not in log and not list(tmp_path.rglob(f"drawing{suffix}"))
