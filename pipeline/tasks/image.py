@@ -10,7 +10,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectra import srgb_preview
-from pipeline.tasks.cameras import Inputs, focused_camera, stacked
+from pipeline.tasks.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.image_tile import PIXELS, image_rows
 
 _PREVIEW_ROWS = 512
@@ -33,7 +33,7 @@ def run_together(params: Sequence[dict[str, Any]], inputs: Inputs, outs: Sequenc
 
 
 def _write(out: Path, pixels: np.ndarray, params: dict[str, Any], inputs: Inputs) -> None:
-    write_image(out, "image", pixels, params, Tracer(focused_camera(inputs), params["seed"]))
+    write_image(out, "image", pixels, params, tracer_alone(inputs, params["seed"]))
 
 
 def write_image(
