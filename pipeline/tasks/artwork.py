@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
 from pipeline.files.pdf import write_pdf
 from pipeline.report.artwork import pages_of, pdf_content, svg
 from pipeline.scene.dataset import TargetEntry
@@ -46,7 +47,7 @@ class Artwork:
 
     def write_svg(self, path: Path) -> None:
         """All pages below one another."""
-        path.write_text(svg(pages_of(self._printable(), self.entry.name)), encoding="utf-8")
+        write_drawing(path, svg(pages_of(self._printable(), self.entry.name)))
 
     def write_pdf(self, path: Path) -> None:
         """A page per chart."""

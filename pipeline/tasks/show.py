@@ -14,6 +14,7 @@ from pipeline.camera.focus import middle_focus
 from pipeline.camera.pinhole import pinhole
 from pipeline.camera.report import lens_report
 from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
 from pipeline.files.jsonfile import json_bytes
 from pipeline.optics.first_order import first_order
 from pipeline.report import drawing, text
@@ -75,7 +76,7 @@ class Shown:
         """Write the drawing of the lens."""
         with blamed_on(self.entry.file, self.entry.line, self.entry.prim_path):
             picture = drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}")
-        path.write_text(picture, encoding="utf-8")
+        write_drawing(path, picture)
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class ShownLens:
         if self.camera is None:
             raise UsageError("a lens without a real image cannot be drawn")
         camera = drawing.with_full_field(self.camera)
-        path.write_text(drawing.svg(camera, self.entry.lens_name, film="rear focus"), encoding="utf-8")
+        write_drawing(path, drawing.svg(camera, self.entry.lens_name, film="rear focus"))
 
 
 def show(

@@ -38,6 +38,7 @@ def graph(
     """Print the graph of tasks, with what is done and what is not; or draw it."""
     from pipeline.engine.overview import as_dot, as_mermaid, overview
     from pipeline.engine.session import plan_of
+    from pipeline.files.drawings import write_drawing
     from pipeline.report.graph import svg
 
     if picture is not None and picture.suffix != ".svg":
@@ -45,7 +46,7 @@ def graph(
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
     if picture is not None:
-        picture.write_text(svg(groups, str(project.head.get("stage"))), encoding="utf-8")
+        write_drawing(picture, svg(groups, str(project.head.get("stage"))))
         note(f"wrote {picture}")
     elif form is Format.JSON:
         say_json({"groups": [group.to_dict() for group in groups]})

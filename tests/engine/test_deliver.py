@@ -542,3 +542,14 @@ def test_an_output_folder_that_the_stage_lies_in_is_refused(tmp_path, monkeypatc
         with pytest.raises(UsageError, match="files that the stage is made of"):
             build(project, jobs=1)
     assert {path.read_text() for path in reads} == {"mine"} and not list(tmp_path.rglob("*.kept*"))
+
+
+@pytest.mark.parametrize("out", ["store", "store/tmp", "store/new/out", "link"])
+def test_an_output_folder_in_a_store_is_refused(tmp_path, out):
+    """What a store tidies up would be what a build delivered, and the reverse."""
+    Store(tmp_path / "store")
+    (tmp_path / "link").symlink_to("store/cas")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(UsageError, match="lies in a store of results"):
+        build(dataclasses.replace(toy.project(tmp_path), out=tmp_path / out), jobs=1)
+    assert sorted(tmp_path.rglob("*")) == before
