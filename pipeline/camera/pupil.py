@@ -12,12 +12,12 @@ Polygons, rectangles and obstructions do not: outlines are those of the circles 
 whatever the apertures do. Bounds are looser by the share of the circle that an aperture covers; no ray is lost.
 """
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.camera.chief import chief_heights
+from pipeline.camera.once import once
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing
 
@@ -51,10 +51,11 @@ class Outlines:
     drift: float
 
 
+@once
 def outlines(
     table: np.ndarray, stop_row: int, plane_mm: float, max_height_mm: float, margin: float = MARGIN
 ) -> Outlines:
-    """Trace the outlines of a centred lens for points on the plane z = `plane_mm` behind it, once in a process.
+    """Trace the outlines of a centred lens for points on the plane z = `plane_mm` behind it.
 
     Parameters
     ----------
@@ -67,15 +68,7 @@ def outlines(
     max_height_mm : float
         Largest height that will be asked for.
     """
-    return _outlines(table.tobytes(), table.shape, stop_row, plane_mm, max_height_mm, margin)
-
-
-@functools.lru_cache(maxsize=8)
-def _outlines(
-    surfaces: bytes, shape: tuple[int, int], stop_row: int, plane_mm: float, max_height_mm: float, margin: float
-) -> Outlines:
-    """The same, of a table as bytes: a certificate, a pinhole and images of one camera have the same outlines."""
-    table = enclosing(np.frombuffer(surfaces).reshape(shape))
+    table = enclosing(table)
     step = max(max_height_mm, 1e-6) / (HEIGHTS - 1)
     heights = step * np.arange(HEIGHTS)
     inside = _inner_points(table, stop_row, plane_mm, heights)
