@@ -18,6 +18,8 @@ _BLAS_KERNELS = {"v4": "Haswell", "v3": "Haswell", "v2": "Nehalem"}  # of OpenBL
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Numeric libraries must not split sums over threads: their results would depend on the number of cores."""
 
+_PRECISION = {"COLOUR_SCIENCE__DEFAULT_FLOAT_DTYPE": "float64", "COLOUR_SCIENCE__DEFAULT_INT_DTYPE": "int64"}
+"""Defaults of the library that encodes previews, said aloud: it takes others from the environment."""
 
 _USUAL_CODE = {"DISABLE_JIT": 0, "OPT": 3, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE": 0, "BOUNDSCHECK": 0, "DEBUGINFO": 0}
 """Numba's own defaults, said aloud: it reads others from a file in the working directory, which may be anybody's."""
@@ -50,7 +52,7 @@ def settings_of_numba() -> dict[str, str]:
 def settings() -> dict[str, str]:
     """Variables of the environment of every process that computes."""
     kernels = _BLAS_KERNELS.get(level().rpartition("-")[2])
-    return {**ONE_THREAD, **settings_of_numba(), **({"OPENBLAS_CORETYPE": kernels} if kernels else {})}
+    return {**ONE_THREAD, **_PRECISION, **settings_of_numba(), **({"OPENBLAS_CORETYPE": kernels} if kernels else {})}
 
 
 @functools.cache

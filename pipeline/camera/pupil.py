@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.chief import chief_heights
+from pipeline.camera.once import once
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing
 
@@ -50,6 +51,7 @@ class Outlines:
     drift: float
 
 
+@once
 def outlines(
     table: np.ndarray, stop_row: int, plane_mm: float, max_height_mm: float, margin: float = MARGIN
 ) -> Outlines:

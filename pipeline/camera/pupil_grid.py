@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.chief import chief_crossings
+from pipeline.camera.once import once
 from pipeline.camera.pupil import DIRECTIONS, MARGIN, Outlines, corners, directions_of, edges, passing_points, supports
 from pipeline.optics.table import enclosing, motion_of
 
@@ -43,6 +44,7 @@ def upright(z_mm: float) -> FilmPlane:
     return FilmPlane(np.array([0.0, 0.0, z_mm]), np.eye(2, 3))
 
 
+@once
 def grid_outlines(
     table: np.ndarray,
     stop_row: int,

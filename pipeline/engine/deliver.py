@@ -142,7 +142,8 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
         if goal.manifest is not None:
             (aside / manifest.NAME).write_bytes(goal.manifest)
         seen.begin(goal.note)
-        folder.clear(manifest.NAME, is_ours=_is_ours(folder.out, seen, goal))
+        is_ours = seen.is_ours(manifest.NAME) or _is_begun(folder.out / manifest.NAME, goal)
+        folder.clear(manifest.NAME, is_ours=is_ours, is_same=lambda kept: _is_begun(kept, goal))
         for path in filter(seen.is_ours, stale):  # maybe somebody has written to it meanwhile
             folder.remove(path)
         for number, path in enumerate(changed):
@@ -159,10 +160,10 @@ def _agrees(there: manifest.Manifest, entries: Mapping[str, Any]) -> bool:
     return all(there.files.get(path) == entry for path, entry in entries.items())
 
 
-def _is_ours(out: Path, seen: Seen, goal: _Goal) -> bool:
-    """Whether a manifest is one that we wrote, or one that was cut, of which nothing is lost."""
-    data = read_regular(out / manifest.NAME)
-    return seen.is_ours(manifest.NAME) or (data is not None and (goal.manifest or b"").startswith(data))
+def _is_begun(path: Path, goal: _Goal) -> bool:
+    """Whether a file is the manifest that shall be there, or one that was cut, of which nothing is lost."""
+    data = read_regular(path)
+    return data is not None and (goal.manifest or b"").startswith(data)
 
 
 @contextlib.contextmanager

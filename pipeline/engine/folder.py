@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import socket
+import stat
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -52,18 +53,22 @@ class Folder:
 
     def place(self, aside: Path, path: str, *, is_ours: bool) -> None:
         """Move a file to its place, with the folders above it; what stands there stays unless it is ours."""
-        target = self.out / path
+        target, digest = self.out / path, digest_of(aside)
         for parent in reversed(target.relative_to(self.out).parents[:-1]):
-            folder = self.out / parent
-            if folder.is_symlink() or not folder.is_dir():
+            if _is_no_folder(self.out / parent):
                 self.clear(parent.as_posix(), is_ours=False)
-                folder.mkdir(exist_ok=True)
+            if not (self.out / parent).is_dir():
+                (self.out / parent).mkdir(exist_ok=True)
         # Nobody loses a file with the very same bytes, for example another machine's that builds the same.
-        self.clear(path, is_ours=is_ours or digest_of(target) == digest_of(aside))
+        self.clear(path, is_ours=is_ours or digest_of(target) == digest, is_same=lambda kept: digest_of(kept) == digest)
         aside.replace(target)
 
-    def clear(self, path: str, *, is_ours: bool) -> None:
-        """Free a place: a file of ours goes, everything else gets another name."""
+    def clear(self, path: str, *, is_ours: bool, is_same: Callable[[Path], bool] = lambda kept: False) -> None:
+        """Free a place: a file of ours goes, everything else gets another name.
+
+        What came after that look goes, too, if it `is_same` as what shall stand there: another machine, whose locks do
+        not reach here, has delivered it.
+        """
         target = self.out / path
         if is_ours and not target.is_dir():
             target.unlink(missing_ok=True)
@@ -71,7 +76,10 @@ class Folder:
             names = (target.with_name(f"{target.name}.kept{number}") for number in range(1, 10_000))
             kept = next(name for name in names if not os.path.lexists(name))
             target.rename(kept)
-            self._kept.append((target, kept))
+            if is_same(kept):
+                kept.unlink()
+            else:
+                self._kept.append((target, kept))
 
     @contextlib.contextmanager
     def saying_what_was_kept(self) -> Iterator[None]:
@@ -95,6 +103,14 @@ class Folder:
                 (self.out / parent).rmdir()
             except OSError:  # not empty: somebody else's files, or ours that stay
                 return
+
+
+def _is_no_folder(path: Path) -> bool:
+    """Whether something else than a folder stands there, in one look: others may make what is missing."""
+    try:
+        return not stat.S_ISDIR(path.lstat().st_mode)
+    except FileNotFoundError:
+        return False
 
 
 def _files_below(out: Path) -> Iterator[str]:

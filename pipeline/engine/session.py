@@ -28,6 +28,7 @@ from pipeline.engine.run import Outcome, run
 from pipeline.engine.seen import Seen
 from pipeline.engine.status import TaskStatus, status
 from pipeline.engine.store import DamagedBlob, Store, writable
+from pipeline.engine.structure import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.places import flaw_of
 
@@ -131,11 +132,15 @@ def _require_place(project: Project) -> None:
     Raises
     ------
     UsageError
-        It is no folder, has no possible name, holds another build, or the stage itself lies in it.
+        It is no folder, has no possible name, holds another build, lies in a store, or the stage itself lies in it.
     """
     if flaw := flaw_of(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
     manifest.read_of(project.out, project.head.get("stage"))
+    if root := store_around(project.out):
+        raise UsageError(
+            f"the output folder {project.out} lies in a store of results, {root}", hint="choose another folder with -o"
+        )
     out = Path(os.path.realpath(project.out))
     inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
     if inside:

@@ -67,6 +67,14 @@ def is_store(root: Path) -> bool:
     )
 
 
+def store_around(path: Path) -> Path | None:
+    """The store that a folder is or lies in, links followed; None if it is in none."""
+    real = Path(os.path.realpath(path))
+    return next(
+        (folder for folder in (real, *real.parents) if read_regular(folder / "VERSION", len(VERSION)) == VERSION), None
+    )
+
+
 def misplaced(root: Path) -> Iterator[Path]:
     """Whatever is no folder, or no file, where the store has one: damage that no entry shows."""
     for name in FOLDERS:

@@ -6,6 +6,8 @@ Format: ISO 32000-1. The viewer preference `PrintScaling` asks for prints at 100
 from collections.abc import Sequence
 from pathlib import Path
 
+from pipeline.files.drawings import SAYS, write_drawing
+
 _POINTS_PER_MM = 72 / 25.4
 
 
@@ -37,11 +39,11 @@ def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:
 
 def write_pdf(path: Path, pages: Sequence[tuple[float, float, str]]) -> None:
     """Write `pdf_bytes`."""
-    path.write_bytes(pdf_bytes(pages))
+    write_drawing(path, pdf_bytes(pages))
 
 
 def _file(objects: list[str]) -> bytes:
-    data, places = b"%PDF-1.4\n", []
+    data, places = f"%PDF-1.4\n% {SAYS}\n".encode(), []
     for number, text in enumerate(objects, start=1):
         places.append(len(data))
         data += f"{number} 0 obj\n{text}\nendobj\n".encode("latin-1", "replace")

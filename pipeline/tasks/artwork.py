@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
 from pipeline.files.pdf import write_pdf
 from pipeline.report.artwork import pages_of, pdf_content, svg
 from pipeline.scene.dataset import TargetEntry
@@ -47,9 +48,8 @@ class Artwork:
 
     def write_svg(self, path: Path) -> None:
         """All pages below one another."""
-        picture = svg(pages_of(self._printable(), self.entry.name))
         with chosen_place("write", path):
-            path.write_text(picture, encoding="utf-8")
+            write_drawing(path, svg(pages_of(self._printable(), self.entry.name)))
 
     def write_pdf(self, path: Path) -> None:
         """A page per chart."""

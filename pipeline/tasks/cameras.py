@@ -1,6 +1,8 @@
 """Common parts of several task kinds: reading a focused camera and making its tracer."""
 
 import dataclasses
+import functools
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +15,7 @@ from pipeline.camera.pinhole import Pinhole
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
 from pipeline.files.npy import StackedRows
-from pipeline.records import from_plain
+from pipeline.records import from_plain, to_plain
 from pipeline.truth.grid import image_from_fine
 
 Inputs = dict[str, dict[str, Path]]
@@ -21,6 +23,8 @@ Inputs = dict[str, dict[str, Path]]
 
 FOCUSED, PLANES, PINHOLE = "focused.json", "planes.json", "pinhole.json"
 _POSITIONS_AT_ONCE = 1 << 16
+_KEPT = 4
+"""Cameras that a process keeps ready: tasks of one camera share its outlines, microlenses and reference bundle."""
 
 
 def focused_camera(inputs: Inputs) -> Camera:
@@ -35,10 +39,26 @@ def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
     return None if plain is None else from_plain(Pinhole, plain)
 
 
+def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
+    """Tracer of the focused camera."""
+    return _tracer(json.dumps(to_plain(focused_camera(inputs))), seed)
+
+
 def tracer_of(inputs: Inputs, seed: int) -> tuple[Tracer, MicroImages | None]:
     """Tracer and micro-images (None for a conventional camera) of the focused camera."""
-    tracer = Tracer(focused_camera(inputs), seed)
-    return tracer, micro_images(tracer) if tracer.camera.microlenses else None
+    tracer = tracer_alone(inputs, seed)
+    return tracer, _images(json.dumps(to_plain(tracer.camera)), seed) if tracer.camera.microlenses else None
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _tracer(camera: str, seed: int) -> Tracer:
+    """The tracer of a camera as text: two texts are equal only if all of their numbers are."""
+    return Tracer(from_plain(Camera, json.loads(camera)), seed)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _images(camera: str, seed: int) -> MicroImages:
+    return micro_images(_tracer(camera, seed))
 
 
 def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:

@@ -11,7 +11,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectra import srgb_preview
-from pipeline.tasks.cameras import Inputs, focused_camera, stacked
+from pipeline.tasks.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.image_tile import PIXELS, image_rows
 from pipeline.tasks.params import Exposure
 from pipeline.tasks.params import Image as Params
@@ -36,7 +36,7 @@ def run_together(params: Sequence[Params], inputs: Inputs, outs: Sequence[Path])
 
 
 def _write(out: Path, pixels: np.ndarray, params: Params, inputs: Inputs) -> None:
-    write_image(out, "image", pixels, params.exposure, Tracer(focused_camera(inputs), params.exposure.seed))
+    write_image(out, "image", pixels, params.exposure, tracer_alone(inputs, params.exposure.seed))
 
 
 def write_image(

@@ -15,6 +15,7 @@ from pipeline.camera.pinhole import pinhole
 from pipeline.camera.report import lens_report
 from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
 from pipeline.files.jsonfile import json_bytes
 from pipeline.optics.first_order import first_order
 from pipeline.report import drawing, text
@@ -77,7 +78,7 @@ class Shown:
         with blamed_on(self.entry.file, self.entry.line, self.entry.prim_path):
             picture = drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}")
         with chosen_place("write", path):
-            path.write_text(picture, encoding="utf-8")
+            write_drawing(path, picture)
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ class ShownLens:
             raise UsageError("a lens without a real image cannot be drawn")
         picture = drawing.svg(drawing.with_full_field(self.camera), self.entry.lens_name, film="rear focus")
         with chosen_place("write", path):
-            path.write_text(picture, encoding="utf-8")
+            write_drawing(path, picture)
 
 
 def show(

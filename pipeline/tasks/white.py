@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.tracer import Tracer
-from pipeline.tasks.cameras import Inputs, focused_camera, stacked
+from pipeline.tasks.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.image import part_of, write_image
 from pipeline.tasks.params import White as Params
 from pipeline.tasks.white_tile import FOREIGN, WHITE, white_rows
@@ -18,7 +17,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
     else:
         white, foreign = white_rows(params.exposure, inputs)
-    tracer = Tracer(focused_camera(inputs), params.exposure.seed)
+    tracer = tracer_alone(inputs, params.exposure.seed)
     if tracer.camera.microlenses is None:
         write_image(out, "white", white, params.exposure, tracer)
         return

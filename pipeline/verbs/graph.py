@@ -39,6 +39,7 @@ def graph(
     from pipeline.engine.files import chosen_place
     from pipeline.engine.overview import as_dot, as_mermaid, overview
     from pipeline.engine.session import plan_of
+    from pipeline.files.drawings import write_drawing
     from pipeline.report.graph import svg
 
     if picture is not None and picture.suffix != ".svg":
@@ -47,7 +48,7 @@ def graph(
     groups = overview(project.graph, plan_of(project), collapse=not every)
     if picture is not None:
         with chosen_place("write", picture):
-            picture.write_text(svg(groups, str(project.head.get("stage"))), encoding="utf-8")
+            write_drawing(picture, svg(groups, str(project.head.get("stage"))))
         note(f"wrote {picture}")
     elif form is Format.JSON:
         say_json({"groups": [group.to_dict() for group in groups]})

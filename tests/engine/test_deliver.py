@@ -543,3 +543,32 @@ def test_an_output_folder_that_the_stage_lies_in_is_refused(tmp_path, monkeypatc
         with pytest.raises(UsageError, match="files that the stage is made of"):
             build(project, ALONE)
     assert {path.read_text() for path in reads} == {"mine"} and not list(tmp_path.rglob("*.kept*"))
+
+
+@pytest.mark.parametrize("out", ["store", "store/tmp", "store/new/out", "link"])
+def test_an_output_folder_in_a_store_is_refused(tmp_path, out):
+    """What a store tidies up would be what a build delivered, and the reverse."""
+    Store(tmp_path / "store")
+    (tmp_path / "link").symlink_to("store/cas")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(UsageError, match="lies in a store of results"):
+        build(dataclasses.replace(toy.project(tmp_path), out=tmp_path / out), jobs=1)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp_path, monkeypatch):
+    """Without common locks, between the look at a place and the act: folders, files and the manifest."""
+    said = []
+    build(toy.project(tmp_path / "theirs"), jobs=1)
+    clear = Folder.clear
+
+    def late(self, path, **how):
+        if not os.path.lexists(self.out / path):
+            theirs = tmp_path / "theirs" / path
+            (shutil.copytree if theirs.is_dir() else shutil.copy)(theirs, self.out / path)
+        clear(self, path, **how)
+
+    monkeypatch.setattr(Folder, "clear", late)
+    build(toy.project(tmp_path / "ours"), jobs=1, on_event=said.append)
+    assert toy.contents(tmp_path / "ours") == toy.contents(tmp_path / "theirs")
+    assert not [event["text"] for event in said if event["event"] == "warning"]

@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 import types
+from collections import defaultdict
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
@@ -149,11 +150,17 @@ def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_
 
 
 def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
-    """Every distribution whose modules are loaded after a task's module was imported, by a process that starts bare."""
+    """Every distribution whose modules are loaded after a task's module was imported, by a process that starts bare.
+
+    Tasks that name the same libraries share a process: what one of them loads beyond these is seen all the same.
+    """
     kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if "def run(" in path.read_text(encoding="utf-8")]
     assert len(kinds) >= 8
+    alike = defaultdict(list)
     for kind in kinds:
-        code = f"import sys, pipeline.tasks.{kind}; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
+        alike[frozenset(code_of(f"pipeline.tasks.{kind}")["libraries"])].append(f"pipeline.tasks.{kind}")
+    for libraries, names in alike.items():
+        code = f"import sys, {', '.join(names)}; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         loaded = {name for name in done.stdout.split() if is_foreign(name) and not name.startswith("_")}
         # numba reads a .numba_config.yaml if PyYAML happens to be there: settings, no numbers.
@@ -161,7 +168,7 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
         loaded -= {"pipeline", "sitecustomize", "usercustomize", "yaml", "pandas", "dateutil"}
         known = packages_distributions()
         loaded = {known[name][0].lower() for name in loaded if name in known and name not in ("pip", "setuptools")}
-        assert loaded - set(code_of(f"pipeline.tasks.{kind}")["libraries"]) == set(), kind
+        assert loaded - libraries == set(), names
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from engine import toy
 
@@ -58,6 +59,16 @@ def test_numba_compiles_as_ever_whatever_lies_in_the_working_directory(tmp_path)
     code += "print(c.DISABLE_JIT, int(c.OPT), c.LOOP_VECTORIZE, c.SLP_VECTORIZE, c.BOUNDSCHECK)"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["0", "3", "1", "0", "0"]
+
+
+def test_previews_are_as_exact_as_ever_whatever_the_library_of_colours_is_told():
+    """It takes its precision from the environment; in single precision, greys between two would round otherwise."""
+    code = "import json, numpy as np; from pipeline.render.spectra import eotf_inverse_sRGB; "
+    code += "print(json.dumps(np.asarray(eotf_inverse_sRGB(np.linspace(0.0, 1.0, 999))).tolist()))"
+    right = [12.92 * x if x <= 0.0031308 else 1.055 * x ** (1 / 2.4) - 0.055 for x in np.linspace(0.0, 1.0, 999)]
+    for precision in ("float32", "float16"):
+        found = told_by(f"import pipeline; {code}", COLOUR_SCIENCE__DEFAULT_FLOAT_DTYPE=precision)
+        assert np.abs(np.subtract(found, right)).max() < 1e-15
 
 
 def test_a_program_that_loaded_numpy_first_knows_what_it_computes_itself_and_what_its_workers_do(here):

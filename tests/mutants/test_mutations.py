@@ -293,6 +293,8 @@ SILENTLY = {
 BUNDLE = """
 import json, numpy as np
 from laws import rigs
+from pipeline.camera import pupil
+pupil.HEIGHTS, pupil._TRACED, pupil._BISECTIONS = 3, 48, 12  # Python takes a minute for all rays of the outlines
 from pipeline.camera.quadrature import edges
 from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes
