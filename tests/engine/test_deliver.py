@@ -552,14 +552,14 @@ def test_an_output_folder_in_a_store_is_refused(tmp_path, out):
     (tmp_path / "link").symlink_to("store/cas")
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(UsageError, match="lies in a store of results"):
-        build(dataclasses.replace(toy.project(tmp_path), out=tmp_path / out), jobs=1)
+        build(dataclasses.replace(toy.project(tmp_path), out=tmp_path / out), ALONE)
     assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp_path, monkeypatch):
     """Without common locks, between the look at a place and the act: folders, files and the manifest."""
     said = []
-    build(toy.project(tmp_path / "theirs"), jobs=1)
+    build(toy.project(tmp_path / "theirs"), ALONE)
     clear = Folder.clear
 
     def late(self, path, **how):
@@ -569,6 +569,6 @@ def test_what_another_machine_delivers_at_the_same_moment_is_nothing_foreign(tmp
         clear(self, path, **how)
 
     monkeypatch.setattr(Folder, "clear", late)
-    build(toy.project(tmp_path / "ours"), jobs=1, on_event=said.append)
+    build(toy.project(tmp_path / "ours"), ALONE, caller=Caller(on_event=said.append))
     assert toy.contents(tmp_path / "ours") == toy.contents(tmp_path / "theirs")
     assert not [event["text"] for event in said if event["event"] == "warning"]
