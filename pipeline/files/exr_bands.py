@@ -28,6 +28,9 @@ _BAND_PX = 1 << 20
 """Pixels of a band: 4 MB a channel, and what makes them takes some hundred bytes a pixel. A band of an image that is
 wider than 8,192 pixels is one row of tiles."""
 
+_PROBED_BYTES = 1 << 16
+"""A disk that took no more just now has no room for these."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandedPart:
@@ -71,8 +74,17 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
                 headers[number] = headers[number].having(**{CRC: _content_crc(part, headers[number], crcs)})
             stream.seek(0)
             stream.write(exr_layout.bytes_of(headers) + b"".join(table.tobytes() for table in tables))
+    except UnknownLayout:
+        _require_room(band_file)
+        raise
     finally:
         band_file.unlink(missing_ok=True)
+
+
+def _require_room(path: Path) -> None:
+    """Raise what the system says to a file that grows: OpenEXR drops it where it comes only when a file is closed."""
+    with path.open("ab") as stream:
+        stream.write(bytes(_PROBED_BYTES))
 
 
 def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
