@@ -42,10 +42,17 @@ SEED ?= 1
 mutants: $(STAMP) warm
 	$(BIN)/python tests/mutants/run.py --count $(N) --seed $(SEED)
 
+# Each writes benchmarks/results/: what it found now, cold.py and chain.py also what the commit before gives in the same run.
 bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland
+	$(BIN)/python benchmarks/cold.py
+	$(BIN)/python benchmarks/chain.py
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
+	$(BIN)/python benchmarks/direct.py
+	$(BIN)/python benchmarks/positions.py
+	$(BIN)/python benchmarks/schedule.py --method direct
+	$(BIN)/python benchmarks/memory.py
 	$(BIN)/python benchmarks/engine.py
 
 # The paper's evaluation, tables and figures of example 03: about a quarter of an hour of computing time.

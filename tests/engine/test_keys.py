@@ -110,12 +110,12 @@ def test_modules_that_are_not_reached_do_not_count(kit):
 def test_version_and_libraries_are_read_without_importing(kit):
     text = 'VERSION = 7\nfrom toykit import physics\nraise RuntimeError("imported")\n'
     (kit / "tasks" / "lens.py").write_text(text)
-    (kit / "physics.py").write_text("def f():\n    import PIL.Image, json\n    from networkx.utils import misc\n")
+    (kit / "physics.py").write_text("def f():\n    import PIL.Image, json\n    from llvmlite.binding import ffi\n")
     code = code_of("toykit.tasks.lens")
     assert code["version"] == 7
     assert code["libraries"] == {
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
-        "networkx": version("networkx"),
+        "llvmlite": version("llvmlite"),
         "pillow": version("pillow"),
     }
 
@@ -133,7 +133,7 @@ def test_a_library_that_is_not_installed_is_an_error_of_the_machine(kit):
 
 def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_path):
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
-    (kit / "tasks" / "lens.py").write_text("import networkx\n")
+    (kit / "tasks" / "lens.py").write_text("import llvmlite\n")
     keys = {Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key}
     with monkeypatch.context() as patch:
         patch.setattr("sys.version_info", types.SimpleNamespace(major=3, minor=99))
