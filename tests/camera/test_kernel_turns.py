@@ -1,5 +1,6 @@
 """A kernel is compiled by one process at a time; the others wait for its file, also for that of one that was killed."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -7,6 +8,7 @@ import threading
 import pytest
 
 from pipeline import kernel_files, kernel_turns
+from pipeline.another_python import command
 
 HOLD = """
 import sys
@@ -81,3 +83,11 @@ def test_a_folder_where_nothing_can_be_written_has_no_turns(tmp_path):
     (tmp_path / "file").touch()
     kernel_turns.take(tmp_path / "file" / "jit" / "kernel")
     kernel_turns.end_all(tmp_path / "file" / "jit")
+
+
+def test_the_process_that_helps_compiles_the_steps_that_it_is_told(tmp_path):
+    """Its errors are silent: without it a build would be slower, and nobody would see why."""
+    helper = command("pipeline.tasks.compile:help_compiling", "search")
+    subprocess.run(helper, env={**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path)}, check=True)
+    names = {path.name.rsplit(".", 1)[1].rpartition("-")[0] for path in tmp_path.glob("*/*")}
+    assert {"quads_that_hold-kernel", "solve_quads-kernel", "nearest_positions-kernel"} <= names
