@@ -24,7 +24,7 @@ proofs: $(STAMP) warm
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)
 	$(BIN)/python -m compileall -q pipeline
-	$(BIN)/python -c "from pipeline.tasks.build import compile_once; compile_once()"
+	$(BIN)/python -c "from pipeline.tasks.build import compile_once; compile_once(workers=2)"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -42,10 +42,17 @@ SEED ?= 1
 mutants: $(STAMP) warm
 	$(BIN)/python tests/mutants/run.py --count $(N) --seed $(SEED)
 
+# Each writes benchmarks/results/: what it found now, cold.py and chain.py also what the commit before gives in the same run.
 bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland
+	$(BIN)/python benchmarks/cold.py
+	$(BIN)/python benchmarks/chain.py
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
+	$(BIN)/python benchmarks/direct.py
+	$(BIN)/python benchmarks/positions.py
+	$(BIN)/python benchmarks/schedule.py --method direct
+	$(BIN)/python benchmarks/memory.py
 	$(BIN)/python benchmarks/engine.py
 
 # The paper's evaluation, tables and figures of example 03: about a quarter of an hour of computing time.

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from kept import keeping
 
 import pipeline
 from pipeline.camera.micro_images import micro_images
@@ -96,4 +97,5 @@ def tile_errors(
 
 
 if __name__ == "__main__":
-    main()
+    with keeping("direct"):
+        main()

@@ -14,6 +14,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from kept import keeping
+
 from pipeline.engine.graph import TaskGraph
 from pipeline.engine.plan import plan
 from pipeline.engine.run import run
@@ -171,4 +173,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with keeping("engine"):
+        main()

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import keep
 
 from pipeline.engine.graph import Task, TaskGraph
 from pipeline.engine.memory import PeakMeter
@@ -28,7 +29,6 @@ from pipeline.records import from_plain
 from pipeline.scene.load import load, require_dataset
 from pipeline.tasks.graph import graph_of
 
-RESULTS = Path(__file__).resolve().parent / "results/memory.json"
 CAMERA = "Rig.Camera"
 
 STAGE = """#usda 1.0
@@ -173,9 +173,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         rows = measure(Bench(folder / "tasks"), folder, size)
     if not options.small:
-        RESULTS.parent.mkdir(exist_ok=True)
-        found = {"width_px": size[0], "height_px": size[1], "supersampling": 2, "tasks": rows}
-        RESULTS.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        keep("memory", {"width_px": size[0], "height_px": size[1], "supersampling": 2, "tasks": rows})
 
 
 def work(spec: dict[str, Any]) -> None:

@@ -11,11 +11,12 @@ over workers times their time.
 
 import argparse
 import heapq
-import json
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
+
+from kept import keep
 
 import pipeline
 from pipeline.engine.graph import TASKS, TaskGraph
@@ -28,7 +29,6 @@ from pipeline.tasks.graph import graph_of
 
 EXAMPLES = Path(pipeline.__file__).resolve().parents[1] / "examples"
 TINY = EXAMPLES.parent / "tests/data/tiny_plenoptic/dataset.usda"
-RESULTS = Path(__file__).resolve().parent / "results"
 WORKERS = (1, 2, 8, 64)
 
 METHOD = """#usda 1.0
@@ -72,9 +72,7 @@ def main() -> None:
     found = schedules(graph, seconds)
     tell(graph, seconds, found)
     if not options.small:
-        name = f"schedule_{stage.resolve().parent.name}{'_' + options.method if options.method else ''}.json"
-        RESULTS.mkdir(exist_ok=True)
-        (RESULTS / name).write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+        keep(f"schedule_{stage.resolve().parent.name}{'_' + options.method if options.method else ''}", found)
 
 
 def graph_at(stage: Path, method: str | None, folder: Path) -> TaskGraph:

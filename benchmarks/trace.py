@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import keeping
 from lenses import EXAMPLES, Race, codev_double_gauss, tronnier
 
 import pipeline
@@ -229,4 +230,5 @@ def _rates(rates: list[float]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    with keeping("trace"):
+        main()

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from kept import keeping
 from overlay import write_overlay
 from reference import Reference, Solver
 
@@ -228,4 +229,5 @@ def _rms(vectors: np.ndarray) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    with keeping("truth"):
+        main()

@@ -6,11 +6,13 @@ parallel sums (which would depend on the number of threads).
 """
 
 import ast
+import contextlib
 import functools
 import hashlib
 import os
 import re
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +102,7 @@ class Kernel:
             dispatcher._cache = KernelCache(
                 self._function, cache_folder(), self._kind
             )  # where `cache=True` puts Numba's own
-            dispatcher._compile_for_args = _timed(dispatcher._compile_for_args)
+            dispatcher._compile_for_args = _timed(dispatcher._compile_for_args, dispatcher._cache.end_turns)
         return dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
@@ -119,12 +121,13 @@ class Kernel:
         done.crossings += rays * surfaces
 
 
-def _timed(compile_for_arguments: Any) -> Any:
+def _timed(compile_for_arguments: Any, end: Callable[[], None]) -> Any:
     """The same function of Numba, which loads or compiles code when types are new; its time is tallied."""
     from pipeline.kernel_compiler import remembering
 
     def timed(*arguments: Any, **more: Any) -> Any:
-        with loading(), remembering():
+        with loading(), remembering(), contextlib.ExitStack() as last:
+            last.callback(end)
             return compile_for_arguments(*arguments, **more)
 
     return timed

@@ -15,7 +15,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
-from pipeline import kernel_files
+from pipeline import kernel_files, kernel_turns
 from pipeline.kernel_compiler import load_unit, units_of
 
 used: set[str] = set()
@@ -39,12 +39,16 @@ class KernelCache:
         return str(self._folder)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
-        """Compiled code for types of arguments; None if it has to be compiled."""
+        """Compiled code for types of arguments; None if it has to be compiled, which no other process does then."""
         target.refresh()
         path = self._path(signature, target.codegen())
         data = kernel_files.read(path)
         if data is None:
+            kernel_turns.take(path)
+            data = kernel_files.read(path)
+        if data is None:
             return None
+        kernel_turns.end(path)
         try:
             units, parts = pickle.loads(data)
             for unit in units:
@@ -70,12 +74,17 @@ class KernelCache:
         path = self._path(signature, compiled.codegen)
         units = tuple(units_of(compiled.library))
         kernel_files.write(path, dumps((units, compiled._reduce())))
+        kernel_turns.end(path)
         used.add(path.name)
         self._name_unit(compiled)
 
     def _name_unit(self, compiled: Any) -> None:
         name = self._function.__module__, self._function.__qualname__
         compiled.library.unit = *name, compiled.signature.args, compiled.fndesc.llvm_func_name
+
+    def end_turns(self) -> None:
+        """Let other processes compile what this one has not."""
+        kernel_turns.end_all(self._folder)
 
     def flush(self) -> None:
         """Nothing kept is ever stale: other sources have another folder."""

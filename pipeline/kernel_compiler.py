@@ -32,13 +32,26 @@ _UNUSED = {
     untyped_passes.LiteralUnroll,
     untyped_passes.LiteralPropagationSubPipelinePass,
     typed_passes.InlineOverloads,
+    typed_passes.NopythonRewrites,
     typed_passes.AnnotateTypes,
     typed_passes.DumpParforDiagnostics,
 }
-"""Passes for closures, generators of code, exceptions and reports. After each the whole function is analysed anew."""
+"""Passes for closures, whole arrays, code that writes code, exceptions and reports. After each all is analysed anew."""
 _make_function = importlib.import_module("numba._dynfunc").make_function
 Unit = tuple[str, str, tuple[Any, ...], str]
 """Module and name of a unit, types of its arguments, and the name of its code."""
+
+
+class _Machine(JITCodeLibrary):
+    """Code that becomes machine code. LLVM's passes go over it once, where Numba lets them go three times."""
+
+    def add_llvm_module(self, module: Any) -> None:
+        module.data_layout = self._codegen._data_layout
+        self._final_module.link_in(module)
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
 
 
 class _Header(JITCodeLibrary):
@@ -50,7 +63,10 @@ class _Header(JITCodeLibrary):
     def finalize(self) -> None:
         for library in dict.fromkeys(self._linking_libraries):
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
-        self._finalized = True
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                function.linkage = "linkonce_odr"
+        self._shared_module, self._finalized = self._final_module, True
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -87,11 +103,14 @@ class DriverCompiler(CompilerBase):
     """Compiler of functions that Python calls."""
 
     backend: type[NoPythonBackend] = NoPythonBackend
+    library: type[JITCodeLibrary] = _Machine
     digest = ""
 
     def define_pipelines(self) -> list[Any]:
         """Numba's passes without those for what kernels do not do, and with the backend of this kind."""
         self.state.func_id.unique_id = f"{self.backend.__name__}{self.digest}"  # a unit may be a driver, too
+        self.state.library = self.library(self.state.targetctx.codegen(), self.state.func_id.func_name)
+        self.state.library.enable_object_caching()
         manager = PassManager(self.backend._name)
         for step, text in DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
             if step not in _UNUSED:
@@ -109,12 +128,11 @@ class UnitCompiler(DriverCompiler):
 class InlineCompiler(DriverCompiler):
     """Compiler of functions that become part of those that call them."""
 
-    backend = _HeaderBackend
+    backend, library = _HeaderBackend, _Header
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.state.flags.no_compile = True
-        self.state.library = _Header(self.state.targetctx.codegen(), "header")
 
 
 _WRAPPED = {"no_cpython_wrapper": False, "no_cfunc_wrapper": True}
@@ -136,27 +154,36 @@ _known: dict[Any, Any] = {}
 def remembering() -> Iterator[None]:
     """Remember what functions give while our kernels are compiled; compilations of others go on as Numba does them.
 
-    Numba looks at all its overloads of + at each +: a third of the time that a compilation takes.
+    Numba looks at all its overloads of + at each +, and again when it makes code of it: two fifths of the time that a
+    compilation takes.
     """
     context = cpu_target.typing_context
     if "_resolve_user_function_type" in vars(context):  # a kernel is compiled because another one is
         yield
         return
-    resolve = context._resolve_user_function_type
+    resolve, call_type = context._resolve_user_function_type, types.BaseFunction.get_call_type
+    context._resolve_user_function_type = lambda function, *given: _once(resolve, function, given)
 
-    def resolved(function: Any, arguments: Any, keywords: Any, *more: Any) -> Any:
-        flags, key = ConfigStack.top_or_none(), (function, tuple(arguments))
-        if isinstance(function, types.Dispatcher) or keywords or more or flags is None or not _is_hashable(key):
-            return resolve(function, arguments, keywords, *more)
-        if (key, flags.nrt) not in _known:
-            _known[key, flags.nrt] = resolve(function, arguments, keywords)
-        return _known[key, flags.nrt]
+    def found(function: Any, context: Any, *given: Any) -> Any:
+        return _once(lambda function, *given: call_type(function, context, *given), function, given)
 
-    context._resolve_user_function_type = resolved
+    types.BaseFunction.get_call_type = found  # type: ignore[method-assign, assignment]
     try:
         yield
     finally:
+        types.BaseFunction.get_call_type = call_type  # type: ignore[method-assign]
         del context._resolve_user_function_type
+
+
+def _once(find: Any, function: Any, given: tuple[Any, ...]) -> Any:
+    """What a function gives for arguments; looked up if it was not met before."""
+    flags, (arguments, keywords, *more) = ConfigStack.top_or_none(), given
+    key = function, tuple(arguments), flags is not None and flags.nrt
+    if isinstance(function, types.Dispatcher) or keywords or more or flags is None or not _is_hashable(key):
+        return find(function, *given)
+    if key not in _known:
+        _known[key] = find(function, *given)
+    return _known[key]
 
 
 def _is_hashable(key: Any) -> bool:

@@ -168,7 +168,7 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
     roots, untrusted = options.allow_roots, options.untrusted
     dataset = project(path, out, roots, untrusted=untrusted, preview=options.preview, warn=warn)
-    caller = Caller(on_event=on_event, prepare=lambda: compile_once(warn, dataset.graph))
+    caller = Caller(on_event=on_event, prepare=lambda: compile_once(warn, dataset.graph, options.workers))
     return session.build(dataset, options, engine=_place(options), caller=caller)
 
 
@@ -188,11 +188,11 @@ def _place(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] 
     )
 
 
-def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None) -> None:
+def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:
     """Compile kernels that are not there and whole, before several workers would each do it.
 
-    All kernels, or those that the tasks of a graph call. A list beside them says which there are. Builders that start
-    together wait for the first one.
+    All kernels, or those that the tasks of a graph call; where there may be several workers, two processes share the
+    work. A list beside them says which there are. Builders that start together wait for the first one.
 
     Raises
     ------
@@ -212,9 +212,10 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
     with locked(folder / "lock", errand=Errand(doing="compiles kernels", say=warn)):
         if not _are_whole(listed, warn):
             from pipeline import kernel_cache
-            from pipeline.tasks.compile import compile_kernels
+            from pipeline.tasks.compile import compile_kernels, compile_together
 
-            compile_kernels(steps)
+            # A list that is there means that few are damaged.
+            (compile_together if workers > 1 and not listed.exists() else compile_kernels)(steps)
             write(listed, "\n".join(sorted(kernel_cache.used)).encode(), warn)
 
 

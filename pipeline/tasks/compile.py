@@ -3,18 +3,24 @@
 Steps that a graph does not need are left out: see `tasks.kernel_steps`.
 """
 
+import contextlib
 import dataclasses
 import gc
+import signal
+import subprocess
+import sys
 from collections.abc import Iterable
 
 import numpy as np
 
+from pipeline.another_python import command
 from pipeline.camera import probes
 from pipeline.camera.camera import Camera, MicrolensArray, Sensor
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.micro_light import micro_light
 from pipeline.camera.quadrature import edges
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.confine.kernel import END_WITH_PARENT, prctl
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.imaging import irradiance
 from pipeline.render.light import TargetLight
@@ -26,14 +32,38 @@ from pipeline.tasks.kernel_steps import STEPS
 from pipeline.truth import search
 
 
-def compile_kernels(steps: Iterable[str] = STEPS) -> None:
+def compile_kernels(steps: Iterable[str] = STEPS, *, backwards: bool = False) -> None:
     """Run every kernel of some steps once, with the argument types of real work."""
+    parts = [part for step in steps for part in _RUN[step]]
     gc.disable()  # A compiler's records live to the end: looking for rubbish among them takes a tenth of the time.
     try:
-        for step in steps:
-            _RUN[step]()
+        for part in reversed(parts) if backwards else parts:
+            part()
     finally:
         gc.enable()
+
+
+def compile_together(steps: Iterable[str] = STEPS) -> None:
+    """The same while another process begins at the other end; what either has compiled the other one loads."""
+    steps = tuple(steps)
+    with contextlib.ExitStack() as last:
+        with contextlib.suppress(OSError):  # no process to be had: one compiles all
+            helper = subprocess.Popen(
+                command("pipeline.tasks.compile:help_compiling", *steps),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            last.callback(helper.wait)
+            last.callback(helper.kill)
+        compile_kernels(steps)
+
+
+def help_compiling() -> None:
+    """Compile the steps that the command line names. Errors are left to the process that waits for the code."""
+    prctl(END_WITH_PARENT, signal.SIGKILL)
+    with contextlib.suppress(Exception):
+        compile_kernels(sys.argv[1:], backwards=True)
 
 
 def _tracer() -> Tracer:
@@ -49,10 +79,15 @@ def _plenoptic(tilt_x_deg: float) -> Tracer:
     return Tracer(dataclasses.replace(_tracer().camera, microlenses=array))
 
 
-def _lens() -> None:
-    tracer, position, none = _tracer(), np.zeros((1, 2)), np.array([-1])
-    tracer.moments(position, none, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64))
-    found = edges(tracer.arrays, position, none)
+_POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
+
+
+def _bundles() -> None:
+    _tracer().moments(_POSITION, _NO_LENS, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64))
+
+
+def _edges() -> None:
+    found = edges(_tracer().arrays, _POSITION, _NO_LENS)
     found.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
     probes.spread(found.polygons, found.counts, np.zeros((1, 1, 2)))
 
@@ -66,8 +101,11 @@ def _micro_images() -> None:
     micro_light(tracer, micro_images(tracer))
 
 
-def _images() -> None:
+def _pictures() -> None:
     irradiance(_tracer(), None, 1, None)
+
+
+def _board() -> None:
     _shine(Target(Checkerboard(columns=2, rows=1, square_mm=1.0)))
 
 
@@ -94,10 +132,10 @@ def _search() -> None:
 
 
 _RUN = {
-    "lens": _lens,
-    "microlenses": _microlenses,
-    "micro_images": _micro_images,
-    "images": _images,
-    "shapes": _shapes,
-    "search": _search,
+    "lens": (_bundles, _edges),
+    "microlenses": (_microlenses,),
+    "micro_images": (_micro_images,),
+    "images": (_pictures, _board),
+    "shapes": (_shapes,),
+    "search": (_search,),
 }

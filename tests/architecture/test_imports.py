@@ -22,7 +22,7 @@ def test_rooms_import_only_downwards_and_libraries_enter_by_one_door(monkeypatch
 @pytest.mark.parametrize(
     ("module", "absent"),
     [
-        ("pipeline", ("numpy", "pxr", "numba", "typer", "rich", "colour")),
+        ("pipeline", ("numpy", "pxr", "numba", "typer", "rich", "colour", "networkx")),
         ("pipeline.cli", ("numpy", "pxr", "numba", "colour", "networkx")),
         ("pipeline.tasks.rays", ("pxr", "typer", "rich", "colour", "networkx")),
         ("pipeline.tasks.rays_tile", ("pxr", "typer", "rich", "colour", "networkx")),

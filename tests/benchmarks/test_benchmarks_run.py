@@ -85,3 +85,24 @@ def test_every_kind_of_task_states_its_memory(tmp_path: Path) -> None:
     peaks = {name.strip(): float(peak) for name, peak in re.findall(r"^([a-z_, ]+?) {2,}(\d+) ", text, re.MULTILINE)}
     assert {"rays", "truth, direct", "truth, moments", "truth, image", "positions", "image", "white"} <= peaks.keys()
     assert all(100 < peak < 1000 for peak in peaks.values()), "MB: libraries, and next to nothing"
+
+
+@pytest.mark.heavy
+def test_a_cold_start_and_the_truth_of_the_full_rig_have_a_price(tmp_path: Path) -> None:
+    """Compilation costs more than a build that is finished; a certificate is judged."""
+    (figures,) = re.findall(r"^now +([\d.]+) +([\d.]+) +([\d.]+) +([\d.]+)$", output_of("cold.py", tmp_path), re.M)
+    compiled, _, told, finished = map(float, figures)
+    assert compiled > finished > told > 0
+    text = output_of("chain.py", tmp_path)
+    assert re.search(r"^full rig, one pose +now +truth +[\d.]+ CPU s, certificate \d+% of that$", text, re.M)
+
+
+@pytest.mark.heavy
+def test_position_images_by_three_ways(tmp_path: Path) -> None:
+    """Random rays err less the more they are, quadrature less than they, and squares share its cost."""
+    text = output_of("positions.py", tmp_path)
+    errors = [float(error) for error in re.findall(r"random rays +\S+ +\S+ +(\S+)$", text, re.M)]
+    assert len(errors) == 10 and errors[4] < errors[0] / 10 and errors[9] < errors[5] / 10
+    assert all(float(error) < 1e-5 for error in re.findall(r"8 x 32 nodes +\S+ +\S+ +(\S+)", text))
+    (node,), (square,) = (re.findall(rf"{way} +\S+ +(\S+)", text)[:1] for way in ("3 x 8 nodes", "16 x 16"))
+    assert float(square) < float(node) / 4

@@ -1,0 +1,99 @@
+"""What does truth cost? Processor time of the truth of example 02 and of one pose of the paper's rig, before and now.
+
+    python benchmarks/chain.py [--small]
+
+Builds of one worker until a task, with all kernels compiled before; what a build until the camera's focus takes is
+subtracted, so that starting Python does not count. Example 02 as its stage says, by the default method of each commit;
+the paper's rig in full, 2173 x 2173 pixels, one board, by `direct` to 0.001 px. The certificate's share is what a build
+until the certificate takes more than one until the tables. With `--small` this commit alone, and the rig.
+"""
+
+import argparse
+
+from beside import BEFORE, EXAMPLE_02, Side, sides
+from kept import keep
+
+CAMERA = "Rig.Camera"
+STAGE = """#usda 1.0
+(
+    defaultPrim = "Full"
+    endTimeCode = 1
+    metersPerUnit = 0.001
+    startTimeCode = 1
+    timeCodesPerSecond = 24
+    upAxis = "Y"
+)
+
+def PlenDataset "Full"
+{
+    rel plen:cameras = </Full/Rig/Camera>
+    rel plen:targets = </Full/Board>
+
+    def "Rig" (
+        prepend references = @rigs/plenoptic_michels_2019.usda@
+    )
+    {
+        over "Camera"
+        {
+            uniform double plen:truth:accuracy = 0.001
+            uniform token plen:truth:method = "direct"
+        }
+    }
+
+    def PlenCheckerboard "Board"
+    {
+        uniform int plen:columns = 8
+        uniform int plen:rows = 5
+        uniform double plen:squareSize = 2
+        quatd xformOp:orient.timeSamples = {
+            1: (0.9844702839913732, 0.004545579370543608, 0.17358867277340387, -0.02577926164379328),
+        }
+        double3 xformOp:translate.timeSamples = {
+            1: (-1, 0.5, -420),
+        }
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
+    }
+}
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--small", action="store_true", help="this commit and the rig alone: does it run at all?")
+    options = parser.parse_args()
+    found = {}
+    with sides(now_alone=options.small) as compared:
+        for side in compared:
+            (side.home / "dataset.usda").write_text(STAGE, encoding="utf-8")
+            found[side.name] = {"full rig, one pose": measure(side, str(side.home / "dataset.usda"))}
+            if not options.small:
+                found[side.name]["example 02"] = measure(side, EXAMPLE_02)
+    for stage in found["now"]:
+        for name, rows in found.items():
+            row = rows[stage]
+            share = row["certificate_cpu_s"] / row["truth_cpu_s"]
+            print(f"{stage:20s}{name:10s}truth {row['truth_cpu_s']:6.1f} CPU s, certificate {share:.0%} of that")
+    if len(found) == 2:
+        whole = [{stage: sum(row.values()) for stage, row in rows.items()} for rows in found.values()]
+        ratios = {stage: round(whole[1][stage] / whole[0][stage], 3) for stage in whole[0]}
+        print("; ".join(f"{stage}: {ratio:.2f} of what it took" for stage, ratio in ratios.items()))
+        keep("chain", {"before": BEFORE, "sides": found, "ratios": ratios})
+
+
+def measure(side: Side, stage: str) -> dict[str, float]:
+    """Processor time of the tables of a stage with all that they need, and of the certificate [s]."""
+    until(side, stage, f"focus/{CAMERA}", "kernels")  # a build compiles what all its tasks need
+    start = until(side, stage, f"focus/{CAMERA}", "start")
+    truth = until(side, stage, f"truth/{CAMERA}/*", "truth")
+    certificate = until(side, stage, f"certificate/{CAMERA}", "truth") - start
+    return {"truth_cpu_s": round(truth - start, 2), "certificate_cpu_s": round(certificate, 2)}
+
+
+def until(side: Side, stage: str, task: str, store: str) -> float:
+    """Processor time of a build by one worker that ends with a task."""
+    out = str(side.home / "out")
+    return side.cpu_s("build", stage, "-j", "1", "--until", task, "-o", out, store=f"{store} {len(stage)}")
+
+
+if __name__ == "__main__":
+    main()
