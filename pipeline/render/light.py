@@ -9,8 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.camera.records import Leaving
 from pipeline.frames import apply
+from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
+from pipeline.render.footprints import Sight
 from pipeline.render.sheets import first_sheet
 from pipeline.render.surroundings import in_vision
 from pipeline.target import kernels
@@ -45,12 +48,36 @@ class TargetLight:
         patches = [(patch, pose @ patch.target_from_patch) for target, pose in targets for patch in target.patches()]
         self._lights = [_PatchLight(patch, pose) for patch, pose in patches]
         self._others = [occluder.radiance for occluder, _ in occluders]
+        self._flat = [(patch, pose) for patch, pose in patches if patch.kind == PLANE]
+        self._solids = [light.mesh_in_vision().reshape(-1, 3) for light in self._lights if not light.is_flat]
+        self._solids += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
         self._sheets = None
         if len(patches) <= _FEW and not occluders and all(patch.kind == PLANE for patch, _ in patches):
             self._sheets = _stacked(patches)
             return
         others = [in_vision(occluder, pose) for occluder, pose in occluders]
         self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
+
+    def seen(self, sight: Sight) -> np.ndarray:
+        """Light that both parts of pixels see, (2, n), NaN where it is not surely of one colour: see `Sight.judged`."""
+        return sight.judged(self._flat, self._solids, self._background)
+
+    def add(self, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
+        """Add the light that rays bring to their pixels (n,), where it is wanted, to an image.
+
+        Parameters
+        ----------
+        wanted, image : (m,) bool, (m,) float64
+            By pixel.
+        """
+        if self._sheets is not None and len(self._lights) == 1:
+            self._lights[0].add(self._background, rays, pixels, wanted, image)
+            return
+        some = np.flatnonzero(wanted[pixels])
+        if len(some) < len(pixels):
+            rays, pixels = Leaving(*(values[some] for values in rays)), pixels[some]
+        value = self.radiance(rays.origin, rays.direction)
+        sheet_image.add_values(rays.share, value, pixels, image)
 
     def radiance(self, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
@@ -91,6 +118,17 @@ class _PatchLight:
     def mesh_in_vision(self) -> np.ndarray:
         """Triangles, vision frame."""
         return apply(self._pose, self._triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the patch is plane."""
+        return self._patch.kind == PLANE
+
+    def add(self, background: float, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
+        """Add the light of a flat patch that nothing hides, and of what is beside it: see `TargetLight.add`."""
+        *drawing, colours = self._art
+        scene = sheet_image.Sheet(tuple(drawing), colours, self._pose, background)
+        sheet_image.add_light(scene, rays, pixels, wanted, image)
 
     def shine(self, triangle: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
         """Write the light of the rays that meet a triangle of this patch first; -1 stands for the others."""

@@ -16,10 +16,11 @@ from pipeline.camera.micro_light import micro_light
 from pipeline.camera.quadrature import edges
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.render.imaging import irradiance
+from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.target.mesh import MeshTarget
+from pipeline.target.occluder import Occluder
 from pipeline.target.surfaces import Cylinder, Warped
 from pipeline.target.target import AnyTarget, Target
 from pipeline.tasks.kernel_steps import STEPS
@@ -67,8 +68,15 @@ def _micro_images() -> None:
 
 
 def _images() -> None:
-    irradiance(_tracer(), None, 1, None)
-    _shine(Target(Checkerboard(columns=2, rows=1, square_mm=1.0)))
+    board, place = Target(Checkerboard(columns=2, rows=1, square_mm=1.0)), np.eye(4)
+    place[2, 3] = 100.0
+    occluder = Occluder(vertices_mm=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), triangles=((0, 1, 2),))
+    scenes = [TargetLight([(board, place)], 0.0), TargetLight([(board, place)], 0.0, [(occluder, place)])]
+    for tracer in (_tracer(), _plenoptic(0.0)):
+        images = micro_images(tracer) if tracer.camera.microlenses else None
+        white, foreign = irradiance_and_crosstalk(tracer, images, 1, None)
+        pictures(tracer, images, 1, scenes, np.array([white - foreign, foreign]))
+    _shine(board)
 
 
 def _shapes() -> None:

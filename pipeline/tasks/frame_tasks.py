@@ -41,7 +41,8 @@ def add_tiles(
 ) -> dict[str, str]:
     """Tasks of tiles, each with its rows in the params; role and name of each. One tile alone is no task.
 
-    Tiles with the same rows share work with those of other calls that say the same `together`.
+    Tiles with the same rows share work with those of other calls that say the same `together`. A name in `reads` that
+    ends with a slash stands for tiles: each reads the one of its own rows.
     """
     kind = f"{KIND}{name.partition('/')[0]}"
     return {
@@ -49,7 +50,7 @@ def add_tiles(
             f"{name}/{number:04d}",
             kind,
             {**params, "rows": list(some)},
-            reads,
+            {role: f"{source}{number:04d}" if source.endswith("/") else source for role, source in reads.items()},
             f"{together}/{number}" if together else None,
         )
         for number, some in enumerate(rows if len(rows) > 1 else [])
@@ -126,11 +127,12 @@ class FrameTasks:
     def _add_image(self, name: str, params: dict[str, Any]) -> str:
         rows = image_bands(self.entry.asked.sensor, self.entry.image_samples)
         together: str | None = f"image/{self.entry.name}"  # what leaves the camera is the same in every frame
-        tiles = add_tiles(self.graph, f"image_tile/{name}", params, self._reads, rows, together)
+        white = {"white": f"white_tile/{self.entry.name}/"}
+        tiles = add_tiles(self.graph, f"image_tile/{name}", params, {**self._reads, **white}, rows, together)
         if tiles:
             params, together = {key: params[key] for key in image_params(self.entry)}, None
-        params = {**params, "tiles": len(tiles)}
-        return self.graph.add(f"image/{name}", f"{KIND}image", params, {**self._reads, **tiles}, together)
+        params, reads = {**params, "tiles": len(tiles)}, tiles or {"white": f"white/{self.entry.name}"}
+        return self.graph.add(f"image/{name}", f"{KIND}image", params, {**self._reads, **reads}, together)
 
     def _image_params(self, frame: Frame, poses: dict[str, np.ndarray]) -> dict[str, Any]:
         targets = self.painted.targets(poses)

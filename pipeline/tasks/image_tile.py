@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.files.npy import write_npy
-from pipeline.render.imaging import irradiances
+from pipeline.files.npy import read_npy, write_npy
+from pipeline.render.imaging import pictures
 from pipeline.render.light import TargetLight
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.surroundings import placed_occluders, placed_targets
+from pipeline.tasks.white_tile import FOREIGN, WHITE
 
 PIXELS = "pixels.npy"
 
@@ -29,9 +30,11 @@ def run_together(params: Sequence[dict[str, Any]], inputs: Inputs, outs: Sequenc
 def image_rows(params: Sequence[dict[str, Any]], inputs: Inputs) -> np.ndarray:
     """Rows of images that the params ask for, else all, (frames, h, w) float64; params differ in their scenes alone."""
     tracer, images = tracer_of(inputs, params[0]["seed"])
-    return irradiances(tracer, images, params[0]["samples"], list(map(_radiance, params)), params[0].get("rows"))
+    white, foreign = (read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN))
+    parts = np.array([white - foreign, foreign])
+    return pictures(tracer, images, params[0]["samples"], list(map(_scene, params)), parts, params[0].get("rows"))
 
 
-def _radiance(params: dict[str, Any]) -> Any:
+def _scene(params: dict[str, Any]) -> TargetLight:
     targets, occluders = placed_targets(params["targets"]), placed_occluders(params["occluders"])
-    return TargetLight(targets, params["background"], occluders).radiance
+    return TargetLight(targets, params["background"], occluders)

@@ -17,7 +17,7 @@ def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
     if params["tiles"]:
         white, foreign = (stacked(inputs, params["tiles"], name) for name in (WHITE, FOREIGN))
     else:
-        white, foreign = white_rows(params, inputs)
+        white, foreign = white_rows(params, inputs, out)
     tracer = Tracer(focused_camera(inputs), params["seed"])
     if tracer.camera.microlenses is None:
         write_image(out, "white", white, params, tracer)
