@@ -46,6 +46,7 @@ bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
+	$(BIN)/python benchmarks/images.py --before 54ef84b --rows 96 --json benchmarks/results/images.json
 	$(BIN)/python benchmarks/engine.py
 
 # The paper's evaluation, tables and figures of example 03: about a quarter of an hour of computing time.

@@ -21,7 +21,7 @@ _TILE_PX = 32
 """Edge of a block of a sensor without microlenses."""
 _NODES_WITHIN = 0.75
 """How far the nodes behind a microlens reach, of how far its light does: in the corners of that square is none."""
-_TOUCHING_MM = 1e-2
+TOUCHING_MM = 1e-2
 """Room about a solid: its true surface may stand so far before its mesh."""
 
 
@@ -103,7 +103,7 @@ class Sight:
         shape = len(self._parts), len(self._parts[0].positions)
         verdict, light = np.full(shape, kernels.NOTHING, np.int8), np.full(shape, background)
         for points in solids:
-            low, high = points.min(axis=0) - _TOUCHING_MM, points.max(axis=0) + _TOUCHING_MM
+            low, high = points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM
             near, far = (self._meeting(_across(z)) for z in (low[2], high[2]))
             bounds = np.array([low[0], high[0], low[1], high[1]])
             for part, judged in zip(self._parts, verdict, strict=True):

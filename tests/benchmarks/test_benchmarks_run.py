@@ -85,3 +85,14 @@ def test_every_kind_of_task_states_its_memory(tmp_path: Path) -> None:
     peaks = {name.strip(): float(peak) for name, peak in re.findall(r"^([a-z_, ]+?) {2,}(\d+) ", text, re.MULTILINE)}
     assert {"rays", "truth, direct", "truth, moments", "truth, image", "positions", "image", "white"} <= peaks.keys()
     assert all(100 < peak < 1000 for peak in peaks.values()), "MB: libraries, and next to nothing"
+
+
+@pytest.mark.heavy
+def test_frames_start_fewer_rays_than_pixels_have(tmp_path: Path) -> None:
+    """Both cameras; each is asked with Embree and without."""
+    text = output_of("images.py", tmp_path)
+    whole = [float(rays) for rays in re.findall(r"([\d.e+]+) rays without a shortcut", text)]
+    traced = [float(rays) for rays in re.findall(r"a frame starts ([\d.e+]+) rays", text)]
+    assert len(whole) == len(traced) == 2
+    assert all(0 < some < all_rays for some, all_rays in zip(traced, whole, strict=True))
+    assert len(re.findall(r"all asked of Embree \d+%", text)) == 2
