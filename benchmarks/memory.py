@@ -199,7 +199,7 @@ def measure(bench: Bench, folder: Path, size: tuple[int, int]) -> list[dict[str,
     bench.run(rig, f"certificate/{CAMERA}", "certificate")
     bench.run(searched, f"truth/{CAMERA}/0001", "truth, moments")
     bench.run(graph_with(folder, size, "two-plane"), f"truth/{CAMERA}/0001", "truth, two-plane")
-    for kind, joined in (("image_tile", f"image/{CAMERA}/0001"), ("white_tile", f"white/{CAMERA}")):
+    for kind, joined in (("white_tile", f"white/{CAMERA}"), ("image_tile", f"image/{CAMERA}/0001")):
         bench.one_for_all(rig, kind)
         bench.run(rig, joined, kind.partition("_")[0])
     traced = graph_with(folder, size, "image")

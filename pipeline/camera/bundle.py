@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.camera import kernels
 from pipeline.camera.camera import Camera, CameraError
 from pipeline.camera.micro_images import micro_images, owners
+from pipeline.camera.records import Samples, Squares, room_for
 from pipeline.camera.sobol import sobol_bits
 from pipeline.camera.tracer import Tracer
 from pipeline.declared import number, whole
@@ -75,10 +76,7 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     images = micro_images(tracer) if camera.microlenses else None
     lens = owners(images, position)[:, None]
-    origin, direction = np.empty((samples, 3)), np.empty((samples, 3))
-    weight, owner = np.empty(samples), np.empty(samples, np.int64)
-    pixels = np.array([[round(x_px), round(y_px)]])
-    count = kernels.image_rays(
-        *tracer.arrays, sobol_bits(samples), seed, 0.0, pixels, position, lens, origin, direction, weight, owner
-    )
-    return Bundle(origin[:count], direction[:count], weight[:count])
+    pixel, rays = np.array([[round(x_px), round(y_px)]]), room_for(samples)
+    squares = Squares(pixel, position, lens, np.full_like(lens, samples))
+    count = kernels.image_rays(tracer.arrays, Samples(sobol_bits(samples), seed, 0.0), squares, rays)
+    return Bundle(*rays.first(count)[:3])

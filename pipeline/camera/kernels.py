@@ -144,65 +144,35 @@ def bundle_moments(
 
 
 @kernel
-def image_rays(
-    optics,
-    table,
-    outlines,
-    lenses,
-    aperture,
-    mosaic,
-    bits,
-    seed,
-    pitch,
-    pixels,
-    positions,
-    strata,
-    origin,
-    direction,
-    share,
-    owner,
-):
-    """Rays that leave the camera from the squares of many pixels, compacted.
-
-    Parameters
-    ----------
-    bits : (DIMENSIONS, samples) uint32
-        From `camera.sobol`.
-    pitch : float
-        Edge of a pixel; rays start anywhere on it.
-    strata : (n, s) int64
-        Microlenses that light of a pixel may pass, or `NO_MICROLENS`; `SKIP` fills up.
-    origin, direction : (n * s * samples, 3) float64
-        Written: a point behind the front vertex and the unit direction, vision frame.
-    share : (n * s * samples,) float64
-        Written: share of the pixel's integral of cos(theta) d omega, or of area, times its acceptance [sr or mm^2].
-    owner : (n * s * samples,) int64
-        Written: s times the row of the pixel plus the place of the microlens among its strata.
+def image_rays(camera, samples, squares, rays):
+    """Rays that leave the camera from many squares of the sensor, compacted: `camera.records` names the arguments.
 
     Returns
     -------
     int
-        Number of rays written. The other parameters are those of `bundle_moments`.
+        Number of rays written.
     """
+    optics, table, outlines, lenses, aperture, mosaic = camera
     region, packet = new_region(), new_packet()
     start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
-    x, y, samples, lens_of = packet[0], packet[1], bits.shape[1], strata.reshape(-1)
-    held, written = 0, 0
-    for n in range(positions.shape[0]):
-        sx, sy = positions[n]
-        base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
-        for j in range(strata.shape[1]):
-            lens, stream = strata[n, j], _IMAGE_STREAM + 4 * j
+    x, y, bits, lens_of = packet[0], packet[1], samples.bits, squares.strata.reshape(-1)
+    held, written, edge, places = 0, 0, samples.edge_mm, squares.strata.shape[1]
+    for n in range(squares.positions.shape[0]):
+        sx, sy = squares.positions[n]
+        base = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1])
+        for j in range(places):
+            lens, stream = squares.strata[n, j], _IMAGE_STREAM + 4 * j
             if lens == SKIP:
                 continue
-            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, _CIRCUMRADIUS * pitch, region)
+            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, _CIRCUMRADIUS * edge, region)
             if not fan_of[3] > 0.0:
                 continue
-            for first in range(0, samples, PACKET):
-                size = min(PACKET, samples - first)
+            count = squares.counts[n, j]
+            for first in range(0, count, PACKET):
+                size = min(PACKET, count - first)
                 if held + size > PACKET:
                     send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
-                    written = _release(packet, held, held_by, area, written, origin, direction, share, owner)
+                    written = _release(packet, held, held_by, area, rays, written)
                     held = 0
                 here = slice(held, held + size)
                 draw(bits[0], first, size, hash32(base, stream), start_x[here])
@@ -210,22 +180,23 @@ def image_rays(
                 draw(bits[2], first, size, hash32(base, stream + 2), x[here])
                 draw(bits[3], first, size, hash32(base, stream + 3), y[here])
                 for i in range(held, held + size):
-                    held_by[i], area[i] = n * strata.shape[1] + j, fan_of[3] / samples
-                    start_x[i] = sx + pitch * (start_x[i] - 0.5)
-                    start_y[i] = sy + pitch * (start_y[i] - 0.5)
+                    held_by[i], area[i] = n * places + j, fan_of[3] / count
+                    start_x[i] = sx + edge * (start_x[i] - 0.5)
+                    start_y[i] = sy + edge * (start_y[i] - 0.5)
                 drift = region_drift(optics, lens)
                 aim_into(region, fan_of, drift, sx, sy, start_x[here], start_y[here], x[here], y[here])
                 held += size
     if held > 0:
         send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
-        written = _release(packet, held, held_by, area, written, origin, direction, share, owner)
+        written = _release(packet, held, held_by, area, rays, written)
     return written
 
 
 @inline
-def _release(packet, size, held_by, area, written, origin, direction, share, owner):
+def _release(packet, size, held_by, area, rays, written):
     """Append the rays of a packet that leave the camera; their number so far."""
     x, y, z, dx, dy, dz, alive, _, weight = packet
+    origin, direction, share, owner = rays
     for i in range(size):
         if alive[i] > 0.0:
             origin[written, 0], origin[written, 1], origin[written, 2] = x[i], y[i], z[i]

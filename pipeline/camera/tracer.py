@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from pipeline.camera.mosaic import Microlenses, is_plain, microlenses
 from pipeline.camera.pupil import MARGIN, Outlines, outlines
 from pipeline.camera.pupil_grid import grid_outlines, upright
 from pipeline.camera.quadrature import NOT_STAR_SHAPED, edges
+from pipeline.camera.records import CameraArrays
 from pipeline.camera.regions import NO_MICROLENS, SKIP
 from pipeline.camera.sobol import sobol_bits
 from pipeline.optics.table import is_centred, towards_scene
@@ -110,14 +110,14 @@ class Tracer:
         return microlenses(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
 
     @cached_property
-    def arrays(self) -> tuple[Any, ...]:
-        """Leading arguments of the kernels: optics, table, outlines, lenses, aperture, mosaic."""
+    def arrays(self) -> CameraArrays:
+        """The camera for the kernels."""
         bounds, parts = self.bounds, self.microlenses
         sampling_plane = self.film_z_mm if self.camera.microlenses else float(self.table[0, 0])
         optics = np.array(
             [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
         )
-        return optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic
+        return CameraArrays(optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic)
 
     def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""

@@ -1,6 +1,7 @@
 """Images: relative irradiance of every pixel, by tracing rays from the pixel's square through the camera.
 
-What leaves the camera does not know the scene: images of several scenes share the rays.
+What leaves the camera does not know the scene: images of several scenes share the rays. Pixels that see one colour
+take no rays of their own: they are that colour by the light of a white scene.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -9,10 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera import kernels
-from pipeline.camera.micro_images import MicroImages, strata
+from pipeline.camera.micro_images import MicroImages
+from pipeline.camera.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.regions import SKIP
 from pipeline.camera.sobol import sobol_bits
+from pipeline.camera.strata import pixel_strata, positions_of
 from pipeline.camera.tracer import Tracer
+from pipeline.render.footprints import Sight
+from pipeline.render.light import TargetLight
 
 Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(n, 3) origins and directions, vision frame, to (n,) radiances."""
@@ -20,8 +25,10 @@ Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 Rows = tuple[int, int]
 """First and end of some rows of an image."""
 
-_RAYS_PER_CHUNK = 1 << 18
-"""Rays that are traced before they are shaded, 64 bytes each: of 2^14 to 2^20 the fastest for one and for 8 scenes."""
+_RAYS_PER_CHUNK = 1 << 15
+"""Rays that are traced before they are shaded, 64 bytes each: they stay in the cache."""
+_FEWEST = 4
+"""Inverse of the least share of the samples: of fewer rays one that is rare would stand out."""
 
 
 def irradiance(
@@ -44,23 +51,7 @@ def irradiance(
     -------
     (height, width) float64
     """
-    return irradiances(tracer, images, samples, [radiance], rows)[0]
-
-
-def irradiances(
-    tracer: Tracer,
-    images: MicroImages | None,
-    samples: int,
-    radiances: Sequence[Radiance | None],
-    rows: Rows | None = None,
-) -> np.ndarray:
-    """Images of several scenes by the same rays, (scenes, height, width): each as `irradiance` gives it alone."""
-    result = np.zeros((len(radiances), *_shape(tracer, rows)))
-    flat = result.reshape(len(radiances), -1)
-    for rays in _rays(tracer, images, samples, rows):
-        for scene, radiance in zip(flat, radiances, strict=True):
-            scene[rays.pixels] = np.bincount(rays.row, _value(rays, radiance), minlength=rays.count)
-    return result / tracer.reference_weight_sr
+    return irradiance_and_crosstalk(tracer, images, samples, radiance, rows)[0]
 
 
 def irradiance_and_crosstalk(
@@ -73,84 +64,137 @@ def irradiance_and_crosstalk(
     (height, width) float64, (height, width) float64
         See `irradiance`.
     """
-    shape = _shape(tracer, rows)
-    result, foreign = np.zeros((2, shape[0] * shape[1]))
-    for rays in _rays(tracer, images, samples, rows):
-        value, other = _value(rays, radiance), rays.way > 0
-        result[rays.pixels] = np.bincount(rays.row, value, minlength=rays.count)
-        foreign[rays.pixels] = np.bincount(rays.row[other], value[other], minlength=rays.count)
-    return result.reshape(shape) / tracer.reference_weight_sr, foreign.reshape(shape) / tracer.reference_weight_sr
+    band = _Band.of(tracer, images, rows)
+    result, foreign = np.zeros((2, len(band.positions)))
+    for rays in band.rays(samples, np.where(band.strata == SKIP, 0, samples)):
+        origin, direction, share, _ = rays.leaving
+        value = share if radiance is None else share * radiance(origin, direction)
+        other = rays.way > 0
+        result[rays.pixels] = np.bincount(rays.row, value, minlength=len(rays.pixels))
+        foreign[rays.pixels] = np.bincount(rays.row[other], value[other], minlength=len(rays.pixels))
+    shape = band.rows[1] - band.rows[0], tracer.camera.sensor.width_px
+    return band.relative(result).reshape(shape), band.relative(foreign).reshape(shape)
 
 
-def _shape(tracer: Tracer, rows: Rows | None) -> tuple[int, int]:
-    first, end = rows or (0, tracer.camera.sensor.height_px)
-    return end - first, tracer.camera.sensor.width_px
+def pictures(
+    tracer: Tracer,
+    images: MicroImages | None,
+    samples: int,
+    scenes: Sequence[TargetLight],
+    white: np.ndarray,
+    rows: Rows | None = None,
+) -> np.ndarray:
+    """Images of several scenes, (scenes, height, width): each, to the bit, what it is alone.
+
+    Of what pixels see through the microlens of their cell, and of what they see through others, the parts that are of
+    one colour are that colour by `white`; the other parts are sampled.
+
+    Parameters
+    ----------
+    white : (2, height, width) float64
+        The white image of the same rows in these two parts, relative; a conventional camera has no second one.
+    """
+    band = _Band.of(tracer, images, rows)
+    sight = Sight(tracer, images, band.rows, band.positions, band.strata)
+    parts = white.reshape(2, -1)
+    colour = np.array([scene.seen(sight) for scene in scenes])
+    wanted = np.isnan(colour)
+    counts = _counts(samples, parts, wanted.any(axis=0), band.strata)
+    result = np.zeros((len(scenes), 2 * len(band.positions)))
+    for rays in band.rays(samples, counts):
+        part = rays.pixels[rays.row] + len(band.positions) * (rays.way > 0)
+        for scene, sampled, image in zip(scenes, wanted, result, strict=True):
+            scene.add(rays.leaving, part, sampled.ravel(), image)
+    image = np.where(wanted, band.relative(result).reshape(wanted.shape), colour * parts)
+    return image.sum(axis=1).reshape(-1, *white.shape[1:])
+
+
+def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:
+    """Rays through each microlens that lights a pixel, (n, s): all samples for most of its light, else fewer.
+
+    Samples of equal total error go with the root of what they stand for. A quarter of them is the least.
+
+    Parameters
+    ----------
+    white, wanted : (2, n) float64, (2, n) bool
+        Light of both parts of each pixel, and whether it is sampled.
+    strata : (n, s) int64
+    """
+    with np.errstate(invalid="ignore"):  # dark pixels
+        share = np.sqrt(white / white.sum(axis=0))
+    least = max(1, samples // _FEWEST)
+    number = np.full(share.shape, samples)
+    while (fewer := (number // 2 >= least) & (share * samples <= number // 2)).any():
+        number[fewer] //= 2
+    number[~wanted] = 0
+    places = (np.arange(strata.shape[1]) > 0).astype(int)
+    return np.where(strata == SKIP, 0, number[places].T)
 
 
 @dataclass(frozen=True, slots=True)
 class _Rays:
-    """Rays of a stretch of pixels.
+    """Rays of some pixels.
 
     Attributes
     ----------
-    pixels : slice
+    pixels : (m,) int64
         The pixels, counted from the first row that is wanted.
-    origin, direction : (n, 3) float64
-        A point behind the front vertex and the unit direction, vision frame, mm.
-    weight : (n,) float64
-        Share of the pixel's integral.
+    leaving : Leaving
     row, way : (n,) int64
-        Pixel within the stretch, and place of the microlens among those that light it; 0 is that of its cell.
+        Place of the ray's pixel in `pixels`, and that of the microlens among those that light it; 0: its cell's.
     """
 
-    pixels: slice
-    origin: np.ndarray
-    direction: np.ndarray
-    weight: np.ndarray
+    pixels: np.ndarray
+    leaving: Leaving
     row: np.ndarray
     way: np.ndarray
 
-    @property
-    def count(self) -> int:
-        """Number of pixels."""
-        return int(self.pixels.stop - self.pixels.start)
+
+@dataclass(frozen=True, slots=True)
+class _Band:
+    """Rows of an image: their pixels, row by row, on the sensor (n, 2), and the microlenses that light each (n, s)."""
+
+    tracer: Tracer
+    rows: Rows
+    positions: np.ndarray
+    strata: np.ndarray
+
+    @classmethod
+    def of(cls, tracer: Tracer, images: MicroImages | None, rows: Rows | None) -> "_Band":
+        rows = rows or (0, tracer.camera.sensor.height_px)
+        return cls(tracer, rows, positions_of(tracer, rows), pixel_strata(tracer, images, rows))
+
+    def relative(self, flux: np.ndarray) -> np.ndarray:
+        """Integrals of pixels, over that of a white scene on the axis."""
+        return flux / self.tracer.reference_weight_sr
+
+    def rays(self, samples: int, counts: np.ndarray) -> Iterator[_Rays]:
+        """Rays of all pixels, so many through each microlens (n, s); the next stretch takes the arrays of the last."""
+        width, before = self.tracer.camera.sensor.width_px, self.rows[0] * self.tracer.camera.sensor.width_px
+        random = Samples(sobol_bits(samples), self.tracer.seed, self.tracer.camera.sensor.pitch_mm)
+        of_pixel = counts.sum(axis=1)
+        pixels = np.flatnonzero(of_pixel)
+        room = room_for(0)
+        for first, end in _stretches(of_pixel[pixels]):
+            some = pixels[first:end]
+            most = int(of_pixel[some].sum())
+            if len(room.share) < most:
+                room = room_for(most)
+            y_px, x_px = np.divmod(some + before, width)
+            strata = np.where(counts[some] > 0, self.strata[some], SKIP)
+            squares = Squares(np.stack([x_px, y_px], axis=1), self.positions[some], strata, counts[some])
+            count = kernels.image_rays(self.tracer.arrays, random, squares, room)
+            kernels.image_rays.count(most, len(self.tracer.table))
+            leaving = room.first(count)
+            yield _Rays(some, leaving, *np.divmod(leaving.owner, self.strata.shape[1]))
 
 
-def _value(rays: _Rays, radiance: Radiance | None) -> np.ndarray:
-    return rays.weight if radiance is None else rays.weight * radiance(rays.origin, rays.direction)
-
-
-def _rays(tracer: Tracer, images: MicroImages | None, samples: int, rows: Rows | None) -> Iterator[_Rays]:
-    """The rays of all pixels, stretch by stretch; the next stretch takes the arrays of the last one."""
-    sensor, (height, width) = tracer.camera.sensor, _shape(tracer, rows)
-    before = rows[0] * width if rows else 0
-    bits = sobol_bits(samples)
-    stretch = max(1, _RAYS_PER_CHUNK // (samples * _ways(tracer, images)))
-    buffers = _buffers(0)
-    for first in range(0, height * width, stretch):
-        pixels = slice(first, min(first + stretch, height * width))
-        y_px, x_px = np.divmod(np.arange(pixels.start + before, pixels.stop + before), width)
-        positions = tracer.positions_mm(x_px, y_px)
-        lenses = strata(tracer, images, positions)
-        most = int(np.count_nonzero(lenses != SKIP)) * samples
-        if len(buffers[0]) < most:
-            buffers = _buffers(most)
-        numbers = np.stack([x_px, y_px], axis=1)
-        count = kernels.image_rays(
-            *tracer.arrays, bits, tracer.seed, sensor.pitch_mm, numbers, positions, lenses, *buffers
-        )
-        kernels.image_rays.count(most, len(tracer.table))
-        origin, direction, weight, owner = (buffer[:count] for buffer in buffers)
-        yield _Rays(pixels, origin, direction, weight, *np.divmod(owner, lenses.shape[1]))
-
-
-def _ways(tracer: Tracer, images: MicroImages | None) -> int:
-    """About how many microlenses light a pixel where most do; it decides only how many pixels go together."""
-    if images is None:
-        return 1
-    middle = images.centre_mm[[len(images.centre_mm) // 2]]
-    return max(4, int(np.count_nonzero(strata(tracer, images, middle) != SKIP)))
-
-
-def _buffers(rays: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return np.empty((rays, 3)), np.empty((rays, 3)), np.empty(rays), np.empty(rays, np.int64)
+def _stretches(rays: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First and end of stretches of pixels that start about `_RAYS_PER_CHUNK` rays together, and at least one pixel."""
+    before = np.concatenate([[0], np.cumsum(rays)])
+    first = 0
+    while first < len(rays):
+        end = int(np.searchsorted(before, before[first] + _RAYS_PER_CHUNK, side="right")) - 1
+        end = min(max(end, first + 1), len(rays))
+        yield first, end
+        first = end

@@ -1,16 +1,20 @@
 """Radiance of the scene along rays: targets and occluders before a uniform background.
 
-Among a few flat sheets the first one that a ray meets is computed in double. Elsewhere Embree says which triangle is
-first, and the hit is recomputed in double on the true surface behind it. The pattern is evaluated there by its formula.
-No texture, no filter.
+Among a few flat sheets the first one that a ray meets is computed in double. Where there is more, rays that may meet
+it, because they meet a box around it, ask Embree which triangle is first, and the hit is recomputed in double on the
+true surface behind it. The pattern is evaluated there by its formula. No texture, no filter.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.camera.records import Leaving
 from pipeline.frames import apply
+from pipeline.render import sheet_image
+from pipeline.render.boxes import may_meet
 from pipeline.render.embree import MeshScene
+from pipeline.render.footprints import TOUCHING_MM, Sight
 from pipeline.render.sheets import first_sheet
 from pipeline.render.surroundings import in_vision
 from pipeline.target import kernels
@@ -45,32 +49,78 @@ class TargetLight:
         patches = [(patch, pose @ patch.target_from_patch) for target, pose in targets for patch in target.patches()]
         self._lights = [_PatchLight(patch, pose) for patch, pose in patches]
         self._others = [occluder.radiance for occluder, _ in occluders]
-        self._sheets = None
-        if len(patches) <= _FEW and not occluders and all(patch.kind == PLANE for patch, _ in patches):
-            self._sheets = _stacked(patches)
+        self._flat = [(patch, pose) for patch, pose in patches if patch.kind == PLANE]
+        self._solids = [light.mesh_in_vision().reshape(-1, 3) for light in self._lights if not light.is_flat]
+        self._solids += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
+        self._boxes = np.array(
+            [(some.min(axis=0) - TOUCHING_MM, some.max(axis=0) + TOUCHING_MM) for some in self._solids]
+        )
+        self._sheets = _stacked(self._flat) if len(self._flat) <= _FEW else None
+        if len(self._boxes) or self._sheets is None:
+            others = [in_vision(occluder, pose) for occluder, pose in occluders]
+            self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
+
+    def seen(self, sight: Sight) -> np.ndarray:
+        """Light that both parts of pixels see, (2, n), NaN where it is not surely of one colour: see `Sight.judged`."""
+        return sight.judged(self._flat, self._solids, self._background)
+
+    def add(self, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
+        """Add the light that rays bring to their pixels (n,), where it is wanted, to an image.
+
+        Parameters
+        ----------
+        wanted, image : (m,) bool, (m,) float64
+            By pixel.
+        """
+        if self._is_one_sheet:
+            self._lights[0].add(self._background, rays, pixels, wanted, image)
             return
-        others = [in_vision(occluder, pose) for occluder, pose in occluders]
-        self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
+        some = np.flatnonzero(wanted[pixels])
+        if len(some) < len(pixels):
+            rays, pixels = Leaving(*(values[some] for values in rays)), pixels[some]
+        value = self.radiance(rays.origin, rays.direction)
+        sheet_image.add_values(rays.share, value, pixels, image)
 
     def radiance(self, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
         light = np.full(len(origin_mm), self._background)
-        if self._sheets is not None and len(self._lights) == 1:  # nothing can hide it: the pattern alone decides
+        if self._sheets is None:
+            self._by_embree(origin_mm, direction, light)
+            return light
+        if self._is_one_sheet:  # nothing can hide it: the pattern alone decides
             self._lights[0].shine(np.zeros(len(light), np.int64), origin_mm, direction, light)
             return light
-        if self._sheets is not None:
-            first = np.empty(len(light), np.int64)
-            first_sheet(*self._sheets, origin_mm, direction, first)
-            for k, patch in enumerate(self._lights):
-                patch.shine(np.where(first == k, 0, -1), origin_mm, direction, light)
-            return light
-        hit = self._scene.first_hit(origin_mm, direction)
+        self._by_sheets(origin_mm, direction, light)
+        if len(self._boxes):
+            near = np.empty(len(light), bool)
+            may_meet(self._boxes, origin_mm, direction, near)
+            some = np.flatnonzero(near)
+            if len(some):
+                asked = np.full(len(some), self._background)
+                self._by_embree(origin_mm[some], direction[some], asked)
+                light[some] = asked
+        return light
+
+    @property
+    def _is_one_sheet(self) -> bool:
+        return self._sheets is not None and len(self._lights) == 1 and not len(self._boxes)
+
+    def _by_sheets(self, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
+        """Write the light of flat sheets, as if nothing else were there."""
+        assert self._sheets is not None
+        first = np.empty(len(light), np.int64)
+        first_sheet(*self._sheets, origin, direction, first)
+        for k, patch in enumerate(light_of for light_of in self._lights if light_of.is_flat):
+            patch.shine(np.where(first == k, 0, -1), origin, direction, light)
+
+    def _by_embree(self, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
+        """Write the light of all that is there."""
+        hit = self._scene.first_hit(origin, direction)
         for patch, first, end in zip(self._lights, self._scene.first, self._scene.first[1:], strict=False):
-            patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin_mm, direction, light)
+            patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin, direction, light)
         ends = self._scene.first[len(self._lights) :]
         for radiance, first, end in zip(self._others, ends, ends[1:], strict=False):
             light[(hit >= first) & (hit < end)] = radiance
-        return light
 
 
 def _stacked(patches: Sequence[tuple[Patch, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
@@ -91,6 +141,17 @@ class _PatchLight:
     def mesh_in_vision(self) -> np.ndarray:
         """Triangles, vision frame."""
         return apply(self._pose, self._triangles.reshape(-1, 3)).reshape(-1, 3, 3)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the patch is plane."""
+        return self._patch.kind == PLANE
+
+    def add(self, background: float, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
+        """Add the light of a flat patch that nothing hides, and of what is beside it: see `TargetLight.add`."""
+        *drawing, colours = self._art
+        scene = sheet_image.Sheet(tuple(drawing), colours, self._pose, background)
+        sheet_image.add_light(scene, rays, pixels, wanted, image)
 
     def shine(self, triangle: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
         """Write the light of the rays that meet a triangle of this patch first; -1 stands for the others."""

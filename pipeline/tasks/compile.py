@@ -22,10 +22,11 @@ from pipeline.camera.quadrature import edges
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.render.imaging import irradiance
+from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
 from pipeline.target.checkerboard import Checkerboard
 from pipeline.target.mesh import MeshTarget
+from pipeline.target.occluder import Occluder
 from pipeline.target.surfaces import Cylinder, Warped
 from pipeline.target.target import AnyTarget, Target
 from pipeline.tasks.kernel_steps import STEPS
@@ -101,8 +102,22 @@ def _micro_images() -> None:
     micro_light(tracer, micro_images(tracer))
 
 
-def _pictures() -> None:
-    irradiance(_tracer(), None, 1, None)
+def _pictures(tracer: Tracer) -> None:
+    board, place = Target(Checkerboard(columns=2, rows=1, square_mm=1.0)), np.eye(4)
+    place[2, 3] = 100.0
+    occluder = Occluder(vertices_mm=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), triangles=((0, 1, 2),))
+    scenes = [TargetLight([(board, place)], 0.0), TargetLight([(board, place)], 0.0, [(occluder, place)])]
+    images = micro_images(tracer) if tracer.camera.microlenses else None
+    white, foreign = irradiance_and_crosstalk(tracer, images, 1, None)
+    pictures(tracer, images, 1, scenes, np.array([white - foreign, foreign]))
+
+
+def _pictures_of_a_lens() -> None:
+    _pictures(_tracer())
+
+
+def _pictures_behind_microlenses() -> None:
+    _pictures(_plenoptic(0.0))
 
 
 def _board() -> None:
@@ -135,7 +150,7 @@ _RUN = {
     "lens": (_bundles, _edges),
     "microlenses": (_microlenses,),
     "micro_images": (_micro_images,),
-    "images": (_pictures, _board),
+    "images": (_pictures_of_a_lens, _pictures_behind_microlenses, _board),
     "shapes": (_shapes,),
     "search": (_search,),
 }

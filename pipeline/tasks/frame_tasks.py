@@ -67,10 +67,17 @@ def add_tiles(
 ) -> dict[str, str]:
     """Tasks of tiles, one for each of the params; role and name of each. One tile alone is no task.
 
-    Tiles of one number share work with those of other calls that say the same `together`.
+    Tiles of one number share work with those of other calls that say the same `together`. A name in `reads` that ends
+    with a slash stands for tiles: each reads the one of its own number.
     """
     return {
-        f"tile{number}": add(graph, f"{name}/{number:04d}", tile, reads, f"{together}/{number}" if together else None)
+        f"tile{number}": add(
+            graph,
+            f"{name}/{number:04d}",
+            tile,
+            {role: f"{source}{number:04d}" if source.endswith("/") else source for role, source in reads.items()},
+            f"{together}/{number}" if together else None,
+        )
         for number, tile in enumerate(params if len(params) > 1 else [])
     }
 
@@ -146,13 +153,15 @@ class FrameTasks:
         return add(self.graph, f"certificate/{self.entry.name}", params, {**self._reads, **truths})
 
     def _add_image(self, name: str, view: PaintedView) -> str:
-        exposure, together = exposure_of(self.entry), f"image/{self.entry.name}"
+        camera, exposure = self.entry.name, exposure_of(self.entry)
         bands = image_bands(self.entry.asked.sensor, self.entry.image_samples)
         parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
         # What leaves the camera is the same in every frame: frames share it.
-        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, self._reads, together)
+        together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
+        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white}, together)
         params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
-        return add(self.graph, f"image/{name}", params, {**self._reads, **tiles}, None if tiles else together)
+        reads = {**self._reads, **(tiles or {"white": f"white/{camera}"})}
+        return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
     def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
         return PaintedView(

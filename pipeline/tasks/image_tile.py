@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pipeline.files.npy import write_npy
-from pipeline.render.imaging import irradiances
+from pipeline.files.npy import read_npy, write_npy
+from pipeline.render.imaging import pictures
 from pipeline.render.light import TargetLight
 from pipeline.tasks.cameras import Inputs, tracer_of
 from pipeline.tasks.params import Exposure, PaintedView
 from pipeline.tasks.params import ImageTile as Params
 from pipeline.tasks.surroundings import placed_occluder, placed_target
+from pipeline.tasks.white_tile import FOREIGN, WHITE
 
 PIXELS = "pixels.npy"
 
@@ -34,9 +34,11 @@ def image_rows(
 ) -> np.ndarray:
     """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
     tracer, images = tracer_of(inputs, exposure.seed)
-    return irradiances(tracer, images, exposure.samples, list(map(_radiance, views)), rows)
+    white, foreign = (read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN))
+    parts = np.array([white - foreign, foreign])
+    return pictures(tracer, images, exposure.samples, list(map(_scene, views)), parts, rows)
 
 
-def _radiance(view: PaintedView) -> Any:
+def _scene(view: PaintedView) -> TargetLight:
     targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
-    return TargetLight(targets, view.background, occluders).radiance
+    return TargetLight(targets, view.background, occluders)

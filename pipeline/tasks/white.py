@@ -16,7 +16,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     if params.tiles:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
     else:
-        white, foreign = white_rows(params.exposure, inputs)
+        white, foreign = white_rows(params.exposure, inputs, out)
     tracer = tracer_alone(inputs, params.exposure.seed)
     if tracer.camera.microlenses is None:
         write_image(out, "white", white, params.exposure, tracer)

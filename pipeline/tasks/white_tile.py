@@ -1,4 +1,4 @@
-"""Task `white_tile`: some rows of the image of a white scene, for the task `white`."""
+"""Task `white_tile`: some rows of the image of a white scene, for the tasks `white` and `image_tile`."""
 
 from pathlib import Path
 
@@ -15,14 +15,16 @@ WHITE, FOREIGN = "white.npy", "foreign.npy"
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write both arrays."""
-    for name, pixels in zip((WHITE, FOREIGN), white_rows(params.exposure, inputs, params.rows), strict=True):
-        write_npy(out / name, pixels)
+    white_rows(params.exposure, inputs, out, params.rows)
 
 
 def white_rows(
-    exposure: Exposure, inputs: Inputs, rows: tuple[int, int] | None = None
+    exposure: Exposure, inputs: Inputs, out: Path, rows: tuple[int, int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows from the first to an end, by default all, (h, w) float64 each: the image, and its part through other
-    microlenses than that of the pixel's cell."""
+    """Rows from the first to an end, by default all, (h, w) float64 each, written for images: the white image, and its
+    part through other microlenses than that of the pixel's cell."""
     tracer, images = tracer_of(inputs, exposure.seed)
-    return irradiance_and_crosstalk(tracer, images, exposure.samples, None, rows)
+    parts = irradiance_and_crosstalk(tracer, images, exposure.samples, None, rows)
+    for name, pixels in zip((WHITE, FOREIGN), parts, strict=True):
+        write_npy(out / name, pixels)
+    return parts

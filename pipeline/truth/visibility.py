@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.camera import kernels
 from pipeline.camera.camera import REPLICAS
+from pipeline.camera.records import Samples, Squares, room_for
 from pipeline.camera.sobol import sobol_bits
 from pipeline.render.surroundings import Surroundings
 from pipeline.truth.correspond import Correspondences
@@ -92,24 +93,17 @@ def shares(
 ) -> tuple[np.ndarray, np.ndarray]:
     """`visibility` by so many rays each; NaN where none of them leaves. Fewer rays are the first ones of more."""
     n, tracer = len(lens), rig.tracer
-    origin, direction = np.empty((n * rays, 3)), np.empty((n * rays, 3))
-    weight, owner = np.empty(n * rays), np.empty(n * rays, np.int64)
-    count = kernels.image_rays(
-        *tracer.arrays,
-        sobol_bits(rays // REPLICAS),
-        tracer.seed ^ _STREAM,
-        rig.square_px * tracer.camera.sensor.pitch_mm,
-        np.rint(x_px).astype(np.int64),
-        tracer.positions_mm(*x_px.T),
-        np.repeat(lens[:, None], REPLICAS, axis=1),  # the places of the microlenses are the replicas
-        origin,
-        direction,
-        weight,
-        owner,
-    )
+    # The places of the microlenses are the replicas.
+    strata, bits = np.repeat(lens[:, None], REPLICAS, axis=1), sobol_bits(rays // REPLICAS)
+    edge_mm = rig.square_px * tracer.camera.sensor.pitch_mm
+    counts = np.full_like(strata, rays // REPLICAS)
+    squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts)
+    room = room_for(n * rays)
+    count = kernels.image_rays(tracer.arrays, Samples(bits, tracer.seed ^ _STREAM, edge_mm), squares, room)
     kernels.image_rays.count(n * rays, len(tracer.table))
-    row, weight, owner = owner[:count] // REPLICAS, weight[:count], owner[:count]
-    hidden = surroundings.hides(target, planes[row, 0], planes[row, 3], origin[:count], direction[:count])
+    origin, direction, weight, owner = room.first(count)
+    row = owner // REPLICAS
+    hidden = surroundings.hides(target, planes[row, 0], planes[row, 3], origin, direction)
     leaving = np.bincount(owner, weight, n * REPLICAS).reshape(n, REPLICAS)
     arriving = np.bincount(owner, weight * ~hidden, n * REPLICAS).reshape(n, REPLICAS)
     with np.errstate(invalid="ignore"):

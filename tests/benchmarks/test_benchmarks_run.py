@@ -106,3 +106,14 @@ def test_position_images_by_three_ways(tmp_path: Path) -> None:
     assert all(float(error) < 1e-5 for error in re.findall(r"8 x 32 nodes +\S+ +\S+ +(\S+)", text))
     (node,), (square,) = (re.findall(rf"{way} +\S+ +(\S+)", text)[:1] for way in ("3 x 8 nodes", "16 x 16"))
     assert float(square) < float(node) / 4
+
+
+@pytest.mark.heavy
+def test_frames_start_fewer_rays_than_pixels_have(tmp_path: Path) -> None:
+    """Both cameras; each is asked with Embree and without."""
+    text = output_of("images.py", tmp_path)
+    whole = [float(rays) for rays in re.findall(r"([\d.e+]+) rays without a shortcut", text)]
+    traced = [float(rays) for rays in re.findall(r"a frame starts ([\d.e+]+) rays", text)]
+    assert len(whole) == len(traced) == 2
+    assert all(0 < some < all_rays for some, all_rays in zip(traced, whole, strict=True))
+    assert len(re.findall(r"all asked of Embree \d+%", text)) == 2

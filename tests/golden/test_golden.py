@@ -15,7 +15,7 @@ from pipeline.camera.micro_images import micro_images
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.files.tables import read_table, write_table
-from pipeline.render.imaging import irradiance
+from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
 from pipeline.scene.load import load
 from pipeline.tasks.poses import vision_from_target
@@ -123,4 +123,5 @@ def _image(name: str, seed: int) -> np.ndarray:
     targets = [(entry.target, vision_from_target(frame, camera.name, entry.name)) for entry in dataset.targets]
     light = TargetLight(targets, dataset.background)
     images = micro_images(tracer) if camera.camera.microlenses else None
-    return irradiance(tracer, images, camera.image_samples, light.radiance)
+    white, foreign = irradiance_and_crosstalk(tracer, images, camera.image_samples, None)
+    return pictures(tracer, images, camera.image_samples, [light], np.array([white - foreign, foreign]))[0]

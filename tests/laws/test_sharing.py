@@ -9,29 +9,45 @@ from pipeline.camera.camera import Camera
 from pipeline.camera.micro_images import micro_images
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import write_json
+from pipeline.frames import rigid
 from pipeline.records import to_plain
 from pipeline.render import imaging
-from pipeline.render.imaging import irradiance, irradiances
+from pipeline.render.imaging import irradiance_and_crosstalk, pictures
+from pipeline.render.light import TargetLight
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.circles import CircleGrid
+from pipeline.target.surfaces import Cylinder
+from pipeline.target.target import Target
 from pipeline.tasks.cameras import FOCUSED, tracer_alone, tracer_of
 
+SQUARES = Checkerboard(columns=6, rows=3, square_mm=3.0)
+POSE = rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.3, -0.2, 430.0]))
+BEHIND = rigid(np.diag([1.0, -1.0, -1.0]), np.array([9.0, 2.0, 470.0]))
 SCENES = [
-    None,
-    lambda origin, direction: direction[:, 0] + 2.0,
-    lambda origin, direction: (origin[:, 1] > 0).astype(float),
+    TargetLight([(Target(SQUARES), POSE)], 0.25),
+    TargetLight([(Target(CircleGrid(columns=5, rows=4, spacing_mm=4.0, diameter_mm=2.0)), POSE)], 0.1),
+    TargetLight([(Target(SQUARES), POSE), (Target(SQUARES), BEHIND)], 0.1),
+    TargetLight([(Target(SQUARES, Cylinder(radius_mm=30.0)), POSE)], 0.5),
+    TargetLight([], 0.7),
 ]
+ROWS = (20, 29)
 
 
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
 def test_scenes_in_company_are_scenes_alone(kind: str, request: pytest.FixtureRequest, monkeypatch) -> None:
     camera: Camera = request.getfixturevalue(kind)
     tracer = Tracer(camera, seed=3)
-    images, rows = micro_images(tracer) if camera.microlenses else None, (20, 29)
-    together = irradiances(tracer, images, 16, SCENES, rows)
+    images = micro_images(tracer) if camera.microlenses else None
+    white, foreign = irradiance_and_crosstalk(tracer, images, 16, None, ROWS)
+    parts = np.array([white - foreign, foreign])
+    together = pictures(tracer, images, 16, SCENES, parts, ROWS)
+    assert np.ptp(together[:4], axis=(1, 2)).min() > 0
     for scene, image in zip(SCENES, together, strict=True):
-        assert image.max() > 0
-        assert np.array_equal(image, irradiance(tracer, images, 16, scene, rows))
-    monkeypatch.setattr(imaging, "_RAYS_PER_CHUNK", 5000)
-    assert np.array_equal(together, irradiances(tracer, images, 16, SCENES, rows))
+        assert np.array_equal(image, pictures(tracer, images, 16, [scene], parts, ROWS)[0])
+    monkeypatch.setattr(imaging, "_RAYS_PER_CHUNK", 500)
+    assert np.array_equal(together, pictures(tracer, images, 16, SCENES, parts, ROWS))
+    first = [pictures(tracer, images, 16, SCENES, parts[:, a - 20 : b - 20], (a, b)) for a, b in ((20, 23), (23, 29))]
+    assert np.array_equal(together, np.concatenate(first, axis=1))
 
 
 def test_tasks_of_a_camera_share_what_makes_it_ready_and_no_other_camera_or_seed_does(plenoptic, tmp_path) -> None:

@@ -1,0 +1,218 @@
+"""Footprints of pixels on planes of a scene, and of what one colour they are. Kernels only; mm.
+
+A footprint is a box about the points where the beam of a pixel meets a plane: the rays of its block, interpolated by
+cubics in x and y. The box is wider than they say by a seventh of its size, because of rays between them; by what a
+pixel's square adds; and by what the cubics may miss.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.beams import NODES, RAYS
+from pipeline.jit import inline, kernel
+from pipeline.target.plain_boxes import BESIDE, MIXED, colour_of_box
+
+BEHIND, FRONT, BACK, ODD = range(4)
+"""How all rays of a beam meet a plane: behind their start, i.e. not at all; its front; its back; some so, some so."""
+NOTHING, SHEET, UNDECIDED = range(3)
+"""Verdicts about a pixel: it sees the background alone, one colour of one sheet, or perhaps several things."""
+_ROOM = 1.15
+"""Of a footprint, over the box about its rays."""
+_BEYOND = 1.5
+"""Of a block over the box about its nodes: what a microlens lights ends two thirds of a step beyond them."""
+_SQUARE = 0.6
+"""Of a pixel's edge: half of it, and more because blocks are not quite linear."""
+_LAST_TERM = 0.25
+"""Of the last term of a cubic: what the next one may add, also two thirds of a step beyond the nodes."""
+
+
+@kernel
+def meet_plane(beams, pose, edge_mm, step_mm, meeting):
+    """Where the beams of blocks meet the plane z = 0 of a frame.
+
+    Parameters
+    ----------
+    beams : camera.beams.Beams
+    pose : (4, 4) float64
+        vision_from_frame.
+    edge_mm : float
+        Of a pixel.
+    step_mm : (b,) float64
+        Distance of the nodes of each block.
+    meeting : Meeting
+        Written.
+    """
+    for b in range(step_mm.shape[0]):
+        front, back, behind = 0, 0, 0
+        for m in range(NODES * NODES):
+            for k in range(RAYS):
+                ox = beams.origin[b, m, k, 0] - pose[0, 3]
+                oy = beams.origin[b, m, k, 1] - pose[1, 3]
+                oz = beams.origin[b, m, k, 2] - pose[2, 3]
+                dx, dy, dz = beams.direction[b, m, k, 0], beams.direction[b, m, k, 1], beams.direction[b, m, k, 2]
+                towards = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
+                t = -(pose[0, 2] * ox + pose[1, 2] * oy + pose[2, 2] * oz) / towards
+                hx, hy, hz = ox + t * dx, oy + t * dy, oz + t * dz
+                meeting.points[b, m, 0, k] = pose[0, 0] * hx + pose[1, 0] * hy + pose[2, 0] * hz
+                meeting.points[b, m, 1, k] = pose[0, 1] * hx + pose[1, 1] * hy + pose[2, 1] * hz
+                front += t > 0.0 and towards < 0.0
+                back += t > 0.0 and towards > 0.0
+                behind += t < 0.0
+        meeting.side[b] = ODD
+        if beams.known[b]:
+            for side, count in ((FRONT, front), (BACK, back), (BEHIND, behind)):
+                if count == NODES * NODES * RAYS:
+                    meeting.side[b] = side
+        for axis in range(2):
+            meeting.more[b, axis] = _more(meeting.points[b], axis, edge_mm / step_mm[b])
+
+
+@inline
+def _more(points, axis, edge):
+    """What a footprint is larger by than the box about the rays of a pixel's centre, on every side."""
+    slope, last = 0.0, 0.0
+    for along in range(2):
+        stride, other = (1, NODES) if along == 0 else (NODES, 1)
+        steepest, third = 0.0, 0.0
+        for line in range(NODES):
+            for k in range(RAYS):
+                first = line * other
+                a, b = points[first, axis, k], points[first + stride, axis, k]
+                c, d = points[first + 2 * stride, axis, k], points[first + 3 * stride, axis, k]
+                steepest = max(steepest, max(abs(b - a), max(abs(c - b), abs(d - c))))
+                third = max(third, abs(d - 3.0 * c + 3.0 * b - a))
+        slope += steepest
+        last += third
+    return _SQUARE * edge * slope + _LAST_TERM * last
+
+
+@kernel
+def whole_blocks(drawing, meeting, colour):
+    """Colour of all that each block sees of a sheet (b,), written: black 0, white 1, `BESIDE` or `MIXED`."""
+    for b in range(colour.shape[0]):
+        colour[b] = MIXED
+        if meeting.side[b] == BEHIND:
+            colour[b] = BESIDE
+        elif meeting.side[b] != ODD:
+            left, right, bottom, top = _whole(meeting, b)
+            colour[b] = colour_of_box(drawing, left, right, bottom, top)
+
+
+@inline
+def _whole(meeting, b):
+    """The box of a whole block."""
+    left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
+    for m in range(NODES * NODES):
+        for k in range(RAYS):
+            left, right = min(left, meeting.points[b, m, 0, k]), max(right, meeting.points[b, m, 0, k])
+            bottom, top = min(bottom, meeting.points[b, m, 1, k]), max(top, meeting.points[b, m, 1, k])
+    return _wider(left, right, bottom, top, _BEYOND, meeting.more[b])
+
+
+@inline
+def _wider(left, right, bottom, top, factor, more):
+    x, y = 0.5 * (left + right), 0.5 * (bottom + top)
+    a, b = factor * (right - x) + more[0], factor * (top - y) + more[1]
+    return x - a, x + a, y - b, y + b
+
+
+@kernel
+def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, light):
+    """Judge what pixels see of one more sheet.
+
+    Parameters
+    ----------
+    drawing : tuple
+        `Drawing.arrays`.
+    colours : (2,) float64
+        Radiance of black and of white.
+    places : Places
+    meeting : Meeting
+    colour_of_block : (b,) float64
+        From `whole_blocks`.
+    verdict : (n,) int8
+        Read and written.
+    light : (n,) float64
+        Written where a pixel sees the sheet alone, and one colour of it.
+    """
+    u, v = np.empty(RAYS), np.empty(RAYS)
+    for n in range(verdict.shape[0]):
+        found, faces = math.nan, ODD
+        for j in range(places.blocks.shape[1]):
+            b = places.blocks[n, j]
+            if b < 0 or verdict[n] == UNDECIDED:
+                continue
+            colour = colour_of_block[b]
+            if colour == MIXED and meeting.side[b] != ODD:
+                left, right, bottom, top = _footprint(meeting, b, places, n, u, v)
+                colour = colour_of_box(drawing, left, right, bottom, top)
+            side = BEHIND if colour == BESIDE else meeting.side[b]
+            if colour == MIXED or not (math.isnan(found) or (found == colour and faces == side)):
+                verdict[n] = UNDECIDED
+            found, faces = colour, side
+        if verdict[n] == UNDECIDED or math.isnan(found) or found == BESIDE:
+            continue
+        if verdict[n] == SHEET:  # another one is seen, too
+            verdict[n] = UNDECIDED
+            continue
+        verdict[n] = SHEET
+        light[n] = 0.0 if faces == BACK else colours[int(found)]
+
+
+@inline
+def _footprint(meeting, b, places, n, u, v):
+    """The box of a pixel's beam in a plane; `u` and `v` (RAYS,) are overwritten."""
+    per_step = 1.0 / places.step_mm[b]
+    x = (places.positions[n, 0] - places.centre_mm[b, 0]) * per_step + 0.5 * (NODES - 1)
+    y = (places.positions[n, 1] - places.centre_mm[b, 1]) * per_step + 0.5 * (NODES - 1)
+    wx, wy = _cubic(x), _cubic(y)
+    for k in range(RAYS):
+        u[k], v[k] = 0.0, 0.0
+    for j in range(NODES):
+        for i in range(NODES):
+            w, m = wx[i] * wy[j], j * NODES + i
+            for k in range(RAYS):
+                u[k] += w * meeting.points[b, m, 0, k]
+                v[k] += w * meeting.points[b, m, 1, k]
+    left, right, bottom, top = u[0], u[0], v[0], v[0]
+    for k in range(1, RAYS):
+        left, right, bottom, top = min(left, u[k]), max(right, u[k]), min(bottom, v[k]), max(top, v[k])
+    return _wider(left, right, bottom, top, _ROOM, meeting.more[b])
+
+
+@inline
+def _cubic(x):
+    """Weights of the nodes 0, 1, 2, 3 in the cubic through them."""
+    a, b, c, d = x, x - 1.0, x - 2.0, x - 3.0
+    return -b * c * d / 6.0, 0.5 * a * c * d, -0.5 * a * b * d, a * b * c / 6.0
+
+
+@kernel
+def look_past_solid(bounds, places, near, far, verdict):
+    """Leave undecided what pixels may see of something within bounds, rather than the background or a sheet.
+
+    Between two planes a ray stays within the boxes that it meets on both.
+
+    Parameters
+    ----------
+    bounds : (4,) float64
+        Left, right, bottom, top of the thing, vision frame.
+    near, far : Meeting
+        With the planes across the axis where it begins and ends.
+    """
+    u, v = np.empty(RAYS), np.empty(RAYS)
+    for n in range(verdict.shape[0]):
+        for j in range(places.blocks.shape[1]):
+            b = places.blocks[n, j]
+            if b < 0 or verdict[n] == UNDECIDED or (near.side[b] == BEHIND and far.side[b] == BEHIND):
+                continue
+            if near.side[b] == ODD or near.side[b] != far.side[b]:
+                verdict[n] = UNDECIDED
+                continue
+            left, right, bottom, top = _footprint(near, b, places, n, u, v)
+            a, c, d, e = _footprint(far, b, places, n, u, v)
+            left, right, bottom, top = min(left, a), max(right, c), min(bottom, d), max(top, e)
+            # Not beside: also where a bound is NaN.
+            if not (right < bounds[0] or left > bounds[1] or top < bounds[2] or bottom > bounds[3]):
+                verdict[n] = UNDECIDED

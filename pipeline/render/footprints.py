@@ -1,0 +1,154 @@
+"""Pixels that see nothing but one colour: their value is that colour by the light of a white scene, and has no noise.
+
+Beams, the rays of a few points of the sensor, tell where the light of every pixel may come from; see `camera.beams`.
+The judgement errs to one side: a pixel of one colour may be called undecided, and is then sampled. What comes through
+the microlens of a pixel's cell and what comes through the others are judged apart.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.camera.beams import NODES, RAYS, Beams, Blocks, beams_of
+from pipeline.camera.micro_images import MicroImages
+from pipeline.camera.regions import NO_MICROLENS, SKIP
+from pipeline.camera.tracer import Tracer
+from pipeline.render import footprint_kernels as kernels
+from pipeline.target.patches import Patch
+
+_TILE_PX = 32
+"""Edge of a block of a sensor without microlenses."""
+_NODES_WITHIN = 0.75
+"""How far the nodes behind a microlens reach, of how far its light does: in the corners of that square is none."""
+TOUCHING_MM = 1e-2
+"""Room about a solid: its true surface may stand so far before its mesh."""
+
+
+class Places(NamedTuple):
+    """Pixels and the blocks that they belong to.
+
+    Attributes
+    ----------
+    positions : (n, 2) float64
+        On the sensor, vision frame [mm].
+    blocks : (n, s) int64
+        -1 where there is none.
+    centre_mm, step_mm : (b, 2), (b,) float64
+        Of the blocks.
+    """
+
+    positions: np.ndarray
+    blocks: np.ndarray
+    centre_mm: np.ndarray
+    step_mm: np.ndarray
+
+
+class Meeting(NamedTuple):
+    """Where beams meet a plane.
+
+    Attributes
+    ----------
+    points : (b, NODES^2, 2, RAYS) float64
+        x and y in the plane [mm].
+    side : (b,) int64
+        See `footprint_kernels`.
+    more : (b, 2) float64
+        What footprints of pixels are larger by than the rays of their centres say [mm].
+    """
+
+    points: np.ndarray
+    side: np.ndarray
+    more: np.ndarray
+
+
+class Sight:
+    """What pixels of some rows look at.
+
+    Parameters
+    ----------
+    rows : (int, int)
+    positions : (n, 2) float64
+        Their pixels, row by row, on the sensor, vision frame [mm].
+    strata : (n, s) int64
+        Microlenses that light each pixel, from `camera.strata`.
+    """
+
+    def __init__(
+        self,
+        tracer: Tracer,
+        images: MicroImages | None,
+        rows: tuple[int, int],
+        positions: np.ndarray,
+        strata: np.ndarray,
+    ) -> None:
+        blocks, own = _tiles(tracer, rows) if images is None else _behind(tracer, images, strata)
+        self._edge_mm, self._blocks = tracer.camera.sensor.pitch_mm, blocks
+        parts = own[:, :1], own[:, 1:]
+        self._parts = [Places(positions, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
+        self._beams: Beams = beams_of(tracer.arrays, blocks)
+
+    def judged(
+        self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
+    ) -> np.ndarray:
+        """Light that both parts of each pixel see, (2, n): the background's, one colour of a sheet, or NaN if not sure.
+
+        Parameters
+        ----------
+        sheets : sequence of (Patch, (4, 4) float64)
+            Flat patches, each with its pose vision_from_patch.
+        solids : sequence of (m, 3) float64
+            Points of what else is there, whose bounding box holds it; vision frame [mm].
+        """
+        shape = len(self._parts), len(self._parts[0].positions)
+        verdict, light = np.full(shape, kernels.NOTHING, np.int8), np.full(shape, background)
+        for points in solids:
+            low, high = points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM
+            near, far = (self._meeting(_across(z)) for z in (low[2], high[2]))
+            bounds = np.array([low[0], high[0], low[1], high[1]])
+            for part, judged in zip(self._parts, verdict, strict=True):
+                kernels.look_past_solid(bounds, part, near, far, judged)
+        for patch, pose in sheets:
+            meeting, whole = self._meeting(pose), np.empty(len(self._blocks.step_mm))
+            kernels.whole_blocks(patch.drawing.arrays, meeting, whole)
+            sheet = patch.drawing.arrays, np.array(patch.colours)
+            for part, judged, seen in zip(self._parts, verdict, light, strict=True):
+                kernels.look_at_sheet(*sheet, part, meeting, whole, judged, seen)
+        light[verdict == kernels.UNDECIDED] = np.nan
+        return light
+
+    def _meeting(self, vision_from_plane: np.ndarray) -> Meeting:
+        count = len(self._blocks.step_mm)
+        result = Meeting(np.empty((count, NODES * NODES, 2, RAYS)), np.empty(count, np.int64), np.empty((count, 2)))
+        pose = np.ascontiguousarray(vision_from_plane)
+        kernels.meet_plane(self._beams, pose, self._edge_mm, self._blocks.step_mm, result)
+        return result
+
+
+def _across(z_mm: float) -> np.ndarray:
+    """The plane across the axis at vision z."""
+    pose = np.eye(4)
+    pose[2, 3] = z_mm
+    return pose
+
+
+def _tiles(tracer: Tracer, rows: tuple[int, int]) -> tuple[Blocks, np.ndarray]:
+    """Tiles of the sensor, the same for whatever rows, and the tile of each pixel (n, 1)."""
+    width = tracer.camera.sensor.width_px
+    across, first, end = -(-width // _TILE_PX), rows[0] // _TILE_PX, -(-rows[1] // _TILE_PX)
+    y, x = (axis.ravel() for axis in np.mgrid[first:end, :across])
+    middle = tracer.positions_mm(*((axis + 0.5) * _TILE_PX - 0.5 for axis in (x, y)))
+    step = np.full(len(middle), _TILE_PX * tracer.camera.sensor.pitch_mm / (NODES - 1))
+    row, column = np.mgrid[rows[0] : rows[1], :width]
+    own = (row // _TILE_PX - first) * across + column // _TILE_PX
+    return Blocks(np.full(len(middle), NO_MICROLENS), middle, step), np.ascontiguousarray(own.reshape(-1, 1))
+
+
+def _behind(tracer: Tracer, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
+    """What each microlens lights, and the places of the microlenses of pixels among them (n, s)."""
+    lens = np.unique(strata[strata != SKIP])
+    place = np.full(len(images.centre_mm) + 1, -1)
+    place[lens] = np.arange(len(lens))
+    reach = images.reach_mm[lens] + tracer.camera.sensor.pitch_mm
+    step = 2 * _NODES_WITHIN * reach / (NODES - 1)
+    return Blocks(lens, np.ascontiguousarray(images.centre_mm[lens]), step), place[np.where(strata == SKIP, -1, strata)]

@@ -1,0 +1,125 @@
+"""Pixels that are called of one colour are of one colour: every ray of them brings the same light.
+
+A pixel that is called so takes its colour by the light of a white scene; the others are sampled as a whole scene is.
+"""
+
+import numpy as np
+import pytest
+from laws.random_scenes import random_camera, random_pose, random_target
+
+from pipeline.camera.camera import Camera
+from pipeline.camera.micro_images import MicroImages, micro_images, strata
+from pipeline.camera.regions import SKIP
+from pipeline.camera.strata import pixel_strata, positions_of
+from pipeline.camera.tracer import Tracer
+from pipeline.render import imaging
+from pipeline.render.footprints import Sight
+from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
+from pipeline.render.light import TargetLight
+from pipeline.target.checkerboard import Checkerboard
+from pipeline.target.occluder import Occluder
+from pipeline.target.target import Target
+from pipeline.truth.solve import Rig
+
+ROWS = (24, 40)
+"""In the middle of all cameras here."""
+SAMPLES = 512
+"""Rays of each pixel and microlens that may find another colour."""
+SCENES = 12
+CARD = Occluder(
+    vertices_mm=((-1.0, -0.4, 0.0), (1.0, -0.4, 0.5), (0.0, 0.8, -0.5)), triangles=((0, 1, 2),), radiance=0.4
+)
+
+
+def scene_of(seed: int) -> tuple[Tracer, MicroImages | None, TargetLight]:
+    """A camera and what it looks at: a target, every third time a card before it."""
+    rng = np.random.default_rng(seed)
+    tracer = Tracer(random_camera(rng), seed)
+    images = micro_images(tracer) if tracer.camera.microlenses else None
+    pose = random_pose(rng, Rig(tracer, images))
+    card = pose.copy()
+    card[:3, 3] *= rng.uniform(0.9, 0.97)
+    return tracer, images, TargetLight([(random_target(rng), pose)], 0.25, [(CARD, card)] if seed % 3 == 0 else [])
+
+
+def extremes(tracer: Tracer, images: MicroImages | None, light: TargetLight) -> tuple[np.ndarray, np.ndarray]:
+    """Least and most light that any ray brings to both parts of each pixel, (2, n); infinite where none arrives."""
+    lenses = pixel_strata(tracer, images, ROWS)
+    band = imaging._Band.of(tracer, images, ROWS)
+    least, most = np.full(2 * len(lenses), np.inf), np.full(2 * len(lenses), -np.inf)
+    for rays in band.rays(SAMPLES, np.where(lenses == SKIP, 0, SAMPLES)):
+        part = rays.pixels[rays.row] + len(lenses) * (rays.way > 0)
+        value = light.radiance(rays.leaving.origin, rays.leaving.direction)
+        np.minimum.at(least, part, value)
+        np.maximum.at(most, part, value)
+    return least.reshape(2, -1), most.reshape(2, -1)
+
+
+def seen(tracer: Tracer, images: MicroImages | None, light: TargetLight) -> np.ndarray:
+    """Colour of both parts of each pixel, (2, n), NaN where it is not sure."""
+    sight = Sight(tracer, images, ROWS, positions_of(tracer, ROWS), pixel_strata(tracer, images, ROWS))
+    return light.seen(sight)
+
+
+@pytest.mark.parametrize("seed", range(SCENES))
+def test_no_ray_brings_another_colour(seed: int) -> None:
+    tracer, images, light = scene_of(seed)
+    colour, (least, most) = seen(tracer, images, light), extremes(tracer, images, light)
+    sure = (most >= least) & ~np.isnan(colour)
+    assert np.array_equal(least[sure], colour[sure])
+    assert np.array_equal(most[sure], colour[sure])
+
+
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+def test_few_pixels_of_one_colour_are_not_called_so(kind: str, request: pytest.FixtureRequest) -> None:
+    """Of a board in focus fewer pixels are doubted for nothing than have an edge."""
+    tracer = Tracer(request.getfixturevalue(kind))
+    images = micro_images(tracer) if tracer.camera.microlenses else None
+    rig = Rig(tracer, images)
+    board = Target(Checkerboard(columns=4, rows=3, square_mm=4.0))
+    light = TargetLight([(board, random_pose(np.random.default_rng(1), rig))], 0.25)
+    colour, (least, most) = seen(tracer, images, light), extremes(tracer, images, light)
+    mixed = most > least
+    assert 0.1 < mixed[0].mean() < 0.45
+    assert np.isnan(colour[mixed]).all()
+    assert np.isnan(colour[0]).mean() < 2 * mixed[0].mean()
+
+
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+def test_the_error_is_that_of_all_samples(kind: str, request: pytest.FixtureRequest) -> None:
+    """Against 2,048 samples, 16 samples where an edge may be leave what 16 everywhere leave, within a tenth."""
+    camera: Camera = request.getfixturevalue(kind)
+    images = micro_images(Tracer(camera)) if camera.microlenses else None
+    board = Target(Checkerboard(columns=4, rows=3, square_mm=4.0))
+    light = TargetLight([(board, random_pose(np.random.default_rng(1), Rig(Tracer(camera), images)))], 0.25)
+    exact = irradiance(Tracer(camera, 99), images, 2048, light.radiance, ROWS)
+    errors = []
+    for seed in range(4):
+        tracer = Tracer(camera, seed)
+        white, foreign = irradiance_and_crosstalk(tracer, images, 16, None, ROWS)
+        found = pictures(tracer, images, 16, [light], np.array([white - foreign, foreign]), ROWS)[0]
+        errors.append([found - exact, irradiance(tracer, images, 16, light.radiance, ROWS) - exact])
+    now, all_samples = np.sqrt(np.mean(np.square(errors), axis=(0, 2, 3)))
+    assert 0.001 < all_samples < 0.1
+    assert now < 1.1 * all_samples
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sampled_pixels_are_those_of_the_whole_scene(seed: int) -> None:
+    """Where all light comes through one microlens, or none: the same rays, the same sums."""
+    tracer, images, light = scene_of(seed)
+    white, foreign = irradiance_and_crosstalk(tracer, images, 16, None, ROWS)
+    found = pictures(tracer, images, 16, [light], np.array([white - foreign, foreign]), ROWS)[0]
+    whole = irradiance(tracer, images, 16, light.radiance, ROWS)
+    alone = foreign == 0
+    assert alone.mean() > 0.1
+    assert np.allclose(found[alone], whole[alone], rtol=0, atol=1e-14)
+    assert np.abs(found.mean() - whole.mean()) < 0.01 * white.mean()
+
+
+def test_lenses_laid_onto_pixels_are_those_that_a_tree_finds(plenoptic: Camera) -> None:
+    tracer = Tracer(plenoptic)
+    images, rows = micro_images(tracer), (10, 50)
+    found, known = pixel_strata(tracer, images, rows), strata(tracer, images, positions_of(tracer, rows))
+    assert np.array_equal(found[:, : known.shape[1]], known)
+    assert np.all(found[:, known.shape[1] :] == SKIP)
