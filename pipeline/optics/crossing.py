@@ -5,7 +5,8 @@ carried along; nothing here has a branch that depends on the ray. Conics and asp
 
 The intersection with a sphere is the cancellation-free root of the quadratic next to the vertex,
 t = F / (N + sqrt(N^2 - c F)) with F = c p . p - 2 p_z, after moving the ray to p, its point nearest to the vertex
-(Feder, J. Opt. Soc. Am. 41, 1951, 630). An ideal thin lens bends rays at its plane.
+(Feder, J. Opt. Soc. Am. 41, 1951, 630). An ideal thin lens bends rays at its plane. Where spheres take most of the time
+a b + c is rounded once: a third fewer instructions, and a processor sees more rays ahead.
 
 A surface off its place is met in the frame in which it stands in its place: rays move there and back.
 """
@@ -13,7 +14,7 @@ A surface off its place is met in the frame in which it stands in its place: ray
 import math
 from typing import NamedTuple
 
-from pipeline.jit import inline
+from pipeline.jit import fma, inline
 from pipeline.optics.table import CURVATURE, INDEX_RATIO, POSE, SEMI_DIAMETER_SQUARED, VERTEX
 
 
@@ -110,24 +111,24 @@ def through_sphere(cap, ray):
     c, mu = cap.curvature, cap.mu
     ox, oy, oz = ray.dx, ray.dy, ray.dz
     px, py, pz = ray.x, ray.y, ray.z - cap.vertex
-    back = px * ox + py * oy + pz * oz
-    px, py, pz = px - back * ox, py - back * oy, pz - back * oz
-    f = c * (px * px + py * py + pz * pz) - 2.0 * pz
-    discriminant = oz * oz - c * f
+    back = fma(px, ox, fma(py, oy, pz * oz))
+    px, py, pz = fma(-back, ox, px), fma(-back, oy, py), fma(-back, oz, pz)
+    f = fma(c, fma(px, px, fma(py, py, pz * pz)), -2.0 * pz)
+    discriminant = fma(oz, oz, -c * f)
     root = math.sqrt(max(discriminant, 0.0))
     t = f / (oz + root)
-    px, py, pz = px + t * ox, py + t * oy, pz + t * oz
-    squared = (1.0 - mu * mu) + mu * mu * (root * root)
-    step = math.sqrt(max(squared, 0.0)) - mu * root
-    passes = (discriminant >= 0.0) & (px * px + py * py <= cap.limit) & (squared >= 0.0)
-    bend = step * c
+    px, py, pz = fma(t, ox, px), fma(t, oy, py), fma(t, oz, pz)
+    squared = fma(mu * mu, max(discriminant, 0.0), 1.0 - mu * mu)
+    step = fma(-mu, root, math.sqrt(max(squared, 0.0)))
+    passes = (discriminant >= 0.0) & (fma(px, px, py * py) <= cap.limit) & (squared >= 0.0)
+    bend = -step * c
     return Ray(
         px,
         py,
         pz + cap.vertex,
-        mu * ox - bend * px,
-        mu * oy - bend * py,
-        mu * oz + step - bend * pz,
+        fma(bend, px, mu * ox),
+        fma(bend, py, mu * oy),
+        fma(bend, pz, fma(mu, oz, step)),
         ray.alive if passes else 0.0,
     )
 
