@@ -22,6 +22,7 @@ from pipeline.limits import limits
 from pipeline.processor import level
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.tasks.devices import on_device
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
 from pipeline.tasks.preview import folder_of, only_images, preview_of
@@ -135,6 +136,7 @@ def build(
     untrusted: bool = False,
     preview: bool = False,
     engine: str | None = None,
+    device: str | None = None,
     on_event: Callable[[dict[str, Any]], None] | None = None,
 ) -> Result:
     """Build a dataset stage: run what is missing, fill the output folder.
@@ -167,6 +169,8 @@ def build(
         Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
     engine : str, optional
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
+    device : str, optional
+        `cuda`: trace position images on a CUDA device; their keys name it. See `devices`.
     on_event : callable, optional
         Gets a dict for every start and end of a task.
 
@@ -192,6 +196,8 @@ def build(
         listener({"event": "warning", "text": text})
 
     dataset = project(path, out, allow_roots, untrusted=untrusted, preview=preview, warn=warn)
+    if device is not None:
+        dataset = on_device(dataset, device, untrusted=untrusted, engine=engine)
     return session.build(
         dataset,
         jobs=jobs,

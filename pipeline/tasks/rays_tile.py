@@ -1,5 +1,6 @@
 """Task `rays_tile`: bundles of a band of rows of a camera's fine grid. Tiles only spread the work over cores."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, sli
 
 
 def run(params: dict[str, Any], inputs: Inputs, out: Path) -> None:
-    """Params: first_row, end_row, supersampling, samples, seed, square_px."""
+    """Params: first_row, end_row, supersampling, samples, seed, square_px; device, where one was chosen."""
     tracer, images = tracer_of(inputs, params["seed"])
+    tracer = dataclasses.replace(tracer, device=params.get("device"))
     k = params["supersampling"]
     height, width = (params["end_row"] - params["first_row"]) * k, tracer.camera.sensor.width_px * k
     bundles = np.empty((height * width, WIDTH), np.float32)

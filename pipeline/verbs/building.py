@@ -6,9 +6,10 @@ from typing import Any
 
 import typer
 
-from pipeline.errors import Exit, PipelineError
+from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.verbs.options import (
     CheckDeterminism,
+    Device,
     DryRun,
     Engine,
     Events,
@@ -54,12 +55,15 @@ def build(
     retries: Retries = 0,
     timeout: Timeout = None,
     engine: Engine = None,
+    device: Device = None,
     preview: Preview = False,
     check_determinism: CheckDeterminism = 0,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
 ) -> None:
     """Run what is missing and fill the output folder; the second time nothing runs."""
+    if dry_run and device:
+        raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
     if dry_run:
         print_plan(stage, out, allow_root, force, until, targets, as_json=as_json, untrusted=untrusted, preview=preview)
         return
@@ -71,7 +75,13 @@ def build(
         "timeout_s": timeout,
         "check_percent": check_determinism,
     }
-    arguments |= {"allow_roots": allow_root or (), "untrusted": untrusted, "preview": preview, "engine": engine}
+    arguments |= {
+        "allow_roots": allow_root or (),
+        "untrusted": untrusted,
+        "preview": preview,
+        "engine": engine,
+        "device": device,
+    }
     again = [str(stage), *(["-o", str(out)] if out else []), *(f"--allow-root={root}" for root in allow_root or ())]
     try:
         result = _run(stage, arguments, events, verbose - quiet, shlex.join(again))
