@@ -24,9 +24,10 @@ from lenses import EXAMPLES, Race, codev_double_gauss, tronnier
 import pipeline
 from pipeline.camera.micro_images import micro_images, owners
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.optics.kernels import trace_rays
+from pipeline.optics.kernels import PACKET, new_packet, trace_packet, trace_rays
+from pipeline.optics.limit import crossings_per_second
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.optics.table import towards_sensor
+from pipeline.optics.table import CURVATURE, towards_sensor
 from pipeline.scene.dataset import CameraEntry
 
 # After pipeline.jit, which asks OpenMP for one thread; batoid reads that while it is imported.
@@ -55,6 +56,11 @@ def main() -> None:
     for race in (codev_double_gauss(), tronnier()):
         run_race(race, count, turns, 1)
     run_race(codev_double_gauss(), count, turns, os.cpu_count() or 1)
+    print(
+        "packets of 256 rays alone, against one division and two roots per sphere in the same run; planes count nothing"
+    )
+    for race in (codev_double_gauss(), tronnier()):
+        run_share(race, 100 if small else 2000, turns)
     run_shapes(count, turns)
     print("whole bundles: sampling, trace, moments on two planes; rays started, samples as the example has them")
     folder = TINY if small else EXAMPLES
@@ -93,14 +99,45 @@ def run_race(race: Race, count: int, turns: int, threads: int) -> None:
         print(f"      {agreement(results[OURS], results[name])}")
 
 
-def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray, threads: int) -> tuple[Callable[..., Any], ...]:
-    """One turn and how to read its result; rays are traced in place, so they are copied before."""
+def run_share(race: Race, packets: int, turns: int) -> None:
+    """Rate of `trace_packet`, and its share of what roots and divisions of this processor allow."""
+    import numba
+
+    make, trace = new_packet.compiled, trace_packet.compiled
+
+    @numba.njit(nogil=True, error_model="numpy")
+    def repeat(table: Any, rays: Any, times: Any) -> Any:
+        packet = make()
+        for _ in range(times):
+            for i in range(PACKET):
+                packet.x[i], packet.y[i], packet.z[i], packet.dx[i] = rays[0, i], rays[1, i], rays[2, i], rays[3, i]
+                packet.dy[i], packet.dz[i], packet.alive[i] = rays[4, i], rays[5, i], 1.0
+            trace(table, packet, PACKET)
+        return packet.x[0]
+
+    position, direction = race.rays(1000 * PACKET, FIELD_DEG)
+    table, start = _table(race), position - [0.0, 0.0, race.prescription.vertices_mm[race.prescription.stop_index]]
+    rays = np.ascontiguousarray(np.hstack([start, direction])[::1000].T)
+    repeat(table, rays, 1)
+    shares, rates = [], []
+    for _ in range(turns):
+        rates.append(packets * PACKET / _timed(repeat, table, rays, packets)[0])
+        shares.append(rates[-1] * np.count_nonzero(table[:, CURVATURE]) / crossings_per_second())
+    print(f"  {race.name}: {_rates(rates)}, share median {np.median(shares):.1%} (best {max(shares):.1%})")
+
+
+def _table(race: Race) -> np.ndarray:
+    """Surfaces of a lens with its image plane."""
     prescription = race.prescription
-    image = prescription.vertices_from_stop_mm[-1] + race.image_mm
     table = towards_sensor(prescription)
     plane = np.zeros((1, table.shape[1]))
-    plane[0, :4] = image, 0.0, 1.0, np.inf
-    table = np.vstack([table, plane])
+    plane[0, :4] = prescription.vertices_from_stop_mm[-1] + race.image_mm, 0.0, 1.0, np.inf
+    return np.vstack([table, plane])
+
+
+def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray, threads: int) -> tuple[Callable[..., Any], ...]:
+    """One turn and how to read its result; rays are traced in place, so they are copied before."""
+    prescription, table = race.prescription, _table(race)
     start = position - [0.0, 0.0, prescription.vertices_mm[prescription.stop_index]]
     heading, alive = direction.copy(), np.ones(len(start))
     ends = [len(start) * i // threads for i in range(threads + 1)]

@@ -84,6 +84,11 @@ class Kernel:
         self._function, self._kind, self._compiled = function, kind, None
 
     @property
+    def function(self) -> Any:
+        """The function in Python."""
+        return self._function
+
+    @property
     def compiled(self) -> Any:
         """Numba's dispatcher of the function."""
         if self._compiled is None:

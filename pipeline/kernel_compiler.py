@@ -140,7 +140,7 @@ _BARE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS: dict[str, dict[str, Any]] = {
     "kernel": {"pipeline_class": DriverCompiler, **_WRAPPED},
     "unit": {"pipeline_class": UnitCompiler, "_nrt": False, **_BARE},
-    "inline": {"pipeline_class": InlineCompiler, "_nrt": False, **_BARE},
+    "inline": {"pipeline_class": InlineCompiler, "_nrt": False, "forceinline": True, **_BARE},
     "buffers": {"pipeline_class": InlineCompiler, **_BARE},
 }
 """Options of Numba for each kind of kernel. Drivers alone hold arrays and count references to them."""

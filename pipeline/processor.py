@@ -25,6 +25,10 @@ _USUAL_CODE = {"DISABLE_JIT": 0, "OPT": 3, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE":
 """Numba's own defaults, said aloud: it reads others from a file in the working directory, which may be anybody's."""
 
 
+TUNING = {"x86-64-v4": "-prefer-256-bit"}
+"""LLVM takes half of the vectors of this level, for the sake of processors that slow down when all of them work."""
+
+
 @functools.cache
 def level() -> str:
     """Architecture and, where the system says so, the level of its vector instructions: `x86_64-v3`."""
@@ -43,7 +47,7 @@ def compiler_target() -> str | None:
 def settings_of_numba() -> dict[str, str]:
     """Compile for any processor of the level: with equal bits for all, so that they share compiled kernels."""
     target = compiler_target()
-    chosen = {"NUMBA_CPU_NAME": target, "NUMBA_CPU_FEATURES": ""} if target else {}
+    chosen = {"NUMBA_CPU_NAME": target, "NUMBA_CPU_FEATURES": TUNING.get(target, "")} if target else {}
     # SVML is a library of Intel's that Numba takes for the functions of libm if it happens to be installed.
     usual = {f"NUMBA_{name}": str(value) for name, value in _USUAL_CODE.items()}
     return {**chosen, **usual, "NUMBA_DISABLE_INTEL_SVML": "1"}

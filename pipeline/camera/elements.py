@@ -6,11 +6,13 @@ The local frame of a microlens has its origin at the vertex of the rear face and
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.camera.acceptance import BY_AREA, disc_weight, is_limited, region_weight
 from pipeline.jit import inline, kernel, unit
+from pipeline.optics.crossing import Ray, put, ray_of
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 
 X, Y, FOCAL, KIND, Z, AIM, BY_START, BY_AIM, OUTLINE_X, OUTLINE_Y, BASE_X, BASE_Y, MARGIN, INFLATION = range(14)
@@ -27,58 +29,97 @@ CURVATURE_OF_NORMALS, INDEX, IN_FRONT, BENDS = range(4)
 aperture is that of the front face, behind a plane; the last is their number."""
 
 
+class Lenslet(NamedTuple):
+    """Place of a microlens's rear vertex [mm], height of its aim plane above the sensor, sensor below the vertex."""
+
+    x: float
+    y: float
+    z: float
+    aim: float
+    below: float
+
+
+@inline
+def lenslet_of(optics, lenses, lens):
+    """The place of a microlens that is not plain."""
+    z = lenses[lens, Z]
+    return Lenslet(lenses[lens, X], lenses[lens, Y], z, lenses[lens, AIM], optics[0] - z)
+
+
 @unit
 def through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
     detail, faces, bends, _ = mosaic
-    x, y, z, dx, dy, dz, alive, scratch, _ = packet
-    kind = int(lenses[lens, KIND])
-    vx, vy, vz = lenses[lens, X], lenses[lens, Y], lenses[lens, Z]
+    kind, place = int(lenses[lens, KIND]), lenslet_of(optics, lenses, lens)
     towards_microlens(optics, lenses, detail, lens, start_x, start_y, size, packet)
-    trace_packet(faces[kind], x, y, z, dx, dy, dz, alive, scratch, size)
+    trace_packet(faces[kind], packet, size)
     if detail[MODEL] == THIN:
+        focal = lenses[lens, FOCAL]
         for i in range(size):
-            a, b = dx[i] / dz[i] - x[i] / lenses[lens, FOCAL], dy[i] / dz[i] - y[i] / lenses[lens, FOCAL]
-            w = 1.0 / math.sqrt(1.0 + a * a + b * b)
-            dx[i], dy[i], dz[i] = a * w, b * w, w
+            put(packet, i, bent_thinly(focal, ray_of(packet, i)))
     elif detail[MODEL] == TWO_PLANE:
-        _bend_at_plane(bends[kind, CURVATURE_OF_NORMALS], bends[kind, INDEX], x, y, dx, dy, dz, alive, size)
+        curvature, mu = bends[kind, CURVATURE_OF_NORMALS], bends[kind, INDEX]
+        for i in range(size):
+            put(packet, i, bent_by_normals(curvature, mu, ray_of(packet, i)))
     for i in range(size):
-        dx[i], dy[i], dz[i] = turned_back(detail, dx[i], dy[i], dz[i])
-        a, b, c = turned_back(detail, x[i], y[i], z[i])
-        x[i], y[i], z[i] = a + vx, b + vy, c + vz
+        put(packet, i, out_of_microlens(place, detail, ray_of(packet, i)))
 
 
 @inline
 def towards_microlens(optics, lenses, detail, lens, start_x, start_y, size, packet):
     """Rays from sensor positions towards aim points, in x and y, with their weights: frame of the microlens."""
-    x, y, z, dx, dy, dz, alive, _, weight = packet
-    h, vx, vy = lenses[lens, AIM], lenses[lens, X], lenses[lens, Y]
-    below = optics[0] - lenses[lens, Z]
+    place, x, y = lenslet_of(optics, lenses, lens), packet.x, packet.y
     for i in range(size):
-        sx, sy = (x[i] - start_x[i]) / h, (y[i] - start_y[i]) / h
-        squared = 1.0 + sx * sx + sy * sy
-        weight[i] = 1.0 / (h * h * squared * squared)
-        w = 1.0 / math.sqrt(squared)
-        dx[i], dy[i], dz[i] = turned(detail, sx * w, sy * w, w)
-        x[i], y[i], z[i] = turned(detail, start_x[i] - vx, start_y[i] - vy, below)
-        alive[i] = 1.0
+        ray, packet.weight[i] = into_microlens(place, detail, start_x[i], start_y[i], x[i], y[i])
+        put(packet, i, ray)
 
 
 @inline
-def _bend_at_plane(curvature, mu, x, y, dx, dy, dz, alive, size):
-    """Snell's law at a plane with the normals of a sphere, for rays that leave a medium of index mu."""
-    for i in range(size):
-        nx, ny = -curvature * x[i], -curvature * y[i]
-        flat = 1.0 - nx * nx - ny * ny
-        nz = math.sqrt(max(flat, 0.0))
-        cosine = dx[i] * nx + dy[i] * ny + dz[i] * nz
-        squared = 1.0 - mu * mu * (1.0 - cosine * cosine)
-        alive[i] = alive[i] if (squared >= 0.0) & (flat >= 0.0) else 0.0
-        step = math.sqrt(max(squared, 0.0)) - mu * cosine
-        dx[i] = mu * dx[i] + step * nx
-        dy[i] = mu * dy[i] + step * ny
-        dz[i] = mu * dz[i] + step * nz
+def into_microlens(place, detail, start_x, start_y, x, y):
+    """The ray from a sensor position towards an aim point (x, y), and its weight: frame of the microlens."""
+    h = place.aim
+    sx, sy = (x - start_x) / h, (y - start_y) / h
+    squared = 1.0 + sx * sx + sy * sy
+    w = 1.0 / math.sqrt(squared)
+    dx, dy, dz = turned(detail, sx * w, sy * w, w)
+    px, py, pz = turned(detail, start_x - place.x, start_y - place.y, place.below)
+    return Ray(px, py, pz, dx, dy, dz, 1.0), 1.0 / (h * h * squared * squared)
+
+
+@inline
+def bent_thinly(focal, ray):
+    """The ray bent where it is by a thin microlens."""
+    a, b = ray.dx / ray.dz - ray.x / focal, ray.dy / ray.dz - ray.y / focal
+    w = 1.0 / math.sqrt(1.0 + a * a + b * b)
+    return Ray(ray.x, ray.y, ray.z, a * w, b * w, w, ray.alive)
+
+
+@inline
+def bent_by_normals(curvature, mu, ray):
+    """Snell's law at a plane with the normals of a sphere, for a ray that leaves a medium of index mu."""
+    nx, ny = -curvature * ray.x, -curvature * ray.y
+    flat = 1.0 - nx * nx - ny * ny
+    nz = math.sqrt(max(flat, 0.0))
+    cosine = ray.dx * nx + ray.dy * ny + ray.dz * nz
+    squared = 1.0 - mu * mu * (1.0 - cosine * cosine)
+    step = math.sqrt(max(squared, 0.0)) - mu * cosine
+    return Ray(
+        ray.x,
+        ray.y,
+        ray.z,
+        mu * ray.dx + step * nx,
+        mu * ray.dy + step * ny,
+        mu * ray.dz + step * nz,
+        ray.alive if (squared >= 0.0) & (flat >= 0.0) else 0.0,
+    )
+
+
+@inline
+def out_of_microlens(place, detail, ray):
+    """The ray in the vision frame."""
+    dx, dy, dz = turned_back(detail, ray.dx, ray.dy, ray.dz)
+    x, y, z = turned_back(detail, ray.x, ray.y, ray.z)
+    return Ray(x + place.x, y + place.y, z + place.z, dx, dy, dz, ray.alive)
 
 
 @inline

@@ -17,24 +17,23 @@ from pipeline.camera.sobol import hash32
 from pipeline.jit import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
-_IMAGE_STREAM, _START_STREAM = 1 << 16, 2 * REPLICAS
+_IMAGE_STREAM, START_STREAM = 1 << 16, 2 * REPLICAS
 _SHARE = PACKET // REPLICAS
 """Samples of each replica in a packet."""
-_CIRCUMRADIUS = 0.7072
+CIRCUMRADIUS = 0.7072
 """Circumradius of a square of edge 1, rounded up."""
 _GAUSS = 0.28867513459481287
 """Both nodes of Gauss and Legendre stand so far from the middle of an interval of length 1."""
 
 
 @inline
-def _free_weight_of(optics, lenses, aperture, mosaic, lens, x, y, square, polygon):
+def mean_free_weight(optics, lenses, aperture, mosaic, lens, x, y, square, polygon):
     """Free weight of a position, or its mean over the square around it; over a few pixels it is all but quadratic."""
-    if not square > 0.0:
-        return free_weight(optics, lenses, aperture, mosaic, lens, x, y, polygon)
+    points = 4 if square > 0.0 else 1
     total, off = 0.0, _GAUSS * square
-    for i in range(4):
+    for i in range(points):
         a, b = x + (off if i % 2 else -off), y + (off if i // 2 else -off)
-        total += 0.25 * free_weight(optics, lenses, aperture, mosaic, lens, a, b, polygon)
+        total += free_weight(optics, lenses, aperture, mosaic, lens, a, b, polygon) / points
     return total
 
 
@@ -103,11 +102,11 @@ def bundle_moments(
         sx, sy = positions[n]
         own = n if planes.shape[0] > 1 else 0
         if lens[n] >= 0:
-            moments[n, FREE_WEIGHT] = _free_weight_of(
+            moments[n, FREE_WEIGHT] = mean_free_weight(
                 optics, lenses, aperture, mosaic, lens[n], sx, sy, square, region[0]
             )
         ax, ay = anchors[n]
-        slack = _CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
+        slack = CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
         fan_of = bound(optics, outlines, lenses, aperture, lens[n], ax, ay, slack, region)
         if not fan_of[3] > 0.0:
             continue
@@ -124,8 +123,8 @@ def bundle_moments(
                 draw(bits[0], first, size, hash32(base, 2 * r), x[here])
                 draw(bits[1], first, size, hash32(base, 2 * r + 1), y[here])
                 if square > 0.0:
-                    draw(bits[2], first, size, hash32(base, _START_STREAM + 2 * r), start_x[here])
-                    draw(bits[3], first, size, hash32(base, _START_STREAM + 2 * r + 1), start_y[here])
+                    draw(bits[2], first, size, hash32(base, START_STREAM + 2 * r), start_x[here])
+                    draw(bits[3], first, size, hash32(base, START_STREAM + 2 * r + 1), start_y[here])
             full = REPLICAS * size
             if square > 0.0:
                 for i in range(full):
@@ -164,7 +163,7 @@ def image_rays(camera, samples, squares, rays):
             lens, stream = squares.strata[n, j], _IMAGE_STREAM + 4 * j
             if lens == SKIP:
                 continue
-            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, _CIRCUMRADIUS * edge, region)
+            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, CIRCUMRADIUS * edge, region)
             if not fan_of[3] > 0.0:
                 continue
             count = squares.counts[n, j]

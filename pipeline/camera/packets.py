@@ -1,13 +1,23 @@
 """Packets of rays that start on the sensor: random points on a region, aim, weight. Kernels only; vision frame, mm."""
 
 import math
+from typing import NamedTuple
 
 from pipeline.camera.acceptance import BY_AREA, accepted_share, is_limited
 from pipeline.camera.elements import AIM, DISC, MODEL, PLAIN, through_microlens
 from pipeline.camera.polygon import point_in_fan
 from pipeline.camera.sobol import scrambled
 from pipeline.jit import inline, unit
-from pipeline.optics.kernels import trace_packet
+from pipeline.optics.crossing import Ray, put, ray_of
+from pipeline.optics.kernels import Packet, trace_packet
+
+
+class Plain(NamedTuple):
+    """A plain microlens: its vertex [mm] and its power [1/mm], 0 for none."""
+
+    x: float
+    y: float
+    power: float
 
 
 @unit
@@ -51,13 +61,12 @@ def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, pac
     A ray weighs what it stands for per area of that plane: cos^4 / h^2 of irradiance, or 1, times its acceptance.
     `packet`: x and y hold the points on entry; the rays behind the front vertex and their weights on exit.
     """
-    x, y, z, dx, dy, dz, alive, scratch, _ = packet
     if lens >= 0 and mosaic[0][MODEL] != PLAIN:
         _through(optics, lenses, mosaic, lens, start_x, start_y, size, packet)
     else:
-        _set_lens(lenses, lens, 0, size, scratch)
+        _set_lens(lenses, lens, 0, size, packet.scratch)
         _aim(optics, mosaic[0], lens >= 0, start_x, start_y, size, packet)
-    trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
+    trace_packet(table, packet, size)
 
 
 @unit
@@ -66,9 +75,8 @@ def send_mixed(table, optics, lenses, mosaic, lens, owner, start_x, start_y, siz
 
     A packet that is not full costs nearly as much as a full one, and a position may have two rays.
     """
-    x, y, z, dx, dy, dz, alive, scratch, _ = packet
     aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet)
-    trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
+    trace_packet(table, packet, size)
 
 
 @unit
@@ -84,7 +92,7 @@ def aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packe
             _set_lens(lenses, n, first, end, scratch)
         else:
             here = slice(first, end)
-            part = x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here]
+            part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
             _through(optics, lenses, mosaic, n, start_x[here], start_y[here], end - first, part)
         first = end
     if plain:
@@ -104,47 +112,68 @@ def _set_lens(lenses, lens, first, end, scratch):
 
     Nothing else needs the scratch arrays before the trace.
     """
-    vx, vy, power = 0.0, 0.0, 0.0
-    if lens >= 0:
-        vx, vy, power = lenses[lens, 0], lenses[lens, 1], 1.0 / lenses[lens, 2]
+    plain = plain_lens(lenses, lens)
     for i in range(first, end):
-        scratch[0, i], scratch[1, i], scratch[2, i] = vx, vy, power
+        scratch[0, i], scratch[1, i], scratch[2, i] = plain
+
+
+@inline
+def plain_lens(lenses, lens):
+    """A plain microlens; none bends nothing."""
+    if lens < 0:
+        return Plain(0.0, 0.0, 0.0)
+    return Plain(lenses[lens, 0], lenses[lens, 1], 1.0 / lenses[lens, 2])
 
 
 @inline
 def _aim(optics, detail, has_lens, start_x, start_y, size, packet):
-    """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane.
+    """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane."""
+    scratch = packet.scratch
+    h, plane = optics[1] - optics[0], optics[1]
+    per_h, disc = 1.0 / h, detail[DISC]
+    for i in range(size):
+        lens = Plain(scratch[0, i], scratch[1, i], scratch[2, i])
+        ray, packet.weight[i] = aimed(lens, per_h, plane, start_x[i], start_y[i], packet.x[i], packet.y[i])
+        put(packet, i, ray)
+    if has_lens and disc > 0.0:
+        for i in range(size):
+            packet.alive[i] = within_disc(disc, scratch[0, i], scratch[1, i], ray_of(packet, i))
+    _weigh(detail, h, packet.weight, packet.alive, size)
+
+
+@inline
+def aimed(lens, per_h, plane, start_x, start_y, x, y):
+    """The ray from a sensor position through a point (x, y) of the plane behind a plain microlens, and its weight.
 
     A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs
     cos(theta) d omega = h^2 / d^4 dA: irradiance.
     """
-    x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    h, plane = optics[1] - optics[0], optics[1]
-    per_h, disc = 1.0 / h, detail[DISC]
-    for i in range(size):
-        sx, sy = (x[i] - start_x[i]) * per_h, (y[i] - start_y[i]) * per_h
-        ax, ay = x[i] - scratch[0, i], y[i] - scratch[1, i]
-        share = per_h / (1.0 + sx * sx + sy * sy)
-        # An ideal thin lens changes slopes by offset / focal length.
-        sx, sy = sx - ax * scratch[2, i], sy - ay * scratch[2, i]
-        w = 1.0 / math.sqrt(1.0 + sx * sx + sy * sy)
-        dx[i], dy[i], dz[i] = sx * w, sy * w, w
-        weight[i] = share * share
-        z[i] = plane
-        alive[i] = 1.0
-    if has_lens and disc > 0.0:
-        for i in range(size):
-            ax, ay = x[i] - scratch[0, i], y[i] - scratch[1, i]
-            alive[i] = 1.0 if ax * ax + ay * ay <= disc * disc else 0.0
-    _weigh(detail, h, weight, alive, size)
+    sx, sy = (x - start_x) * per_h, (y - start_y) * per_h
+    ax, ay = x - lens.x, y - lens.y
+    share = per_h / (1.0 + sx * sx + sy * sy)
+    # An ideal thin lens changes slopes by offset / focal length.
+    sx, sy = sx - ax * lens.power, sy - ay * lens.power
+    w = 1.0 / math.sqrt(1.0 + sx * sx + sy * sy)
+    return Ray(x, y, plane, sx * w, sy * w, w, 1.0), share * share
+
+
+@inline
+def within_disc(disc, vx, vy, ray):
+    """Whether a ray passes the disc about a vertex: 1 or 0."""
+    ax, ay = ray.x - vx, ray.y - vy
+    return 1.0 if ax * ax + ay * ay <= disc * disc else 0.0
 
 
 @inline
 def _weigh(detail, h, weight, alive, size):
     """Acceptance and the kind of weight, from weights cos^4 / h^2."""
-    limited, by_area = is_limited(detail), detail[BY_AREA] > 0.0
-    if limited or by_area:
+    if is_limited(detail) or detail[BY_AREA] > 0.0:
         for i in range(size):
-            share = accepted_share(detail, math.sqrt(h * math.sqrt(weight[i]))) if limited else 1.0
-            weight[i] = share if by_area else weight[i] * share
-            alive[i] = alive[i] if share > 0.0 else 0.0
+            weight[i], alive[i] = weighed(detail, h, weight[i], alive[i])
+
+
+@inline
+def weighed(detail, h, weight, alive):
+    """Weight and flag of a ray by acceptance and the kind of weight, from a weight cos^4 / h^2."""
+    share = accepted_share(detail, math.sqrt(h * math.sqrt(weight))) if is_limited(detail) else 1.0
+    return share if detail[BY_AREA] > 0.0 else weight * share, alive if share > 0.0 else 0.0

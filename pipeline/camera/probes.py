@@ -14,7 +14,7 @@ from pipeline.camera.packets import aim_mixed, send_mixed, send_packet
 from pipeline.camera.polygon import fan, point_in_fan
 from pipeline.camera.regions import SKIP, bound, new_region
 from pipeline.jit import buffers, inline, kernel, unit
-from pipeline.optics.kernels import PACKET, new_packet, trace_packet
+from pipeline.optics.kernels import PACKET, Packet, new_packet, trace_packet
 from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, SEMI_DIAMETER_SQUARED
 
 PASSES = -1
@@ -128,7 +128,7 @@ def _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, la
         here = slice(first, end)
         for i in range(first, end):
             x[i], y[i] = points[i, 0], points[i, 1]
-        part = x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here]
+        part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
         towards_microlens(optics, lenses, mosaic[0], n, start_x[here], start_y[here], end - first, part)
         faces, rows = mosaic[1][int(lenses[n, KIND])], table.shape[0]
         label_surfaces(faces, rows + 1, rows, part, end - first, label[here], weight[here])  # a clearance nobody wants
@@ -148,9 +148,9 @@ def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, pac
 @unit
 def label_surfaces(table, base, unknown, packet, size, label, clearance):
     """Trace a packet surface by surface and name what blocks the rays whose label is still `unknown`."""
-    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    x, y, alive = packet.x, packet.y, packet.alive
     for k in range(table.shape[0]):
-        trace_packet(table[k : k + 1], x, y, z, dx, dy, dz, alive, scratch, size)
+        trace_packet(table[k : k + 1], packet, size)
         per_squared, is_round = 1.0 / table[k, SEMI_DIAMETER_SQUARED], not table[k, EDGES] > 0.0
         inner = table[k, INNER_SQUARED] * per_squared
         for i in range(size):

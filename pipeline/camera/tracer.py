@@ -34,11 +34,14 @@ class Tracer:
         `plen:seed` of the dataset.
     margin : float
         Inflation of the sampling bounds; results must not depend on it.
+    device : str or None
+        Where `moments` traces: a name from `pipeline.device`, or the processor.
     """
 
     camera: Camera
     seed: int = 0
     margin: float = MARGIN
+    device: str | None = None
 
     @cached_property
     def table(self) -> np.ndarray:
@@ -155,18 +158,14 @@ class Tracer:
         positions, pixels = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(pixels, np.int64)
         anchors = positions if anchors_mm is None else np.ascontiguousarray(anchors_mm, float)
         seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF
-        kernels.bundle_moments(
-            *self.arrays,
-            planes,
-            bits,
-            seed,
-            square_px * self.camera.sensor.pitch_mm,
-            pixels,
-            anchors,
-            positions,
-            np.ascontiguousarray(lens, np.int64),
-            result,
-        )
+        square, lens = square_px * self.camera.sensor.pitch_mm, np.ascontiguousarray(lens, np.int64)
+        rows = pixels, anchors, positions, lens
+        if self.device is not None:
+            from pipeline.camera.device_moments import moments_on_device
+
+            moments_on_device(self.arrays, planes, (bits, seed), square, rows, result)
+        else:
+            kernels.bundle_moments(*self.arrays, planes, bits, seed, square, *rows, result)
         kernels.bundle_moments.count(int(np.count_nonzero(lens != SKIP)) * samples, len(self.table))
         return result
 

@@ -39,6 +39,8 @@ class BuildOptions:
         Share of the tasks that run once more afterwards, to see whether they give the same bytes [%].
     engine : str or None
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
+    device : str or None
+        `cuda`: trace position images on a CUDA device; their keys name it. See `tasks.devices`.
     allow_roots : tuple of str or Path
         Further folders that the stage may reference.
     untrusted : bool
@@ -61,6 +63,7 @@ class BuildOptions:
     timeout_s: float | None = None
     check_percent: float = 0.0
     engine: str | None = None
+    device: str | None = None
     allow_roots: tuple[str | Path, ...] = ()
     untrusted: bool = False
     preview: bool = False

@@ -1,13 +1,21 @@
-"""Conics and aspheres of a packet of rays: intersection and refraction. Units and shapes are those of `optics.kernels`.
+"""Conics and aspheres: intersection and refraction of one ray, and of a packet of them. Units: `optics.crossing`.
 
 The intersection with a conic is the cancellation-free root of the quadratic next to the vertex: t = F / (G + sqrt(G^2 -
 A F)) with F = c (x^2 + y^2), G = N - c (x L + y M), A = c (1 + k N^2), after moving the ray to the vertex plane. An
 asphere starts from there.
+
+With S the polynomial and w = z - S, a point lies on the asphere where w lies on the conic:
+w - c (r^2 + (1 + k) w^2) / 2 = 0. Unlike z - sag(r) this needs no square root, and it has no edge beyond which the
+sag does not exist. Only the path t behind the vertex plane changes: r^2 = r0^2 + 2 (r0 . d) t + (1 - N^2) t^2. A ray
+takes no step after a short one, and none if it is blocked, so its bits do not depend on its packet. A ray that is not
+there in the end has missed.
 """
 
 import math
+from typing import NamedTuple
 
 from pipeline.jit import fma, inline
+from pipeline.optics.crossing import Ray, put, put_point, ray_of
 from pipeline.optics.table import (
     COEFFICIENTS,
     CONIC,
@@ -28,45 +36,99 @@ RESIDUAL_MM = 1e-9
 """A ray that ends farther from an asphere than this has missed it."""
 
 
-@inline
-def cross_asphere(row, x, y, z, dx, dy, dz, alive, scratch, count):
-    """Move rays from the vertex plane to one conic or asphere and refract; z counts from the vertex in between.
+class Normal(NamedTuple):
+    """The normal m = (-q x, -q y, n) where a ray meets a surface, not of unit length: m . D, q and n."""
 
-    The normal is m = (-q x, -q y, n), not of unit length. With M = m . m, Snell's law is
-    D' = mu D + (sqrt(M - mu^2 (M - (m . D)^2)) - mu m . D) m / M.
+    along: float
+    slope: float
+    upright: float
+
+
+class Path(NamedTuple):
+    """A ray's way from the vertex plane to an asphere: its length t, the last step, r0^2 and 2 r0 . d there."""
+
+    t: float
+    moved: float
+    squared: float
+    twice_across: float
+
+
+class Shape(NamedTuple):
+    """Numbers of a conic or asphere: those of `crossing.Cap`, 1 + k, and its polynomial.
+
+    `share` is 1, or 1/2 where odd powers count, too; `a` are the low coefficients of S / r^2 and `b` factors or
+    coefficients of dS / d(r^2).
     """
-    along_normal, slope, upright = scratch[0], scratch[1], scratch[2]
-    mu = row[INDEX_RATIO]
-    if row[TERMS] > 0.0:
-        _meet_asphere(row, x, y, z, dx, dy, dz, alive, scratch, count)
-    else:
-        _meet_conic(row, x, y, z, dx, dy, dz, alive, along_normal, slope, upright, count)
-    if mu != 1.0:
-        for i in range(count):
-            length = slope[i] * slope[i] * (x[i] * x[i] + y[i] * y[i]) + upright[i] * upright[i]
-            squared = length - mu * mu * (length - along_normal[i] * along_normal[i])
-            alive[i] = alive[i] if squared >= 0.0 else 0.0
-            step = (math.sqrt(max(squared, 0.0)) - mu * along_normal[i]) / length
-            dx[i] = mu * dx[i] - step * slope[i] * x[i]
-            dy[i] = mu * dy[i] - step * slope[i] * y[i]
-            dz[i] = mu * dz[i] + step * upright[i]
+
+    vertex: float
+    curvature: float
+    limit: float
+    conic: float
+    bulge: float
+    share: float
+    a0: float
+    a1: float
+    a2: float
+    a3: float
+    a4: float
+    b1: float
+    b2: float
+    b3: float
+    b4: float
 
 
 @inline
-def _meet_conic(row, x, y, z, dx, dy, dz, alive, along_normal, slope, upright, count):
-    """Move rays to a conic; of the normal keep m . D, q and n."""
-    vertex, c, conic, limit = row[VERTEX], row[CURVATURE], row[CONIC], row[SEMI_DIAMETER_SQUARED]
-    for i in range(count):
-        t, root, discriminant = _conic_root(c, conic, x[i] * x[i] + y[i] * y[i], x[i] * dx[i] + y[i] * dy[i], dz[i])
-        x[i] += t * dx[i]
-        y[i] += t * dy[i]
-        r2 = x[i] * x[i] + y[i] * y[i]
-        n = 1.0 - (1.0 + conic) * c * (t * dz[i])
-        # The other sheet of a hyperboloid and the far side of an ellipsoid have a normal that points backwards.
-        hit = (discriminant >= 0.0) & (n > 0.0) & (r2 <= limit)
-        alive[i] = alive[i] if hit else 0.0
-        z[i] = vertex + t * dz[i]
-        along_normal[i], slope[i], upright[i] = root, c, n
+def is_short(row):
+    """Whether an asphere holds no more than the low even powers."""
+    return row[ODD] == 0.0 and row[TERMS] == LOW_TERMS
+
+
+@inline
+def shape_of(row):
+    """The conic or asphere of a table's row; without a polynomial, rubbish stands in its place and is not looked at."""
+    share = 0.5 if row[ODD] > 0.0 else 1.0
+    first = COEFFICIENTS if row[TERMS] > 0.0 else 0
+    a0, a1, a2, a3, a4 = row[first], row[first + 1], row[first + 2], row[first + 3], row[first + 4]
+    b1, b2, b3, b4 = (1.0 + share) * a1, (1.0 + 2.0 * share) * a2, (1.0 + 3.0 * share) * a3, 1.0 + 4.0 * share
+    c, conic = row[CURVATURE], row[CONIC]
+    return Shape(
+        row[VERTEX], c, row[SEMI_DIAMETER_SQUARED], conic, 1.0 + conic, share, a0, a1, a2, a3, a4, b1, b2, b3, b4
+    )
+
+
+@inline
+def bent(mu, ray, normal):
+    """The ray refracted where it is.
+
+    With M = m . m, Snell's law is D' = mu D + (sqrt(M - mu^2 (M - (m . D)^2)) - mu m . D) m / M.
+    """
+    along, slope, upright = normal.along, normal.slope, normal.upright
+    length = slope * slope * (ray.x * ray.x + ray.y * ray.y) + upright * upright
+    squared = length - mu * mu * (length - along * along)
+    step = (math.sqrt(max(squared, 0.0)) - mu * along) / length
+    return Ray(
+        ray.x,
+        ray.y,
+        ray.z,
+        mu * ray.dx - step * slope * ray.x,
+        mu * ray.dy - step * slope * ray.y,
+        mu * ray.dz + step * upright,
+        ray.alive if squared >= 0.0 else 0.0,
+    )
+
+
+@inline
+def on_conic(shape, ray):
+    """The ray moved from the vertex plane to the conic, and the normal there."""
+    squared, across = ray.x * ray.x + ray.y * ray.y, ray.x * ray.dx + ray.y * ray.dy
+    t, root, discriminant = _conic_root(shape.curvature, shape.conic, squared, across, ray.dz)
+    px, py = ray.x + t * ray.dx, ray.y + t * ray.dy
+    r2 = px * px + py * py
+    n = 1.0 - (1.0 + shape.conic) * shape.curvature * (t * ray.dz)
+    # The other sheet of a hyperboloid and the far side of an ellipsoid have a normal that points backwards.
+    hit = (discriminant >= 0.0) & (n > 0.0) & (r2 <= shape.limit)
+    alive = ray.alive if hit else 0.0
+    return Ray(px, py, shape.vertex + t * ray.dz, ray.dx, ray.dy, ray.dz, alive), Normal(root, shape.curvature, n)
 
 
 @inline
@@ -80,108 +142,40 @@ def _conic_root(c, conic, squared, across, dz):
 
 
 @inline
-def _meet_asphere(row, x, y, z, dx, dy, dz, alive, scratch, count):
-    """Move rays from the vertex plane to the asphere: to the conic, then on by Newton's steps.
-
-    With S the polynomial and w = z - S, a point lies on the asphere where w lies on the conic:
-    w - c (r^2 + (1 + k) w^2) / 2 = 0. Unlike z - sag(r) this needs no square root, and it has no edge beyond which the
-    sag does not exist. Only the path t behind the vertex plane changes: r^2 = r0^2 + 2 (r0 . d) t + (1 - N^2) t^2.
-    The packet stops when none of its rays moves any more. A ray takes no step after a short one, and none if it is
-    blocked, so its bits do not depend on its packet. A ray that is not there in the end has missed.
-    """
-    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
-    c, conic = row[CURVATURE], row[CONIC]
-    for i in range(count):
-        squared[i] = x[i] * x[i] + y[i] * y[i]
-        across = x[i] * dx[i] + y[i] * dy[i]
-        twice_across[i] = 2.0 * across
-        t[i], _, _ = _conic_root(c, conic, squared[i], across, dz[i])
-        moved[i] = math.inf if alive[i] > 0.0 else 0.0
-    steps, moving = 0, 1
-    while steps < NEWTON_STEPS and moving > 0:
-        steps += 1
-        moving = _newton(row, dz, scratch, count)
-    _land(row, x, y, z, dx, dy, dz, alive, scratch, count)
+def begun(shape, ray):
+    """The path from the vertex plane to the conic within an asphere."""
+    squared, across = ray.x * ray.x + ray.y * ray.y, ray.x * ray.dx + ray.y * ray.dy
+    t, _, _ = _conic_root(shape.curvature, shape.conic, squared, across, ray.dz)
+    return Path(t, math.inf if ray.alive > 0.0 else 0.0, squared, 2.0 * across)
 
 
 @inline
-def _newton(row, dz, scratch, count):
-    """One step of all rays that still move; how many still do."""
-    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
-    v, p, dp = scratch[4], scratch[5], scratch[6]
-    c, bulge = row[CURVATURE], 1.0 + row[CONIC]
-    is_short, share, a0, a1, a2, a3, a4, b1, b2, b3, b4 = _coefficients(row)
-    moving = 0
-    if is_short:
-        for i in range(count):
-            across = fma(-dz[i], dz[i], 1.0)
-            r2 = fma(fma(across, t[i], twice_across[i]), t[i], squared[i])
-            v2 = r2 * r2
-            s, rise = _quartic(r2, v2, a0, a1, a2, a3, a4), _quartic(r2, v2, a0, b1, b2, b3, b4 * a4)
-            f, n, q = _implicit(c, bulge, r2, t[i] * dz[i], s, rise)
-            step = f / fma(q, fma(2.0 * across, t[i], twice_across[i]), -n * dz[i])
-            step = step if moved[i] > STILL_MM else 0.0
-            t[i] += step
-            moved[i] = abs(step)
-            moving += 1 if abs(step) > STILL_MM else 0
-    else:
-        _high_powers(row, squared, twice_across, dz, t, v, p, dp, count)
-        for i in range(count):
-            across = fma(-dz[i], dz[i], 1.0)
-            r2 = fma(fma(across, t[i], twice_across[i]), t[i], squared[i])
-            v2 = v[i] * v[i]
-            s = _quartic(v[i], v2, a0, a1, a2, a3, p[i])
-            rise = _quartic(v[i], v2, a0, b1, b2, b3, fma(share * v[i], dp[i], b4 * p[i]))
-            f, n, q = _implicit(c, bulge, r2, t[i] * dz[i], s, rise)
-            step = f / fma(q, fma(2.0 * across, t[i], twice_across[i]), -n * dz[i])
-            step = step if moved[i] > STILL_MM else 0.0
-            t[i] += step
-            moved[i] = abs(step)
-            moving += 1 if abs(step) > STILL_MM else 0
-    return moving
+def squared_height(path, dz):
+    """r^2 at the end of a path."""
+    return fma(fma(fma(-dz, dz, 1.0), path.t, path.twice_across), path.t, path.squared)
 
 
 @inline
-def _land(row, x, y, z, dx, dy, dz, alive, scratch, count):
-    """Move rays along their paths to the asphere; of the normal keep m . D, q and n."""
-    t, squared, twice_across = scratch[0], scratch[2], scratch[3]
-    v, p, dp = scratch[4], scratch[5], scratch[6]
-    vertex, c, bulge, limit = row[VERTEX], row[CURVATURE], 1.0 + row[CONIC], row[SEMI_DIAMETER_SQUARED]
-    is_short, share, a0, a1, a2, a3, a4, b1, b2, b3, b4 = _coefficients(row)
-    if not is_short:
-        _high_powers(row, squared, twice_across, dz, t, v, p, dp, count)
-    along_normal, slope, upright = scratch[0], scratch[1], scratch[2]
-    for i in range(count):
-        px, py, depth = x[i] + t[i] * dx[i], y[i] + t[i] * dy[i], t[i] * dz[i]
-        r2 = px * px + py * py
-        if is_short:
-            v2 = r2 * r2
-            s, rise = _quartic(r2, v2, a0, a1, a2, a3, a4), _quartic(r2, v2, a0, b1, b2, b3, b4 * a4)
-        else:
-            v2 = v[i] * v[i]
-            s = _quartic(v[i], v2, a0, a1, a2, a3, p[i])
-            rise = _quartic(v[i], v2, a0, b1, b2, b3, fma(share * v[i], dp[i], b4 * p[i]))
-        f, n, q = _implicit(c, bulge, r2, depth, s, rise)
-        q *= 2.0
-        cosine = n * dz[i] - q * (px * dx[i] + py * dy[i])
-        x[i], y[i], z[i] = px, py, vertex + depth
-        along_normal[i] = cosine if abs(f) <= RESIDUAL_MM * n else -1.0
-        slope[i] = q
-        upright[i] = n
-    for i in range(count):
-        hit = (along_normal[i] >= 0.0) & (upright[i] > 0.0) & (x[i] * x[i] + y[i] * y[i] <= limit)
-        alive[i] = alive[i] if hit else 0.0
+def stepped(shape, path, dz, r2, s, rise):
+    """The path after one of Newton's steps; `s` is S / r^2 and `rise` dS / d(r^2) at its end."""
+    across = fma(-dz, dz, 1.0)
+    f, n, q = _implicit(shape.curvature, shape.bulge, r2, path.t * dz, s, rise)
+    step = f / fma(q, fma(2.0 * across, path.t, path.twice_across), -n * dz)
+    step = step if path.moved > STILL_MM else 0.0
+    return Path(path.t + step, abs(step), path.squared, path.twice_across)
 
 
 @inline
-def _coefficients(row):
-    """Whether the row holds no more than the low even powers; of S / r^2 and, b, of dS / d(r^2)."""
-    is_short = row[ODD] == 0.0 and row[TERMS] == LOW_TERMS
-    share = 0.5 if row[ODD] > 0.0 else 1.0
-    first = COEFFICIENTS
-    a0, a1, a2, a3, a4 = row[first], row[first + 1], row[first + 2], row[first + 3], row[first + 4]
-    b1, b2, b3, b4 = (1.0 + share) * a1, (1.0 + 2.0 * share) * a2, (1.0 + 3.0 * share) * a3, 1.0 + 4.0 * share
-    return is_short, share, a0, a1, a2, a3, a4, b1, b2, b3, b4
+def landed(shape, ray, t, s, rise):
+    """The ray at the end of its path, and the normal there."""
+    px, py, depth = ray.x + t * ray.dx, ray.y + t * ray.dy, t * ray.dz
+    r2 = px * px + py * py
+    f, n, q = _implicit(shape.curvature, shape.bulge, r2, depth, s, rise)
+    q *= 2.0
+    cosine = n * ray.dz - q * (px * ray.dx + py * ray.dy)
+    along = cosine if abs(f) <= RESIDUAL_MM * n else -1.0
+    alive = ray.alive if (along >= 0.0) & (n > 0.0) & (r2 <= shape.limit) else 0.0
+    return Ray(px, py, shape.vertex + depth, ray.dx, ray.dy, ray.dz, alive), Normal(along, q, n)
 
 
 @inline
@@ -196,29 +190,161 @@ def _implicit(c, bulge, squared, z, p, rise):
 
 
 @inline
+def low_powers(shape, r2):
+    """S / r^2 and dS / d(r^2) of an asphere without high or odd powers."""
+    v2 = r2 * r2
+    return (
+        _quartic(r2, v2, shape.a0, shape.a1, shape.a2, shape.a3, shape.a4),
+        _quartic(r2, v2, shape.a0, shape.b1, shape.b2, shape.b3, shape.b4 * shape.a4),
+    )
+
+
+@inline
+def all_powers(shape, v, p, dp):
+    """The same with p(v) from the fifth coefficient on, and p'(v); v is r^2, or r if there are odd powers.
+
+    S = r^2 p(v), and dS / d(r^2) is p + v p', or p + v p' / 2.
+    """
+    v2 = v * v
+    return (
+        _quartic(v, v2, shape.a0, shape.a1, shape.a2, shape.a3, p),
+        _quartic(v, v2, shape.a0, shape.b1, shape.b2, shape.b3, fma(shape.share * v, dp, shape.b4 * p)),
+    )
+
+
+@inline
 def _quartic(v, v2, a0, a1, a2, a3, a4):
     """A polynomial by Estrin's scheme, half as long a chain of operations as Horner's."""
     return fma(v2, fma(v2, a4, fma(a3, v, a2)), fma(a1, v, a0))
 
 
 @inline
-def _high_powers(row, squared, twice_across, dz, t, v, p, dp, count):
-    """v, which is r^2, or r if there are odd powers; Horner's rule down to the fifth coefficient.
+def _v_squared(path, dz):
+    """r^2 at the end of a path, as high powers take it."""
+    return path.squared + (path.twice_across + (1.0 - dz * dz) * path.t) * path.t
 
-    S = r^2 p(v), and dS / d(r^2) is p + v p', or p + v p' / 2. The loop over coefficients is the outer one.
-    """
+
+@inline
+def _horner(dp, p, v, a):
+    """p' and p with one more coefficient."""
+    return fma(dp, v, p), fma(p, v, a)
+
+
+@inline
+def through_conic_or_asphere(row, ray):
+    """The ray moved from the vertex plane to one conic or asphere, and refracted."""
+    shape, mu = shape_of(row), row[INDEX_RATIO]
+    if row[TERMS] > 0.0:
+        path, steps = begun(shape, ray), 0
+        while steps < NEWTON_STEPS and path.moved > STILL_MM:
+            s, rise = _powers_of(row, shape, path, ray.dz, squared_height(path, ray.dz))
+            path = stepped(shape, path, ray.dz, squared_height(path, ray.dz), s, rise)
+            steps += 1
+        px, py = ray.x + path.t * ray.dx, ray.y + path.t * ray.dy
+        s, rise = _powers_of(row, shape, path, ray.dz, px * px + py * py)
+        ray, normal = landed(shape, ray, path.t, s, rise)
+    else:
+        ray, normal = on_conic(shape, ray)
+    return bent(mu, ray, normal) if mu != 1.0 else ray
+
+
+@inline
+def _powers_of(row, shape, path, dz, r2):
+    """S / r^2 and dS / d(r^2) of any asphere at the end of a path."""
+    if is_short(row):
+        return low_powers(shape, r2)
+    v = _v_squared(path, dz)
+    if row[ODD] > 0.0:
+        v = math.sqrt(max(v, 0.0))
+    last = int(row[TERMS]) - 1
+    p, dp = row[COEFFICIENTS + last], 0.0
+    for j in range(last - 1, LOW_TERMS - 2, -1):
+        dp, p = _horner(dp, p, v, row[COEFFICIENTS + j])
+    return all_powers(shape, v, p, dp)
+
+
+@inline
+def cross_asphere(row, packet, count):
+    """Move rays of a packet from the vertex plane to one conic or asphere and refract."""
+    scratch, mu = packet.scratch, row[INDEX_RATIO]
+    if row[TERMS] > 0.0:
+        _meet_asphere(row, packet, count)
+    else:
+        shape = shape_of(row)
+        for i in range(count):
+            ray, normal = on_conic(shape, ray_of(packet, i))
+            put_point(packet, i, ray)
+            scratch[0, i], scratch[1, i], scratch[2, i] = normal
+    if mu != 1.0:
+        for i in range(count):
+            put(packet, i, bent(mu, ray_of(packet, i), Normal(scratch[0, i], scratch[1, i], scratch[2, i])))
+
+
+@inline
+def _meet_asphere(row, packet, count):
+    """Move rays from the vertex plane to the asphere: to the conic, then on by Newton's steps, till none moves."""
+    shape, scratch, short = shape_of(row), packet.scratch, is_short(row)
+    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
     for i in range(count):
-        v[i] = squared[i] + (twice_across[i] + (1.0 - dz[i] * dz[i]) * t[i]) * t[i]
+        t[i], moved[i], squared[i], twice_across[i] = begun(shape, ray_of(packet, i))
+    steps, moving = 0, 1
+    while steps < NEWTON_STEPS and moving > 0:
+        steps += 1
+        moving = _newton(row, shape, packet.dz, scratch, count)
+    if not short:
+        _high_powers(row, packet.dz, scratch, count)
+    for i in range(count):  # one array for the compiler, which gives up on loops over many that may overlap
+        ray, t = ray_of(packet, i), scratch[0, i]
+        if short:
+            px, py = ray.x + t * ray.dx, ray.y + t * ray.dy
+            s, rise = low_powers(shape, px * px + py * py)
+        else:
+            s, rise = all_powers(shape, scratch[4, i], scratch[5, i], scratch[6, i])
+        ray, normal = landed(shape, ray, t, s, rise)
+        put_point(packet, i, ray)
+        scratch[0, i], scratch[1, i], scratch[2, i] = normal
+
+
+@inline
+def _newton(row, shape, dz, scratch, count):
+    """One step of all rays that still move; how many still do."""
+    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
+    v, p, dp = scratch[4], scratch[5], scratch[6]
+    moving = 0
+    if is_short(row):
+        for i in range(count):
+            path = Path(t[i], moved[i], squared[i], twice_across[i])
+            r2 = squared_height(path, dz[i])
+            s, rise = low_powers(shape, r2)
+            path = stepped(shape, path, dz[i], r2, s, rise)
+            t[i], moved[i] = path.t, path.moved
+            moving += 1 if path.moved > STILL_MM else 0
+    else:
+        _high_powers(row, dz, scratch, count)
+        for i in range(count):
+            path = Path(t[i], moved[i], squared[i], twice_across[i])
+            s, rise = all_powers(shape, v[i], p[i], dp[i])
+            path = stepped(shape, path, dz[i], squared_height(path, dz[i]), s, rise)
+            t[i], moved[i] = path.t, path.moved
+            moving += 1 if path.moved > STILL_MM else 0
+    return moving
+
+
+@inline
+def _high_powers(row, dz, scratch, count):
+    """v, and Horner's rule down to the fifth coefficient for p and p'. The loop over coefficients is the outer one."""
+    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
+    v, p, dp = scratch[4], scratch[5], scratch[6]
+    for i in range(count):
+        v[i] = _v_squared(Path(t[i], moved[i], squared[i], twice_across[i]), dz[i])
     if row[ODD] > 0.0:
         for i in range(count):
             v[i] = math.sqrt(max(v[i], 0.0))
     last = int(row[TERMS]) - 1
     top = row[COEFFICIENTS + last]
     for i in range(count):
-        p[i] = top
-        dp[i] = 0.0
+        p[i], dp[i] = top, 0.0
     for j in range(last - 1, LOW_TERMS - 2, -1):
         a = row[COEFFICIENTS + j]
         for i in range(count):
-            dp[i] = fma(dp[i], v[i], p[i])
-            p[i] = fma(p[i], v[i], a)
+            dp[i], p[i] = _horner(dp[i], p[i], v[i], a)

@@ -25,6 +25,7 @@ from pipeline.processor import level
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.spelling import nearest
+from pipeline.tasks.devices import on_device
 from pipeline.tasks.first_order import CONVENTIONS
 from pipeline.tasks.graph import graph_of
 from pipeline.tasks.preview import folder_of, only_images, preview_of
@@ -138,7 +139,7 @@ def build(
         Gets a dict for every start and end of a task.
     **options
         Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
-        check_percent, engine, allow_roots, untrusted, preview.
+        check_percent, engine, device, allow_roots, untrusted, preview.
 
     Returns
     -------
@@ -168,6 +169,8 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
     roots, untrusted = options.allow_roots, options.untrusted
     dataset = project(path, out, roots, untrusted=untrusted, preview=options.preview, warn=warn)
+    if options.device is not None:
+        dataset = on_device(dataset, options)
     caller = Caller(on_event=on_event, prepare=lambda: compile_once(warn, dataset.graph, options.workers))
     return session.build(dataset, options, engine=_place(options), caller=caller)
 

@@ -124,12 +124,16 @@ class FirstOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RaysTile:
-    """A band of rows of the image; `square_px` is the edge of the square that the rays of J start on."""
+    """A band of rows of the image; `square_px` is the edge of the square that the rays of J start on.
+
+    `device` is where they are traced, see `tasks.devices`; None: by the processor.
+    """
 
     first_row: int
     end_row: int
     sampling: Sampling
     square_px: float
+    device: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

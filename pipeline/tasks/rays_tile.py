@@ -1,5 +1,6 @@
 """Task `rays_tile`: bundles of a band of rows of a camera's fine grid. Tiles only spread the work over cores."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, sli
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write three arrays."""
     tracer, images = tracer_of(inputs, params.sampling.seed)
+    tracer = dataclasses.replace(tracer, device=params.device)
     k = params.sampling.supersampling
     height, width = (params.end_row - params.first_row) * k, tracer.camera.sensor.width_px * k
     bundles = np.empty((height * width, WIDTH), np.float32)

@@ -6,9 +6,10 @@ from typing import Any
 
 import typer
 
-from pipeline.errors import Exit, PipelineError
+from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.verbs.options import (
     CheckDeterminism,
+    Device,
     DryRun,
     Engine,
     Events,
@@ -54,6 +55,7 @@ def build(
     retries: Retries = 0,
     timeout: Timeout = None,
     engine: Engine = None,
+    device: Device = None,
     preview: Preview = False,
     check_determinism: CheckDeterminism = 0,
     allow_root: Roots = None,
@@ -72,10 +74,13 @@ def build(
         timeout_s=timeout,
         check_percent=check_determinism,
         engine=engine,
+        device=device,
         allow_roots=tuple(allow_root or ()),
         untrusted=untrusted,
         preview=preview,
     )
+    if dry_run and device:
+        raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
     if dry_run:
         print_plan(stage, out, options, as_json=as_json)
         return

@@ -116,6 +116,15 @@ Engine = Annotated[
         help="Run tasks on a Dask cluster: the address of its scheduler, or its file.",
     ),
 ]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        metavar="cuda",
+        rich_help_panel=RUNNING,
+        help="Trace position images on a CUDA device. By default everything runs on processors.",
+    ),
+]
 Preview = Annotated[
     bool,
     typer.Option(
