@@ -13,7 +13,7 @@ KINDS = ("rays_tile",)
 
 
 def on_device(project: Project, options: BuildOptions) -> Project:
-    """The same project with the chosen device for the tasks that can run there; its name is a param of them, so in keys.
+    """The same project with the chosen device for tasks that can run there; its name is a param of them, so in keys.
 
     Raises
     ------
