@@ -81,7 +81,7 @@ def _trace(camera, blocks, beams):
     optics, table, outlines, lenses, aperture, mosaic = camera
     region, packet = new_region(), new_packet()
     start_x, start_y, owner = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
-    x, y, z, dx, dy, dz, alive, scratch, _ = packet
+    x, y, z, dx, dy, dz, alive, _, _ = packet
     polygon, size = region[0], _AT_ONCE * NODES * RAYS
     for b in range(blocks.lens.shape[0]):
         lens, beams.known[b] = blocks.lens[b], True
@@ -105,7 +105,7 @@ def _trace(camera, blocks, beams):
             aim_mixed(optics, lenses, mosaic, blocks.lens, owner, start_x, start_y, size, packet)
             for i in range(size):
                 alive[i] = 1.0
-            trace_packet(table, x, y, z, dx, dy, dz, alive, scratch, size)
+            trace_packet(table, packet, size)
             for i in range(size):
                 node, k = first + i // RAYS, i % RAYS
                 beams.origin[b, node, k, 0], beams.origin[b, node, k, 1], beams.origin[b, node, k, 2] = x[i], y[i], z[i]

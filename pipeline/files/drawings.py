@@ -17,6 +17,7 @@ def write_drawing(path: Path, drawing: str | bytes) -> None:
     UsageError
         Something else has the name.
     """
-    if os.path.lexists(path) and not (path.is_file() and SAYS.encode() in path.read_bytes()):
+    is_ours = path.is_file() and SAYS.encode() in path.read_bytes()
+    if os.path.lexists(path) and not path.is_dir() and not is_ours:
         raise UsageError(f"{path} is there and is no drawing of ours", hint="choose another name, or remove it")
     path.write_bytes(drawing if isinstance(drawing, bytes) else f"{drawing.rstrip()}\n<!-- {SAYS} -->\n".encode())

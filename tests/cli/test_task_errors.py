@@ -27,7 +27,7 @@ def too_wide(tmp_path, monkeypatch):
 
 def test_tasks_that_fail_alike_are_one_error_with_its_place(too_wide, capsys):
     ending = Ending(0, "dataset.usda")
-    until = ["white/Rig.Camera", "image/Rig.Camera/0001"]
+    until = ["white/Rig.Camera", "rays_tile/Rig.Camera/0000"]
     result = pipeline.build("dataset.usda", jobs=1, keep_going=True, until=until, on_event=ending)
     ending.show()
     said = capsys.readouterr().err

@@ -14,6 +14,7 @@ import numpy as np
 from hostile.values import Attempt
 
 from pipeline.engine import session
+from pipeline.engine.options import ALONE
 from pipeline.engine.store import Store
 from pipeline.errors import PipelineError
 from pipeline.files.exr import read_exr
@@ -109,7 +110,7 @@ def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
     out, start = folder / "out", time.process_time()
     try:
         project = project_from(loaded, write(attempt, folder), out)
-        result = session.build(project, store=Store(folder / "store"), jobs=1)
+        result = session.build(project, ALONE, store=Store(folder / "store"))
     except PipelineError as error:
         tally.failed_clearly += 1
         tally.ends.add(str(error).split("\n")[0][:100])
