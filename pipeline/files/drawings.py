@@ -15,7 +15,9 @@ def write_drawing(path: Path, drawing: str | bytes) -> None:
     Raises
     ------
     UsageError
-        Something else has the name.
+        A file that is no drawing of ours, or a link, has the name.
+    OSError
+        Nothing can be written there: a folder, no folder around it.
     """
     is_ours = path.is_file() and SAYS.encode() in path.read_bytes()
     if os.path.lexists(path) and not path.is_dir() and not is_ours:

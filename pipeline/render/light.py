@@ -52,9 +52,8 @@ class TargetLight:
         self._flat = [(patch, pose) for patch, pose in patches if patch.kind == PLANE]
         self._solids = [light.mesh_in_vision().reshape(-1, 3) for light in self._lights if not light.is_flat]
         self._solids += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
-        self._boxes = np.array(
-            [(some.min(axis=0) - TOUCHING_MM, some.max(axis=0) + TOUCHING_MM) for some in self._solids]
-        )
+        boxes = [(some.min(axis=0) - TOUCHING_MM, some.max(axis=0) + TOUCHING_MM) for some in self._solids]
+        self._boxes = np.array(boxes).reshape(-1, 2, 3)
         self._sheets = _stacked(self._flat) if len(self._flat) <= _FEW else None
         if len(self._boxes) or self._sheets is None:
             others = [in_vision(occluder, pose) for occluder, pose in occluders]
@@ -90,14 +89,17 @@ class TargetLight:
         if self._is_one_sheet:  # nothing can hide it: the pattern alone decides
             self._lights[0].shine(np.zeros(len(light), np.int64), origin_mm, direction, light)
             return light
-        self._by_sheets(origin_mm, direction, light)
-        if len(self._boxes):
-            near = np.empty(len(light), bool)
-            may_meet(self._boxes, origin_mm, direction, near)
-            some = np.flatnonzero(near)
-            if len(some):
+        # Which of both a ray asks depends on the ray alone, never on those that come with it.
+        near = np.zeros(len(light), bool)
+        may_meet(self._boxes, origin_mm, direction, near)
+        for some, ask in ((np.flatnonzero(near), self._by_embree), (np.flatnonzero(~near), self._by_sheets)):
+            if not len(some):
+                continue
+            if len(some) == len(light):
+                ask(origin_mm, direction, light)
+            else:
                 asked = np.full(len(some), self._background)
-                self._by_embree(origin_mm[some], direction[some], asked)
+                ask(origin_mm[some], direction[some], asked)
                 light[some] = asked
         return light
 
