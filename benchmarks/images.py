@@ -107,12 +107,9 @@ def scenes_of(dataset: Any, entry: Any) -> list[Any]:
     """The light of every frame."""
     from pipeline.render.light import TargetLight
     from pipeline.tasks.poses import target_poses
-    from pipeline.tasks.surroundings import placed_targets
-    from pipeline.tasks.things import Things
 
-    things = Things(dataset, painted=True)
     poses = [target_poses(dataset, frame, entry.name) for frame in dataset.frames]
-    placed = [placed_targets(things.targets(pose)) for pose in poses]
+    placed = [[(target.target, pose[target.name]) for target in dataset.targets] for pose in poses]
     return [Scene(targets, dataset.background, TargetLight(targets, dataset.background)) for targets in placed]
 
 
