@@ -1,5 +1,6 @@
 """Grids of discs, symmetric and asymmetric, as OpenCV's findCirclesGrid counts them."""
 
+import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -60,9 +61,7 @@ class CircleGrid(Base):
     @property
     def drawing(self) -> Drawing:
         """Discs on a sheet with a margin of one spacing around the outermost centres, a radius added."""
-        marks, radius = self.marks().xy_mm, self.diameter_mm / 2
-        half_x, half_y = np.abs(marks).max(axis=0) + self.spacing_mm + radius
-        return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])
+        return _discs(self)
 
     def title(self) -> str:
         """One line for a print."""
@@ -71,3 +70,11 @@ class CircleGrid(Base):
             f"{kind} circle grid, {self.columns} x {self.rows} discs of {self.diameter_mm:g} mm, spacing"
             f" {self.spacing_mm:g} mm, ids 0 to {self.columns * self.rows - 1} from the top left"
         )
+
+
+@functools.lru_cache(maxsize=4)
+def _discs(grid: CircleGrid) -> Drawing:
+    """The drawing of a grid, made once: a large one has ten thousands of discs."""
+    marks, radius = grid.marks().xy_mm, grid.diameter_mm / 2
+    half_x, half_y = np.abs(marks).max(axis=0) + grid.spacing_mm + radius
+    return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])

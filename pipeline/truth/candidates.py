@@ -53,8 +53,9 @@ def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray
     """All candidates of points (p, 3); points whose light does not get through have none."""
     point, lens, guess, reach, rays = [], [], [], [], 0
     vertices = None if images is None else tree_of(tracer.vertices_mm)
+    table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
     for number, p in enumerate(points_mm):
-        crossing, slope, traced = _footprint(tracer, p)
+        crossing, slope, traced = _footprint(tracer, table, fans, p)
         rays += traced
         if not len(crossing):
             continue
@@ -73,22 +74,29 @@ def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray
     return Candidates(np.concatenate(point), np.concatenate(lens), np.concatenate(guess), np.concatenate(reach), rays)
 
 
-def _footprint(tracer: Tracer, point_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Crossings of a point's rays with the plane of sensor or array, and slopes there; vision x and y, (n, 2) each.
-
-    The fan is aimed at the paraxial entrance pupil, and at the whole front surface where nothing comes through that.
-    """
-    table = towards_sensor(tracer.camera.prescription)
-    pupil = first_order(tracer.camera.prescription).entrance_pupil
-    radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
-    rays = 0
+def _fans(tracer: Tracer) -> list[np.ndarray]:
+    """Points that rays are aimed at, (n, 3) each: the paraxial entrance pupil; then the whole front surface."""
+    table, pupil = towards_sensor(tracer.camera.prescription), first_order(tracer.camera.prescription).entrance_pupil
+    fans = []
     for z, reach, count in (
         (-pupil.z_mm, _PUPIL_SLACK * pupil.diameter_mm / 2, _FAN),
-        (table[0, 0], radius, _WIDE_FAN),
+        (table[0, 0], np.sqrt(table[0, SEMI_DIAMETER_SQUARED]), _WIDE_FAN),
     ):
         u = np.linspace(-reach, reach, count)
         aim = np.stack([*(axis.ravel() for axis in np.meshgrid(u, u)), np.full(count * count, z)], axis=1)
-        aim = aim[np.hypot(aim[:, 0], aim[:, 1]) <= reach]
+        fans.append(aim[np.hypot(aim[:, 0], aim[:, 1]) <= reach])
+    return fans
+
+
+def _footprint(
+    tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Crossings of a point's rays with the plane of sensor or array, and slopes there; vision x and y, (n, 2) each.
+
+    Of the first fan of which a ray comes through.
+    """
+    rays = 0
+    for aim in fans:
         position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
         direction = aim - position
         direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
