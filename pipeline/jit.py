@@ -116,7 +116,7 @@ class Kernel:
 
     @functools.cached_property
     def _callable(self) -> Any:
-        """What Python can call: of functions for kernels a copy, which only tests do."""
+        """The function for Python; a copy of one that kernels call, which only tests ask for."""
         return self.compiled if self._kind == "kernel" else Kernel(self._function, "kernel").compiled
 
     def count(self, rays: int, surfaces: int) -> None:

@@ -176,7 +176,7 @@ def remembering() -> Iterator[None]:
 
 
 def _once(find: Any, function: Any, given: tuple[Any, ...]) -> Any:
-    """What a function gives for arguments; looked up if it was not met before."""
+    """The answer of a function of Numba; found once for the same arguments."""
     flags, (arguments, keywords, *more) = ConfigStack.top_or_none(), given
     key = function, tuple(arguments), flags is not None and flags.nrt
     if isinstance(function, types.Dispatcher) or keywords or more or flags is None or not _is_hashable(key):

@@ -1,4 +1,4 @@
-"""What kernels of cameras take, by name: tuples of arrays."""
+"""Records that kernels of cameras take: tuples of arrays, by name."""
 
 from typing import Any, NamedTuple
 

@@ -58,7 +58,7 @@ def _name(name: str) -> bytes:
 
 
 class _ByType(dict[type, Callable[[Any], Any]]):
-    """What to do with a value, by its exact type: True is an int to isinstance(), and a NumPy float64 is a float."""
+    """Functions of a value by its exact type: True is an int to isinstance(), and a NumPy float64 is a float."""
 
     def __missing__(self, kind: type) -> Any:
         raise TypeError(f"a key cannot be made from {kind.__name__}")

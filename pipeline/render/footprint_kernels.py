@@ -29,7 +29,7 @@ _LAST_TERM = 0.25
 
 @kernel
 def meet_plane(beams, pose, edge_mm, step_mm, meeting):
-    """Where the beams of blocks meet the plane z = 0 of a frame.
+    """Find the points where the beams of blocks meet the plane z = 0 of a frame.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def meet_plane(beams, pose, edge_mm, step_mm, meeting):
 
 @inline
 def _more(points, axis, edge):
-    """What a footprint is larger by than the box about the rays of a pixel's centre, on every side."""
+    """Margin of a footprint beyond the box about the rays of a pixel's centre, on every side."""
     slope, last = 0.0, 0.0
     for along in range(2):
         stride, other = (1, NODES) if along == 0 else (NODES, 1)

@@ -45,7 +45,7 @@ class Places(NamedTuple):
 
 
 class Meeting(NamedTuple):
-    """Where beams meet a plane.
+    """Points where beams meet a plane.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Meeting(NamedTuple):
 
 
 class Sight:
-    """What pixels of some rows look at.
+    """Footprints of the pixels of some rows, on whatever is before the camera.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def _tiles(tracer: Tracer, rows: tuple[int, int]) -> tuple[Blocks, np.ndarray]:
 
 
 def _behind(tracer: Tracer, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
-    """What each microlens lights, and the places of the microlenses of pixels among them (n, s)."""
+    """The block that each microlens lights, and the places of the microlenses of pixels among them (n, s)."""
     lens = np.unique(strata[strata != SKIP])
     place = np.full(len(images.centre_mm) + 1, -1)
     place[lens] = np.arange(len(lens))

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit import inline, kernel
-from pipeline.target.kernels import CHECKS, check_colour, whiteness
+from pipeline.jit import kernel
+from pipeline.target.kernels import CHECKS, check_colour, on_plane, whiteness
 
 
 class Sheet(NamedTuple):
@@ -51,7 +51,7 @@ def add_light(sheet, rays, pixels, wanted, image):
     for i in range(pixels.size):
         if not wanted[pixels[i]]:
             continue
-        x, y, towards = _meets(pose, origin, direction, i)
+        x, y, towards = on_plane(pose, origin, direction, i)
         if math.isnan(x) or abs(x) > extent[0] or abs(y) > extent[1]:
             light = background
         elif towards >= 0.0:
@@ -69,16 +69,3 @@ def add_values(share, light, pixels, image):
     """Add light (n,) of rays by their shares (n,) to their pixels (n,), ray by ray."""
     for i in range(pixels.size):
         image[pixels[i]] += share[i] * light[i]
-
-
-@inline
-def _meets(pose, origin, direction, i):
-    """Where a ray meets the plane of a patch, NaN where it does not, and whether it comes from behind (positive)."""
-    ox, oy, oz = origin[i, 0] - pose[0, 3], origin[i, 1] - pose[1, 3], origin[i, 2] - pose[2, 3]
-    dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
-    towards = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
-    t = -(pose[0, 2] * ox + pose[1, 2] * oy + pose[2, 2] * oz) / towards
-    hx, hy, hz = ox + t * dx, oy + t * dy, oz + t * dz
-    x = pose[0, 0] * hx + pose[1, 0] * hy + pose[2, 0] * hz
-    y = pose[0, 1] * hx + pose[1, 1] * hy + pose[2, 1] * hz
-    return (x if t > 0.0 else math.nan), y, towards

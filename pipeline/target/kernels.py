@@ -92,6 +92,19 @@ def whiteness_at_points(sheet, kinds, numbers, first, corners, bins, starts, ite
         value[i] = whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x[i], y[i])
 
 
+@inline
+def on_plane(pose, origin, direction, i):
+    """Meet the plane of a patch: x and y there, x NaN if the ray does not; and positive if it comes from behind."""
+    ox, oy, oz = origin[i, 0] - pose[0, 3], origin[i, 1] - pose[1, 3], origin[i, 2] - pose[2, 3]
+    dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
+    towards = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
+    t = -(pose[0, 2] * ox + pose[1, 2] * oy + pose[2, 2] * oz) / towards
+    hx, hy, hz = ox + t * dx, oy + t * dy, oz + t * dz
+    x = pose[0, 0] * hx + pose[1, 0] * hy + pose[2, 0] * hz
+    y = pose[0, 1] * hx + pose[1, 1] * hy + pose[2, 1] * hz
+    return (x if t > 0.0 else math.nan), y, towards
+
+
 @kernel
 def plane_light(
     sheet, kinds, numbers, first, corners, bins, starts, items, colours, pose, chosen, origin, direction, light
@@ -118,14 +131,8 @@ def plane_light(
     for i in range(chosen.size):
         if not chosen[i]:
             continue
-        ox, oy, oz = origin[i, 0] - pose[0, 3], origin[i, 1] - pose[1, 3], origin[i, 2] - pose[2, 3]
-        dx, dy, dz = direction[i, 0], direction[i, 1], direction[i, 2]
-        towards = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
-        t = -(pose[0, 2] * ox + pose[1, 2] * oy + pose[2, 2] * oz) / towards
-        hx, hy, hz = ox + t * dx, oy + t * dy, oz + t * dz
-        x = pose[0, 0] * hx + pose[1, 0] * hy + pose[2, 0] * hz
-        y = pose[0, 1] * hx + pose[1, 1] * hy + pose[2, 1] * hz
-        if not (t > 0.0 and abs(x) <= half_x and abs(y) <= half_y):
+        x, y, towards = on_plane(pose, origin, direction, i)
+        if not (abs(x) <= half_x and abs(y) <= half_y):
             continue
         if is_checks:
             value = check_colour(columns, rows, square, x, y)

@@ -50,7 +50,7 @@ def test_both_methods_agree_with_solutions_that_know_no_grid(tmp_path: Path) -> 
 
 @pytest.mark.heavy
 def test_direct_needs_fewer_rays_than_images(tmp_path: Path) -> None:
-    """Full-sensor J at K = 2 and 1,024 samples, which is not yet exact to 0.001 px, takes hundreds of times the rays."""
+    """Full-sensor J at K = 2 and 1,024 samples, not yet exact to 0.001 px, takes hundreds of times the rays."""
     lines = re.findall(
         r"^ +(\d+) +(\d+) +[\d.]+% +[\d.]+ +[\d.]+ +[\d.e+]+ +(\d+)", output_of("direct.py", tmp_path), re.M
     )
