@@ -24,7 +24,7 @@ proofs: $(STAMP) warm
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)
 	$(BIN)/python -m compileall -q pipeline
-	$(BIN)/python -c "from pipeline.tasks.build import compile_once; compile_once(workers=2)"
+	$(BIN)/python -c "from pipeline.app.build import compile_once; compile_once(workers=2)"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

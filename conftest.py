@@ -2,7 +2,9 @@
 
 import signal
 
-import pipeline  # noqa: F401 (before anybody imports NumPy: tests compute as the command does)
+from pipeline.machine.processor import pin
+
+pin()  # before anybody imports NumPy: tests compute as the command does
 
 # A shell that runs this in the background tells it to ignore Ctrl-C, and what the tests start would ignore it too.
 signal.signal(signal.SIGINT, signal.default_int_handler)

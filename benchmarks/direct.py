@@ -16,12 +16,12 @@ import numpy as np
 from kept import keeping
 
 import pipeline
-from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth import search
-from pipeline.truth.grid import fine_from_image, image_from_fine
-from pipeline.truth.solve import Rig, guesses, solve, tangent_planes
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
+from pipeline.truth.grid import quad_search
+from pipeline.truth.grid.ray_grid import fine_from_image, image_from_fine
 from pipeline.units import DEGREE_RAD
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/02_plenoptic/dataset.usda"
@@ -90,8 +90,8 @@ def tile_errors(
     for tile, label, point, first, truth in zip(image, own.reshape(-1, 4, 4), points, corner, exact, strict=True):
         quads, status, solution = np.array([[0, 1, 1]]), np.zeros(1, np.int64), np.full((1, 9), np.nan)
         cell = np.where(label, 0, -1)
-        search.solve_quads(tile, cell, point[None], quads, True, 0.15, 10 * DEGREE_RAD, status, solution)
-        if status[0] == search.ACCEPTED:
+        quad_search.solve_quads(tile, cell, point[None], quads, True, 0.15, 10 * DEGREE_RAD, status, solution)
+        if status[0] == quad_search.ACCEPTED:
             errors.append(np.hypot(*(image_from_fine(solution[0, :2] + first, k) - truth)))
     return np.array(errors), len(errors) / len(drawn)
 

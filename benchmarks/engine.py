@@ -16,11 +16,11 @@ from pathlib import Path
 
 from kept import keeping
 
-from pipeline.engine.graph import TaskGraph
-from pipeline.engine.plan import plan
-from pipeline.engine.run import run
-from pipeline.engine.spec import Specs
-from pipeline.engine.store import Store
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.plan import plan
+from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.running.driver import run
+from pipeline.engine.store.store import Store
 
 STAGE = """#usda 1.0
 (

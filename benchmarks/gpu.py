@@ -14,10 +14,10 @@ import numpy as np
 from lenses import EXAMPLES
 
 import pipeline
-from pipeline.camera.micro_images import micro_images, owners
+from pipeline.camera.micro_images.centres import micro_images, owners
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.device import device_name, is_simulated
 from pipeline.errors import EnvironmentFault
+from pipeline.jit.device import device_name, is_simulated
 
 AGREEMENT_MM = 1e-9
 _TURNS = 5

@@ -89,8 +89,8 @@ def serve(ask: dict[str, Any]) -> None:
     import pipeline
 
     assert Path(pipeline.__file__).is_relative_to(ask["root"])
-    from pipeline.camera.focus import focused
-    from pipeline.camera.micro_images import micro_images
+    from pipeline.camera.focusing.depth_of_field import focused
+    from pipeline.camera.micro_images.centres import micro_images
     from pipeline.camera.tracer import Tracer
 
     dataset = pipeline.open_dataset(ask["stage"])
@@ -105,8 +105,8 @@ def serve(ask: dict[str, Any]) -> None:
 
 def scenes_of(dataset: Any, entry: Any) -> list[Any]:
     """The light of every frame."""
+    from pipeline.graph.poses import target_poses
     from pipeline.render.light import TargetLight
-    from pipeline.tasks.poses import target_poses
 
     poses = [target_poses(dataset, frame, entry.name) for frame in dataset.frames]
     placed = [[(target.target, pose[target.name]) for target in dataset.targets] for pose in poses]
@@ -215,7 +215,7 @@ class Now(Program):
     def behind_card(self, scene: Any, corners: Any) -> Any:
         """The same scene with a triangle before it."""
         from pipeline.render.light import TargetLight
-        from pipeline.target.occluder import Occluder
+        from pipeline.targets.occluder import Occluder
 
         light = TargetLight(
             scene.targets, scene.background, [(Occluder(vertices_mm=corners, triangles=((0, 1, 2),)), np.eye(4))]
@@ -255,7 +255,7 @@ class Before(Program):
 
 def started(make: Any) -> int:
     """Rays that are started meanwhile."""
-    from pipeline.work import work
+    from pipeline.jit.work import work
 
     before = work().kernels["image_rays"].rays
     make()

@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from kept import keep
 
-from pipeline.engine.graph import Task, TaskGraph
-from pipeline.engine.memory import PeakMeter
+from pipeline.engine.planning.graph import Task, TaskGraph
+from pipeline.engine.running.memory import PeakMeter
 from pipeline.files.npy import read_npy, write_npy
-from pipeline.records import from_plain
+from pipeline.graph.dataset_graph import graph_of
+from pipeline.records.plain import from_plain
 from pipeline.scene.load import load, require_dataset
-from pipeline.tasks.graph import graph_of
 
 CAMERA = "Rig.Camera"
 

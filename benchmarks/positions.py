@@ -19,10 +19,10 @@ from beside import ROOT
 from kept import keep
 
 import pipeline
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.quadrature import ROUGH, edges
+from pipeline.camera.integrating.quadrature import ROUGH, edges
+from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.tasks.cameras import owners
+from pipeline.tasks.artefacts.cameras import owners
 
 EXAMPLES = ("01_conventional", "02_plenoptic")
 SAMPLES = (64, 256, 1024, 4096, 16384)

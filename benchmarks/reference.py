@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.micro_images import MicroImages, micro_images
-from pipeline.camera.moments import FREE_WEIGHT, VARIANCE, WEIGHT
-from pipeline.camera.regions import NO_MICROLENS, SKIP
+from pipeline.camera.micro_images.centres import MicroImages, micro_images
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
-from pipeline.truth.grid import fine_from_image, image_from_fine
-from pipeline.truth.position_image import on_target
+from pipeline.camera.tracing.moments import FREE_WEIGHT, VARIANCE, WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.ray_grid import fine_from_image, image_from_fine
 
 _PROBES = np.stack(np.meshgrid((-0.6, 0.0, 0.6), (-0.6, 0.0, 0.6)), axis=-1).reshape(-1, 2)
 _PROBE_RAYS, _COARSE_RAYS, _BIAS_RAYS = 1024, 2048, 8192

@@ -19,13 +19,13 @@ from typing import Any
 from kept import keep
 
 import pipeline
-from pipeline.engine.graph import TASKS, TaskGraph
-from pipeline.engine.perform import perform
-from pipeline.engine.spec import Specs
-from pipeline.engine.store import Store
+from pipeline.app.build import compile_once
+from pipeline.engine.planning.graph import TASKS, TaskGraph
+from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.running.execute import perform
+from pipeline.engine.store.store import Store
+from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load, require_dataset
-from pipeline.tasks.build import compile_once
-from pipeline.tasks.graph import graph_of
 
 EXAMPLES = Path(pipeline.__file__).resolve().parents[1] / "examples"
 TINY = EXAMPLES.parent / "tests/data/tiny_plenoptic/dataset.usda"

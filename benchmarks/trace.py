@@ -22,7 +22,7 @@ from kept import keeping
 from lenses import EXAMPLES, Race, codev_double_gauss, tronnier
 
 import pipeline
-from pipeline.camera.micro_images import micro_images, owners
+from pipeline.camera.micro_images.centres import micro_images, owners
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet, trace_rays
 from pipeline.optics.limit import crossings_per_second
@@ -30,7 +30,7 @@ from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import CURVATURE, towards_sensor
 from pipeline.scene.dataset import CameraEntry
 
-# After pipeline.jit, which asks OpenMP for one thread; batoid reads that while it is imported.
+# After pipeline.jit.decorators, which asks OpenMP for one thread; batoid reads that while it is imported.
 import peer  # isort: skip
 import peer_optiland  # isort: skip
 

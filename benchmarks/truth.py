@@ -29,8 +29,8 @@ import pipeline
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import read_table
 from pipeline.frames import inverse
+from pipeline.graph.poses import vision_from_target
 from pipeline.scene.dataset import CameraEntry, Dataset
-from pipeline.tasks.poses import vision_from_target
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = [ROOT / "examples" / name / "dataset.usda" for name in ("01_conventional", "02_plenoptic")]

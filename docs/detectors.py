@@ -21,7 +21,7 @@ import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.png import write_png
 from pipeline.files.tables import read_table
-from pipeline.target.checkerboard import Checkerboard
+from pipeline.targets.patterns.checkerboard import Checkerboard
 
 ROOT = Path(__file__).resolve().parents[1]
 CLASSES_PX2 = ((0.0, 0.1), (0.1, 1.0), (1.0, np.inf), (0.0, 1.0))

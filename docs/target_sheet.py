@@ -15,7 +15,7 @@ from pipeline.files.png import write_png
 from pipeline.frames import apply
 from pipeline.render.light import TargetLight
 from pipeline.scene.load import load
-from pipeline.target.target import AnyTarget
+from pipeline.targets.target import AnyTarget
 
 ROOT = Path(__file__).parents[1]
 CELL_PX, COLUMNS, SUBSAMPLES = 240, 4, 4

@@ -2,30 +2,26 @@
 
 `pipeline.build(path)` builds a dataset stage, `pipeline.open_dataset(path)` reads one into plain records,
 `pipeline.Prescription`, `pipeline.Camera` and their friends are the physics, usable without USD.
-Nothing heavy is imported before it is asked for (PEP 562). Importing this tells NumPy, OpenBLAS and Numba, by the
-environment, what to compute with, so that results do not depend on the processor: docs/engine.md, The machine.
+Nothing heavy is imported before it is asked for (PEP 562), and importing this changes nothing in your process.
 """
 
-from pipeline.processor import pin
-
 TYPE_CHECKING = False
-if TYPE_CHECKING:  # the command begins here, and Ctrl-C means something else until it has looked after that
+if TYPE_CHECKING:  # importing `typing` takes time, and Ctrl-C means nothing yet: the command begins here
     from typing import Any
-
-pin()  # before anybody imports NumPy
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "Surface": "pipeline.optics.prescription",
     "Prescription": "pipeline.optics.prescription",
-    "Camera": "pipeline.camera.camera",
-    "Sensor": "pipeline.camera.camera",
-    "MicrolensArray": "pipeline.camera.camera",
-    "Checkerboard": "pipeline.target.checkerboard",
-    "Target": "pipeline.target.target",
+    "Camera": "pipeline.camera.parts.camera",
+    "Sensor": "pipeline.camera.parts.camera",
+    "MicrolensArray": "pipeline.camera.parts.microlens_array",
+    "bundle": "pipeline.camera.bundle",
+    "Checkerboard": "pipeline.targets.patterns.checkerboard",
+    "Target": "pipeline.targets.target",
     "open_dataset": "pipeline.scene.load",
-    "build": "pipeline.tasks.build",
+    "build": "pipeline.app.build",
 }
 __all__ = ["__version__", *_HOMES]
 
@@ -34,6 +30,10 @@ def __getattr__(name: str) -> "Any":
     if name in _HOMES:
         from importlib import import_module
 
+        if name == "build":
+            from pipeline.machine.processor import pin
+
+            pin()  # what imports it loads NumPy
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

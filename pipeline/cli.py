@@ -14,11 +14,9 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.errors import Exit, PipelineError, UsageError
-from pipeline.room import require_room
-from pipeline.verbs import building, graph, planning, tasks, watch
-from pipeline.verbs.cache import cache
-from pipeline.verbs.terminal import (
+from pipeline.app.verbs import building, graph, planning, tasks, watch
+from pipeline.app.verbs.cache import cache
+from pipeline.app.verbs.terminal import (
     CHECKING,
     OUTPUT,
     Json,
@@ -34,6 +32,9 @@ from pipeline.verbs.terminal import (
     say,
     written,
 )
+from pipeline.errors import Exit, PipelineError, UsageError
+from pipeline.machine.process_limits import require_room
+from pipeline.machine.processor import pin
 
 app = new_family(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
@@ -104,7 +105,7 @@ def _problems(
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Problems of a stage as in `check --json`, each with its `text`; and what confined the process that read it."""
     if untrusted:
-        from pipeline.tasks.sandbox import problems_of_untrusted
+        from pipeline.app.sandbox import problems_of_untrusted
 
         rows, guards = problems_of_untrusted(path, allow_roots)
         return [{"stage": str(path), **row} for row in rows], {"stage": str(path), **guards.to_dict()}
@@ -130,9 +131,9 @@ def show(
     allow_root: Roots = None,
 ) -> None:
     """Say what a camera or a lens does: focal lengths, pupils, focus, depth of field, real rays over the field."""
-    from pipeline.tasks.show import plain_json
-    from pipeline.tasks.show import plot as draw
-    from pipeline.tasks.show import show as cameras_of
+    from pipeline.app.show import plain_json
+    from pipeline.app.show import plot as draw
+    from pipeline.app.show import show as cameras_of
 
     if plot is not None and plot.suffix != ".svg":
         raise UsageError(f"{plot} is no .svg file", hint="drawings are SVG, which browsers and Inkscape open")
@@ -162,7 +163,7 @@ def print_target(
     allow_root: Roots = None,
 ) -> None:
     """Say what a target is, its points and ids; print it in true size."""
-    from pipeline.tasks.artwork import artwork
+    from pipeline.app.printed_target import artwork
 
     for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
         if path is not None and path.suffix != suffix:
@@ -192,8 +193,8 @@ def verify(
     are missing or too many included. Of 64 rows positions and visibility are judged by other rules and other rays. Not
     derived again: images, rays.exr, micro-images, camera.json, poses.json and the certificate in the manifest.
     """
+    from pipeline.app.verifying.verify import verify as verdict_on
     from pipeline.report.verdict import lines
-    from pipeline.tasks.verify import verify as verdict_on
 
     verdict = verdict_on(out, seed)
     if as_json:
@@ -244,7 +245,7 @@ def import_lens(
     surface, radius, thickness, nd (or glass), vd, semi_diameter (or diameter), conic, A4, A6 … One row says "stop".
     Semi-diameters that are missing are computed from --f-number and --half-field. docs/lenses.md has all names.
     """
-    from pipeline.importing import import_lens
+    from pipeline.app.importing import import_lens
 
     asked = {"f_number": f_number, "half_field_deg": half_field}
     _deliver(import_lens(file, spacing.value if spacing else None, **asked), out)
@@ -261,14 +262,14 @@ def import_camera(
     ] = None,
 ) -> None:
     """Write the camera of another program's file as a rig, and say what could not be kept."""
-    from pipeline.importing import import_camera
+    from pipeline.app.importing import import_camera
 
     _deliver(import_camera(file, lens), out)
 
 
 def _deliver(imported: Any, out: Path | None) -> None:
     """Warnings to stderr; the stage to stdout, or to a new file that is then checked."""
-    from pipeline.importing import write_stage
+    from pipeline.app.importing import write_stage
 
     for line in imported.warnings:
         note(line)
@@ -305,6 +306,7 @@ app.add_typer(cache, name="cache", rich_help_panel=CARE)
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    pin()  # before anything imports NumPy
     gc.set_threshold(100_000)  # a big plan makes many records that all stay: looking for garbage took a tenth of it
     code = _exit_code()
     try:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from pipeline.jit import cache_folder
+from pipeline.jit.decorators import cache_folder
 from pipeline.share import share
 
 _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from laws import rigs
 
-from pipeline.camera.camera import Camera
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.prescription import Prescription
-from pipeline.truth.grid import RayGrid
+from pipeline.truth.grid.ray_grid import RayGrid
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from results import Results
 from sampling import SAMPLINGS
 from windows import ACCEPTED, METHODS, REJECTED
 
-from pipeline.truth.grid import fine_from_image
+from pipeline.truth.grid.ray_grid import fine_from_image
 
 MAPPINGS = ("printed", "half-pixel")
 SETTINGS = tuple(itertools.product(MAPPINGS, SAMPLINGS))

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 import pipeline
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
-from pipeline.tasks.poses import vision_from_target
-from pipeline.truth.judged import Rows
-from pipeline.truth.judges import differences
-from pipeline.truth.solve import Guess, Rig, guesses, solve, tangent_planes
+from pipeline.graph.poses import vision_from_target
+from pipeline.truth.direct.direct_rows import Guess, Rig, guesses, solve, tangent_planes
+from pipeline.truth.judging.judged import Rows
+from pipeline.truth.judging.judges import differences
 
 STAGE = Path(__file__).resolve().parent / "dataset.usda"
 ROUGH_PX, ACCURACY_PX = 1e-2, 1e-5

@@ -12,8 +12,8 @@ from results import Grid, Results
 from sampling import SAMPLINGS
 from windows import METHODS, moments, search
 
+from pipeline.truth.direct.direct_rows import Guess, solve
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import Guess, solve
 
 _LOT = 8
 _OTHER_SEED = 77

@@ -8,14 +8,14 @@ stop blocks is lost. Vision frame, mm.
 
 import numpy as np
 
-from pipeline.camera.camera import REPLICAS
-from pipeline.camera.moments import cross
-from pipeline.camera.packets import aim_into, draw, region_drift, send_packet
-from pipeline.camera.polygon import fan
-from pipeline.camera.regions import SKIP, bound, new_region
-from pipeline.camera.sobol import hash32, sobol_bits
+from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.parts.polygon import fan
 from pipeline.camera.tracer import Tracer
-from pipeline.jit import inline, kernel
+from pipeline.camera.tracing.moments import cross
+from pipeline.camera.tracing.packets import aim_into, draw, region_drift, send_packet
+from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
+from pipeline.camera.tracing.sobol import hash32, sobol_bits
+from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
 SAMPLINGS = ("independent", "ours")

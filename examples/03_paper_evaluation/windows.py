@@ -11,12 +11,12 @@ import numpy as np
 from corners import Corners
 from sampling import means
 
-from pipeline.camera.regions import SKIP
 from pipeline.camera.tracer import parallel_planes, target_plane
-from pipeline.truth.correspond import find
-from pipeline.truth.grid import RayGrid, fine_from_image, image_from_fine
-from pipeline.truth.position_image import on_target
-from pipeline.truth.second_order import corrected
+from pipeline.camera.tracing.sampling_bounds import SKIP
+from pipeline.truth.grid.correspond import find
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine
+from pipeline.truth.grid.second_order import corrected
 from pipeline.truth.settings import TruthSettings
 
 METHODS = ("image", "two-plane")

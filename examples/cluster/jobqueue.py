@@ -5,7 +5,7 @@ import sys
 from dask_jobqueue import SLURMCluster
 
 import pipeline
-from pipeline.processor import settings
+from pipeline.machine.processor import settings
 
 if __name__ == "__main__":
     stage, workers = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 16

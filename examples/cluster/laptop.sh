@@ -7,7 +7,7 @@ trap 'kill $(jobs -p) 2>/dev/null; rm -rf "$folder"' EXIT
 file=$folder/scheduler.json
 
 # Dask loads NumPy before the pipeline could tell it which code to choose.
-export $(python -c 'from pipeline.processor import settings; print(*(f"{k}={v}" for k, v in settings().items()))')
+export $(python -c 'from pipeline.machine.processor import settings; print(*(f"{k}={v}" for k, v in settings().items()))')
 
 dask scheduler --host 127.0.0.1 --port 0 --no-dashboard --scheduler-file "$file" 2>"$folder/scheduler.log" &
 until [ -s "$file" ]; do sleep 0.1; done

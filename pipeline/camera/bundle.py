@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera import kernels
-from pipeline.camera.camera import Camera, CameraError
-from pipeline.camera.micro_images import micro_images, owners
-from pipeline.camera.records import Samples, Squares, room_for
-from pipeline.camera.sobol import sobol_bits
+from pipeline.camera.micro_images.centres import micro_images, owners
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer
-from pipeline.declared import number, whole
+from pipeline.camera.tracing import bundle_kernels
+from pipeline.camera.tracing.records import Samples, Squares, room_for
+from pipeline.camera.tracing.sobol import sobol_bits
+from pipeline.records.declared import number, whole
 
 _FARTHEST_PX = 1 << 23
 """Half of what streams of random numbers lie apart: no sensor is as wide."""
@@ -54,6 +55,7 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
 
     Parameters
     ----------
+    camera : Camera
     x_px, y_px : float
         Image position, (0, 0) is the centre of the top-left pixel.
     samples : int
@@ -78,5 +80,5 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
     lens = owners(images, position)[:, None]
     pixel, rays = np.array([[round(x_px), round(y_px)]]), room_for(samples)
     squares = Squares(pixel, position, lens, np.full_like(lens, samples))
-    count = kernels.image_rays(tracer.arrays, Samples(sobol_bits(samples), seed, 0.0), squares, rays)
+    count = bundle_kernels.image_rays(tracer.arrays, Samples(sobol_bits(samples), seed, 0.0), squares, rays)
     return Bundle(*rays.first(count)[:3])

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera import squares
-from pipeline.camera.camera import REPLICAS
-from pipeline.camera.moments import COLUMNS, VARIANCE
-from pipeline.camera.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, edges
-from pipeline.camera.regions import SKIP
+from pipeline.camera.integrating import footprint
+from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, edges
+from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.moments import COLUMNS, VARIANCE
+from pipeline.camera.tracing.sampling_bounds import SKIP
 
 NODES = ((6, 16), (8, 32), (12, 64), (16, 128), (24, 256))
 """Levels of the quadrature: nodes along the radius and over the circle. The error is that of the level before."""
@@ -101,7 +101,7 @@ def _over_squares(
 ) -> _Levels:
     result, rays = [], 0
     for level in levels:
-        offset, share = squares.nodes(SQUARE_NODES[level])
+        offset, share = footprint.nodes(SQUARE_NODES[level])
         moments, status = np.empty((len(x_px), COLUMNS)), np.empty(len(x_px), np.int64)
         stretch = max(1, _NODES_AT_ONCE // (len(share) * NODES[level][0] * NODES[level][1]))
         for first in range(0, len(x_px), stretch):
@@ -109,7 +109,7 @@ def _over_squares(
             x = (x_px[here, None] + square_px * offset).reshape(-1, 2)
             behind, on = (np.repeat(values[here], len(share), axis=0) for values in (lens, planes))
             ((found, state),), more = _over_points(tracer, x, behind, on, [level], 0.0)
-            moments[here] = squares.joined(found.reshape(-1, len(share), COLUMNS), share)
+            moments[here] = footprint.joined(found.reshape(-1, len(share), COLUMNS), share)
             status[here] = _worst(state.reshape(-1, len(share)))
             rays += more
         result.append((moments, status))

@@ -6,17 +6,18 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.camera import kernels
-from pipeline.camera.camera import REPLICAS, Camera, CameraError
-from pipeline.camera.lattice import Lattice, cell, lattice
-from pipeline.camera.moments import COLUMNS, WEIGHT
-from pipeline.camera.mosaic import Microlenses, is_plain, microlenses
-from pipeline.camera.pupil import MARGIN, Outlines, outlines
-from pipeline.camera.pupil_grid import grid_outlines, upright
-from pipeline.camera.quadrature import NOT_STAR_SHAPED, edges
-from pipeline.camera.records import CameraArrays
-from pipeline.camera.regions import NO_MICROLENS, SKIP
-from pipeline.camera.sobol import sobol_bits
+from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, edges
+from pipeline.camera.parts.camera import REPLICAS, Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.lattice import Lattice, cell, lattice
+from pipeline.camera.pupil.outline_grid import grid_outlines, upright
+from pipeline.camera.pupil.outlines import MARGIN, Outlines, outlines
+from pipeline.camera.tracing import bundle_kernels
+from pipeline.camera.tracing.microlens_tables import Microlenses, is_plain, microlenses
+from pipeline.camera.tracing.moments import COLUMNS, WEIGHT
+from pipeline.camera.tracing.records import CameraArrays
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
+from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.optics.table import is_centred, towards_scene
 
 _REFERENCE_NODES, _REFERENCE_RAYS = (24, 256), 1 << 20
@@ -35,7 +36,7 @@ class Tracer:
     margin : float
         Inflation of the sampling bounds; results must not depend on it.
     device : str or None
-        Where `moments` traces: a name from `pipeline.device`, or the processor.
+        Where `moments` traces: a name from `pipeline.jit.device`, or the processor.
     """
 
     camera: Camera
@@ -150,7 +151,7 @@ class Tracer:
 
         Rays start at the positions, or anywhere on squares of the edge `square_px` around them. They go through points
         of the regions of anchors (n, 2) less than a pixel away, or else of the positions: where these move and anchors
-        and pixels do not, moments change smoothly. See `camera.moments`.
+        and pixels do not, moments change smoothly. See `camera.tracing.moments`.
         """
         result = np.empty((len(positions_mm), COLUMNS))
         planes = np.ascontiguousarray(planes.reshape(-1, 2, 4, 3))
@@ -161,12 +162,12 @@ class Tracer:
         square, lens = square_px * self.camera.sensor.pitch_mm, np.ascontiguousarray(lens, np.int64)
         rows = pixels, anchors, positions, lens
         if self.device is not None:
-            from pipeline.camera.device_moments import moments_on_device
+            from pipeline.camera.tracing.device_moments import moments_on_device
 
             moments_on_device(self.arrays, planes, (bits, seed), square, rows, result)
         else:
-            kernels.bundle_moments(*self.arrays, planes, bits, seed, square, *rows, result)
-        kernels.bundle_moments.count(int(np.count_nonzero(lens != SKIP)) * samples, len(self.table))
+            bundle_kernels.bundle_moments(*self.arrays, planes, bits, seed, square, *rows, result)
+        bundle_kernels.bundle_moments.count(int(np.count_nonzero(lens != SKIP)) * samples, len(self.table))
         return result
 
     @cached_property

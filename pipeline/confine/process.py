@@ -18,10 +18,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from pipeline.another_python import command
 from pipeline.confine import landlock, seccomp
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
-from pipeline.processor import settings
+from pipeline.machine.another_python import command
+from pipeline.machine.processor import settings
 
 _WORDS = 64 * 2**10
 """Bytes of its last words that are read."""

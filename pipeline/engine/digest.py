@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from pipeline.records import Shared
+from pipeline.records.plain import Shared
 
 DIGEST = re.compile(r"[0-9a-f]{64}")
 """What a key or the name of a blob looks like; paths in the store are built from nothing else."""

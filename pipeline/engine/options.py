@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.declared import number, settle, whole
 from pipeline.engine.events import Emit, silent
 from pipeline.engine.interrupts import Interrupts
 from pipeline.errors import UsageError
+from pipeline.records.declared import number, settle, whole
 
 _MOST = 10_000
 """Workers, and tries of a task: a slip of the finger, not a wish."""
@@ -40,7 +40,7 @@ class BuildOptions:
     engine : str or None
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     device : str or None
-        `cuda`: trace position images on a CUDA device; their keys name it. See `tasks.devices`.
+        `cuda`: trace position images on a CUDA device; their keys name it. See `graph.devices`.
     allow_roots : tuple of str or Path
         Further folders that the stage may reference.
     untrusted : bool

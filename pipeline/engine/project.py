@@ -6,11 +6,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine import near
-from pipeline.engine.deliver import Source
-from pipeline.engine.graph import TASKS, TaskGraph
-from pipeline.engine.near import unpadded
 from pipeline.engine.options import BuildOptions
+from pipeline.engine.output.deliver import Source
+from pipeline.engine.planning import near
+from pipeline.engine.planning.graph import TASKS, TaskGraph
+from pipeline.engine.planning.near import unpadded
 from pipeline.errors import UsageError
 
 
@@ -36,7 +36,7 @@ class Project:
     places : dict
         Second part of task names, as the camera in `truth/Left/0001` -> where in the stage that stands, for messages.
     source : plain data or None
-        What the project was made of: the store keeps it, so that a later plan can name the edits, see `tasks.why`.
+        What the project was made of: the store keeps it, so that a later plan can name the edits, see `app.why`.
         None, also after a process border: nothing is kept.
     """
 

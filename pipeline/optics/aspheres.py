@@ -14,7 +14,7 @@ there in the end has missed.
 import math
 from typing import NamedTuple
 
-from pipeline.jit import fma, inline
+from pipeline.jit.decorators import fma, inline
 from pipeline.optics.crossing import Ray, put, put_point, ray_of
 from pipeline.optics.table import (
     COEFFICIENTS,

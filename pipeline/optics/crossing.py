@@ -14,7 +14,7 @@ A surface off its place is met in the frame in which it stands in its place: ray
 import math
 from typing import NamedTuple
 
-from pipeline.jit import fma, inline
+from pipeline.jit.decorators import fma, inline
 from pipeline.optics.table import CURVATURE, INDEX_RATIO, POSE, SEMI_DIAMETER_SQUARED, VERTEX
 
 

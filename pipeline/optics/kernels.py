@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit import buffers, inline, kernel, unit
+from pipeline.jit.decorators import buffers, inline, kernel, unit
 from pipeline.optics.aspheres import cross_asphere
 from pipeline.optics.crossing import (
     Ray,

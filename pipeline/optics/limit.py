@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from pipeline.jit import kernel
+from pipeline.jit.decorators import kernel
 from pipeline.optics.kernels import PACKET
 
 _TURNS, _RUNS = 4000, 5

@@ -3,7 +3,7 @@
 The same functions in the same order, so that a ray has the same bits wherever both compilers round alike.
 """
 
-from pipeline.jit import inline
+from pipeline.jit.decorators import inline
 from pipeline.optics.aspheres import through_conic_or_asphere
 from pipeline.optics.crossing import (
     Ray,

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from pipeline.declared import settle
 from pipeline.errors import PipelineError
+from pipeline.records.declared import settle
 
 _UPRIGHT_DEG = 90.0
 _HEIGHTS = 64

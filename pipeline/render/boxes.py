@@ -2,7 +2,7 @@
 
 import math
 
-from pipeline.jit import kernel
+from pipeline.jit.decorators import kernel
 
 
 @kernel

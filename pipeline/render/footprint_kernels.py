@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from pipeline.camera.beams import NODES, RAYS
-from pipeline.jit import inline, kernel
-from pipeline.target.plain_boxes import BESIDE, MIXED, colour_of_box
+from pipeline.camera.tracing.beams import NODES, RAYS
+from pipeline.jit.decorators import inline, kernel
+from pipeline.targets.plain_boxes import BESIDE, MIXED, colour_of_box
 
 BEHIND, FRONT, BACK, ODD = range(4)
 """How all rays of a beam meet a plane: behind their start, i.e. not at all; its front; its back; some so, some so."""

@@ -1,8 +1,8 @@
 """Pixels that see nothing but one colour: their value is that colour by the light of a white scene, and has no noise.
 
-Beams, the rays of a few points of the sensor, tell where the light of every pixel may come from; see `camera.beams`.
-The judgement errs to one side: a pixel of one colour may be called undecided, and is then sampled. What comes through
-the microlens of a pixel's cell and what comes through the others are judged apart.
+Beams, the rays of a few points of the sensor, tell where the light of every pixel may come from; see
+`camera.tracing.beams`. The judgement errs to one side: a pixel of one colour may be called undecided, and is then
+sampled. What comes through the microlens of a pixel's cell and what comes through the others are judged apart.
 """
 
 from collections.abc import Sequence
@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.beams import NODES, RAYS, Beams, Blocks, beams_of
-from pipeline.camera.micro_images import MicroImages
-from pipeline.camera.regions import NO_MICROLENS, SKIP
+from pipeline.camera.micro_images.centres import MicroImages
 from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.beams import NODES, RAYS, Beams, Blocks, beams_of
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.render import footprint_kernels as kernels
-from pipeline.target.patches import Patch
+from pipeline.targets.patches import Patch
 
 _TILE_PX = 32
 """Edge of a block of a sensor without microlenses."""
@@ -71,7 +71,7 @@ class Sight:
     positions : (n, 2) float64
         Their pixels, row by row, on the sensor, vision frame [mm].
     strata : (n, s) int64
-        Microlenses that light each pixel, from `camera.strata`.
+        Microlenses that light each pixel, from `camera.micro_images.strata`.
     """
 
     def __init__(

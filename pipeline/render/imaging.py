@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera import kernels
-from pipeline.camera.micro_images import MicroImages
-from pipeline.camera.records import Leaving, Samples, Squares, room_for
-from pipeline.camera.regions import SKIP
-from pipeline.camera.sobol import sobol_bits
-from pipeline.camera.strata import pixel_strata, positions_of
+from pipeline.camera.micro_images.centres import MicroImages
+from pipeline.camera.micro_images.strata import pixel_strata, positions_of
 from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing import bundle_kernels
+from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
+from pipeline.camera.tracing.sampling_bounds import SKIP
+from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.render.footprints import Sight
 from pipeline.render.light import TargetLight
 
@@ -183,8 +183,8 @@ class _Band:
             y_px, x_px = np.divmod(some + before, width)
             strata = np.where(counts[some] > 0, self.strata[some], SKIP)
             squares = Squares(np.stack([x_px, y_px], axis=1), self.positions[some], strata, counts[some])
-            count = kernels.image_rays(self.tracer.arrays, random, squares, room)
-            kernels.image_rays.count(most, len(self.tracer.table))
+            count = bundle_kernels.image_rays(self.tracer.arrays, random, squares, room)
+            bundle_kernels.image_rays.count(most, len(self.tracer.table))
             leaving = room.first(count)
             yield _Rays(some, leaving, *np.divmod(leaving.owner, self.strata.shape[1]))
 

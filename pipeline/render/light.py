@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.camera.records import Leaving
+from pipeline.camera.tracing.records import Leaving
 from pipeline.frames import apply
 from pipeline.render import sheet_image
 from pipeline.render.boxes import may_meet
@@ -17,10 +17,10 @@ from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import TOUCHING_MM, Sight
 from pipeline.render.sheets import first_sheet
 from pipeline.render.surroundings import in_vision
-from pipeline.target import kernels
-from pipeline.target.occluder import Occluder
-from pipeline.target.patches import CYLINDER, MESH, PLANE, Patch
-from pipeline.target.target import AnyTarget
+from pipeline.targets import kernels
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.patches import CYLINDER, MESH, PLANE, Patch
+from pipeline.targets.target import AnyTarget
 
 _FEW = 8
 """Flat sheets that are tried one by one for every ray; Embree's tree is faster for more."""

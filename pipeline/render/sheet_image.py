@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit import kernel
-from pipeline.target.kernels import CHECKS, check_colour, on_plane, whiteness
+from pipeline.jit.decorators import kernel
+from pipeline.targets.kernels import CHECKS, check_colour, on_plane, whiteness
 
 
 class Sheet(NamedTuple):

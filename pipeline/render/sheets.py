@@ -1,6 +1,6 @@
 """The first of several flat sheets that a ray meets. Kernels only; vision frame, mm."""
 
-from pipeline.jit import kernel
+from pipeline.jit.decorators import kernel
 
 
 @kernel

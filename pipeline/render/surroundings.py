@@ -10,10 +10,10 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.render.embree import MeshScene
-from pipeline.target.mesh import MeshTarget
-from pipeline.target.occluder import Occluder
-from pipeline.target.patches import PLANE
-from pipeline.target.target import AnyTarget
+from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.patches import PLANE
+from pipeline.targets.target import AnyTarget
 
 _TOUCHING_MM = 1e-6
 """What stands before a plane by less than this lies on it: roundings at 1 m, and surfaces that touch."""

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
 
-from pipeline.target.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
-from pipeline.target.target import Target
+from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
+from pipeline.targets.target import Target
 
 BAR_MM = 100.0
 _MARGIN_MM = 10.0

@@ -10,7 +10,7 @@ _MARGIN = 20.0  # px
 
 
 class Node(Protocol):
-    """A node that is drawn: see `engine.overview.Group`."""
+    """A node that is drawn: see `engine.planning.collapsed_graph.Group`."""
 
     name: str
     reads: list[str]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from pipeline.camera.curves import FieldCurves
+from pipeline.camera.figures.field_curves import FieldCurves
 
 _WIDTH = 30
 _COUNTED = "distances are counted from the aperture stop, + towards the scene"
@@ -43,7 +43,7 @@ def lens_page(document: dict[str, Any], curves: FieldCurves | None) -> list[str]
     Parameters
     ----------
     document : dict
-        From `tasks.show`.
+        From `app.show`.
     curves : FieldCurves or None
         None where the lens has no real image.
     """

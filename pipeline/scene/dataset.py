@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from pipeline.camera.camera import Camera, Sampling
-from pipeline.camera.focus import focused
-from pipeline.camera.request import FocusRequest
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.optics.prescription import Prescription
-from pipeline.target.occluder import Occluder
-from pipeline.target.target import AnyTarget
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.target import AnyTarget
 
 Matrix = tuple[tuple[float, ...], ...]
 """A 4 x 4 transform, rigid unless said otherwise, rows of a matrix that acts on column vectors, lengths in mm."""

@@ -10,14 +10,14 @@ from pathlib import Path
 from pxr import Sdf, Tf, Usd
 
 from pipeline.errors import UsageError
-from pipeline.scene.check_prims import all_prims
-from pipeline.scene.for_viewers import fallback_types, pinhole, view_of
-from pipeline.scene.instances import write_out_instances
-from pipeline.scene.lines import text_map
-from pipeline.scene.opening import open_stage
-from pipeline.scene.places import place
-from pipeline.scene.problems import shown_path
-from pipeline.scene.reading import read_camera_entries
+from pipeline.scene.check.prims import all_prims
+from pipeline.scene.read.prims import read_camera_entries
+from pipeline.scene.usd.instances import write_out_instances
+from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.usd.problems import shown_path
+from pipeline.scene.usd.source_locations import place
+from pipeline.scene.usd.usda_lines import text_map
+from pipeline.scene.write.for_viewers import fallback_types, pinhole, view_of
 from pipeline.units import mm_per_unit
 
 _NEAR = 0.01

@@ -3,32 +3,33 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pxr import Tf, Usd
 
 from pipeline.confine.process import Guards
-from pipeline.declared import arguments_settled
 from pipeline.errors import UsageError
 from pipeline.places import flaw_of
+from pipeline.records.declared import arguments_settled
 from pipeline.roots import allowed_roots, real_path
-from pipeline.scene.asset_roots import file_of
-from pipeline.scene.check import check
-from pipeline.scene.check_dataset import find_dataset
-from pipeline.scene.check_doubts import check_doubts
-from pipeline.scene.check_layers import used_layers
-from pipeline.scene.check_rays import check_rays
-from pipeline.scene.check_seen import check_seen
-from pipeline.scene.composed import Composed, composed
+from pipeline.scene.check.camera.doubts import check_doubts
+from pipeline.scene.check.dataset import find_dataset
+from pipeline.scene.check.rays import check_rays
+from pipeline.scene.check.seen import check_seen
+from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
-from pipeline.scene.flatten import flattened, text_for_viewers
-from pipeline.scene.hints import without_followers
-from pipeline.scene.instances import check_instances
-from pipeline.scene.lines import knowing
-from pipeline.scene.opening import changed, open_stage
-from pipeline.scene.prescan import Look
-from pipeline.scene.problems import Problem, StageError, shortened, shown_path
-from pipeline.scene.reading import read_camera_entries, read_dataset, read_lens_entry
-from pipeline.scene.reading_targets import read_target_entries
+from pipeline.scene.edits.composed import Composed, composed
+from pipeline.scene.read.prims import read_camera_entries, read_dataset, read_lens_entry
+from pipeline.scene.read.targets import read_target_entries
+from pipeline.scene.trust.asset_roots import file_of
+from pipeline.scene.trust.prescan import Look
+from pipeline.scene.usd.hints import without_followers
+from pipeline.scene.usd.instances import check_instances
+from pipeline.scene.usd.opening import changed, open_stage
+from pipeline.scene.usd.problems import Problem, StageError, shortened, shown_path
+from pipeline.scene.usd.usda_lines import knowing
+from pipeline.scene.usd.used_layers import used_layers
+from pipeline.scene.write.flatten import flattened, text_for_viewers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -185,3 +186,8 @@ def require_dataset(loaded: Loaded, path: str | Path) -> Dataset:
     hint = "make a PlenDataset the default prim"
     file = shown_path(real_path(path))
     raise StageError([Problem(code="no-dataset", message="the stage holds no dataset", file=file, line=1, hint=hint)])
+
+
+def attempt(question: dict[str, Any], guards: Guards) -> list[dict[str, Any]]:
+    """Errors of a stage, as the confined process of `scene.trust.trial` answers."""
+    return [one.to_dict() for one in load(question["path"], question["roots"], guards=guards).errors]

@@ -1,12 +1,12 @@
-"""Views: what a camera sees of a target in every frame, by a few rays per point, as `camera.outlook` traces them."""
+"""Views: what a camera sees of a target in every frame, by a few rays per point (`camera.figures.outlook`)."""
 
 from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.outlook import Fate, Outlook, covered_mm, outlook, pupil_points_mm
+from pipeline.camera.figures.outlook import Fate, Outlook, covered_mm, outlook, pupil_points_mm
+from pipeline.camera.parts.camera import Camera
 from pipeline.scene.dataset import Dataset, Frame, TargetEntry
 
 _POINTS = 8_000

@@ -7,10 +7,10 @@ import numpy as np
 
 from pipeline.files.tables import write_table
 from pipeline.frames import inverse, rotation_vector
-from pipeline.tasks.cameras import Inputs, pinhole_of
+from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
 from pipeline.tasks.frame_poses import pinhole_from_camera
-from pipeline.tasks.params import Baselines as Params
-from pipeline.tasks.params import RigFrame
+from pipeline.tasks.params.poses import Baselines as Params
+from pipeline.tasks.params.poses import RigFrame
 
 BASELINES = "baselines.csv"
 HEADER = (

@@ -10,14 +10,14 @@ import numpy as np
 
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import Table, read_table
-from pipeline.target.target import target_from_plain
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.params import Certificate as Params
-from pipeline.tasks.params import PlacedTarget
-from pipeline.tasks.surroundings import placed_target
-from pipeline.truth.certificate import certify
-from pipeline.truth.judged import ROWS, Rows, rows_of_build
-from pipeline.truth.solve import Rig, tangent_planes
+from pipeline.targets.target import target_from_plain
+from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.artefacts.surroundings import placed_target
+from pipeline.tasks.params.certificate import Certificate as Params
+from pipeline.tasks.params.placed import PlacedTarget
+from pipeline.truth.direct.direct_rows import Rig, tangent_planes
+from pipeline.truth.judging.certificate import certify
+from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build
 
 _STREAM = 0x5EA1
 """Random numbers of the judge are none of those that it judges."""

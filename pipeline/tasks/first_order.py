@@ -7,14 +7,14 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.pinhole import Pinhole, Projection
-from pipeline.camera.report import report
+from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.parts.camera import Camera
 from pipeline.files.jsonfile import write_json
-from pipeline.records import to_plain
-from pipeline.tasks.cameras import Inputs, focused_camera, pinhole_of
-from pipeline.tasks.params import CameraLabels
-from pipeline.tasks.params import FirstOrder as Params
+from pipeline.records.plain import to_plain
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, pinhole_of
+from pipeline.tasks.params.figures import CameraLabels
+from pipeline.tasks.params.figures import FirstOrder as Params
 
 CONVENTIONS = {
     "pixel": "(0, 0) is the centre of the top-left pixel, x right, y down",

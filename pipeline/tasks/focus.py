@@ -6,11 +6,11 @@ task `planes`): no image depends on them.
 
 from pathlib import Path
 
-from pipeline.camera.request import solved
+from pipeline.camera.focusing.focus_request import solved
 from pipeline.files.jsonfile import write_json
-from pipeline.records import to_plain
-from pipeline.tasks.cameras import FOCUSED, Inputs
-from pipeline.tasks.params import Focus as Params
+from pipeline.records.plain import to_plain
+from pipeline.tasks.artefacts.cameras import FOCUSED, Inputs
+from pipeline.tasks.params.cameras import Focus as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

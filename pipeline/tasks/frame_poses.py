@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.pinhole import Pinhole
+from pipeline.camera.figures.equivalent_pinhole import Pinhole
 from pipeline.files.jsonfile import write_json
 from pipeline.frames import inverse, rigid, rotation_vector
-from pipeline.tasks.cameras import Inputs, pinhole_of
-from pipeline.tasks.params import FramePoses as Params
-from pipeline.tasks.params import PosedFrame
+from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
+from pipeline.tasks.params.poses import FramePoses as Params
+from pipeline.tasks.params.poses import PosedFrame
 
 CONVENTIONS = {
     "transforms": "a_from_b acts on column vectors, mm",

@@ -11,10 +11,10 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectra import srgb_preview
-from pipeline.tasks.cameras import Inputs, stacked, tracer_alone
+from pipeline.tasks.artefacts.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.image_tile import PIXELS, image_rows
-from pipeline.tasks.params import Exposure
-from pipeline.tasks.params import Image as Params
+from pipeline.tasks.params.images import Exposure
+from pipeline.tasks.params.images import Image as Params
 
 _PREVIEW_ROWS = 512
 """Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""

@@ -8,10 +8,11 @@ import numpy as np
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.render.imaging import pictures
 from pipeline.render.light import TargetLight
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.params import Exposure, PaintedView
-from pipeline.tasks.params import ImageTile as Params
-from pipeline.tasks.surroundings import placed_occluder, placed_target
+from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
+from pipeline.tasks.params.images import Exposure
+from pipeline.tasks.params.images import ImageTile as Params
+from pipeline.tasks.params.placed import PaintedView
 from pipeline.tasks.white_tile import FOREIGN, WHITE
 
 PIXELS = "pixels.npy"

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.micro_light import OUTLINE_DEG, MicroLight, micro_light
+from pipeline.camera.micro_images.light import OUTLINE_DEG, MicroLight, micro_light
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import write_table
-from pipeline.tasks.cameras import Inputs, stacked, tracer_of
-from pipeline.tasks.params import MicroImages as Params
+from pipeline.tasks.artefacts.cameras import Inputs, stacked, tracer_of
+from pipeline.tasks.params.micro_images import MicroImages as Params
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
 _ALONE = (

@@ -3,10 +3,10 @@
 import dataclasses
 from pathlib import Path
 
-from pipeline.camera.micro_light import micro_light
+from pipeline.camera.micro_images.light import micro_light
 from pipeline.files.npy import write_npy
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.params import MicroImagesTile as Params
+from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.params.micro_images import MicroImagesTile as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

@@ -5,11 +5,11 @@ It writes `pinhole.json`, which the report of the camera and its poses read; nul
 
 from pathlib import Path
 
-from pipeline.camera.pinhole import pinhole
+from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.files.jsonfile import write_json
-from pipeline.records import to_plain
-from pipeline.tasks.cameras import PINHOLE, Inputs, focused_camera
-from pipeline.tasks.params import Nothing as Params
+from pipeline.records.plain import to_plain
+from pipeline.tasks.artefacts.cameras import PINHOLE, Inputs, focused_camera
+from pipeline.tasks.params.cameras import Nothing as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

@@ -6,10 +6,10 @@ It writes `planes.json`, which the report and the tasks that trace J read beside
 import dataclasses
 from pathlib import Path
 
-from pipeline.camera.focus import focused
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.files.jsonfile import write_json
-from pipeline.tasks.cameras import PLANES, Inputs, focused_camera
-from pipeline.tasks.params import Planes as Params
+from pipeline.tasks.artefacts.cameras import PLANES, Inputs, focused_camera
+from pipeline.tasks.params.cameras import Planes as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

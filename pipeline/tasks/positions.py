@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.camera import Sampling
-from pipeline.camera.micro_images import MicroImages
+from pipeline.camera.micro_images.centres import MicroImages
+from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.files.exr_bands import BandedPart, write_bands
-from pipeline.tasks.cameras import Inputs, stretches, tracer_of
-from pipeline.tasks.params import Positions as Params
-from pipeline.truth.candidates import candidates
-from pipeline.truth.grid import fine_from_image
-from pipeline.truth.solve import Rig
+from pipeline.tasks.artefacts.cameras import Inputs, stretches, tracer_of
+from pipeline.tasks.params.truth import Positions as Params
+from pipeline.truth.direct.candidates import candidates
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.grid.ray_grid import fine_from_image
 
 Tile = tuple[slice, slice]
 """Rows and columns of the fine grid."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.npy import StackedRows
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.params import Rays as Params
+from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.params.rays import Rays as Params
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
-from pipeline.truth.error import in_pixels, jacobian
+from pipeline.truth.grid.sampling_error import in_pixels, jacobian
 
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])

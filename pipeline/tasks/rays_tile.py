@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.camera import Sampling
-from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
+from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.files.npy import write_npy
-from pipeline.tasks.cameras import Inputs, Stretch, stretches, tracer_of
-from pipeline.tasks.params import RaysTile as Params
+from pipeline.tasks.artefacts.cameras import Inputs, Stretch, stretches, tracer_of
+from pipeline.tasks.params.rays import RaysTile as Params
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last is their number."""

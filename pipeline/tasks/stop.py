@@ -5,11 +5,11 @@ It writes `focused.json` like the task `focus`, so that white images and micro-i
 
 from pathlib import Path
 
-from pipeline.camera.stop import stopped_down
+from pipeline.camera.focusing.stop import stopped_down
 from pipeline.files.jsonfile import write_json
-from pipeline.records import to_plain
-from pipeline.tasks.cameras import FOCUSED, Inputs, focused_camera
-from pipeline.tasks.params import Stop as Params
+from pipeline.records.plain import to_plain
+from pipeline.tasks.artefacts.cameras import FOCUSED, Inputs, focused_camera
+from pipeline.tasks.params.cameras import Stop as Params
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

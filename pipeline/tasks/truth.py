@@ -11,24 +11,25 @@ import numpy as np
 from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table, write_table
-from pipeline.records import from_plain
-from pipeline.target.points import TargetPoints
-from pipeline.tasks.cameras import Inputs, focused_camera, tracer_of
-from pipeline.tasks.params import Truth as Params
-from pipeline.tasks.params import TruthTable, View
-from pipeline.tasks.ray_grid import RayFile, rows_of
-from pipeline.tasks.surroundings import placed_target, surroundings_of
-from pipeline.tasks.truth_table import TargetNote, column_order, columns_of, header_of
-from pipeline.truth.column_sets import column_names, column_set
-from pipeline.truth.correspond import Correspondences
-from pipeline.truth.grid import RayGrid, Rays
-from pipeline.truth.on_points import ImageOf, correspond_points, largest_sag_mm, plane_name
-from pipeline.truth.own_bundle import with_own_bundles
-from pipeline.truth.polish import polished
-from pipeline.truth.position_image import on_target
-from pipeline.truth.second_order import corrected
+from pipeline.records.plain import from_plain
+from pipeline.targets.points import TargetPoints
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, tracer_of
+from pipeline.tasks.artefacts.ray_grid import RayFile, rows_of
+from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
+from pipeline.tasks.artefacts.truth_table import TargetNote, column_order, columns_of, header_of
+from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.truth import Truth as Params
+from pipeline.tasks.params.truth import TruthTable
+from pipeline.truth.direct.direct_rows import Rig, faces_camera, guesses, solve, tangent_planes
+from pipeline.truth.direct.fallback import polished
+from pipeline.truth.direct.own_bundle import with_own_bundles
+from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm, plane_name
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.ray_grid import RayGrid, Rays
+from pipeline.truth.grid.second_order import corrected
+from pipeline.truth.positions.column_sets import column_names, column_set
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
 from pipeline.truth.visibility import seen
 
 ROWS, NOTES = "rows.csv", "notes.json"

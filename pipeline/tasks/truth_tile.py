@@ -4,11 +4,11 @@ from pathlib import Path
 
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import write_table
-from pipeline.records import to_plain
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.params import TruthTile as Params
+from pipeline.records.plain import to_plain
+from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.params.truth import TruthTile as Params
 from pipeline.tasks.truth import NOTES, ROWS, target_rows
-from pipeline.truth.solve import Rig
+from pipeline.truth.direct.direct_rows import Rig
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

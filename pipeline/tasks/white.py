@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.tasks.cameras import Inputs, stacked, tracer_alone
+from pipeline.tasks.artefacts.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.image import part_of, write_image
-from pipeline.tasks.params import White as Params
+from pipeline.tasks.params.images import White as Params
 from pipeline.tasks.white_tile import FOREIGN, WHITE, white_rows
 
 

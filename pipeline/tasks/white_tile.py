@@ -6,9 +6,9 @@ import numpy as np
 
 from pipeline.files.npy import write_npy
 from pipeline.render.imaging import irradiance_and_crosstalk
-from pipeline.tasks.cameras import Inputs, tracer_of
-from pipeline.tasks.params import Exposure
-from pipeline.tasks.params import WhiteTile as Params
+from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.params.images import Exposure
+from pipeline.tasks.params.images import WhiteTile as Params
 
 WHITE, FOREIGN = "white.npy", "foreign.npy"
 

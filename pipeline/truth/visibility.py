@@ -7,13 +7,13 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.camera import kernels
-from pipeline.camera.camera import REPLICAS
-from pipeline.camera.records import Samples, Squares, room_for
-from pipeline.camera.sobol import sobol_bits
+from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.tracing import bundle_kernels
+from pipeline.camera.tracing.records import Samples, Squares, room_for
+from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.render.surroundings import Surroundings
-from pipeline.truth.correspond import Correspondences
-from pipeline.truth.solve import Rig
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.grid.correspond import Correspondences
 
 LOOK_RAYS, RAYS = 1 << 10, 1 << 14
 """Random rays of a row that something may hide, and of one that is partly hidden; over all replicas."""
@@ -99,8 +99,8 @@ def shares(
     counts = np.full_like(strata, rays // REPLICAS)
     squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts)
     room = room_for(n * rays)
-    count = kernels.image_rays(tracer.arrays, Samples(bits, tracer.seed ^ _STREAM, edge_mm), squares, room)
-    kernels.image_rays.count(n * rays, len(tracer.table))
+    count = bundle_kernels.image_rays(tracer.arrays, Samples(bits, tracer.seed ^ _STREAM, edge_mm), squares, room)
+    bundle_kernels.image_rays.count(n * rays, len(tracer.table))
     origin, direction, weight, owner = room.first(count)
     row = owner // REPLICAS
     hidden = surroundings.hides(target, planes[row, 0], planes[row, 3], origin, direction)

@@ -28,7 +28,7 @@ def test_rooms_import_only_downwards_and_libraries_enter_by_one_door(monkeypatch
         ("pipeline.tasks.rays_tile", ("pxr", "typer", "rich", "colour", "networkx")),
         ("pipeline.tasks.truth", ("pxr", "typer", "rich", "colour", "networkx")),
         ("pipeline.files.lenses.read", ("pxr", "numba", "typer", "rich")),
-        ("pipeline.camera.camera", ("pxr", "numba", "networkx", "OpenEXR")),
+        ("pipeline.camera.parts.camera", ("pxr", "numba", "networkx", "OpenEXR")),
     ],
 )
 def test_importing_a_module_does_not_load(module, absent):

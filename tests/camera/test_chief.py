@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.camera.camera import CameraError
-from pipeline.camera.chief import chief_heights
-from pipeline.camera.pupil import passes
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.chief_ray import chief_heights
+from pipeline.camera.pupil.outlines import passes
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import towards_scene, unbounded

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from laws import rigs
 
-from pipeline.camera.camera import Camera, CameraError
-from pipeline.camera.doubts import doubts
-from pipeline.camera.focus import focused
-from pipeline.camera.pupil import passes
-from pipeline.camera.request import with_matched_stop
-from pipeline.camera.stop import with_stop
+from pipeline.camera.figures.doubts import doubts
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.focusing.focus_request import with_matched_stop
+from pipeline.camera.focusing.stop import with_stop
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.outlines import passes
 from pipeline.camera.tracer import Tracer
 
 CONVENTIONAL, PLENOPTIC = focused(rigs.conventional()), focused(rigs.plenoptic(extent_mm=3.0))

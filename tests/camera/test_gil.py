@@ -9,12 +9,12 @@ import numpy as np
 
 import pipeline
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.jit import Kernel
+from pipeline.jit.decorators import Kernel
 
 
 def test_every_kernel_is_compiled_without_the_lock():
     found = []
-    for room in ("optics", "camera", "target", "truth", "render"):
+    for room in ("optics", "camera", "targets", "truth", "render"):
         package = importlib.import_module(f"pipeline.{room}")
         for info in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             for name, value in vars(importlib.import_module(info.name)).items():

@@ -12,21 +12,21 @@ import numba
 import numpy as np
 import pytest
 
-from pipeline import kernel_files
-from pipeline.engine.graph import Task
+from pipeline.app.build import compile_once, project
+from pipeline.app.kernel_steps import steps_of
+from pipeline.engine.planning.graph import Task
 from pipeline.errors import EnvironmentFault
-from pipeline.jit import Kernel, _source_digest, inline, kernel, unit
-from pipeline.kernel_cache import KernelCache
-from pipeline.tasks.build import compile_once, project
-from pipeline.tasks.kernel_steps import steps_of
+from pipeline.jit import files
+from pipeline.jit.cache import KernelCache
+from pipeline.jit.decorators import Kernel, _source_digest, inline, kernel, unit
 
 ROOT = Path(__file__).parents[2]
 SOURCES = {
     "room/__init__.py": "LAST = 3",
-    "room/kernels.py": "from pipeline.jit import kernel\nfrom pipeline.room.table import ROW\n@kernel\ndef f(x): ...",
+    "room/kernels.py": "from pipeline.room.table import ROW\n@kernel\ndef f(x): ...",
     "room/table.py": "from pipeline import units\nimport pipeline.room\nROW = units.MM",
     "units.py": "MM = 1",
-    "kernel_compiler.py": "OPTIONS = {}",
+    "jit/compiler.py": "OPTIONS = {}",
     "apart.py": "from pipeline.room import kernels",
 }
 
@@ -42,7 +42,7 @@ def package(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["room/kernels.py", "room/table.py", "units.py", "room/__init__.py", "kernel_compiler.py"]
+    "name", ["room/kernels.py", "room/table.py", "units.py", "room/__init__.py", "jit/compiler.py"]
 )
 def test_an_edit_of_what_a_kernel_reaches_compiles_anew(package, name):
     """Numba compiles constants in and looks at the kernel's own file alone."""
@@ -103,7 +103,7 @@ class Bomb:
 @pytest.fixture
 def said(monkeypatch):
     """Warnings of this test."""
-    monkeypatch.setattr(kernel_files, "_said", found := set())
+    monkeypatch.setattr(files, "_said", found := set())
     return found
 
 
@@ -133,7 +133,7 @@ def other_types(path):
 @pytest.fixture
 def fresh(monkeypatch, folder):
     """Gives a driver and its unit as a fresh process has them, with the folder of this test."""
-    monkeypatch.setattr("pipeline.jit.cache_folder", lambda: folder)
+    monkeypatch.setattr("pipeline.jit.decorators.cache_folder", lambda: folder)
 
     def load():
         unit_of_test, driver = Kernel(sum_of_squares.__wrapped__, "unit"), Kernel(length.__wrapped__, "kernel")
@@ -168,7 +168,7 @@ def test_a_driver_of_a_unit_of_another_name_is_compiled_again(fresh, folder, sai
     """The linker would end the process."""
     fresh()
     next(path for path in folder.iterdir() if "sum_of_squares" in path.name).unlink()
-    monkeypatch.setattr("pipeline.kernel_compiler.DriverCompiler.digest", "0123456789abcdef")
+    monkeypatch.setattr("pipeline.jit.compiler.DriverCompiler.digest", "0123456789abcdef")
     assert not any(loaded(stats) for stats in fresh())
     assert ["there is no" in text for text in said] == [True] and all(loaded(stats) for stats in fresh())
 
@@ -233,24 +233,24 @@ def test_a_kernel_that_is_whole_and_cannot_be_loaded_is_compiled_again(folder, s
     """As after an update of a library that calls itself by the same version."""
     compiled(folder)
     (path,) = folder.iterdir()
-    kernel_files.write(path, pickle.dumps(("something", "else")))
+    files.write(path, pickle.dumps(("something", "else")))
     assert not compiled(folder) and "cannot be used" in str(said) and compiled(folder)
 
 
 def test_a_flipped_bit_anywhere_is_noticed(tmp_path, said):
     path = tmp_path / "k"
-    kernel_files.write(path, b"kernel")
+    files.write(path, b"kernel")
     whole = path.read_bytes()
     for number in range(8 * len(whole)):
         flipped = bytearray(whole)
         flipped[number // 8] ^= 1 << number % 8
         path.write_bytes(flipped)
-        assert kernel_files.read(path) is None
+        assert files.read(path) is None
     for size in range(len(whole)):
         path.write_bytes(whole[:size])
-        assert kernel_files.read(path) is None
+        assert files.read(path) is None
     path.write_bytes(whole)
-    assert kernel_files.read(path) == b"kernel"
+    assert files.read(path) == b"kernel"
 
 
 def test_kernels_in_a_folder_that_others_may_write_to_are_not_used(folder, said):
@@ -306,12 +306,12 @@ def test_processes_that_compile_at_once_do_not_disturb_one_another(tmp_path, sai
 
     def writing(body):
         while not stop.is_set():
-            kernel_files.write(path, body)
+            files.write(path, body)
 
     threads = [threading.Thread(target=writing, args=(body,)) for body in bodies]
     for thread in threads:
         thread.start()
-    found = [kernel_files.read(path) for _ in range(300)]
+    found = [files.read(path) for _ in range(300)]
     stop.set()
     for thread in threads:
         thread.join()
@@ -347,19 +347,19 @@ def task(kind, params):
 
 
 def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatch):
-    from pipeline import kernel_cache
-    from pipeline.jit import cache_folder
+    from pipeline.jit import cache
+    from pipeline.jit.decorators import cache_folder
 
     monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path))
-    monkeypatch.setattr(kernel_cache, "used", {"a", "b"})
+    monkeypatch.setattr(cache, "used", {"a", "b"})
     calls, said = [], []
 
     def compile_kernels(steps):
         calls.append(1)
         for name in "ab":
-            kernel_files.write(cache_folder() / name, name.encode())
+            files.write(cache_folder() / name, name.encode())
 
-    monkeypatch.setattr("pipeline.tasks.compile.compile_kernels", compile_kernels)
+    monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", compile_kernels)
     compile_once(said.append)
     compile_once(said.append)
     assert len(calls) == 1 and not said

@@ -7,19 +7,19 @@ import threading
 
 import pytest
 
-from pipeline import kernel_files, kernel_turns
-from pipeline.another_python import command
+from pipeline.jit import files, turns
+from pipeline.machine.another_python import command
 
 HOLD = """
 import sys
 from pathlib import Path
-from pipeline import kernel_files, kernel_turns
+from pipeline.jit import files, turns
 path = Path(sys.argv[1])
-kernel_turns.take(path)
+turns.take(path)
 print("mine", flush=True)
 sys.stdin.readline()
-kernel_files.write(path, b"code")
-kernel_turns.end(path)
+files.write(path, b"code")
+turns.end(path)
 sys.stdin.readline()
 """
 
@@ -27,7 +27,7 @@ sys.stdin.readline()
 @pytest.fixture
 def path(tmp_path):
     """File of a kernel in a folder of kernels."""
-    kernel_files.make_folder(tmp_path / "jit")
+    files.make_folder(tmp_path / "jit")
     return tmp_path / "jit" / "kernel"
 
 
@@ -46,8 +46,8 @@ def waiting_for(path, read):
     """A thread that waits for its turn and then reads the kernel."""
 
     def wait():
-        kernel_turns.take(path)
-        read.append(kernel_files.read(path))
+        turns.take(path)
+        read.append(files.read(path))
 
     thread = threading.Thread(target=wait, daemon=True)
     thread.start()
@@ -75,19 +75,19 @@ def test_the_turn_of_a_process_that_is_killed_ends(path, other):
 
 
 def test_other_kernels_do_not_wait(path, other):
-    kernel_turns.take(path.with_name("another"))
-    kernel_turns.end_all(path.parent)
+    turns.take(path.with_name("another"))
+    turns.end_all(path.parent)
 
 
 def test_a_folder_where_nothing_can_be_written_has_no_turns(tmp_path):
     (tmp_path / "file").touch()
-    kernel_turns.take(tmp_path / "file" / "jit" / "kernel")
-    kernel_turns.end_all(tmp_path / "file" / "jit")
+    turns.take(tmp_path / "file" / "jit" / "kernel")
+    turns.end_all(tmp_path / "file" / "jit")
 
 
 def test_the_process_that_helps_compiles_the_steps_that_it_is_told(tmp_path):
     """Its errors are silent: without it a build would be slower, and nobody would see why."""
-    helper = command("pipeline.tasks.compile:help_compiling", "search")
+    helper = command("pipeline.app.compile_kernels:help_compiling", "search")
     subprocess.run(helper, env={**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path)}, check=True)
     names = {path.name.rsplit(".", 1)[1].rpartition("-")[0] for path in tmp_path.glob("*/*")}
     assert {"quads_that_hold-kernel", "solve_quads-kernel", "nearest_positions-kernel"} <= names

@@ -64,7 +64,7 @@ def traced(record: Any) -> Bundle | None:
         case pipeline.MicrolensArray():
             return traced(dataclasses.replace(CAMERA, microlenses=record))
         case pipeline.Camera():
-            return record.bundle(3.0, 4.0, samples=4)
+            return pipeline.bundle(record, 3.0, 4.0, samples=4)
     return None
 
 
@@ -103,8 +103,8 @@ def test_wrong_kinds_are_named_with_what_is_wanted() -> None:
             "be 2 values, each a",
         ),
         (lambda: pipeline.Target(3), "Target: pattern is 3", "one of: Checkerboard, Charuco"),
-        (lambda: CAMERA.bundle("a", 3), "x_px is 'a'", f"{a_number}, from -8388608 to 8388608"),
-        (lambda: CAMERA.bundle(3, 3, samples=1000), "samples is 1000", "a power of two, e.g. 512"),
+        (lambda: pipeline.bundle(CAMERA, "a", 3), "x_px is 'a'", f"{a_number}, from -8388608 to 8388608"),
+        (lambda: pipeline.bundle(CAMERA, 3, 3, samples=1000), "samples is 1000", "a power of two, e.g. 512"),
         (lambda: pipeline.open_dataset(None), "open_dataset: path is None", "a text or a Path"),
         (lambda: pipeline.build(STAGE, force="image"), "BuildOptions: force is 'image'", "a sequence, each a text"),
         (lambda: pipeline.build(STAGE, jbos=2), "build has no option 'jbos'", "did you mean jobs?"),
@@ -128,13 +128,13 @@ def test_lists_and_numbers_of_numpy_are_as_good_as_pythons_own() -> None:
 def test_a_bundle_is_traced_or_refused(name: str) -> None:
     for value in HOSTILE:
         arguments = {"x_px": 3.0, "y_px": 4.0, "samples": 4, "seed": 0, name: value}
-        found = answer(lambda arguments=arguments: CAMERA.bundle(**arguments))
+        found = answer(lambda arguments=arguments: pipeline.bundle(CAMERA, **arguments))
         assert isinstance(found, Bundle | PipelineError)
 
 
 @pytest.mark.parametrize("method", [Bundle.at_distance, Bundle.mean_at])
 def test_crossings_with_a_plane_are_numbers_or_an_error(method: Callable[..., np.ndarray]) -> None:
-    bundle = CAMERA.bundle(3.0, 4.0, samples=16)
+    bundle = pipeline.bundle(CAMERA, 3.0, 4.0, samples=16)
     for value in HOSTILE:
         found = answer(lambda value=value: method(bundle, value))
         assert isinstance(found, PipelineError) or np.isfinite(found).all()
@@ -148,7 +148,7 @@ def test_targets_stages_and_builds_answer_to_whatever_they_are_given(tmp_path: P
         answer(lambda value=value: pipeline.Target(BOARD, value))
         answer(lambda value=value: pipeline.open_dataset(value))
         answer(lambda value=value: pipeline.open_dataset(STAGE, value))
-    with patch("pipeline.engine.session.build"):
+    with patch("pipeline.engine.running.session.build"):
         for name in inspect.signature(pipeline.build).parameters:
             for value in HOSTILE:
                 answer(lambda name=name, value=value: pipeline.build(**{"path": STAGE, "out": "out", name: value}))

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from laws import rigs
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.focus import focused, middle_focus
-from pipeline.camera.outlook import Fate, outlook
+from pipeline.camera.figures.outlook import Fate, outlook
+from pipeline.camera.focusing.depth_of_field import focused, middle_focus
+from pipeline.camera.parts.camera import Camera
 from pipeline.optics.first_order import first_order
 
 TOWARDS = np.array([0.0, 0.0, -1.0])

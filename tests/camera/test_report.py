@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.curves import field_curves
-from pipeline.camera.focus import foci, middle_focus
-from pipeline.camera.report import gaps_mm, report
+from pipeline.camera.figures.field_curves import field_curves
+from pipeline.camera.figures.first_order_figures import gaps_mm, report
+from pipeline.camera.focusing.depth_of_field import foci, middle_focus
+from pipeline.camera.parts.camera import Camera
 from pipeline.optics.first_order import first_order
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from pipeline import cli
-from pipeline.engine.store import Store
+from pipeline.engine.store.store import Store
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_gc_says_first_and_then_does(pipeline, record):
 
 
 def test_gc_waits_for_no_build(pipeline, store, record, monkeypatch):
-    monkeypatch.setattr("pipeline.engine.care.locked", _impatient(monkeypatch))
+    monkeypatch.setattr("pipeline.engine.maintenance.locked", _impatient(monkeypatch))
     with store.in_use():
         code, _, log = pipeline("cache", "gc", "--size", "5")
     assert code == 5 and "a build uses" in log and Store(store.root).record("ab" * 32)

@@ -19,7 +19,7 @@ def test_the_exit_code_of_a_build_is_that_of_its_certificates(
     """A failed one is named however quiet the build shall be."""
     cameras = {f"Camera{i}": certificate(state) for i, state in enumerate(passed)}
     result = SimpleNamespace(exit_code=0, certificate=cameras, points=None, delivery=None)
-    monkeypatch.setattr("pipeline.tasks.build.build_with", lambda *_, **__: result)
+    monkeypatch.setattr("pipeline.app.build.build_with", lambda *_, **__: result)
     found = CliRunner().invoke(app, ["build", "some.usda", *quiet])
     assert found.exit_code == code
     assert ("FAILED, a row differs" in found.output) == (False in passed)

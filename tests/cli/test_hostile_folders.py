@@ -13,10 +13,10 @@ from faults.doctored import ENTRIES, LIES, MANIFESTS, ODDITIES, STAGES, signed
 from stage_text import without_method
 
 import pipeline
-from pipeline.engine.foreign import ForeignFolder, Unfit
+from pipeline.app.verifying.readable import unreadable
+from pipeline.app.verifying.verify import verify
+from pipeline.engine.output.foreign import ForeignFolder, Unfit
 from pipeline.errors import UsageError
-from pipeline.tasks.readable import unreadable
-from pipeline.tasks.verify import verify
 
 DATA = Path(__file__).parents[1] / "data"
 TABLE = "frames/0001/Rig.Camera/correspondences.csv"
@@ -204,19 +204,19 @@ def test_a_reader_that_crashes_is_blamed_on_its_file_alone(tmp_path, monkeypatch
     for name in ("a.json", "b.json", "c.json"):
         (tmp_path / name).write_text("{}")
     boot = (
-        "import json, os, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from pipeline.tasks import readable;"
+        "import json, os, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from pipeline.app.verifying import readable;"
         " real = readable._reason;"
         " readable._reason = lambda root, name: os.abort() if name == 'b.json' else real(root, name);"
         " readable.main()"
     )
-    monkeypatch.setattr("pipeline.another_python._BOOT", boot)
+    monkeypatch.setattr("pipeline.machine.another_python._BOOT", boot)
     damaged, _ = unreadable(tmp_path, ["a.json", "b.json", "c.json"])
     assert damaged == {"b.json": "its reader ended with code -6"}
 
 
 def test_the_judge_loads_no_usd():
     """Whatever a stage does to USD, it does in the sandbox."""
-    code = "import sys, pipeline.tasks.verify; print('pxr' in sys.modules)"
+    code = "import sys, pipeline.app.verifying.verify; print('pxr' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
 

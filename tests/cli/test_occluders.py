@@ -8,9 +8,9 @@ import pytest
 from stage_text import without_method
 
 import pipeline
+from pipeline.app.verifying.verify import verify
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
-from pipeline.tasks.verify import verify
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 SCREEN = """

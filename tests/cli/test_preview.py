@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.engine.session import plan_of
+from pipeline.app.build import build, project
+from pipeline.engine.running.session import plan_of
 from pipeline.errors import UsageError
-from pipeline.tasks.build import build, project
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 PICTURES = {"cameras/Rig.Camera/white.png", "frames/0001/Rig.Camera/image.png", "frames/0002/Rig.Camera/image.png"}

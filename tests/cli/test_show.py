@@ -11,7 +11,7 @@ import pytest
 
 import pipeline as package
 from pipeline import cli
-from pipeline.camera.camera import Camera
+from pipeline.camera.parts.camera import Camera
 from pipeline.files.jsonfile import json_bytes
 from pipeline.report.drawing import bundle
 from pipeline.scene.load import load

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from cli.test_command import pipeline, stage
 
-from pipeline.tasks.build import default_out
+from pipeline.app.build import default_out
 
 __all__ = ["pipeline", "stage"]
 
@@ -79,7 +79,7 @@ def test_a_working_directory_that_is_gone_is_told(tmp_path):
 
 
 def test_a_soft_limit_is_raised_as_far_as_it_may():
-    from pipeline.room import FILES, require_room
+    from pipeline.machine.process_limits import FILES, require_room
 
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:

@@ -6,7 +6,7 @@ import pytest
 
 import pipeline
 from pipeline import cli
-from pipeline.progress import Ending
+from pipeline.app.progress import Ending
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 

@@ -12,12 +12,12 @@ from stage_text import without_method
 
 import pipeline
 from pipeline import cli
+from pipeline.app.verbs import building
+from pipeline.app.verifying.verify import verify
 from pipeline.errors import Exit, UsageError
 from pipeline.files.exr import read_exr
 from pipeline.report.certificate import failed, lines
 from pipeline.report.points import lines as point_lines
-from pipeline.tasks.verify import verify
-from pipeline.verbs import building
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 

@@ -15,10 +15,10 @@ if __name__ == "__main__":
 from engine import toy
 
 from pipeline.__main__ import main
-from pipeline.engine import session
-from pipeline.engine.cluster import engine_of
 from pipeline.engine.events import silent
 from pipeline.engine.options import Caller
+from pipeline.engine.running import session
+from pipeline.engine.running.cluster import engine_of
 from pipeline.errors import UsageError
 
 

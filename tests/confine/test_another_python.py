@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 import pipeline
-from pipeline.another_python import command
 from pipeline.confine.process import Bounds, ask
+from pipeline.machine.another_python import command
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def hostile_folder(tmp_path, monkeypatch):
 
 
 def test_no_module_of_the_working_directory_is_imported(hostile_folder):
-    done = subprocess.run(command("pipeline.machine:tell"), capture_output=True, text=True, check=False)
+    done = subprocess.run(command("pipeline.machine.facts:tell"), capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert not (hostile_folder / "taken_over").exists()
 

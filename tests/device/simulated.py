@@ -10,10 +10,10 @@ import warnings
 import numpy as np
 from laws import rigs
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import micro_images, owners
+from pipeline.camera.micro_images.centres import micro_images, owners
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.device import device_name
+from pipeline.jit.device import device_name
 
 
 def cameras() -> dict[str, Camera]:

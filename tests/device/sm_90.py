@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.jit import _numba
+from pipeline.jit.decorators import _numba
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import device
+from pipeline.app.build import project
 from pipeline.engine.options import BuildOptions
 from pipeline.errors import EnvironmentFault, UsageError
-from pipeline.tasks import devices
-from pipeline.tasks.build import project
+from pipeline.graph import devices
+from pipeline.jit import device
 
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 

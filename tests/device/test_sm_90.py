@@ -8,11 +8,11 @@ import pytest
 from device.sm_90 import assembled
 from laws import rigs
 
-from pipeline.camera import device_moments
-from pipeline.camera.moments import COLUMNS
-from pipeline.camera.polygon import MAX_VERTICES
+from pipeline.camera.parts.polygon import MAX_VERTICES
 from pipeline.camera.tracer import Tracer
-from pipeline.device import DeviceKernel, cuda
+from pipeline.camera.tracing import device_moments
+from pipeline.camera.tracing.moments import COLUMNS
+from pipeline.jit.device import DeviceKernel, cuda
 from pipeline.optics.crossing import Ray, cap_of, through_sphere
 
 SPHERES, BINDING, SUMMING = 64, 160, 255

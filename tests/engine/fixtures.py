@@ -6,7 +6,7 @@ import shutil
 import pytest
 from engine import toy
 
-from pipeline.engine.store import Store
+from pipeline.engine.store.store import Store
 
 
 @pytest.fixture(autouse=True)

@@ -9,11 +9,11 @@ import threading
 import pytest
 from engine import toy
 
-from pipeline.engine.care import bytes_of, check, collect, info, pinned_keys
+from pipeline.engine.maintenance import bytes_of, check, collect, info, pinned_keys
 from pipeline.engine.options import ALONE, Caller
-from pipeline.engine.session import build
-from pipeline.engine.store import Store
-from pipeline.engine.workspace import sweep
+from pipeline.engine.running.session import build
+from pipeline.engine.store.store import Store
+from pipeline.engine.store.workspace import sweep
 from pipeline.errors import EnvironmentFault, UsageError
 
 
@@ -92,7 +92,7 @@ def test_a_build_says_why_its_store_stays_over_the_limit(tmp_path, store, monkey
 
     events = []
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "1k")
-    monkeypatch.setattr("pipeline.engine.session.collect", refuse)
+    monkeypatch.setattr("pipeline.engine.running.session.collect", refuse)
     assert build(toy.project(tmp_path / "out"), ALONE, caller=Caller(on_event=events.append)).exit_code == 0
     assert any("over its limit" in event.get("text", "") and "cannot read" in event["text"] for event in events)
 
@@ -106,9 +106,9 @@ def test_nothing_is_collected_under_a_running_build(store):
 
 
 def test_a_collector_killed_between_records_and_blobs_leaves_a_whole_store(store, monkeypatch):
-    from pipeline.engine import care
+    from pipeline.engine import maintenance
 
-    keys, unlink = filled(store, 4), care._unlink
+    keys, unlink = filled(store, 4), maintenance._unlink
 
     def killed(store, table, name):
         if table == "blob":
@@ -116,7 +116,7 @@ def test_a_collector_killed_between_records_and_blobs_leaves_a_whole_store(store
         unlink(store, table, name)
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(care, "_unlink", killed)
+        patch.setattr(maintenance, "_unlink", killed)
         collect(store, 0)
     assert check(store).damaged == check(store).incomplete == ()
     assert collect(store, 0).blobs == len(keys)

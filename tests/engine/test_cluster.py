@@ -12,11 +12,11 @@ from unittest.mock import MagicMock
 import pytest
 from engine import toy
 
-from pipeline.engine.cluster import Dask, engine_of
 from pipeline.engine.options import BuildOptions
-from pipeline.engine.run import run
-from pipeline.engine.session import build
-from pipeline.engine.store import Store
+from pipeline.engine.running.cluster import Dask, engine_of
+from pipeline.engine.running.driver import run
+from pipeline.engine.running.session import build
+from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault, UsageError
 
 
@@ -38,7 +38,7 @@ def test_a_cluster_that_lost_all_its_workers_is_waited_for_and_then_given_up(sto
     dask.Client.return_value = client
     for name in ("dask", "distributed"):
         monkeypatch.setitem(sys.modules, name, dask)
-    monkeypatch.setattr("pipeline.engine.cluster._NO_WORKERS_S", 0.3)
+    monkeypatch.setattr("pipeline.engine.running.cluster._NO_WORKERS_S", 0.3)
     client.run.return_value = {"tcp://there": True}
     client.scheduler_info.return_value = {"workers": {}}
     engine, waits, start = Dask("tcp://here:1", store, ("toykit.tasks",)), 0, time.monotonic()
@@ -117,7 +117,7 @@ def test_dask_knows_the_units_of_our_settings(extra):
     """They stay in the process: a scheduler that is started there later reads them."""
     from dask.utils import parse_timedelta
 
-    from pipeline.engine.cluster import _SETTINGS
+    from pipeline.engine.running.cluster import _SETTINGS
 
     assert parse_timedelta(_SETTINGS["distributed.scheduler.worker-ttl"]) == 1800
     assert parse_timedelta(_SETTINGS["distributed.comm.timeouts.connect"]) == 30
@@ -131,7 +131,7 @@ def test_failures_come_back_with_log_and_spec(tmp_path, cluster, store):
 
 
 def test_a_scheduler_that_dies_ends_with_what_was_finished(tmp_path, cluster, store, monkeypatch):
-    monkeypatch.setattr("pipeline.engine.cluster._CONNECT_S", 2)
+    monkeypatch.setattr("pipeline.engine.running.cluster._CONNECT_S", 2)
     slow = [(f"slow/{n}", "slow", {"folder": str(tmp_path), "name": str(n), "seconds": 0.2}) for n in range(30)]
     graph = toy.graph_of(*slow)
 
@@ -182,6 +182,6 @@ def test_a_task_that_takes_too_long_is_given_up(tmp_path, cluster, store):
 
 
 def test_a_scheduler_that_is_not_there_is_the_machines_fault(extra, store, monkeypatch):
-    monkeypatch.setattr("pipeline.engine.cluster._CONNECT_S", 1)
+    monkeypatch.setattr("pipeline.engine.running.cluster._CONNECT_S", 1)
     with pytest.raises(EnvironmentFault, match="cannot reach"):
         Dask("tcp://127.0.0.1:1", store, ("toykit.tasks",))

@@ -7,8 +7,8 @@ import pytest
 from engine import toy
 
 from pipeline.engine.options import BuildOptions, Caller
-from pipeline.engine.run import MAX_COMPANY, run
-from pipeline.engine.store import Store
+from pipeline.engine.running.driver import MAX_COMPANY, run
+from pipeline.engine.store.store import Store
 
 
 def graph(folder: Path, count: int, together="all", **of_b):

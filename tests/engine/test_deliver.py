@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 from engine import toy
 
-from pipeline.engine import manifest, seen
-from pipeline.engine import store as store_module
-from pipeline.engine.folder import Folder
 from pipeline.engine.locks import locked_folder
 from pipeline.engine.options import ALONE, Caller
-from pipeline.engine.seen import Seen
-from pipeline.engine.session import build, logs_of, plan_of, status_of
-from pipeline.engine.store import Store
+from pipeline.engine.output import manifest, output_index
+from pipeline.engine.output.output_folder import Folder
+from pipeline.engine.output.output_index import Seen
+from pipeline.engine.running.session import build, logs_of, plan_of, status_of
+from pipeline.engine.store import store as store_module
+from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
 
 
@@ -321,7 +321,7 @@ def test_what_somebody_writes_during_a_delivery_is_found_by_the_next_build(out, 
 def test_files_that_nobody_touched_are_not_read_again(out, monkeypatch):
     time.sleep(0.05)
     build(toy.project(out), ALONE)
-    monkeypatch.setattr(seen, "digest_of", lambda path: pytest.fail(f"{path} was read"))
+    monkeypatch.setattr(output_index, "digest_of", lambda path: pytest.fail(f"{path} was read"))
     assert build(toy.project(out), ALONE).delivery.written == ()
 
 
@@ -334,7 +334,7 @@ def test_files_of_a_delivery_that_took_its_time_are_not_read_again(tmp_path, mon
 
     monkeypatch.setattr(Folder, "place", slow)
     build(toy.project(tmp_path / "out"), ALONE)
-    monkeypatch.setattr(seen, "digest_of", lambda path: pytest.fail(f"{path} was read"))
+    monkeypatch.setattr(output_index, "digest_of", lambda path: pytest.fail(f"{path} was read"))
     assert build(toy.project(tmp_path / "out"), ALONE).delivery.written == ()
 
 

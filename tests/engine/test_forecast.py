@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from engine import toy
 
-from pipeline.engine.explain import describe
-from pipeline.engine.forecast import means_by_kind
 from pipeline.engine.options import ALONE, BuildOptions
-from pipeline.engine.session import build, forecast_of, plan_of
+from pipeline.engine.planning.explain import describe
+from pipeline.engine.planning.forecast import means_by_kind
+from pipeline.engine.running.session import build, forecast_of, plan_of
 
 UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
 

@@ -13,15 +13,15 @@ import pytest
 from engine import toy
 
 import pipeline
-from pipeline.engine import code
-from pipeline.engine.code import UnknownKind, code_of, fingerprint
 from pipeline.engine.digest import canonical, key_of
-from pipeline.engine.graph import TaskGraph
-from pipeline.engine.libraries import is_foreign
-from pipeline.engine.spec import Specs
-from pipeline.engine.store import Store
+from pipeline.engine.planning import task_code
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.libraries import is_foreign
+from pipeline.engine.planning.task_code import UnknownKind, code_of, fingerprint
+from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
-from pipeline.records import Shared
+from pipeline.records.plain import Shared
 
 TASKS = Path(pipeline.__file__).parent / "tasks"
 
@@ -113,9 +113,9 @@ def test_version_and_libraries_are_read_without_importing(kit):
     text = 'VERSION = 7\nfrom toykit import physics\nraise RuntimeError("imported")\n'
     (kit / "tasks" / "lens.py").write_text(text)
     (kit / "physics.py").write_text("def f():\n    import PIL.Image, json\n    from networkx.utils import misc\n")
-    code = code_of("toykit.tasks.lens")
-    assert code["version"] == 7
-    assert code["libraries"] == {
+    task_code = code_of("toykit.tasks.lens")
+    assert task_code["version"] == 7
+    assert task_code["libraries"] == {
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
         "networkx": version("networkx"),
         "pillow": version("pillow"),
@@ -141,10 +141,10 @@ def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_
         patch.setattr("sys.version_info", types.SimpleNamespace(major=3, minor=99))
         keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
-        patch.setattr("pipeline.engine.libraries.installed_version", lambda name: "0.0.1")
+        patch.setattr("pipeline.engine.planning.libraries.installed_version", lambda name: "0.0.1")
         keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     with monkeypatch.context() as patch:
-        patch.setattr("pipeline.machine.level", lambda: "z80")
+        patch.setattr("pipeline.machine.facts.level", lambda: "z80")
         keys.add(Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key)
     assert len(keys) == 4
 
@@ -160,8 +160,8 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
     for kind in kinds:
         alike[frozenset(code_of(f"pipeline.tasks.{kind}")["libraries"])].append(f"pipeline.tasks.{kind}")
     for libraries, names in alike.items():
-        code = f"import sys, {', '.join(names)}; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        task_code = f"import sys, {', '.join(names)}; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
+        done = subprocess.run([sys.executable, "-c", task_code], capture_output=True, text=True, check=True)
         loaded = {name for name in done.stdout.split() if is_foreign(name) and not name.startswith("_")}
         # numba reads a .numba_config.yaml if PyYAML happens to be there: settings, no numbers.
         # colour hands spectra to pandas if that happens to be there: no task asks for it.
@@ -205,16 +205,16 @@ def test_a_misspelt_task_gets_a_hint(tmp_path):
 
 def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path, monkeypatch):
     store, parsed = Store(tmp_path / "store"), []
-    parse = code._parsed
+    parse = task_code._parsed
     monkeypatch.setattr(
-        code, "_parsed", lambda tree, name, is_package: parsed.append(name) or parse(tree, name, is_package)
+        task_code, "_parsed", lambda tree, name, is_package: parsed.append(name) or parse(tree, name, is_package)
     )
 
     def in_a_new_process():
-        code._read.cache_clear()
-        code._remembered.clear()
+        task_code._read.cache_clear()
+        task_code._remembered.clear()
         parsed.clear()
-        with code.remembering(store):
+        with task_code.remembering(store):
             return code_of("toykit.tasks.lens"), list(parsed)
 
     fresh, all_modules = in_a_new_process()

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from engine import toy
 
-from pipeline import machine, processor
-from pipeline.engine.perform import perform
-from pipeline.engine.plan import plan
-from pipeline.engine.run import run
-from pipeline.engine.spec import Specs
+from pipeline.engine.planning.plan import plan
+from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.running.driver import run
+from pipeline.engine.running.execute import perform
+from pipeline.machine import facts, processor
 
-TELL = "from pipeline import machine; machine.tell()"
+TELL = "from pipeline.machine import facts; facts.tell()"
 OTHER_KERNELS = {"OPENBLAS_CORETYPE": "Nehalem"}
 ON_X86 = pytest.mark.skipif(not processor.settings().get("OPENBLAS_CORETYPE"), reason="no levels of processors here")
 
@@ -41,7 +41,7 @@ def here():
 
 def test_tests_compute_as_the_command_does(here):
     assert processor.pin()
-    assert machine.facts({"numpy"}) == here
+    assert facts.facts({"numpy"}) == here
     assert here.keys() == {"level", "libm", "numpy", "blas"}
 
 
@@ -55,7 +55,7 @@ def test_numba_compiles_as_ever_whatever_lies_in_the_working_directory(tmp_path)
     """It reads .numba_config.yaml from there; without compiling, a build takes days."""
     pytest.importorskip("yaml")
     (tmp_path / ".numba_config.yaml").write_text("disable_jit: 1\nopt: 0\nloop_vectorize: 0\nboundscheck: 1\n")
-    code = "from pipeline.jit import _numba; from numba.core import config as c; _numba(); "
+    code = "from pipeline.jit.decorators import _numba; from numba.core import config as c; _numba(); "
     code += "print(c.DISABLE_JIT, int(c.OPT), c.LOOP_VECTORIZE, c.SLP_VECTORIZE, c.BOUNDSCHECK)"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["0", "3", "1", "0", "0"]
@@ -74,8 +74,8 @@ def test_previews_are_as_exact_as_ever_whatever_the_library_of_colours_is_told()
 def test_a_program_that_loaded_numpy_first_knows_what_it_computes_itself_and_what_its_workers_do(here):
     code = """
 import numpy, json
-from pipeline import machine
-print(json.dumps([machine.facts({"numpy"}), machine.facts_of_workers({"numpy"})]))
+from pipeline.machine import facts
+print(json.dumps([facts.facts({"numpy"}), facts.facts_of_workers({"numpy"})]))
 """
     own, of_workers = told_by(code, **OTHER_KERNELS)
     assert of_workers == here
@@ -103,7 +103,7 @@ def test_another_code_of_libm_shows(here):
 
 
 def test_what_reaches_no_numpy_does_not_depend_on_it():
-    assert machine.facts({"python", "networkx"}).keys() == {"level", "libm"}
+    assert facts.facts({"python", "networkx"}).keys() == {"level", "libm"}
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def moved(monkeypatch, store):
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
     spec = Specs(store).of(graph["lens"], {})
     run(graph, store)
-    monkeypatch.setattr(machine, "_libm", lambda: "glibc 9.99, results 01234567")
+    monkeypatch.setattr(facts, "_libm", lambda: "glibc 9.99, results 01234567")
     return graph, spec
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipeline.engine.near import hint
+from pipeline.engine.planning.near import hint
 
 TASKS = ["focus/Rig.Camera", *(f"{kind}/Rig.Camera/{frame:04d}" for kind in ("image", "truth") for frame in (1, 2))]
 FILES = ["dataset.usda", *(f"frames/{frame:04d}/Rig.Camera/image.png" for frame in (1, 2))]

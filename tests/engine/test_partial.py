@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 from engine import toy
 
-from pipeline.engine.care import collect
+from pipeline.engine.maintenance import collect
 from pipeline.engine.options import ALONE, BuildOptions
-from pipeline.engine.session import build, sources_of, status_of
+from pipeline.engine.running.session import build, sources_of, status_of
 from pipeline.errors import UsageError
 
 IMAGE = "frames/0001/cam/image.txt"

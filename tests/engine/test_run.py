@@ -6,9 +6,9 @@ import pytest
 from engine import toy
 
 from pipeline.engine.options import ALONE, BuildOptions, Caller, Known
-from pipeline.engine.run import run
-from pipeline.engine.session import build
-from pipeline.engine.store import DamagedBlob
+from pipeline.engine.running.driver import run
+from pipeline.engine.running.session import build
+from pipeline.engine.store.store import DamagedBlob
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -127,7 +127,7 @@ def hungry(tmp_path, count, *, greedy):
 
 
 def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
-    monkeypatch.setattr("pipeline.engine.run.available_bytes", lambda: 1000)
+    monkeypatch.setattr("pipeline.engine.running.driver.available_bytes", lambda: 1000)
     outcome = run(hungry(tmp_path, 3, greedy=False), store, BuildOptions(jobs=3), known=Known(peaks={"hungry": 600}))
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert len(list(tmp_path.glob("beside0-*"))) == 3
@@ -135,7 +135,7 @@ def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
 
 
 def test_kinds_that_fit_run_together(tmp_path, store, monkeypatch):
-    monkeypatch.setattr("pipeline.engine.run.available_bytes", lambda: 1000)
+    monkeypatch.setattr("pipeline.engine.running.driver.available_bytes", lambda: 1000)
     run(hungry(tmp_path, 2, greedy=False), store, BuildOptions(jobs=2), known=Known(peaks={"hungry": 400}))
     assert len(list(tmp_path.glob("beside1-*"))) >= 1
 
@@ -160,8 +160,8 @@ def test_a_full_disk_says_how_much_is_needed_and_free(tmp_path, store):
 
 
 def test_code_that_was_edited_after_the_plan_is_refused(tmp_path, store, kit):
-    from pipeline.engine.perform import perform
-    from pipeline.engine.spec import Specs
+    from pipeline.engine.planning.task_spec import Specs
+    from pipeline.engine.running.execute import perform
 
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
     spec = Specs(store).of(graph["lens"], {}).to_plain()
@@ -265,6 +265,6 @@ def test_a_blob_whose_bytes_rot_without_a_trace_is_noticed(tmp_path, store, monk
     """As by a bad disk, or through a mapping: no time of the file changes."""
     digest = store.put_bytes(b"right")["sha256"]
     blob = store.verified(digest)
-    monkeypatch.setattr("pipeline.engine.store.digest_of", lambda path: "0" * 64)
+    monkeypatch.setattr("pipeline.engine.store.store.digest_of", lambda path: "0" * 64)
     with pytest.raises(DamagedBlob):
         store.confirm([blob])

@@ -11,11 +11,11 @@ import pytest
 from engine import toy
 from faults.shim import in_fork
 
-from pipeline.engine.care import check
+from pipeline.engine.maintenance import check
 from pipeline.engine.options import ALONE
-from pipeline.engine.session import build
-from pipeline.engine.sharing import rights_of
-from pipeline.engine.store import Store
+from pipeline.engine.running.session import build
+from pipeline.engine.store.sharing import rights_of
+from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault, PipelineError
 
 GROUP, FIRST, SECOND = 54320, 54321, 54322
@@ -117,7 +117,7 @@ def test_a_store_for_one_user_has_the_rights_of_the_umask(tmp_path):
 
 
 def test_compiled_kernels_of_another_user_are_left_alone(tmp_path, monkeypatch):
-    from pipeline.jit import cache_folder
+    from pipeline.jit.decorators import cache_folder
 
     monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path))
     usual = cache_folder()

@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 from engine import toy
 
-from pipeline.engine import manifest
-from pipeline.engine.care import check, collect, info
+from pipeline.engine.maintenance import check, collect, info
 from pipeline.engine.options import ALONE, BuildOptions
-from pipeline.engine.sealed import seal
-from pipeline.engine.session import build
-from pipeline.engine.store import DamagedBlob, Store
-from pipeline.engine.structure import VERSION
-from pipeline.engine.workspace import sweep
+from pipeline.engine.output import manifest
+from pipeline.engine.running.session import build
+from pipeline.engine.store.sealed import seal
+from pipeline.engine.store.store import DamagedBlob, Store
+from pipeline.engine.store.structure import VERSION
+from pipeline.engine.store.workspace import sweep
 from pipeline.errors import EnvironmentFault
 
 KEY = "ab" * 32
@@ -184,7 +184,7 @@ def test_a_hard_linked_file_is_copied_and_stays_where_it_was(store, tmp_path):
 def test_only_folders_of_dead_processes_are_swept(store, cache):
     store.new_path().write_bytes(b"alive")
     code = (
-        "import os, sys\nfrom pipeline.engine.store import Store\n"
+        "import os, sys\nfrom pipeline.engine.store.store import Store\n"
         "store = Store(sys.argv[1])\nstore.new_path().mkdir()\nos._exit(0)"
     )
     subprocess.run([sys.executable, "-c", code, str(cache)], check=True)

@@ -3,7 +3,7 @@
 import threading
 import time
 
-from pipeline.work import calling, loading, work
+from pipeline.jit.work import calling, loading, work
 
 
 def busy(seconds):

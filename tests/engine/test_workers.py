@@ -11,11 +11,11 @@ import time
 import pytest
 from engine import toy
 
-from pipeline.engine.engines import Processes
 from pipeline.engine.options import ALONE, BuildOptions, Caller
-from pipeline.engine.run import run
-from pipeline.engine.session import build, plan_of
-from pipeline.engine.store import Store
+from pipeline.engine.running.driver import run
+from pipeline.engine.running.engines import Processes
+from pipeline.engine.running.session import build, plan_of
+from pipeline.engine.store.store import Store
 
 
 def test_a_killed_worker_costs_only_its_task(tmp_path, store):
@@ -93,8 +93,8 @@ def test_a_worker_ends_with_its_driver(tmp_path, cache, kit):
     code = (
         "import sys; sys.path[:0] = sys.argv[3:]\n"
         "from pathlib import Path\nfrom engine import toy\nfrom pipeline.engine.options import BuildOptions\n"
-        "from pipeline.engine.run import run\n"
-        "from pipeline.engine.store import Store\nimport os, threading, time\n"
+        "from pipeline.engine.running.driver import run\n"
+        "from pipeline.engine.store.store import Store\nimport os, threading, time\n"
         "task = ('slow', 'slow', {'folder': sys.argv[2], 'name': 'a', 'seconds': 60})\n"
         "def leave():\n    while not list(Path(sys.argv[2]).glob('ran-*')): time.sleep(0.02)\n    os._exit(7)\n"
         "threading.Thread(target=leave).start()\n"
@@ -154,7 +154,7 @@ from pathlib import Path
 sys.path[:0] = sys.argv[2:]
 from engine import toy
 from pipeline.engine.options import BuildOptions
-from pipeline.engine.session import build
+from pipeline.engine.running.session import build
 build(toy.project(Path(sys.argv[1]), poses=[[[float(n)]] for n in range(60)]), BuildOptions(jobs=2))
 """
 

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from pipeline.engine.graph import TaskGraph
+from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.project import Project
 
 KIT = Path(__file__).parent / "toykit"
@@ -60,8 +60,8 @@ def executed(result) -> set[str]:
 
 def forget_imports() -> None:
     """Make the next import of the toy package read its source again."""
-    from pipeline.engine import code
+    from pipeline.engine.planning import task_code
 
     for name in [name for name in sys.modules if name.split(".")[0] == "toykit"]:
         del sys.modules[name]
-    code._first_seen.clear()
+    task_code._first_seen.clear()

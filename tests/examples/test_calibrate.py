@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.app.build import build
 from pipeline.files.tables import write_table
 from pipeline.frames import apply, rigid, rotation_vector
+from pipeline.graph.poses import vision_from_target
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import open_dataset
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.tasks.build import build
-from pipeline.tasks.poses import vision_from_target
+from pipeline.targets.patterns.checkerboard import Checkerboard
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples/01_conventional/dataset.usda"

@@ -11,12 +11,12 @@ import pytest
 from laws import rigs
 from tolerances import ROUNDING_MM, SIGMAS
 
-from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracer import parallel_planes, target_plane
+from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.files.png import read_png
 from pipeline.scene.load import load
-from pipeline.truth import search
-from pipeline.truth.grid import image_from_fine
+from pipeline.truth.grid import quad_search
+from pipeline.truth.grid.ray_grid import image_from_fine
 from pipeline.units import DEGREE_RAD
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/03_paper_evaluation"
@@ -113,8 +113,10 @@ def test_noisy_grids_pass_the_filters_of_a_build_as_often_as_those_of_the_formul
         cell, quad, passed = np.zeros((4, 4), np.int64), np.array([[0, 1, 1]]), 0
         for _ in range(count):
             image = np.stack([column, row], axis=-1) + random.normal(0, noise, (4, 4, 2))
-            search.solve_quads(image, cell, np.array([[1.5, 1.5]]), quad, True, 0.15, 10 * DEGREE_RAD, status, solution)
-            passed += status[0] == search.ACCEPTED
+            quad_search.solve_quads(
+                image, cell, np.array([[1.5, 1.5]]), quad, True, 0.15, 10 * DEGREE_RAD, status, solution
+            )
+            passed += status[0] == quad_search.ACCEPTED
         seen.append(passed / count)
     expected = reading.ideal_grid_share(np.array(noises))
     assert np.all(np.abs(expected - seen) < SIGMAS * np.sqrt(expected * (1 - expected) * (1 / count + 1 / 4000)))

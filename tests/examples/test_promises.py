@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import pipeline
-from pipeline.camera.moments import COVARIANCE
-from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, target_plane
-from pipeline.tasks.poses import vision_from_target
+from pipeline.camera.tracing.moments import COVARIANCE
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.graph.poses import vision_from_target
 
 STAGE = Path(__file__).parents[2] / "examples/01_conventional/dataset.usda"
 SAMPLES = 256

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 import pipeline
 from pipeline.frames import rigid, rotation_vector
 from pipeline.tasks.frame_poses import poses
-from pipeline.tasks.params import PosedFrame
+from pipeline.tasks.params.poses import PosedFrame
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/reading.md").read_text(encoding="utf-8")

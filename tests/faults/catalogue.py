@@ -30,12 +30,12 @@ from faults.untrusted import (
 from faults.users import second_users
 from faults.workbench import Row, Workbench, entries
 
-from pipeline.engine import manifest
-from pipeline.engine.care import check, collect
-from pipeline.engine.code import UnknownKind, check_kind
+from pipeline.engine.maintenance import check, collect
 from pipeline.engine.options import ALONE, BuildOptions
-from pipeline.engine.session import build
-from pipeline.engine.store import Store
+from pipeline.engine.output import manifest
+from pipeline.engine.planning.task_code import UnknownKind, check_kind
+from pipeline.engine.running.session import build
+from pipeline.engine.store.store import Store
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import read_exr
 from pipeline.files.npy import read_npy
@@ -168,8 +168,8 @@ sys.path[:0] = sys.argv[3].split(":")
 from pathlib import Path
 from engine import toy
 from faults.workbench import Workbench, Row
-from pipeline.engine.care import check
-from pipeline.engine.store import Store
+from pipeline.engine.maintenance import check
+from pipeline.engine.store.store import Store
 mount, sizes = Path(sys.argv[1]), [int(size) for size in sys.argv[2].split(",")]
 bench = Workbench(mount.parent, whole=False)
 failed = wrong = bad = 0
@@ -495,7 +495,7 @@ def lost_workers(bench: Workbench) -> Row:
 
 def _is_worker(pid: int) -> bool:
     try:
-        return b"pipeline.engine.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return b"pipeline.engine.running.worker" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return False
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from faults.doctored import ENTRIES, LIES, MANIFESTS, ODDITIES, STAGES, damaged_files, odd_files, signed
 from faults.workbench import STAGE, Row, Workbench
 
+from pipeline.app.sandbox import project_of_untrusted
+from pipeline.app.verifying.verify import verify
 from pipeline.engine.options import ALONE
-from pipeline.engine.session import build
-from pipeline.engine.store import Store
+from pipeline.engine.running.session import build
+from pipeline.engine.store.store import Store
 from pipeline.errors import PipelineError
-from pipeline.tasks.sandbox import project_of_untrusted
-from pipeline.tasks.verify import verify
 
 _LONGEST_S = 300
 """A verification that takes longer hangs; one takes some seconds."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from faults.workbench import STAGE, Row, Workbench, entries
 
-from pipeline.engine.store import Store
+from pipeline.engine.store.store import Store
 
 PLENOPTIC = STAGE.parents[1] / "tiny_plenoptic/dataset.usda"
 
@@ -19,9 +19,9 @@ _PROGRAM = "import numpy; from pipeline.cli import main; main()"
 # The same, and it computes nevertheless, as a worker of a cluster does: only what is measured can tell it apart.
 _UNTOLD = """
 import numpy
-from pipeline import machine
-from pipeline.engine import run
-machine.pin = run.pin = lambda: True
+from pipeline.machine import facts
+from pipeline.engine.running import driver
+facts.pin = driver.pin = lambda: True
 from pipeline.cli import main
 main()
 """

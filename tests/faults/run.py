@@ -12,9 +12,12 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).parents[1])]
 
-import pipeline  # noqa: F401, I001 (before anybody imports NumPy: else every build starts workers)
-from faults.catalogue import FAULTS, SHORT
-from faults.workbench import Row, Workbench
+from pipeline.machine.processor import pin
+
+pin()  # before anybody imports NumPy: else every build starts workers
+
+from faults.catalogue import FAULTS, SHORT  # noqa: E402
+from faults.workbench import Row, Workbench  # noqa: E402
 
 
 def main() -> int:

@@ -16,7 +16,7 @@ BOUND_S = 3.0 if "PYTEST_XDIST_WORKER" not in os.environ else 15.0
 
 _HOLD = """
 import sys, time
-from pipeline.engine.store import Store
+from pipeline.engine.store.store import Store
 with Store(sys.argv[1]).single_flight(sys.argv[2], "sleeps"):
     print("held", flush=True)
     time.sleep(600)

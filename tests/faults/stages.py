@@ -106,7 +106,7 @@ class Tally:
         """Damaged layers through `--untrusted`."""
         from hostile.damage import damaged, sources
 
-        from pipeline.tasks.sandbox import problems_of_untrusted
+        from pipeline.app.sandbox import problems_of_untrusted
 
         for suffix, data in sources(self.folder).items():
             for seed in range(count // 3):

@@ -13,15 +13,15 @@ from pathlib import Path
 
 from faults.workbench import STAGE, Row, Workbench
 
-from pipeline import kernel_files
-from pipeline.engine import store as store_module
-from pipeline.engine.care import check, collect
-from pipeline.engine.store import Store
+from pipeline.app.build import compile_once
+from pipeline.app.kernel_steps import steps_of
+from pipeline.engine.maintenance import check, collect
+from pipeline.engine.store import store as store_module
+from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
-from pipeline.jit import cache_folder
-from pipeline.processor import level
-from pipeline.tasks.build import compile_once
-from pipeline.tasks.kernel_steps import steps_of
+from pipeline.jit import files
+from pipeline.jit.decorators import cache_folder
+from pipeline.machine.processor import level
 
 _FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index", "quarantine")
 _FILES = ("VERSION", "gc.lock")
@@ -47,9 +47,9 @@ def damaged_kernels(bench: Workbench) -> Row:
             path.write_bytes(data)
             said: list[str] = []
             row.tried += 1
-            row.wrong += kernel_files.read(path, said.append) is not None or str(path) not in said[0]
+            row.wrong += files.read(path, said.append) is not None or str(path) not in said[0]
         path.write_bytes(whole)
-        row.wrong += kernel_files.read(path) is None
+        row.wrong += files.read(path) is None
     small = sorted(_called(bench, folder), key=lambda path: path.stat().st_size)[:3]  # they compile fast
     for path in small if bench.whole else ():
         for damage in (lambda path: path.write_bytes(b""), lambda path: (path.unlink(), path.mkdir())):
@@ -66,7 +66,7 @@ def _called(bench: Workbench, folder: Path) -> list[Path]:
     compile_once(graph=graph)
     steps = "-".join(steps_of(graph[name] for name in graph))
     (listed,) = cache_folder().glob(f"{steps}-{level()}-*")
-    names = kernel_files.read(listed)
+    names = files.read(listed)
     assert names is not None
     return [folder / name for name in names.decode().split()]
 

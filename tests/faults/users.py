@@ -8,8 +8,8 @@ from pathlib import Path
 
 from faults.workbench import Row, Workbench
 
-from pipeline.engine.care import check
-from pipeline.engine.store import Store
+from pipeline.engine.maintenance import check
+from pipeline.engine.store.store import Store
 
 _GROUP, _FIRST, _SECOND = 54320, 54321, 54322
 _UMASKS = (0o022, 0o077)

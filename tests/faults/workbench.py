@@ -13,14 +13,14 @@ from pathlib import Path
 from engine import toy
 from faults.shim import Shim, in_fork
 
-from pipeline.engine.care import check
+from pipeline.app.sandbox import project_of_untrusted
 from pipeline.engine.events import silent
+from pipeline.engine.maintenance import check
 from pipeline.engine.options import BuildOptions, Caller
 from pipeline.engine.project import Project
-from pipeline.engine.session import build
-from pipeline.engine.store import Store
+from pipeline.engine.running.session import build
+from pipeline.engine.store.store import Store
 from pipeline.errors import PipelineError
-from pipeline.tasks.sandbox import project_of_untrusted
 
 STAGE = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 

@@ -13,11 +13,11 @@ from files import on_the_spot
 from laws import rigs
 from scipy.spatial import cKDTree
 
-from pipeline.camera.lattice import lattice
-from pipeline.camera.report import report
+from pipeline.app.importing import import_camera, write_stage
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.parts.lattice import lattice
 from pipeline.files.cameras.read import read_camera_file
 from pipeline.files.lenses.text import UnreadableLens
-from pipeline.importing import import_camera, write_stage
 from pipeline.scene.load import load
 
 refused = partial(on_the_spot.refused, read_camera_file)

@@ -7,9 +7,9 @@ import pytest
 from files import on_the_spot
 from files.on_the_spot import LENSES, before, stage_prescription
 
+from pipeline.app.importing import import_lens, write_stage
 from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.table import NAMES
-from pipeline.importing import import_lens, write_stage
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import towards_sensor

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import pipeline
-from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.files.tables import read_table, write_table
+from pipeline.graph.poses import vision_from_target
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
 from pipeline.scene.load import load
-from pipeline.tasks.poses import vision_from_target
 
 HERE = Path(__file__).parent
 DATA = HERE.parent / "data"

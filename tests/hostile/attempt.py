@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from hostile.values import Attempt
 
-from pipeline.engine import session
+from pipeline.app.build import project_from
 from pipeline.engine.options import ALONE
-from pipeline.engine.store import Store
+from pipeline.engine.running import session
+from pipeline.engine.store.store import Store
 from pipeline.errors import PipelineError
 from pipeline.files.exr import read_exr
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table
-from pipeline.scene.check_rays import rays_of
+from pipeline.scene.check.rays import rays_of
 from pipeline.scene.load import Loaded, load
-from pipeline.tasks.build import project_from
 
 CHECK_S = 10.0
 CHECK_BYTES = 2**30

@@ -8,7 +8,7 @@ from typing import Any
 from hostile.scenes import SCENES, metadata, path_of, put, xform_ops
 from pxr import Sdf, Usd, Vt
 
-from pipeline.scene.values import range_of
+from pipeline.scene.usd.values import range_of
 
 FLOATS = (0.0, -0.0, 5e-324, 1e-30, -1.0, -1e-9, 1e9, 1e155, -1e155, 1.7e308, math.inf, -math.inf, math.nan)
 INTS = (0, -1, 1, 7, 65536, 2**31 - 1, -(2**31))

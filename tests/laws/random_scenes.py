@@ -6,17 +6,18 @@ import math
 import numpy as np
 from laws import rigs
 
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
-from pipeline.camera.focus import focused
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import parallel_planes
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import rigid
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.circles import CircleGrid
-from pipeline.target.deltille import Deltille
-from pipeline.target.surfaces import Cylinder, Flat, Stairs, Warped
-from pipeline.target.target import Target
-from pipeline.truth.solve import Rig
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.circles import CircleGrid
+from pipeline.targets.patterns.deltille import Deltille
+from pipeline.targets.surfaces import Cylinder, Flat, Stairs, Warped
+from pipeline.targets.target import Target
+from pipeline.truth.direct.direct_rows import Rig
 
 GLASS = {"model": "refractive", "index": 1.52, "thickness_mm": 0.6, "front_radii_mm": (1.1,)}
 MODELS = (

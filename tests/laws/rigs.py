@@ -10,16 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.camera import Camera, MicrolensArray, Sampling, Sensor
-from pipeline.camera.focus import focused
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.parts.camera import Camera, Sampling, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.files.jsonfile import write_json
 from pipeline.optics.prescription import Group, Prescription, Surface
-from pipeline.records import to_plain
+from pipeline.records.plain import to_plain
 from pipeline.tasks import micro_images, rays, rays_tile
-from pipeline.tasks.cameras import FOCUSED
-from pipeline.tasks.params import Light
-from pipeline.tasks.ray_grid import read_grid
-from pipeline.truth.grid import RayGrid
+from pipeline.tasks.artefacts.cameras import FOCUSED
+from pipeline.tasks.artefacts.ray_grid import read_grid
+from pipeline.tasks.params.rays import Light
+from pipeline.truth.grid.ray_grid import RayGrid
 
 TRONNIER = (
     # radius, thickness, index behind, semi-diameter; the stop is the plane

@@ -8,9 +8,9 @@ import pytest
 from laws import rigs
 from laws.test_symmetry import assert_independent_of_bounds, outside, passing, plenoptic_positions, sampling_region
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
 from pipeline.optics.table import towards_scene, towards_sensor

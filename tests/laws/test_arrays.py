@@ -11,15 +11,17 @@ import pytest
 from laws import rigs
 from tolerances import ORDER, ROUNDING_MM, STRATIFIED
 
-from pipeline.camera.acceptance import disc_weight, region_weight
-from pipeline.camera.camera import Camera, CameraError, MicrolensArray, Sensor
-from pipeline.camera.elements import TURN, aims_for, rays_before
-from pipeline.camera.focus import foci
-from pipeline.camera.lattice import cell, lattice
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import FREE_WEIGHT, WEIGHT
-from pipeline.camera.polygon import regular
+from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.lattice import cell, lattice
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.polygon import regular
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.acceptance import disc_weight, region_weight
+from pipeline.camera.tracing.microlens_kernels import TURN, aims_for, rays_before
+from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
 from pipeline.optics.first_order import first_order
 from pipeline.render.imaging import irradiance_and_crosstalk
 

@@ -17,23 +17,23 @@ from tolerances import (
     TEXTBOOK_MM,
 )
 
-from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply, inverse
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import motion_of, towards_sensor, unbounded
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.circles import CircleGrid
-from pipeline.target.corners import corners_of
-from pipeline.target.target import Target
-from pipeline.truth.centroid import centroid
-from pipeline.truth.chief_points import chief_points
-from pipeline.truth.column_sets import column_set
-from pipeline.truth.correspond import Found
-from pipeline.truth.saddle import corner_plane, saddle
-from pipeline.truth.solve import Rig, guesses, solve, tangent_planes
+from pipeline.targets.corners import corners_of
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.circles import CircleGrid
+from pipeline.targets.target import Target
+from pipeline.truth.direct.chief_points import chief_points
+from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
+from pipeline.truth.grid.correspond import Found
+from pipeline.truth.positions.centroid import centroid
+from pipeline.truth.positions.column_sets import column_set
+from pipeline.truth.positions.saddle import corner_plane, saddle
 
 FLIP = np.array([1.0, -1.0, -1.0])
 

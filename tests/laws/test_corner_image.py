@@ -5,8 +5,8 @@ second derivatives are those of its first.
 import numpy as np
 import pytest
 
-from pipeline.truth.bundle_map import BundleMap
-from pipeline.truth.corner_image import CornerImage
+from pipeline.truth.positions.bundle_map import BundleMap
+from pipeline.truth.positions.corner_image import CornerImage
 
 SHEARED = np.array([[0.9, 0.5], [-0.3, 1.1]])
 """Coordinates along the corner's edges per px of the image: edges that are neither upright nor at right angles."""

@@ -10,8 +10,9 @@ import pytest
 from laws import rigs
 from tolerances import ROUNDING_MM
 
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
-from pipeline.camera.focus import foci, focused, middle_focus
+from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_sensor

@@ -14,21 +14,21 @@ from laws.test_truth import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, RULE_OF_BIAS
 
-from pipeline.camera.camera import Camera, Sampling, Sensor
 from pipeline.camera.integrals import NODES, integrals
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import COVARIANCE, VARIANCE, WEIGHT
-from pipeline.camera.quadrature import INTEGRATED, NOT_STAR_SHAPED, edges
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.integrating.quadrature import INTEGRATED, NOT_STAR_SHAPED, edges
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sampling, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.camera.tracing.moments import COVARIANCE, VARIANCE, WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply
 from pipeline.report.certificate import failed, lines
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth.certificate import Rows, certify
-from pipeline.truth.correspond import Correspondences
-from pipeline.truth.position_image import crossing_share, on_target
-from pipeline.truth.second_order import correction
-from pipeline.truth.solve import Rig, guesses, solve, tangent_planes
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
+from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.grid.position_image import crossing_share, on_target
+from pipeline.truth.grid.second_order import correction
+from pipeline.truth.judging.certificate import Rows, certify
 
 STEPS = np.array([[0.0, 0.0], [0.05, 0.0], [-0.05, 0.0], [0.0, 0.05], [0.0, -0.05]])
 
@@ -163,7 +163,7 @@ def test_direct_finds_every_row_that_a_dense_scan_finds(small: Rig) -> None:
     planes = tangent_planes(pose, board.points_mm())
     found = solved(small, board, pose)
     assert small.images is not None
-    from pipeline.truth.solve import Guess
+    from pipeline.truth.direct.direct_rows import Guess
 
     point, cell = (part.ravel() for part in np.mgrid[:6, : len(small.images.centre_mm)])
     scanned = solve(small, Guess(point, cell, small.home_px(cell)), planes, 1e-4, 0.05)
@@ -184,8 +184,8 @@ def test_direct_finds_every_row_that_a_dense_scan_finds(small: Rig) -> None:
 def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg, seed, tmp_path_factory) -> None:
     """Random conventional rigs and poses: position images of the target's own plane, moments and direct."""
     from pipeline.tasks.positions import position_image
-    from pipeline.truth.correspond import correspond
-    from pipeline.truth.second_order import corrected
+    from pipeline.truth.grid.correspond import correspond
+    from pipeline.truth.grid.second_order import corrected
     from pipeline.truth.settings import TruthSettings
 
     camera, board, pose = (

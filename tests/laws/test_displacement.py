@@ -19,25 +19,26 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from tolerances import BORESIGHT_MM, MOVED_MM, REVERSED_MM, SIGMAS
 
-from pipeline.camera.camera import Camera, CameraError, Sensor
-from pipeline.camera.chief import chief_crossings, chief_heights, chief_slopes
-from pipeline.camera.curves import field_curves
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import WEIGHT
-from pipeline.camera.pupil import DIRECTIONS, directions_of
-from pipeline.camera.pupil_grid import FilmPlane, grid_outlines, upright
-from pipeline.camera.regions import NO_MICROLENS, outline_at
-from pipeline.camera.request import with_matched_stop
+from pipeline.camera.figures.field_curves import field_curves
+from pipeline.camera.focusing.focus_request import with_matched_stop
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights, chief_slopes
+from pipeline.camera.pupil.outline_grid import FilmPlane, grid_outlines, upright
+from pipeline.camera.pupil.outlines import DIRECTIONS, directions_of
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outline_at
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Surface
 from pipeline.optics.table import towards_scene, towards_sensor
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth.correspond import correspond
-from pipeline.truth.grid import RayGrid
-from pipeline.truth.position_image import on_target
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.grid.correspond import correspond
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.settings import TruthSettings
 
 TURN = VISION_FROM_CAMERA[:3, :3]

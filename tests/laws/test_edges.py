@@ -12,14 +12,14 @@ from naive import textbook
 from published.test_library_lenses import prescription
 from tolerances import SIGMAS
 
-from pipeline.camera import edge_search, flux
-from pipeline.camera.camera import Camera, Sensor
 from pipeline.camera.integrals import integrals
-from pipeline.camera.moments import WEIGHT
-from pipeline.camera.probes import PASSES
-from pipeline.camera.quadrature import NOT_STAR_SHAPED, Edges, edges
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.integrating import edge_search, flux
+from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, Edges, edges
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.camera.tracing.moments import WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription

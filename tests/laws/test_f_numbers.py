@@ -8,11 +8,11 @@ import pytest
 from laws import rigs
 from tolerances import CLOSED_FORM, MICRO_IMAGE_PX, ORDER, SIGMAS
 
-from pipeline.camera.array import CameraError
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.micro_light import MicroLight, micro_light
-from pipeline.camera.stop import shown_f_number, stopped_down
+from pipeline.camera.focusing.stop import shown_f_number, stopped_down
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.micro_images.light import MicroLight, micro_light
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 from pipeline.render.imaging import irradiance

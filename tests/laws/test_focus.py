@@ -9,14 +9,15 @@ import pytest
 from laws import rigs
 from tolerances import ORDER
 
-from pipeline.camera.camera import Camera, CameraError, Sensor
-from pipeline.camera.focus import foci, focused
-from pipeline.camera.report import report
-from pipeline.camera.request import FocusRequest, reachable, sensor_distance, solved
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.focusing.depth_of_field import foci, focused
+from pipeline.camera.focusing.focus_request import FocusRequest, reachable, sensor_distance, solved
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import towards_sensor
-from pipeline.records import from_plain, to_plain
+from pipeline.records.plain import from_plain, to_plain
 
 SENSOR = Sensor(width_px=64, height_px=48, pitch_mm=0.01)
 

@@ -10,20 +10,20 @@ from laws import rigs
 from laws.test_direct import rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
-from pipeline.camera import squares
-from pipeline.camera.camera import Sampling
 from pipeline.camera.integrals import integrals
-from pipeline.camera.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
+from pipeline.camera.integrating import footprint
+from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.tracer import Tracer, target_plane
-from pipeline.target.checkerboard import Checkerboard
+from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
+from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.tasks.positions import position_image
-from pipeline.truth.certificate import Rows, certify
-from pipeline.truth.correspond import Correspondences, correspond
-from pipeline.truth.polish import polished
-from pipeline.truth.position_image import on_target
-from pipeline.truth.second_order import corrected
+from pipeline.truth.direct.direct_rows import Rig, tangent_planes
+from pipeline.truth.direct.fallback import polished
+from pipeline.truth.grid.correspond import Correspondences, correspond
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.second_order import corrected
+from pipeline.truth.judging.certificate import Rows, certify
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import Rig, tangent_planes
 
 BOARD, POSE = Checkerboard(columns=2, rows=1, square_mm=1.0), rigs.facing(420.0, 40.0)
 PLANES = tangent_planes(POSE, BOARD.points_mm())
@@ -119,14 +119,14 @@ def test_bundles_of_a_square_joined_are_the_bundle_of_all_their_rays() -> None:
     """Weighted mean and covariance of all rays at once; of the four nodes of one square the last is dark."""
     rng = np.random.default_rng(3)
     crossing, weight = rng.normal((1e3, 0.0, 0.0, 0.0), size=(2, 4, 20, 4)), rng.uniform(size=(2, 4, 20))
-    nodes, share = squares.nodes(2)
+    nodes, share = footprint.nodes(2)
     weight[1, 3], found = 0.0, np.full((2, 4, COLUMNS), np.nan)
     found[..., WEIGHT], found[..., FREE_WEIGHT] = weight.sum(axis=2), 2.0
     for place in set(np.ndindex(2, 4)) - {(1, 3)}:
         found[place][MEAN:COVARIANCE], found[place][COVARIANCE:WEIGHT] = mean_and_covariance(
             crossing[place], weight[place]
         )
-    joined = squares.joined(found, share)
+    joined = footprint.joined(found, share)
     for row, rays, light in zip(joined, crossing, weight * share[:, None], strict=True):
         mean, covariance = mean_and_covariance(rays.reshape(-1, 4), light.ravel())
         np.testing.assert_allclose(row[MEAN:COVARIANCE], mean, rtol=1e-12)

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from laws.random_scenes import random_camera, random_pose, random_target
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import MicroImages, micro_images, strata
-from pipeline.camera.regions import SKIP
-from pipeline.camera.strata import pixel_strata, positions_of
+from pipeline.camera.micro_images.centres import MicroImages, micro_images, strata
+from pipeline.camera.micro_images.strata import pixel_strata, positions_of
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.render import imaging
 from pipeline.render.footprints import Sight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.occluder import Occluder
-from pipeline.target.target import Target
-from pipeline.truth.solve import Rig
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
+from pipeline.truth.direct.direct_rows import Rig
 
 ROWS = (24, 40)
 """In the middle of all cameras here."""

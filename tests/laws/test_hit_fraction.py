@@ -11,16 +11,16 @@ from laws import rigs
 from naive import slow_microlens, textbook
 from tolerances import MEAN_SHARE, SAMPLED_SHARE, SIGMAS
 
-from pipeline.camera.camera import Camera, Sensor
 from pipeline.camera.integrals import integrals
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.truth.correspond import correspond
-from pipeline.truth.grid import RayGrid, fine_from_image, image_from_fine
-from pipeline.truth.position_image import on_target
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.grid.correspond import correspond
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import Rig
 
 SENSOR_MM, RADIUS_MM, PITCH_MM = 60.0, 5.0, 1.0
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from tolerances import REVERSED_MM, ROUNDING_MM
 
-from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.focus import foci
+import pipeline
+from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
@@ -73,7 +74,7 @@ def test_every_ray_of_a_pixel_meets_the_plane_in_focus_in_one_point() -> None:
     sensor = Sensor(width_px=400, height_px=300, pitch_mm=0.05)
     camera = Camera(prescription=thin(), sensor=sensor, sensor_distance_mm=56.0)
     focus_mm = foci(camera)[0].focus_distance_mm
-    bundle = camera.bundle(20.0, 250.0, samples=64)
+    bundle = pipeline.bundle(camera, 20.0, 250.0, samples=64)
     image = np.array([20.0 - 199.5, 250.0 - 149.5]) * 0.05
     expected = image * focus_mm / 56.0
     np.testing.assert_allclose(bundle.mean_at(focus_mm)[:2], expected, rtol=0, atol=1e-9)

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.chief import chief_slopes
-from pipeline.camera.curves import field_curves
-from pipeline.camera.pupil import passes
+import pipeline
+from pipeline.camera.figures.field_curves import field_curves
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.pupil.chief_ray import chief_slopes
+from pipeline.camera.pupil.outlines import passes
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import VERTEX, towards_scene
 from pipeline.report import text
@@ -100,7 +101,9 @@ def test_drawn_bundles_are_as_wide_as_those_of_real_rays(fisheye, circle_mm, fie
     height = rays[0][-1][1]
     assert height == pytest.approx(0.99 * field * circle_mm, abs=0.1)
     small = dataclasses.replace(fisheye, sensor=Sensor(width_px=1400, height_px=1400, pitch_mm=0.02))
-    real = small.bundle(699.5, 699.5 + height / 0.02, samples=1 << 17)  # up on the sensor is down in the image
+    real = pipeline.bundle(
+        small, 699.5, 699.5 + height / 0.02, samples=1 << 17
+    )  # up on the sensor is down in the image
     near_plane = np.abs(real.origin_mm[:, 0]) < 0.1  # in the plane of the drawing, nearly
     # Vision y is the drawing's height with the other sign, and so is z its length.
     slope = np.median(real.direction[:, 1] / real.direction[:, 2])
@@ -114,8 +117,8 @@ def test_drawn_bundles_are_as_wide_as_those_of_real_rays(fisheye, circle_mm, fie
 
 def test_steep_bundles_start_within_the_drawing():
     """Of a fisheye of 171 degrees; a ray at 85 degrees would start metres below it."""
+    from pipeline.app.show import show
     from pipeline.report.drawing import with_full_field
-    from pipeline.tasks.show import show
 
     camera = with_full_field(show(LENSES / "fisheye_100mm_miyamoto.usda")[0].camera)
     limit = 1.12 * camera.prescription.surfaces[0].semi_diameter_mm

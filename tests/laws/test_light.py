@@ -9,12 +9,13 @@ from laws import rigs
 from scipy.stats import qmc
 from tolerances import ORDER, SIGMAS, STRATIFIED
 
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
-from pipeline.camera.moments import FREE_WEIGHT, WEIGHT
-from pipeline.camera.packets import draw
-from pipeline.camera.polygon import projected_solid_angle, regular
-from pipeline.camera.sobol import hash32, sobol_bits
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.polygon import projected_solid_angle, regular
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
+from pipeline.camera.tracing.packets import draw
+from pipeline.camera.tracing.sobol import hash32, sobol_bits
 from pipeline.optics.first_order import first_order
 from pipeline.render.imaging import irradiance
 

@@ -11,16 +11,16 @@ import pytest
 from laws import rigs
 from tolerances import ORDER, STORED_PX
 
-from pipeline.camera.camera import Sensor
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import towards_scene
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth.correspond import correspond
-from pipeline.truth.position_image import on_target
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.grid.correspond import correspond
+from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.settings import TruthSettings
 
 PINHOLE_MM = 1e-6

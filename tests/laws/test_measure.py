@@ -16,15 +16,17 @@ from laws.test_truth import PIXEL_MM, POINT_MM, fast
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, NOISY_PX, ORDER, STRATIFIED
 
-from pipeline.camera.acceptance import BY_AREA, region_weight
-from pipeline.camera.camera import WEIGHTS, Camera, CameraError, MicrolensArray, Sensor
-from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
-from pipeline.camera.polygon import regular
+from pipeline.camera.parts.camera import WEIGHTS, Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.polygon import regular
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.camera.tracing.acceptance import BY_AREA, region_weight
+from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.render.imaging import irradiance
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth.certificate import Rows, certify
-from pipeline.truth.solve import tangent_planes
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.direct.direct_rows import tangent_planes
+from pipeline.truth.judging.certificate import Rows, certify
 
 ODD = {"irradiance": "area", "area": "irradiance"}
 

@@ -12,21 +12,21 @@ from laws.random_scenes import random_camera, random_pose, random_target
 from scipy import stats
 from tolerances import ONCE_IN_A_MILLION
 
-from pipeline.camera.camera import Sampling
 from pipeline.camera.integrals import integrals
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import COVARIANCE, WEIGHT
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import correspondences
-from pipeline.truth.certificate import WITHIN, WORST, Rows, certify
-from pipeline.truth.correspond import Correspondences
-from pipeline.truth.grid import RayGrid
-from pipeline.truth.on_points import correspond_points
-from pipeline.truth.position_image import crossing_share, on_target
-from pipeline.truth.second_order import corrected, correction
+from pipeline.truth.direct.direct_rows import Rig, tangent_planes
+from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.grid.per_plane import correspond_points
+from pipeline.truth.grid.position_image import crossing_share, on_target
+from pipeline.truth.grid.ray_grid import RayGrid
+from pipeline.truth.grid.second_order import corrected, correction
+from pipeline.truth.judging.certificate import WITHIN, WORST, Rows, certify
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import Rig, tangent_planes
 
 K = 2
 SAMPLES = {True: 64, False: 2048}

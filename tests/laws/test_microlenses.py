@@ -10,9 +10,10 @@ from laws import rigs
 from tolerances import ORDER, ROUNDING_MM
 
 from pipeline.camera.bundle import bundle
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
-from pipeline.camera.lattice import lattice
-from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.lattice import lattice
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from laws import rigs
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.report import report
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import VERTEX, towards_scene, towards_sensor

@@ -7,12 +7,12 @@ import pytest
 from laws import rigs
 from laws.test_direct import rig_of
 
-from pipeline.camera.moments import COVARIANCE
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.target import Target
+from pipeline.camera.tracing.moments import COVARIANCE
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
 from pipeline.tasks.truth import correspondences
+from pipeline.truth.direct.direct_rows import tangent_planes
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.solve import tangent_planes
 
 RAYS = 1 << 16
 SHARE, TRACE = 0.002, 0.01

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from laws import rigs
 
-from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.pinhole import Pinhole, Projection, pinhole
-from pipeline.camera.regions import NO_MICROLENS
-from pipeline.camera.report import report
+from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection, pinhole
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.load import load
 

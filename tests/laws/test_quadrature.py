@@ -8,10 +8,10 @@ from naive.test_microlenses import KINDS, PIXELS, camera_with
 from tolerances import QUADRATURE_MM, SIGMAS
 
 from pipeline.camera.integrals import NODES, integrals, random_integrals
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import WEIGHT
-from pipeline.camera.quadrature import INTEGRATED, edges
+from pipeline.camera.integrating.quadrature import INTEGRATED, edges
+from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import WEIGHT
 
 CELLS = ((0, 0), (17, -9), (-5, 24))
 OFF_CENTRE_MM = np.array([(0.01, -0.004), (0.07, 0.04), (-0.03, 0.1)])

@@ -9,11 +9,11 @@ import pytest
 from laws import rigs
 from tolerances import HALF_PIXEL_PX
 
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth import quadratic, search
-from pipeline.truth.correspond import _pooled_error, correspond, find
-from pipeline.truth.grid import RayGrid, fine_from_image
-from pipeline.truth.position_image import on_target
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.grid import quad_search, quadratic
+from pipeline.truth.grid.correspond import _pooled_error, correspond, find
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image
 from pipeline.truth.settings import TruthSettings
 
 AFFINE = np.array([[0.31, 0.04], [-0.06, -0.29]])
@@ -69,8 +69,8 @@ def test_the_often_printed_rule_is_off_by_half_a_pixel_less_half_a_fine_one(k: i
     image, points = centres_px(k) @ AFFINE.T + SHIFT_MM, points_at(positions)[:, :2].copy()
     cell = np.zeros(image.shape[:2], np.int64)
     quads, status, solutions = np.empty((30, 3), np.int64), np.empty(30, np.int64), np.empty((30, 9))
-    assert search.quads_that_hold(image, cell, points, quads) == 30
-    search.solve_quads(image, cell, points, quads, True, 0.15, 0.17, status, solutions)
+    assert quad_search.quads_that_hold(image, cell, points, quads) == 30
+    quad_search.solve_quads(image, cell, points, quads, True, 0.15, 0.17, status, solutions)
     miss = solutions[:, :2] / k - positions[quads[:, 0]]
     np.testing.assert_allclose(miss, (k - 1) / (2 * k), rtol=0, atol=HALF_PIXEL_PX)
 

@@ -8,9 +8,9 @@ from laws.test_second_order import FAR_MM, MEAN, NEAR_MM, OBLIQUE, turned
 from tolerances import ORDER, ROUNDING_MM
 
 from pipeline.truth import blur
-from pipeline.truth.error import in_pixels, jacobian
-from pipeline.truth.grid import matrix_4
-from pipeline.truth.position_image import crossing_share, on_target
+from pipeline.truth.grid.position_image import crossing_share, on_target
+from pipeline.truth.grid.ray_grid import matrix_4
+from pipeline.truth.grid.sampling_error import in_pixels, jacobian
 
 SHEARED = np.array([[0.31, 0.12], [-0.05, -0.24]])
 """A derivative of J that is not symmetric [mm per px]."""

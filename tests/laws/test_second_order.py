@@ -7,13 +7,13 @@ from laws.test_truth import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
 from scipy.spatial.transform import Rotation
 from tolerances import ORDER
 
-from pipeline.camera.moments import COVARIANCE, WEIGHT
-from pipeline.camera.regions import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import rigid
-from pipeline.truth.grid import RayGrid
-from pipeline.truth.position_image import crossing_share, on_target
-from pipeline.truth.second_order import corrected, correction
+from pipeline.truth.grid.position_image import crossing_share, on_target
+from pipeline.truth.grid.ray_grid import RayGrid
+from pipeline.truth.grid.second_order import corrected, correction
 
 STEP_MM = 0.05
 

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import write_json
 from pipeline.frames import rigid
-from pipeline.records import to_plain
+from pipeline.records.plain import to_plain
 from pipeline.render import imaging
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.circles import CircleGrid
-from pipeline.target.surfaces import Cylinder
-from pipeline.target.target import Target
-from pipeline.tasks.cameras import FOCUSED, tracer_alone, tracer_of
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.circles import CircleGrid
+from pipeline.targets.surfaces import Cylinder
+from pipeline.targets.target import Target
+from pipeline.tasks.artefacts.cameras import FOCUSED, tracer_alone, tracer_of
 
 SQUARES = Checkerboard(columns=6, rows=3, square_mm=3.0)
 POSE = rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.3, -0.2, 430.0]))

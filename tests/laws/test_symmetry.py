@@ -8,18 +8,18 @@ from laws import rigs
 from scipy.spatial.transform import Rotation
 from tolerances import HONEST, REVERSED_MM, ROUNDING_MM, SIGMAS
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import VARIANCE
-from pipeline.camera.regions import NO_MICROLENS, bound, new_region
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import VARIANCE
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, bound, new_region
 from pipeline.frames import VISION_FROM_CAMERA, apply, inverse, rigid
+from pipeline.graph.poses import vision_from_target
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.render.imaging import irradiance
 from pipeline.scene.dataset import Frame
-from pipeline.tasks.poses import vision_from_target
-from pipeline.truth.position_image import on_target
+from pipeline.truth.grid.position_image import on_target
 
 
 def random_rays(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from laws import rigs
 
-from pipeline.camera.camera import CameraError, Sensor
-from pipeline.camera.focus import foci, focused
-from pipeline.camera.request import FocusRequest, group_shift, solved
-from pipeline.camera.travel import moved, travel_mm
+from pipeline.camera.focusing.depth_of_field import foci, focused
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, solved
+from pipeline.camera.focusing.group_travel import moved, travel_mm
+from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Group, Prescription, least_gap_mm
 

@@ -14,15 +14,15 @@ from laws import rigs
 from naive import brute, textbook
 from tolerances import FIRST_ORDER_BLUR, HONEST, ROUNDING_MM, RULE_OF_BIAS
 
-from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.moments import MEAN, VARIANCE
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.camera.tracing.moments import MEAN, VARIANCE
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.truth.correspond import Correspondences, correspond
-from pipeline.truth.grid import RayGrid
-from pipeline.truth.position_image import on_target
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.truth.grid.correspond import Correspondences, correspond
+from pipeline.truth.grid.position_image import on_target
+from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.settings import TruthSettings
 
 NEAR_MM, FAR_MM, PIXEL_MM = 374.36, 494.36, 0.005

@@ -14,19 +14,19 @@ from naive import brute
 from scipy.integrate import quad
 from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE
 
-from pipeline.camera.camera import Sensor
-from pipeline.camera.micro_images import owners
+from pipeline.camera.micro_images.centres import owners
+from pipeline.camera.parts.camera import Sensor
 from pipeline.frames import apply
 from pipeline.render.imaging import irradiance_and_crosstalk
 from pipeline.render.light import TargetLight
 from pipeline.render.surroundings import Surroundings
-from pipeline.target.charuco import Charuco
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.mesh import MeshTarget
-from pipeline.target.occluder import Occluder
-from pipeline.target.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped
-from pipeline.target.target import Target
-from pipeline.truth.solve import Rig, faces_camera, guesses, solve, tangent_planes
+from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.patterns.charuco import Charuco
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped
+from pipeline.targets.target import Target
+from pipeline.truth.direct.direct_rows import Rig, faces_camera, guesses, solve, tangent_planes
 from pipeline.truth.visibility import LOOK_RAYS, RAYS, seen, shares, visibility
 
 RADIUS_MM, FOCAL_MM, BEHIND_MM = 6.0, 14.9, 15.9

@@ -36,7 +36,7 @@ _AXES = {"x": "y", "y": "x", "near": "far", "far": "near", "width": "height", "h
 _AXES |= {"k": "l", "l": "k", "column": "row", "columns": "rows", "rows": "columns"}
 _SCALE = 1.05
 JITTED = ("kernel", "unit", "inline", "buffers")
-"""Decorators of `pipeline.jit`."""
+"""Decorators of `pipeline.jit.decorators`."""
 _SILENT = (ast.Raise, ast.Assert, ast.JoinedStr, ast.Import, ast.ImportFrom)
 """What no sentence about light depends on: messages, and checks that only a programmer meets."""
 

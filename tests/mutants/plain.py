@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from mutants.mutations import JITTED
 
-import pipeline.jit
+import pipeline.jit.decorators
 
 ALL_S, EACH_S = 40.0, 5.0
 """Computing time that all tests together may take, and each of them."""
@@ -72,8 +72,8 @@ def _libm() -> types.SimpleNamespace:
 
 
 for decorator in JITTED:  # before any module of kernels is imported
-    setattr(pipeline.jit, decorator, plain)
-pipeline.jit.fma = fma
+    setattr(pipeline.jit.decorators, decorator, plain)
+pipeline.jit.decorators.fma = fma
 
 
 def _end(signal_number: int, frame: Any) -> None:

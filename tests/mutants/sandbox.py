@@ -15,7 +15,7 @@ from pathlib import Path
 from mutants.imports import Imports, module_of
 from mutants.mutations import Mutant
 
-from pipeline.jit import cache_folder
+from pipeline.jit.decorators import cache_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 OPTICS = ("optics", "naive/test_trace.py", "naive/test_aspheres.py", "laws/test_surfaces.py", "laws/test_apertures.py")
@@ -35,8 +35,8 @@ ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
     "camera": (*CAMERA, "naive/test_micro_light.py", "naive/test_microlenses.py", "laws/test_direct.py", "published"),
     "truth": TRUTH,
-    "target": (
-        "target",
+    "targets": (
+        "targets",
         "scene/test_viewers.py",
         "naive/test_targets.py",
         "laws/test_visibility.py",
@@ -47,7 +47,7 @@ ROOMS = {
 PLAIN = (
     *("optics", "naive/test_aspheres.py", "naive/test_trace.py", "laws/test_surfaces.py", "laws/test_apertures.py"),
     *("laws/test_second_moments.py", "laws/test_search.py", "naive/test_quad_search.py", "laws/test_corner_image.py"),
-    *("target", "naive/test_targets.py", "laws/test_edges.py", "laws/test_regions.py", "laws/test_footprint.py"),
+    *("targets", "naive/test_targets.py", "laws/test_edges.py", "laws/test_regions.py", "laws/test_footprint.py"),
     *("laws/test_own_bundle.py", "laws/test_measure.py", "laws/test_ideal_lens.py", "laws/test_microlenses.py"),
 )
 """Tests that may be short enough for kernels in plain Python."""
@@ -106,7 +106,7 @@ class Sandbox:
             if (root / name).is_file():
                 (self.tree / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(root / name, self.tree / name)
-        with (self.tree / "pipeline/jit.py").open("a", encoding="utf-8") as file:
+        with (self.tree / "pipeline/jit/decorators.py").open("a", encoding="utf-8") as file:
             file.write('\n\ndef cache_folder() -> Path:\n    return Path(os.environ["PIPELINE_JIT_CACHE"])\n')
         self.imports = Imports(self.tree)
         self.kernels = folder / "kernels"

@@ -17,14 +17,14 @@ from mutants.mutations import JITTED, mutants, parses
 from mutants.run import draw, judged
 from mutants.sandbox import ROOMS, ROOT, Sandbox
 
-from pipeline import jit
-from pipeline.kernel_cache import used
+from pipeline.jit import decorators
+from pipeline.jit.cache import used
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import towards_sensor
 
 TOY = '''"""a + b in words"""
-from pipeline.jit import kernel
+from pipeline.jit.decorators import kernel
 
 LIMIT_MM = 2.0
 
@@ -116,7 +116,7 @@ def test_a_run_that_was_cut_off_is_taken_up_where_it_stopped() -> None:
 
 def test_all_tests_of_the_rooms_exist_and_reach_what_they_shall_judge() -> None:
     assert all((ROOT / "tests" / name).exists() for names in ROOMS.values() for name in names)
-    away = Imports(ROOT).distances("pipeline.truth.second_order")
+    away = Imports(ROOT).distances("pipeline.truth.grid.second_order")
     assert away["laws.test_second_order"] == 1 and away["pipeline.tasks.truth"] == 1
     assert "target.test_surfaces" not in away
 
@@ -156,7 +156,7 @@ def toy(tmp_path: Path) -> Sandbox:
     files = {
         "pipeline/__init__.py": "",
         "pipeline/optics/__init__.py": "",
-        "pipeline/jit.py": "import os\nfrom pathlib import Path\n",
+        "pipeline/jit/decorators.py": "import os\nfrom pathlib import Path\n",
         "pipeline/optics/toy.py": "def half(x):\n    return x / 2 if x < 9 else 0\n",
         "tests/optics/test_toy.py": "from pipeline.optics import toy\n\ndef test_it():\n    assert toy.half(4) == 2\n",
     }
@@ -216,7 +216,7 @@ def test_a_verdict_of_plain_python_counts_if_the_test_passes_without_the_mistake
 
 KERNELS = """import math
 
-from pipeline.jit import fma, kernel
+from pipeline.jit.decorators import fma, kernel
 
 @kernel
 def root(x, a):
@@ -252,7 +252,7 @@ def test_in_plain_python_a_kernel_is_refuted_by_assertions_alone(tmp_path, mista
     files = {
         "pipeline/__init__.py": "",
         "pipeline/optics/__init__.py": "",
-        "pipeline/jit.py": "kernel = inline = fma = None\n",
+        "pipeline/jit/decorators.py": "kernel = inline = fma = None\n",
         "pipeline/optics/toy.py": KERNELS.replace(*mistake),
         "tests/optics/test_toy.py": TESTS,
         **{
@@ -270,9 +270,9 @@ def test_in_plain_python_a_kernel_is_refuted_by_assertions_alone(tmp_path, mista
 
 def test_plain_python_knows_every_decorator_of_kernels() -> None:
     """One that it left out would be compiled, with a mistake of another function or without it."""
-    marked = jit._DECORATED.pattern.decode()
+    marked = decorators._DECORATED.pattern.decode()
     assert set(re.findall(r"[a-z]+", marked)) == set(JITTED)
-    assert all(jit._DECORATED.match(f"@{name}".encode()) for name in JITTED)
+    assert all(decorators._DECORATED.match(f"@{name}".encode()) for name in JITTED)
 
 
 def test_a_quadrature_in_plain_python_is_that_of_compiled_kernels(tmp_path) -> None:
@@ -293,10 +293,10 @@ SILENTLY = {
 BUNDLE = """
 import json, numpy as np
 from laws import rigs
-from pipeline.camera import pupil
+from pipeline.camera.pupil import outlines as pupil
 pupil.HEIGHTS, pupil._TRACED, pupil._BISECTIONS = 3, 48, 12  # Python takes a minute for all rays of the outlines
-from pipeline.camera.quadrature import edges
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.integrating.quadrature import edges
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.camera.tracer import Tracer, parallel_planes
 found = edges(Tracer(rigs.conventional()).arrays, np.array([[1.0, 0.5]]), np.array([NO_MICROLENS]))
 moments, status, rays = found.moments(parallel_planes(400.0, 800.0)[None], (2, 4))

@@ -6,7 +6,7 @@ No sampling bounds, no Sobol points, no packets; each bundle comes with the weig
 import numpy as np
 from naive import textbook
 
-from pipeline.camera.camera import Camera
+from pipeline.camera.parts.camera import Camera
 
 
 def hexagon(count: int, pitch_mm: float, rng: np.random.Generator) -> np.ndarray:

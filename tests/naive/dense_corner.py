@@ -8,7 +8,7 @@ import numpy as np
 from naive import textbook
 from scipy.stats import qmc
 
-from pipeline.camera.camera import Camera
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 
 SQUARES = 8

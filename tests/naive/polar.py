@@ -6,7 +6,7 @@ With 4,096 evenly spaced directions the corners of an edge leave errors of (2 pi
 import numpy as np
 from naive import textbook
 
-from pipeline.camera.camera import Camera
+from pipeline.camera.parts.camera import Camera
 
 _BISECTIONS = 36
 

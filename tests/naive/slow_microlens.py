@@ -11,7 +11,8 @@ import numpy as np
 from naive import textbook
 from scipy.spatial.transform import Rotation
 
-from pipeline.camera.camera import Camera, MicrolensArray
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.microlens_array import MicrolensArray
 
 
 def rays_before(

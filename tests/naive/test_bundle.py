@@ -8,15 +8,15 @@ from laws import rigs
 from naive import brute, textbook
 from tolerances import SIGMAS
 
-from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import COVARIANCE, WEIGHT
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.render.imaging import irradiance
 from pipeline.render.light import TargetLight
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.target import Target
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
 
 POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
 RAYS, GROUPS = 5_000, 16

@@ -10,12 +10,12 @@ from naive import brute, textbook
 from naive.test_bundle import GROUPS, POSES, deviations
 from tolerances import SIGMAS
 
-from pipeline.camera.camera import Camera
 from pipeline.camera.integrals import integrals
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import COVARIANCE, WEIGHT
-from pipeline.camera.regions import NO_MICROLENS
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 
 PIXEL_MM, FOCAL_MM, MANY_RAYS = 0.01, 1.9, 10_000
 

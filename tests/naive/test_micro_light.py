@@ -11,10 +11,10 @@ from naive import brute, slow_microlens, textbook
 from naive.test_microlenses import KINDS, camera_with, vertex_of
 from tolerances import MICRO_IMAGE_PX, SIGMAS
 
-from pipeline.camera.array import MicrolensArray
-from pipeline.camera.camera import Camera, Sensor
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.micro_light import OUTLINE_DEG, MicroLight, micro_light
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.micro_images.light import OUTLINE_DEG, MicroLight, micro_light
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.prescription import Prescription, Surface
 
@@ -207,7 +207,7 @@ def assert_slow(kind: str, groups: int, rays: int, monkeypatch: pytest.MonkeyPat
     tracer = Tracer(camera_with(kind))
     grid, pitch = tracer.lattice, tracer.camera.sensor.pitch_mm
     row = np.flatnonzero((grid.k == 17) & (grid.l == -9))
-    monkeypatch.setattr("pipeline.camera.micro_light.reaching", lambda *_: row)
+    monkeypatch.setattr("pipeline.camera.micro_images.light.reaching", lambda *_: row)
     found = micro_light(tracer, micro_images(tracer))
     rng, half, means, beyond = np.random.default_rng(6), 1.02 * found.light_mm.max(), [], []
     for _ in range(groups):

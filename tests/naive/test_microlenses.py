@@ -12,11 +12,12 @@ from laws import rigs
 from naive import slow_microlens, textbook
 from tolerances import ROUNDING_MM, SIGMAS
 
-from pipeline.camera import elements
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.camera.tracing import microlens_kernels
+from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.optics.prescription import Prescription
 from pipeline.render.imaging import irradiance
 
@@ -123,7 +124,7 @@ def test_bundles_of_tilted_arrays_are_bounded_where_their_chief_rays_cross_the_m
     stop's centre."""
     camera = camera_with("tilted")
     tracer = Tracer(camera)
-    bounds = tracer.microlenses.lenses[:, [elements.OUTLINE_X, elements.OUTLINE_Y]]
+    bounds = tracer.microlenses.lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
     above = tracer.lattice.z_mm
     far = np.abs(above) > 0.1
     vertices = np.column_stack([tracer.vertices_mm, tracer.film_z_mm + above])[far]

@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pipeline.camera.camera import Camera, MicrolensArray, Sensor
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 from pipeline.optics.prescription import Group, Prescription, Surface
-from pipeline.records import from_plain, to_plain
-from pipeline.truth.grid import fine_from_image, image_from_fine
+from pipeline.records.plain import from_plain, to_plain
+from pipeline.truth.grid.ray_grid import fine_from_image, image_from_fine
 
 repeatable = settings(deadline=None, derandomize=True, max_examples=100)
 metres = st.floats(-1e3, 1e3)

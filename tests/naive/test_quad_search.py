@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pipeline.truth import search
+from pipeline.truth.grid import quad_search
 
 Point = tuple[float, float]
 LAMBDA_D, LAMBDA_ALPHA = 0.15, math.radians(10.0)
@@ -61,16 +61,16 @@ def solve(image: np.ndarray, cell: np.ndarray, p: np.ndarray, i: int, j: int) ->
     places = [(o[0] + b * e_j, o[1] + a * e_i) for a in range(-1, 3) for b in range(-1, 3)]
     height, width = cell.shape
     if any(r < 0 or r >= height or c < 0 or c >= width for r, c in places):
-        return search.WINDOW, None
+        return quad_search.WINDOW, None
     if any(cell[place] != cell[j, i] or np.isnan(image[place]).any() for place in places):
-        return search.WINDOW, None
+        return quad_search.WINDOW, None
     for lengths in (
         [math.dist(at(a, b), at(a + 1, b)) for a in range(-1, 2) for b in range(-1, 3)],
         [math.dist(at(a, b), at(a, b + 1)) for a in range(-1, 3) for b in range(-1, 2)],
     ):
         mean = sum(lengths) / len(lengths)
         if max(abs(1 - length / mean) for length in lengths) >= LAMBDA_D:
-            return search.LENGTHS, None
+            return quad_search.LENGTHS, None
     angles = []
     for a in range(-1, 2):
         for b in range(-1, 2):
@@ -78,9 +78,9 @@ def solve(image: np.ndarray, cell: np.ndarray, p: np.ndarray, i: int, j: int) ->
             angles.append(math.acos(float(u @ v) / math.hypot(*u) / math.hypot(*v)))
     mean = sum(angles) / len(angles)
     if max(abs(angle - mean) for angle in angles) >= LAMBDA_ALPHA:
-        return search.ANGLES, None
+        return quad_search.ANGLES, None
     s, t = np.linalg.solve(np.stack([at(1, 0) - at(0, 0), at(0, 1) - at(0, 0)], axis=1), p - at(0, 0))
-    return search.ACCEPTED, (o[1] + s * e_i, o[0] + t * e_j, math.dist(at(0, 0), p))
+    return quad_search.ACCEPTED, (o[1] + s * e_i, o[0] + t * e_j, math.dist(at(0, 0), p))
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02, 0.05])
@@ -91,17 +91,17 @@ def test_kernels_agree_with_the_search_as_the_paper_tells_it(noise: float) -> No
         image, cell, points = noisy_image(noise, seed)
         expected = naive_search(image, cell, points)
         quads = np.empty((500, 3), np.int64)
-        count = search.quads_that_hold(image, cell, points, quads)
+        count = quad_search.quads_that_hold(image, cell, points, quads)
         assert sorted(map(tuple, quads[:count].tolist())) == sorted(expected)
         status, solutions = np.empty(count, np.int64), np.full((count, 9), np.nan)
-        search.solve_quads(image, cell, points, quads[:count], True, LAMBDA_D, LAMBDA_ALPHA, status, solutions)
+        quad_search.solve_quads(image, cell, points, quads[:count], True, LAMBDA_D, LAMBDA_ALPHA, status, solutions)
         for quad, verdict, solution in zip(quads[:count].tolist(), status, solutions, strict=True):
             wanted, position = expected[tuple(quad)]
             assert verdict == wanted
             verdicts.add(int(verdict))
             if position is not None:
                 np.testing.assert_allclose(solution[:3], position, rtol=0, atol=1e-10)
-    assert search.ACCEPTED in verdicts
-    assert search.WINDOW in verdicts
+    assert quad_search.ACCEPTED in verdicts
+    assert quad_search.WINDOW in verdicts
     if noise > 0.02:
-        assert search.LENGTHS in verdicts
+        assert quad_search.LENGTHS in verdicts

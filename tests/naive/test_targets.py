@@ -13,12 +13,12 @@ from naive import brute, textbook
 from tolerances import COARSE_GRID_PX, SIGMAS
 
 import pipeline
-from pipeline.camera.focus import focused
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import Table, read_table
+from pipeline.graph.poses import vision_from_target
 from pipeline.scene.load import open_dataset
-from pipeline.tasks.poses import vision_from_target
 
 STAGE = """#usda 1.0
 (

@@ -12,8 +12,8 @@ import pytest
 from laws import rigs
 from tolerances import MOVED_TRUTH_PX
 
-from pipeline.camera.camera import Camera
-from pipeline.camera.micro_images import micro_images
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.glass.catalogue import find
 

@@ -14,7 +14,7 @@ from tolerances import NOMINAL_EFL, PRINTED_4_MM, PRINTED_BFD_MM
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.load import load
-from pipeline.scene.reading import read_prescription
+from pipeline.scene.read.prims import read_prescription
 
 ROOT = Path(__file__).resolve().parents[2]
 LENSES = json.loads((Path(__file__).parent / "library_lenses.json").read_text(encoding="utf-8"))["lenses"]

@@ -10,9 +10,9 @@ import pytest
 from laws import rigs
 from tolerances import PRINTED_2_MM, PRINTED_3_MM, PRINTED_4_MM
 
-from pipeline.camera.lattice import lattice
-from pipeline.camera.micro_images import micro_images
-from pipeline.camera.report import report
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.lattice import lattice
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 

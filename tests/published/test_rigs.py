@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from tolerances import CALIBRATED_FOCUS_MM, FOCUS_PAIR_MM, GRID_PX, GRID_RMS_PX, NODE_MM, PRINTED_6_RATIO
 
-from pipeline.camera.focus import middle_focus
-from pipeline.camera.lattice import lattice
-from pipeline.camera.report import report
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.parts.lattice import lattice
 from pipeline.scene.load import load
 
 RIGS = Path(__file__).resolve().parents[2] / "stages/rigs"

@@ -5,9 +5,9 @@ import numpy as np
 from pipeline.frames import rigid
 from pipeline.render.boxes import may_meet
 from pipeline.render.light import TargetLight
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.occluder import Occluder
-from pipeline.target.target import Target
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
 
 BOXES = np.array([[[-1.0, -2.0, 3.0], [0.5, 1.0, 4.0]], [[2.0, 2.0, 5.0], [2.1, 6.0, 5.0]]])
 CARD = Occluder(vertices_mm=((0.0, 0.0, 0.0), (6.0, 0.0, 1.0), (0.0, 5.0, 2.0)), triangles=((0, 1, 2),), radiance=0.4)

@@ -7,8 +7,8 @@ from render.test_embree import lens_rays, nearest
 from pipeline.frames import apply
 from pipeline.render.light import TargetLight
 from pipeline.render.sheets import first_sheet
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.target import Target
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
 
 HALF_SIZES = np.array([[12.0, 20.0], [15.0, 9.0], [40.0, 30.0]])
 POSES = np.stack([facing(400.0, 20.0, 3.0), facing(430.0, -35.0, -6.0, 2.0), facing(500.0, 5.0)])

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.app.build import project
 from pipeline.report.graph import svg
 from pipeline.report.layers import HEIGHT, WIDTH
-from pipeline.tasks.build import project
 
 TINY = Path(__file__).resolve().parents[1] / "data/tiny_plenoptic/dataset.usda"
 SIZE = np.array([WIDTH, HEIGHT])

@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+from pipeline.app.build import project_from
+from pipeline.app.why import with_edits
 from pipeline.engine.digest import key_of
-from pipeline.engine.plan import PlannedTask, plan
+from pipeline.engine.planning.plan import PlannedTask, plan
+from pipeline.engine.planning.task_spec import Specs
 from pipeline.engine.project import Project
-from pipeline.engine.spec import Specs
-from pipeline.engine.store import Store
+from pipeline.engine.store.store import Store
 from pipeline.scene.load import load
-from pipeline.tasks.build import project_from
-from pipeline.tasks.why import with_edits
 
 
 class Pretended:

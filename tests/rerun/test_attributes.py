@@ -16,13 +16,13 @@ from rerun.attribute_stage import STAGE
 from rerun.attribute_table import CASES, TRUTH, A
 
 from pipeline.engine.digest import key_of
-from pipeline.engine.graph import TaskGraph
-from pipeline.engine.run import run
-from pipeline.engine.spec import Specs
-from pipeline.engine.store import Store
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.task_spec import Specs
+from pipeline.engine.running.driver import run
+from pipeline.engine.store.store import Store
+from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load
 from pipeline.share import share
-from pipeline.tasks.graph import graph_of
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ def test_keys_are_the_same_in_another_process_with_another_hash_seed(bench, tmp_
     path = tmp_path / "s.usda"
     path.write_text(STAGE, encoding="utf-8")
     code = (
-        "import sys; from pipeline.scene.load import load; from pipeline.tasks.graph import graph_of\n"
+        "import sys; from pipeline.scene.load import load; from pipeline.graph.dataset_graph import graph_of\n"
         "from pipeline.engine.digest import key_of\n"
         "graph = graph_of(load(sys.argv[1]).dataset)[0]\n"
         "print(key_of('test', [[name, graph[name].params, graph[name].reads] for name in graph]))"

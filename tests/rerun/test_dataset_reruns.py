@@ -15,11 +15,11 @@ from stage_text import without_method
 from typer.testing import CliRunner
 
 import pipeline
+from pipeline.app.show import show
+from pipeline.app.verifying.verify import verify
 from pipeline.cli import app
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
-from pipeline.tasks.show import show
-from pipeline.tasks.verify import verify
 
 DATA = Path(__file__).parents[1] / "data"
 RAYS = {"rays_tile", "rays"}

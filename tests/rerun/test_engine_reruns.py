@@ -7,10 +7,10 @@ import sys
 import pytest
 from engine import toy
 
-from pipeline.engine.explain import describe
 from pipeline.engine.options import ALONE, BuildOptions
+from pipeline.engine.planning.explain import describe
 from pipeline.engine.project import tasks_of
-from pipeline.engine.session import build, plan_of
+from pipeline.engine.running.session import build, plan_of
 from pipeline.errors import UsageError
 
 EDITED = [toy.POSES[0], [[3.0, 0.0], [0.0, 1.0]]]
@@ -126,7 +126,7 @@ from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from engine import toy
 from pipeline.engine.options import BuildOptions
-from pipeline.engine.session import build
+from pipeline.engine.running.session import build
 result = build(toy.project(Path(sys.argv[1]) / "out"), BuildOptions(jobs=int(sys.argv[2])))
 sys.exit(result.exit_code)
 """

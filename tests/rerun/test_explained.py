@@ -11,7 +11,7 @@ from rerun.attribute_stage import STAGE
 from rerun.attribute_table import CASES, LENS, A
 from rerun.pretended import Pretended
 
-from pipeline.engine.store import Store
+from pipeline.engine.store.store import Store
 
 ALL = [pytest.param(n, c, id=f"{n} of {c.at or 'Scene'}") for n, cases in CASES.items() for c in cases if c.kinds]
 SHORT = {"plen:squareSize of One", "plen:apertureShape of A/Lens/Stop"}

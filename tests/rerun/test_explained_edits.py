@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from rerun.pretended import Pretended, project_of
 
+from pipeline.app.why import with_edits
 from pipeline.edits import Edit
-from pipeline.engine.explain import describe, describe_task
-from pipeline.engine.plan import plan
-from pipeline.engine.store import Store
+from pipeline.engine.planning.explain import describe, describe_task
+from pipeline.engine.planning.plan import plan
+from pipeline.engine.store.store import Store
 from pipeline.share import share
-from pipeline.tasks.why import with_edits
 
 DATA = Path(__file__).parents[1] / "data"
 TWO = """    def PlenCheckerboard "Two"

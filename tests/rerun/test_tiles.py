@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 
 import pipeline
-from pipeline.camera.camera import Sampling, Sensor
+from pipeline.camera.parts.camera import Sampling, Sensor
 from pipeline.files import exr_bands
-from pipeline.tasks import image, tiles
-from pipeline.truth import on_points
+from pipeline.graph import tiles
+from pipeline.tasks import image
+from pipeline.truth.grid import per_plane
 
 DATA = Path(__file__).parents[1] / "data"
 TILED = {"image_tile", "white_tile", "micro_images_tile"}
@@ -25,7 +26,7 @@ def in_small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(tiles, "bands", bands)
     monkeypatch.setattr(tiles, "_MICROLENSES", 12)
-    monkeypatch.setattr(on_points, "_BAND_POSITIONS", 1)
+    monkeypatch.setattr(per_plane, "_BAND_POSITIONS", 1)
     monkeypatch.setattr(exr_bands, "_BAND_PX", 1)
     monkeypatch.setattr(image, "_PREVIEW_ROWS", 7)
 

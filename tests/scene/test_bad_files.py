@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.scene.load import Loaded, load, require_dataset
-from pipeline.scene.problems import StageError
+from pipeline.scene.usd.problems import StageError
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests/data/bad").glob("*.usda"))

@@ -3,8 +3,8 @@
 import pytest
 from pxr import Sdf, Usd
 
-from pipeline.scene.census import most_prims
 from pipeline.scene.load import load
+from pipeline.scene.trust.census import most_prims
 
 HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)\n'
 ARCS = {

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.app import sandbox
+from pipeline.app.build import project
+from pipeline.app.sandbox import problems_of_untrusted
 from pipeline.confine.process import Bounds, Guards
 from pipeline.errors import UsageError
-from pipeline.scene import trial
-from pipeline.scene.lines import MOST_NESTED
 from pipeline.scene.load import load, open_dataset
-from pipeline.tasks import sandbox
-from pipeline.tasks.build import project
-from pipeline.tasks.sandbox import problems_of_untrusted
+from pipeline.scene.trust import trial
+from pipeline.scene.usd.usda_lines import MOST_NESTED
 
 CRASHING = Path(__file__).parents[1] / "data/crash.usdc"
 """A layer of 1,002 bytes with three others than it had: what USD makes of it ends the process."""

@@ -8,8 +8,8 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.load import load, open_dataset
-from pipeline.scene.poses import world_from
-from pipeline.scene.reading_targets import read_target
+from pipeline.scene.read.targets import read_target
+from pipeline.scene.usd.poses import world_from
 
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARY = sorted((ROOT / "stages").rglob("*.usda"))

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.app.build import project
+from pipeline.app.sandbox import problems_of_untrusted
 from pipeline.errors import UsageError
 from pipeline.limits import Limits, limits
 from pipeline.scene.load import load
-from pipeline.tasks.build import project
-from pipeline.tasks.sandbox import problems_of_untrusted
 
 TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 PLENOPTIC = TINY.parents[1] / "tiny_plenoptic/dataset.usda"

@@ -3,7 +3,7 @@
 import pytest
 from pxr import Sdf, Tf
 
-from pipeline.scene.lines import line_of, sample_key, text_map
+from pipeline.scene.usd.usda_lines import line_of, sample_key, text_map
 
 TEXT = '''#usda 1.0
 (

@@ -11,12 +11,12 @@ import zipfile
 import pytest
 from pxr import Ar, Sdf
 
+from pipeline.app.sandbox import problems_of_untrusted
 from pipeline.roots import allowed_roots
-from pipeline.scene.asset_roots import check_used
 from pipeline.scene.load import load
-from pipeline.scene.opening import open_stage
-from pipeline.scene.register import library_path, register
-from pipeline.tasks.sandbox import problems_of_untrusted
+from pipeline.scene.trust.asset_roots import check_used
+from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.usd.register import library_path, register
 
 HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n{more})\n'
 PART = HEAD.format(more="") + 'def Xform "A"\n{\n}\n'

@@ -11,15 +11,15 @@ from pxr import Gf, Vt
 from stage_text import head
 
 import pipeline
-from pipeline.camera.focus import foci
-from pipeline.camera.request import FocusRequest
+from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError
-from pipeline.records import to_plain
+from pipeline.records.plain import to_plain
 from pipeline.scene.load import load, open_dataset
-from pipeline.scene.opening import open_stage
-from pipeline.scene.problems import StageError
-from pipeline.scene.reading import read_prescription
-from pipeline.scene.values import plain
+from pipeline.scene.read.prims import read_prescription
+from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.usd.problems import StageError
+from pipeline.scene.usd.values import plain
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
@@ -142,7 +142,7 @@ def test_the_camera_of_a_request_is_focused_and_traces_rays(tmp_path):
     assert isinstance(entry.asked, FocusRequest) and entry.asked.sensor_distance_mm is None
     assert foci(entry.camera)[1].focus_distance_mm == pytest.approx(420, rel=1e-12)
     assert entry.camera is entry.camera, "solved once"
-    bundle = entry.camera.bundle(23.5, 19.5, samples=256)
+    bundle = pipeline.bundle(entry.camera, 23.5, 19.5, samples=256)
     assert len(bundle.weight_sr) > 0 and np.isfinite(bundle.mean_at(420.0)).all()
 
 

@@ -5,8 +5,11 @@ import zipfile
 import pytest
 
 from pipeline.confine.process import Guards
-from pipeline.scene import check, judged_layers, layer_files, load, prescan
+from pipeline.scene import load
+from pipeline.scene.check import stage
 from pipeline.scene.load import Look
+from pipeline.scene.trust import judged_layers, prescan
+from pipeline.scene.usd import layer_files
 
 HEAD = '#usda 1.0\n(\n    defaultPrim = "A"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)\n'
 PART = HEAD + 'def Xform "A"\n{\n    custom string said = "PUBLIC"\n}\n'
@@ -55,7 +58,7 @@ def test_a_link_that_is_turned_outside_while_a_stage_is_read_changes_nothing(pla
         return original(*arguments)
 
     monkeypatch.setattr(module, step, turned)
-    monkeypatch.setattr(check, "check_used", lambda *_: [])  # it would notice the link, and is no reason to pass here
+    monkeypatch.setattr(stage, "check_used", lambda *_: [])  # it would notice the link, and is no reason to pass here
     loaded = load.load(places / "s.usda", guards=guards)
 
     assert (places / "folder/part.usda").read_text() == SECRET
@@ -146,7 +149,7 @@ def test_a_package_that_is_exchanged_before_usd_opens_it_is_refused(packages, nt
         return original(identifier, *arguments, **options)
 
     monkeypatch.setattr(prescan, "layer_of", turned)
-    monkeypatch.setattr(check, "check_used", lambda *_: [])
+    monkeypatch.setattr(stage, "check_used", lambda *_: [])
     loaded = load.load(packages / "s.usda")
 
     assert (packages / "folder/part.usdz").read_bytes() == (packages.parent / "outside/part.usdz").read_bytes()

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.camera.focus import focused
+import pipeline
+from pipeline.app.build import project
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.scene.load import load
-from pipeline.target.checkerboard import Checkerboard
-from pipeline.target.lines import Lines
-from pipeline.target.preview import preview_faces
-from pipeline.target.target import Target
-from pipeline.tasks.build import project
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.lines import Lines
+from pipeline.targets.preview import preview_faces
+from pipeline.targets.target import Target
 
 ROOT = Path(__file__).resolve().parents[2]
 SNIPPET = re.search(r"```usda\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)[1]
@@ -95,7 +96,7 @@ def test_the_frustum_is_the_field_that_real_rays_leave_the_camera_in(stage, tmp_
     main = dataclasses.replace(camera, microlenses=None)
 
     def slope(x_px, y_px):
-        rays = main.bundle(x_px, y_px, samples=4096)
+        rays = pipeline.bundle(main, x_px, y_px, samples=4096)
         return (np.array(rays.mean_at(10_000.0)) - np.array(rays.mean_at(1000.0))) / 9000.0
 
     left, right = slope(-0.5, 299.5)[0], slope(799.5, 299.5)[0]
@@ -104,7 +105,9 @@ def test_the_frustum_is_the_field_that_real_rays_leave_the_camera_in(stage, tmp_
     width = right - left
     assert np.abs(np.array(viewed["window"]) - wanted).max() < 1e-3 * width
     assert viewed["focus"] == pytest.approx(429.52, abs=0.01)  # of the middle type, see tests/cli/test_show.py
-    pupil = main.bundle(399.5, 299.5, samples=4096).at_distance(-6.123)  # where the library's lens has it, published
+    pupil = pipeline.bundle(main, 399.5, 299.5, samples=4096).at_distance(
+        -6.123
+    )  # where the library's lens has it, published
     assert viewed["lens_radius"] == pytest.approx(np.hypot(*np.array(pupil)[:, :2].T).max(), rel=0.01)
     assert viewed["clipping"][0] < 350 and viewed["clipping"][1] > 1000
 

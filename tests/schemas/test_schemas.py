@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from pxr import Gf, Plug, Sdf, Usd, Vt
 
-from pipeline.scene.register import library_path, plugin_path
-from pipeline.scene.values import range_of
+from pipeline.scene.usd.register import library_path, plugin_path
+from pipeline.scene.usd.values import range_of
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = (
@@ -221,8 +221,8 @@ def test_a_library_of_ones_own_is_searched_after_ours(tmp_path):
 
 
 def test_the_schema_knows_the_dictionaries_and_shapes_that_we_read():
-    from pipeline.scene.reading_targets import PATTERNS, SHAPES
-    from pipeline.target.dictionaries import DICTIONARIES
+    from pipeline.scene.read.targets import PATTERNS, SHAPES
+    from pipeline.targets.patterns.dictionaries import DICTIONARIES
 
     for schema in ("PlenCharuco", "PlenAprilGrid"):
         assert tuple(definition(schema).GetPropertyMetadata("plen:dictionary", "allowedTokens")) == DICTIONARIES

@@ -8,8 +8,10 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.camera.camera import CameraError, MicrolensArray, Sensor
-from pipeline.camera.printed import PrintedCamera
+from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.imported_camera import PrintedCamera
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.files.lenses.blender import read_blender
 from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens

@@ -11,8 +11,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from pipeline.camera.camera import CameraError, MicrolensArray, Sensor
-from pipeline.camera.printed import PrintedCamera
+from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.imported_camera import PrintedCamera
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.files.lenses.text import UnreadableLens, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 

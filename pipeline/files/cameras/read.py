@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pipeline.camera.printed import PrintedCamera
+from pipeline.camera.parts.imported_camera import PrintedCamera
 from pipeline.files.cameras.blender import read_blender_camera
 from pipeline.files.cameras.libpleno import read_libpleno
 from pipeline.files.lenses.text import UnreadableLens

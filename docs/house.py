@@ -1,0 +1,117 @@
+"""Numbers of the house: modules, lines and functions of every room. `--write` puts them into CONTRIBUTING.md.
+
+python docs/house.py [--write]
+"""
+
+import argparse
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "CONTRIBUTING.md"
+BEGIN, END = "<!-- python docs/house.py --write -->\n", "<!-- end -->\n"
+LONG_FUNCTION, MANY_PARAMETERS = 40, 6
+"""Lines, docstring and signature counted, and parameters of a function that the sheet counts as too many."""
+KERNELS = ("kernel", "unit", "inline", "buffers", "DeviceKernel")
+HEAD = (
+    *("room", "modules", "lines", "median", "largest", f"functions > {LONG_FUNCTION} lines"),
+    *(f"> {MANY_PARAMETERS} parameters", "kernels > 8", "docstrings"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function: its name, its lines, its parameters without `self`, and whether Numba compiles it."""
+
+    name: str
+    lines: int
+    parameters: int
+    is_kernel: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Module:
+    """A module: its path below the package, lines in all and of docstrings, and its functions."""
+
+    path: Path
+    lines: int
+    docstring_lines: int
+    functions: tuple[Function, ...]
+
+    @property
+    def room(self) -> str:
+        """The folder that it stands in."""
+        return "/".join(self.path.parts[:-1]) or "."
+
+
+def modules() -> list[Module]:
+    """All modules of the package that hold something."""
+    package = ROOT / "pipeline"
+    paths = sorted(path for path in package.rglob("*.py") if path.stat().st_size)
+    return [_module(path, path.relative_to(package)) for path in paths]
+
+
+def functions_of(tree: ast.AST) -> Iterator[Function]:
+    """Functions and methods of a syntax tree, nested ones, too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            asked = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            count = len(asked) - sum(one.arg in ("self", "cls") for one in asked[:1])
+            decorators = {getattr(one, "id", "") for one in node.decorator_list}
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            yield Function(node.name, lines, count, bool(decorators & set(KERNELS)))
+
+
+def sheet() -> str:
+    """The table, one row per room and one for all."""
+    found = modules()
+    rooms = sorted({module.room for module in found})
+    rows = [_row(room, [module for module in found if module.room == room]) for room in rooms]
+    lines = [HEAD, ("---",) * len(HEAD), *rows, _row("all", found)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _module(path: Path, name: Path) -> Module:
+    text = path.read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    return Module(name, len(text.splitlines()), sum(_docstring_lines(tree)), tuple(functions_of(tree)))
+
+
+def _docstring_lines(tree: ast.AST) -> Iterator[int]:
+    for node in ast.walk(tree):
+        for one in getattr(node, "body", []) if isinstance(getattr(node, "body", None), list) else []:
+            if isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str):
+                yield (one.end_lineno or one.lineno) - one.lineno + 1
+
+
+def _row(room: str, found: list[Module]) -> tuple[str, ...]:
+    functions = [function for module in found for function in module.functions]
+    sizes = [module.lines for module in found]
+    largest = max(found, key=lambda module: module.lines)
+    numbers = (
+        sum(function.lines > LONG_FUNCTION for function in functions),
+        sum(function.parameters > MANY_PARAMETERS and not function.is_kernel for function in functions),
+        sum(function.parameters > 8 and function.is_kernel for function in functions),
+    )
+    share = sum(module.docstring_lines for module in found) / sum(sizes)
+    name = room if room == "all" else f"`{room}`"
+    shown = (str(len(found)), f"{sum(sizes):,}", f"{median(sizes):.0f}", f"{largest.lines} ({largest.path.stem})")
+    return (name, *shown, *map(str, numbers), f"{share:.0%}")
+
+
+def main() -> None:
+    """Print the table, or put it into CONTRIBUTING.md."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="into CONTRIBUTING.md")
+    if not parser.parse_args().write:
+        print(sheet(), end="")
+        return
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    PAGE.write_text(f"{head}{BEGIN}{sheet()}{END}{rest.partition(END)[2]}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,231 @@
+"""Build a dataset: the way from a stage to its output folder."""
+
+import dataclasses
+import platform
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import pipeline
+from pipeline.app.sandbox import project_of_untrusted
+from pipeline.engine.events import Emit, silent
+from pipeline.engine.locks import Errand, locked
+from pipeline.engine.options import BuildOptions, Caller
+from pipeline.engine.planning.graph import TASKS, TaskGraph
+from pipeline.engine.planning.libraries import installed_version
+from pipeline.engine.project import Project
+from pipeline.engine.running import session
+from pipeline.engine.running.engines import Engine, Processes
+from pipeline.engine.running.result import Result
+from pipeline.engine.store.store import Store
+from pipeline.errors import UsageError
+from pipeline.graph.dataset_graph import graph_of
+from pipeline.graph.devices import on_device
+from pipeline.graph.preview import folder_of, only_images, preview_of
+from pipeline.jit.files import make_folder, read, say, write
+from pipeline.limits import limits
+from pipeline.machine.processor import level
+from pipeline.records.declared import arguments_settled
+from pipeline.scene.dataset import Dataset
+from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.spelling import nearest
+from pipeline.tasks.first_order import CONVENTIONS
+
+__all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
+
+_VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
+
+
+def default_out(stage: Path) -> Path:
+    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`, in the working directory.
+
+    Raises
+    ------
+    UsageError
+        The file has no name to take.
+    """
+    stage = stage.resolve()
+    name = stage.parent.name if stage.stem == "dataset" else stage.stem
+    if name in ("", ".", ".."):  # as of `...usda`, whose folder would be the working directory
+        raise UsageError(f"no output folder can be named after {stage}", hint="name one with -o")
+    return Path("build") / name
+
+
+def project(
+    path: str | Path,
+    out: str | Path | None = None,
+    allow_roots: Iterable[str | Path] = (),
+    *,
+    untrusted: bool = False,
+    preview: bool = False,
+    warn: Callable[[str], None] = say,
+) -> Project:
+    """Everything that a build of a stage consists of. Nothing is run or written.
+
+    Parameters
+    ----------
+    untrusted : bool
+        Read the stage in a confined process, see `sandbox`.
+    preview : bool
+        Pictures of a quarter of the size instead, see `preview`, by default into a folder of their own.
+    warn : callable
+        Gets what a confined process lacks on this machine.
+
+    Raises
+    ------
+    StageError
+        The stage does not pass `check`; the error carries all problems.
+    """
+    place = Path(out) if out else default_out(Path(path))
+    place = folder_of(place) if preview and not out else place
+    if untrusted:
+        return project_of_untrusted(Path(path), place, allow_roots, preview=preview, warn=warn)
+    return project_from(load(path, allow_roots), Path(path), place, preview=preview)
+
+
+def project_from(loaded: Loaded, path: Path, out: Path, *, preview: bool = False) -> Project:
+    """The project of a stage that was loaded, or of its preview."""
+    dataset = require_dataset(loaded, path)
+    if preview:
+        return only_images(_project_of(preview_of(dataset), loaded, path, out))
+    return _project_of(dataset, loaded, path, out)
+
+
+def _project_of(dataset: Dataset, loaded: Loaded, path: Path, out: Path) -> Project:
+    graph, files, certificates = graph_of(dataset)
+    files["dataset.usda"] = loaded.flattened.encode()
+    head = {
+        "stage": f"{path.name} </{dataset.stage_name}>",
+        "conventions": CONVENTIONS,
+        "versions": {
+            "pipeline": pipeline.__version__,
+            **{name: installed_version(name) for name in _VERSIONS},
+        },
+        "seeds": {"dataset": dataset.seed},
+    }
+    return Project(
+        graph=graph,
+        files=files,
+        head=head,
+        findings={
+            "certificate": certificates,
+            "points": {name: (task, "points.json") for name, (task, _) in certificates.items()},
+        },
+        out=out,
+        stage_id=str(path.resolve()),
+        reads=loaded.files,
+        places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
+        source=loaded.composed.to_plain() if loaded.composed else None,
+    )
+
+
+@arguments_settled(UsageError)
+def build(
+    path: str | Path,
+    out: str | Path | None = None,
+    *,
+    on_event: Callable[[dict[str, Any]], None] | None = None,
+    **options: Any,
+) -> Result:
+    """Build a dataset stage: run what is missing, fill the output folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        The stage, e.g. `examples/02_plenoptic/dataset.usda`.
+    out : str or Path, optional
+        Output folder; see `default_out`.
+    on_event : callable, optional
+        Gets a dict for every start and end of a task.
+    **options
+        Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
+        check_percent, engine, device, allow_roots, untrusted, preview.
+
+    Returns
+    -------
+    Result
+        With `out`, `executed`, `cached`, `failed` and the tasks; failures are in it, not raised.
+
+    Raises
+    ------
+    StageError
+        The stage does not pass `check`; then nothing is written.
+    UsageError
+        An argument is not of its kind, or out of its range, or there is no such option.
+    """
+    known = [field.name for field in dataclasses.fields(BuildOptions)]
+    for name in options.keys() - set(known):
+        near = nearest(name, known)
+        hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
+        raise UsageError(f"build has no option {name!r}", hint=hint)
+    return build_with(path, out, BuildOptions(**options), on_event or silent)
+
+
+def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
+    """`build` with its options in a record."""
+
+    def warn(text: str) -> None:
+        on_event({"event": "warning", "text": text})
+
+    roots, untrusted = options.allow_roots, options.untrusted
+    dataset = project(path, out, roots, untrusted=untrusted, preview=options.preview, warn=warn)
+    if options.device is not None:
+        dataset = on_device(dataset, options)
+    caller = Caller(on_event=on_event, prepare=lambda: compile_once(warn, dataset.graph, options.workers))
+    return session.build(dataset, options, engine=_place(options), caller=caller)
+
+
+def _place(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] | None:
+    """Another place for tasks than usual: a cluster, or workers that may not take whatever a stage makes them need."""
+    most, timeout_s = limits(), options.timeout_s
+    if options.untrusted and timeout_s is None:
+        timeout_s = most.task_s
+    if options.engine:
+        from pipeline.engine.running.cluster import engine_of
+
+        return engine_of(options.engine, timeout_s)
+    if not options.untrusted:
+        return None
+    return lambda store, packages: Processes(
+        store, packages, options.workers, timeout_s=timeout_s, memory_bytes=most.task_bytes
+    )
+
+
+def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:
+    """Compile kernels that are not there and whole, before several workers would each do it.
+
+    All kernels, or those that the tasks of a graph call; where there may be several workers, two processes share the
+    work. A list beside them says which there are. Builders that start together wait for the first one.
+
+    Raises
+    ------
+    EnvironmentFault
+        The disk is full.
+    """
+    from pipeline.app.kernel_steps import STEPS, steps_of
+    from pipeline.jit.decorators import cache_folder
+
+    folder = cache_folder()
+    steps = tuple(STEPS) if graph is None else steps_of(graph[name] for name in graph)
+    made_by = f"{level()}-numba-{installed_version('numba')}-python-{platform.python_version()}"
+    listed = folder / f"{'-'.join(steps)}-{made_by}"
+    if _are_whole(listed, warn):
+        return
+    make_folder(folder, warn)
+    with locked(folder / "lock", errand=Errand(doing="compiles kernels", say=warn)):
+        if not _are_whole(listed, warn):
+            from pipeline.app.compile_kernels import compile_kernels, compile_together
+            from pipeline.jit import cache
+
+            # A list that is there means that few are damaged.
+            (compile_together if workers > 1 and not listed.exists() else compile_kernels)(steps)
+            write(listed, "\n".join(sorted(cache.used)).encode(), warn)
+
+
+def _are_whole(listed: Path, warn: Callable[[str], None]) -> bool:
+    """Whether all kernels of a list can be read; those that cannot be are named and removed."""
+    names = read(listed, warn)
+    if names is None:
+        return False
+    bad = [name for name in names.decode().split() if read(listed.with_name(name), warn) is None]
+    return not bad

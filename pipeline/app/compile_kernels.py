@@ -1,0 +1,162 @@
+"""Compile kernels by running tiny cameras through them; afterwards workers find the code in the kernel cache.
+
+Steps that a graph does not need are left out: see `app.kernel_steps`.
+"""
+
+import contextlib
+import dataclasses
+import gc
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable
+
+import numpy as np
+
+from pipeline.app.kernel_steps import STEPS
+from pipeline.camera.integrating import edge_kernels
+from pipeline.camera.integrating.quadrature import edges
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.micro_images.light import micro_light
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.confine.kernel import END_WITH_PARENT, prctl
+from pipeline.machine.another_python import command
+from pipeline.machine.processor import settings
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.render.imaging import irradiance_and_crosstalk, pictures
+from pipeline.render.light import TargetLight
+from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.surfaces import Cylinder, Warped
+from pipeline.targets.target import AnyTarget, Target
+from pipeline.truth.grid import quad_search
+
+
+def compile_kernels(steps: Iterable[str] = STEPS, *, backwards: bool = False) -> None:
+    """Run every kernel of some steps once, with the argument types of real work."""
+    parts = [part for step in steps for part in _RUN[step]]
+    gc.disable()  # A compiler's records live to the end: looking for rubbish among them takes a tenth of the time.
+    try:
+        for part in reversed(parts) if backwards else parts:
+            part()
+    finally:
+        gc.enable()
+
+
+def compile_together(steps: Iterable[str] = STEPS) -> None:
+    """The same while another process begins at the other end; what either has compiled the other one loads."""
+    steps = tuple(steps)
+    with contextlib.ExitStack() as last:
+        with contextlib.suppress(OSError):  # no process to be had: one compiles all
+            helper = subprocess.Popen(
+                command("pipeline.app.compile_kernels:help_compiling", *steps),
+                env={**os.environ, **settings()},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            last.callback(helper.wait)
+            last.callback(helper.kill)
+        compile_kernels(steps)
+
+
+def help_compiling() -> None:
+    """Compile the steps that the command line names. Errors are left to the process that waits for the code."""
+    prctl(END_WITH_PARENT, signal.SIGKILL)
+    with contextlib.suppress(Exception):
+        compile_kernels(sys.argv[1:], backwards=True)
+
+
+def _tracer() -> Tracer:
+    stop = Surface(semi_diameter_mm=1.0, is_stop=True)
+    sensor = Sensor(width_px=2, height_px=2, pitch_mm=0.01)
+    return Tracer(Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0))
+
+
+def _plenoptic(tilt_x_deg: float) -> Tracer:
+    array = MicrolensArray(
+        pitch_mm=0.1, focal_lengths_mm=(1.0,), columns=1, rows=1, distance_mm=1.0, tilt_x_deg=tilt_x_deg
+    )
+    return Tracer(dataclasses.replace(_tracer().camera, microlenses=array))
+
+
+_POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
+
+
+def _bundles() -> None:
+    _tracer().moments(_POSITION, _NO_LENS, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64))
+
+
+def _edges() -> None:
+    found = edges(_tracer().arrays, _POSITION, _NO_LENS)
+    found.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
+    edge_kernels.spread(found.polygons, found.counts, np.zeros((1, 1, 2)))
+
+
+def _microlenses() -> None:
+    micro_images(_plenoptic(1.0))
+
+
+def _micro_images() -> None:
+    tracer = _plenoptic(0.0)
+    micro_light(tracer, micro_images(tracer))
+
+
+def _pictures(tracer: Tracer) -> None:
+    board, place = Target(Checkerboard(columns=2, rows=1, square_mm=1.0)), np.eye(4)
+    place[2, 3] = 100.0
+    occluder = Occluder(vertices_mm=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), triangles=((0, 1, 2),))
+    scenes = [TargetLight([(board, place)], 0.0), TargetLight([(board, place)], 0.0, [(occluder, place)])]
+    images = micro_images(tracer) if tracer.camera.microlenses else None
+    white, foreign = irradiance_and_crosstalk(tracer, images, 1, None)
+    pictures(tracer, images, 1, scenes, np.array([white - foreign, foreign]))
+
+
+def _pictures_of_a_lens() -> None:
+    _pictures(_tracer())
+
+
+def _pictures_behind_microlenses() -> None:
+    _pictures(_plenoptic(0.0))
+
+
+def _board() -> None:
+    _shine(Target(Checkerboard(columns=2, rows=1, square_mm=1.0)))
+
+
+def _shapes() -> None:
+    board = Checkerboard(columns=2, rows=1, square_mm=1.0)
+    board.radiance(np.zeros(1), np.zeros(1))
+    corners, one = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 1.0),)
+    for shape in (Warped(deflection_mm=(0.0, 0.0)), Cylinder(radius_mm=9.0)):
+        _shine(Target(board, shape))
+    _shine(MeshTarget(vertices_mm=corners, triangles=((0, 1, 2),), albedo=one, points_mm=one, normals=one))
+
+
+def _shine(target: AnyTarget) -> None:
+    ray = np.array([[0.0, 0.0, 1.0]])
+    target.points()
+    TargetLight([(target, np.eye(4))], 0.0).radiance(ray, ray)
+
+
+def _search() -> None:
+    image, cell, quads = np.zeros((2, 2, 2)), np.zeros((2, 2), np.int64), np.zeros((1, 3), np.int64)
+    quad_search.quads_that_hold(image, cell, np.zeros((1, 2)), quads)
+    quad_search.solve_quads(
+        image, cell, np.zeros((1, 2)), quads, True, 0.1, 0.1, np.zeros(1, np.int64), np.zeros((1, 9))
+    )
+    quad_search.nearest_positions(image, cell, np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1, 2), np.int64))
+
+
+_RUN = {
+    "lens": (_bundles, _edges),
+    "microlenses": (_microlenses,),
+    "micro_images": (_micro_images,),
+    "images": (_pictures_of_a_lens, _pictures_behind_microlenses, _board),
+    "shapes": (_shapes,),
+    "search": (_search,),
+}

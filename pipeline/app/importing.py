@@ -1,0 +1,94 @@
+"""Files of other programs to stages: read, written as USD, checked. What is lost on the way is said."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.errors import UsageError
+from pipeline.files.cameras.read import read_camera_file
+from pipeline.files.lenses.read import read_lens
+from pipeline.files.lenses.text import UnreadableLens
+from pipeline.optics.prescription import PrescriptionError
+from pipeline.optics.printed import Lost
+from pipeline.scene.load import load
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.write.cameras import camera_text
+from pipeline.scene.write.text import lens_text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """A lens or a camera as a stage.
+
+    Attributes
+    ----------
+    text : str
+        The .usda file.
+    warnings : tuple of str
+        What the file says and the stage does not, with file and line.
+    """
+
+    text: str
+    warnings: tuple[str, ...]
+
+
+def import_lens(path: Path, spacing: str | None = None, **beam: float | None) -> Imported:
+    """The lens of a file as a stage of its own; arguments as of `read_lens`.
+
+    Raises
+    ------
+    UnreadableLens
+        The file cannot be read, or its lens cannot be represented.
+    """
+    lens = read_lens(path, spacing, **beam)
+    try:
+        text = lens_text(replace(lens, provenance=(*lens.provenance, *_losses(lens.lost))))
+    except PrescriptionError as error:
+        raise UnreadableLens(path, error.what, hint=error.hint) from None
+    return Imported(text=text, warnings=tuple(_warnings(path, lens.lost)))
+
+
+def import_camera(path: Path, lens: Path | None = None) -> Imported:
+    """The camera of a file as a rig; `lens` is the lens table of a camera of the Blender add-on.
+
+    Raises
+    ------
+    UnreadableLens
+        The file cannot be read, or its camera cannot be represented.
+    """
+    camera = read_camera_file(path, lens)
+    lost = (*camera.lens.lost, *camera.lost)
+    try:
+        text = camera_text(replace(camera, provenance=(*camera.provenance, *_losses(lost))))
+    except (PrescriptionError, CameraError) as error:
+        raise UnreadableLens(path, error.what, hint=error.hint) from None
+    return Imported(text=text, warnings=tuple(_warnings(path, lost)))
+
+
+def write_stage(text: str, out: Path) -> list[Problem]:
+    """Write a new stage and check it: its problems."""
+    if out.suffix != ".usda":
+        raise UsageError(f"{out} must end in .usda")
+    try:
+        with out.open("x", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+    except FileExistsError:
+        raise UsageError(f"{out} exists", hint="choose another name, or remove it") from None
+    except OSError as error:
+        raise UsageError(f"{out} cannot be written: {error.strerror}") from None
+    return load(out).problems
+
+
+def _losses(lost: Iterable[Lost]) -> Iterator[str]:
+    if said := "; ".join(one.what for one in lost):
+        yield f"Not part of this stage, or decided on import: {said}."
+
+
+def _warnings(path: Path, lost: Iterable[Lost]) -> Iterator[str]:
+    for one in lost:
+        yield f"{_place(path, one)}: warning: {one.what}"
+
+
+def _place(path: Path, lost: Lost) -> str:
+    return f"{path}:{lost.line}" if lost.line else f"{path}"

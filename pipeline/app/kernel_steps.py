@@ -1,0 +1,42 @@
+"""Steps of the compilation of kernels, and which of them a graph needs.
+
+A kernel that is missing nevertheless is compiled by the worker that calls it.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+from pipeline.engine.planning.graph import Task
+
+STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search")
+"""Traces and quadrature of any lens; microlenses that are not plain; micro-images; images; targets that are not flat;
+the search in position images."""
+_OF_KIND = {"image": "images", "white": "images", "micro_images": "micro_images"}
+_NOT_FLAT = ("warped", "height-map", "cylinder", "mesh")
+
+
+def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
+    """Names of the steps that tasks need, in the order of `STEPS`."""
+    found = {"lens"}
+    for task in tasks:
+        kind = task.short_kind.removesuffix("_tile")
+        found.add(_OF_KIND.get(kind, "lens"))
+        if task.short_kind == "focus" and _are_bent((task.params["camera"] or task.params["request"])["microlenses"]):
+            found.add("microlenses")
+        if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":
+            found.add("search")
+        view = task.params.get("view") or {}
+        if any(_kind_of(placed["target"]) in _NOT_FLAT for placed in view.get("targets", ())):
+            found.add("shapes")
+    return tuple(step for step in STEPS if step in found)
+
+
+def _are_bent(array: dict[str, Any] | None) -> bool:
+    """Whether microlenses are not thin and parallel to the sensor."""
+    return array is not None and (array["model"] != "thin" or array["tilt_x_deg"] != 0 or array["tilt_y_deg"] != 0)
+
+
+def _kind_of(target: Any) -> str:
+    """Kind of a target's surface."""
+    kind: str = target["surface"]["kind"] if "surface" in target else target["kind"]
+    return kind

@@ -1,0 +1,84 @@
+"""What `pipeline target` prints and writes: the target of a stage as a sheet of paper."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.app.chosen import chosen
+from pipeline.engine.files import chosen_place
+from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
+from pipeline.files.pdf import write_pdf
+from pipeline.report.artwork import pages_of, pdf_content, svg
+from pipeline.scene.dataset import TargetEntry
+from pipeline.scene.load import load
+from pipeline.scene.usd.problems import Problem, StageError, shown_path
+from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.target import Target
+
+
+@dataclass(frozen=True)
+class Artwork:
+    """One target of a stage.
+
+    Attributes
+    ----------
+    entry : TargetEntry
+    warnings : list of Problem
+        Of its stage.
+    """
+
+    entry: TargetEntry
+    warnings: list[Problem]
+
+    def page(self) -> list[str]:
+        """Lines for a terminal."""
+        target = self.entry.target
+        points = target.points()
+        title = target.title() if isinstance(target, MeshTarget) else target.pattern.title()
+        shape = "mesh" if isinstance(target, MeshTarget) else target.surface.KIND
+        lines = [f"{self.entry.name}: {title}", f"shape   {shape}"]
+        if isinstance(target, Target):
+            lines.append(f"ids     {target.pattern.ORDER}")
+        kinds = {kind: points.kinds.count(kind) for kind in dict.fromkeys(points.kinds)}
+        lines.append("points  " + ", ".join(f"{count} x {kind}" for kind, count in kinds.items()))
+        low, high = points.position_mm.min(axis=0) + 0.0, points.position_mm.max(axis=0) + 0.0
+        lines.append("extent  " + ", ".join(f"{a} {x:g} to {y:g} mm" for a, x, y in zip("xyz", low, high, strict=True)))
+        return lines
+
+    def write_svg(self, path: Path) -> None:
+        """All pages below one another."""
+        with chosen_place("write", path):
+            write_drawing(path, svg(pages_of(self._printable(), self.entry.name)))
+
+    def write_pdf(self, path: Path) -> None:
+        """A page per chart."""
+        pages = pages_of(self._printable(), self.entry.name)
+        with chosen_place("write", path):
+            write_pdf(path, [(page.width_mm, page.height_mm, pdf_content(page)) for page in pages])
+
+    def _printable(self) -> Target:
+        if isinstance(self.entry.target, MeshTarget):
+            raise UsageError(f'"{self.entry.name}" is a mesh, which cannot be printed on paper')
+        return self.entry.target
+
+
+def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Artwork:
+    """The target of a stage, of a dataset or of the library.
+
+    Raises
+    ------
+    StageError
+        The stage does not pass `check`, or holds no target.
+    UsageError
+        There is no target of that name, or several and none is named.
+    """
+    loaded = load(path, allow_roots)
+    if loaded.errors:
+        raise StageError(loaded.problems)
+    names = [entry.name for entry in loaded.targets]
+    if not names:
+        hint = "name a dataset or a file of stages/targets"
+        file = shown_path(Path(path).resolve())
+        raise StageError([Problem(code="no-target", message="the stage holds no target", file=file, line=1, hint=hint)])
+    return Artwork(loaded.targets[chosen(path, "target", names, target)], loaded.problems)

@@ -1,0 +1,100 @@
+"""Reading a stage that nobody vouches for: in a confined process, which has nothing to write and may crash.
+
+Only JSON comes back. The stage's folders, the library and the installation are all that the process may read; the
+checks of the asset roots run there too, see `scene.trust.prescan`, for kernels without Landlock.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pipeline.confine.process import Bounds, Ended, Guards, ask
+from pipeline.engine.output.manifest import is_plain_path
+from pipeline.engine.project import Project, project_from_plain
+from pipeline.errors import UsageError
+from pipeline.jit.files import say
+from pipeline.roots import allowed_roots, readable_for
+from pipeline.spelling import printable
+
+BOUNDS = Bounds()
+
+
+def project_of_untrusted(
+    path: Path,
+    out: Path,
+    allow_roots: Iterable[str | Path],
+    *,
+    preview: bool = False,
+    warn: Callable[[str], None] = say,
+) -> Project:
+    """The project of a stage, read in the sandbox; a warning tells of guards that are not in force.
+
+    Raises
+    ------
+    UsageError
+        The stage does not pass `check`, or reading it took more than is allowed.
+    """
+    try:
+        told, guards = _ask(path, allow_roots, check=False, preview=preview)
+        if "error" in told:
+            raise UsageError(_shown(told["error"]))
+        project = project_from_plain(told["project"])
+    except Ended as error:
+        raise UsageError(_problem(error, path)["text"]) from None
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise UsageError(f"{path}: reading it gave no project") from None
+    if not (guards.landlock and guards.seccomp):
+        warn(f"{path} was read with less than --untrusted has elsewhere: {guards}")
+    # Whoever takes over that process shall not choose where files go.
+    if not all(map(is_plain_path, project.files)):
+        raise UsageError(f"{path}: it names files outside of the output folder")
+    stage_id = f"{path.resolve()}{' preview' if preview else ''}"
+    return replace(project, out=out, stage_id=stage_id)
+
+
+def problems_of_untrusted(path: Path, allow_roots: Iterable[str | Path]) -> tuple[list[dict[str, Any]], Guards]:
+    """Problems that `check` finds in the sandbox (fields of `Problem`, and its `text`), and the guards in force."""
+    try:
+        told, guards = _ask(path, allow_roots, check=True)
+        return [{**row, "text": _shown(str(row["text"]))} for row in told["problems"]], guards
+    except Ended as error:
+        return [_problem(error, path)], error.guards
+
+
+def answer(question: dict[str, Any], guards: Guards) -> dict[str, Any]:
+    """The same in the sandbox: `problems`, or the `project`, or why there is none as `error`."""
+    from pipeline.app.build import project_from
+    from pipeline.scene.load import load
+    from pipeline.scene.usd.problems import StageError
+
+    path = Path(question["path"])
+    loaded = load(path, question["allow_roots"], look=question["check"], guards=guards)
+    if question["check"]:
+        return {"problems": [_row(problem) for problem in loaded.problems]}
+    try:
+        return {"project": project_from(loaded, path, Path(), preview=question["preview"]).to_plain()}
+    except StageError as error:
+        return {"error": str(error)}
+
+
+def _ask(path: Path, allow_roots: Iterable[str | Path], *, check: bool, preview: bool = False) -> tuple[Any, Guards]:
+    roots = list(map(str, allow_roots))
+    question = {"path": str(path), "check": check, "preview": preview, "allow_roots": roots}
+    return ask("pipeline.app.sandbox:answer", question, readable_for(allowed_roots(path, roots)), BOUNDS)
+
+
+def _problem(error: Ended, path: Path) -> dict[str, Any]:
+    from pipeline.scene.trust.trial import unreadable
+
+    hint = f"--untrusted allows {BOUNDS.memory_bytes // 2**30} GiB and {BOUNDS.cpu_s:g} s of computing"
+    return _row(replace(unreadable(error, path), hint=f"{hint}; see docs/limits.md"))
+
+
+def _row(problem: Any) -> dict[str, Any]:
+    return {**problem.to_dict(), "text": str(problem)}
+
+
+def _shown(text: str) -> str:
+    """A text of the sandbox for a terminal, whatever became of the process there."""
+    return "\n".join(map(printable, text.split("\n")))

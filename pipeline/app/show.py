@@ -1,0 +1,202 @@
+"""Content of `pipeline show`: the same records and figures as a build, without a build."""
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pipeline.app.chosen import chosen
+from pipeline.camera.figures.equivalent_pinhole import pinhole
+from pipeline.camera.figures.field_curves import FieldCurves, field_curves
+from pipeline.camera.figures.first_order_figures import lens_report
+from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
+from pipeline.engine.files import chosen_place
+from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
+from pipeline.files.jsonfile import json_bytes
+from pipeline.graph.dataset_graph import labels_of
+from pipeline.optics.first_order import first_order
+from pipeline.report import drawing, text
+from pipeline.scene.dataset import CameraEntry, LensEntry
+from pipeline.scene.load import load
+from pipeline.scene.usd.problems import Problem, StageError, blamed_on, shown_path
+from pipeline.tasks.first_order import CONVENTIONS, document
+
+_CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
+"""Sensor before which a lens alone is shown: half its diagonal over the focal length, the first with a chief ray in its
+corners, and pixels along an edge."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One camera of a stage.
+
+    Attributes
+    ----------
+    entry : CameraEntry
+    warnings : list of Problem
+        Of its stage.
+    """
+
+    entry: CameraEntry
+    warnings: list[Problem]
+
+    @property
+    def name(self) -> str:
+        """Name of the camera."""
+        return self.entry.name
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The focused camera."""
+        return self.entry.camera
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """Contents of camera.json."""
+        return document(labels_of(self.entry), self.camera, pinhole(self.camera))
+
+    @cached_property
+    def curves(self) -> FieldCurves:
+        """Illumination and distortion over the field."""
+        return field_curves(self.camera, middle_focus(self.camera))
+
+    def json(self) -> str:
+        """Plain values: those of camera.json, and the curves."""
+        return json_bytes({**self.document, "field_curves": self.curves.to_plain()}).decode()
+
+    def page(self) -> list[str]:
+        """Lines for a terminal."""
+        return text.page(self.entry.name, self.document, self.curves)
+
+    def plot(self, path: Path) -> None:
+        """Write the drawing of the lens."""
+        with blamed_on(self.entry.file, self.entry.line, self.entry.prim_path):
+            picture = drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}")
+        with chosen_place("write", path):
+            write_drawing(path, picture)
+
+
+@dataclass(frozen=True)
+class ShownLens:
+    """The lens of a stage that holds nothing else; attributes as those of `Shown`."""
+
+    entry: LensEntry
+    warnings: list[Problem]
+
+    @property
+    def name(self) -> str:
+        """Name of the prim of the lens."""
+        return self.entry.name
+
+    @property
+    def camera(self) -> Camera | None:
+        """The lens with a square sensor in its rear focus; None without a real image, or without a chief ray."""
+        return self._seen[0]
+
+    @property
+    def curves(self) -> FieldCurves | None:
+        """Illumination and distortion over the field, for objects at infinity."""
+        return self._seen[1]
+
+    @cached_property
+    def _seen(self) -> tuple[Camera, FieldCurves] | tuple[None, None]:
+        lens = first_order(self.entry.prescription)
+        if not (0 < lens.efl_mm < math.inf and lens.bfd_mm > 0):
+            return None, None
+        parts: dict[str, Any] = {
+            "prescription": self.entry.prescription,
+            "sensor_distance_mm": -lens.rear_focus_mm,
+        }
+        for corner in _CORNERS:
+            pitch_mm = corner * lens.efl_mm * math.sqrt(2) / _PIXELS
+            camera = Camera(sensor=Sensor(width_px=_PIXELS, height_px=_PIXELS, pitch_mm=pitch_mm), **parts)
+            try:
+                return camera, field_curves(camera, math.inf)
+            except CameraError:
+                continue  # no chief ray there
+        return None, None
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """Figures of the lens."""
+        head = {"name": self.entry.lens_name, "index_source": self.entry.index_source}
+        lens = {**head, **lens_report(self.entry.prescription)}
+        return {"conventions": CONVENTIONS, "wavelengths_nm": [self.entry.wavelength_nm], "lens": lens}
+
+    def json(self) -> str:
+        """The document and the curves."""
+        curves = self.curves.to_plain() if self.curves else None
+        return json_bytes({**self.document, "field_curves": curves}).decode()
+
+    def page(self) -> list[str]:
+        """Lines for a terminal."""
+        return text.lens_page(self.document, self.curves)
+
+    def plot(self, path: Path) -> None:
+        """Write the drawing of the lens."""
+        if self.camera is None:
+            raise UsageError("a lens without a real image cannot be drawn")
+        picture = drawing.svg(drawing.with_full_field(self.camera), self.entry.lens_name, film="rear focus")
+        with chosen_place("write", path):
+            write_drawing(path, picture)
+
+
+def show(
+    path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()
+) -> list[Shown | ShownLens]:
+    """The cameras of a stage, be it a dataset or a rig, or the one that is named; or the lens that a stage is.
+
+    Raises
+    ------
+    StageError
+        The stage does not pass `check`, or holds neither camera nor lens.
+    UsageError
+        There is no camera of that name.
+    """
+    loaded = load(path, allow_roots)
+    if loaded.errors:
+        raise StageError(loaded.problems)
+    names = [entry.name for entry in loaded.cameras]
+    if not names and loaded.lens and camera is None:
+        return [ShownLens(loaded.lens, loaded.problems)]
+    if not names:
+        hint = "name a dataset, a rig or a lens; a camera is a Camera with PlenCameraAPI"
+        file = shown_path(Path(path).resolve())
+        raise StageError([Problem(code="no-camera", message="the stage holds no camera", file=file, line=1, hint=hint)])
+    wanted = loaded.cameras if camera is None else [loaded.cameras[chosen(path, "camera", names, camera)]]
+    return [_shown(entry, loaded.problems) for entry in wanted]
+
+
+def _shown(entry: CameraEntry, problems: list[Problem]) -> Shown:
+    """One camera, whose figures are made here, where the place of what cannot be is known."""
+    with blamed_on(entry.file, entry.line, entry.prim_path):
+        shown = Shown(entry, problems)
+        _ = shown.document, shown.curves
+    return shown
+
+
+def plain_json(shown: list[Shown | ShownLens]) -> str:
+    """Plain values of one thing, or of several by their names."""
+    if len(shown) == 1:
+        return shown[0].json()
+    return json_bytes({one.name: json.loads(one.json()) for one in shown}).decode()
+
+
+def plot(shown: list[Shown | ShownLens], path: Path) -> None:
+    """Write the drawing of one thing.
+
+    Raises
+    ------
+    UsageError
+        There are several.
+    """
+    if len(shown) > 1:
+        names = ", ".join(one.name for one in shown)
+        raise UsageError(f"one drawing shows one of these cameras: {names}", hint="name it behind the stage")
+    shown[0].plot(path)

@@ -1,0 +1,170 @@
+"""`build`: from a stage to its output folder."""
+
+import shlex
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from pipeline.app.verbs.options import (
+    CheckDeterminism,
+    Device,
+    DryRun,
+    Engine,
+    Events,
+    Force,
+    KeepGoing,
+    Preview,
+    Profile,
+    Quiet,
+    Retries,
+    Targets,
+    Timeout,
+    Until,
+    Verbose,
+)
+from pipeline.app.verbs.planning import print_plan
+from pipeline.app.verbs.terminal import (
+    Jobs,
+    Json,
+    Out,
+    Roots,
+    Stage,
+    Untrusted,
+    note,
+    say,
+    say_json,
+)
+from pipeline.errors import Exit, PipelineError, UsageError
+
+
+def build(
+    stage: Stage,
+    targets: Targets = None,
+    out: Out = None,
+    as_json: Json = False,
+    events: Events = None,
+    verbose: Verbose = 0,
+    quiet: Quiet = 0,
+    profile: Profile = False,
+    jobs: Jobs = None,
+    dry_run: DryRun = False,
+    keep_going: KeepGoing = False,
+    force: Force = None,
+    until: Until = None,
+    retries: Retries = 0,
+    timeout: Timeout = None,
+    engine: Engine = None,
+    device: Device = None,
+    preview: Preview = False,
+    check_determinism: CheckDeterminism = 0,
+    allow_root: Roots = None,
+    untrusted: Untrusted = False,
+) -> None:
+    """Run what is missing and fill the output folder; the second time nothing runs."""
+    from pipeline.engine.options import BuildOptions
+
+    options = BuildOptions(
+        jobs=jobs,
+        keep_going=keep_going,
+        force=tuple(force or ()),
+        until=tuple(until or ()),
+        targets=tuple(targets or ()),
+        retries=retries,
+        timeout_s=timeout,
+        check_percent=check_determinism,
+        engine=engine,
+        device=device,
+        allow_roots=tuple(allow_root or ()),
+        untrusted=untrusted,
+        preview=preview,
+    )
+    if dry_run and device:
+        raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
+    if dry_run:
+        print_plan(stage, out, options, as_json=as_json)
+        return
+    try:
+        result = _run(stage, out, options, events, verbose - quiet)
+    except PipelineError as error:
+        if as_json:  # one object at the end, also after a failure
+            say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
+        raise
+    if as_json:
+        say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
+    elif result.delivery is not None:
+        for file in ("",) if result.delivery.asked is None else result.delivery.asked:
+            say(str(result.out / file))
+    is_quiet = quiet > verbose
+    if not is_quiet:
+        _say_points(result.points)
+    if profile and not as_json:
+        _say_profile(result)
+    is_refuted = _failed_certificate(result.certificate, quiet=is_quiet)
+    raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
+
+
+_NOTHING: dict[str, Any] = {
+    "stage": None,
+    "out": None,
+    **dict.fromkeys(("executed", "cached", "failed", "skipped"), 0),
+    "seconds": 0.0,
+    "certificate": None,
+    "points": None,
+    "tasks": [],
+}
+
+
+def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
+    """Whether a camera cannot show its accuracy; what the certificates say goes to stderr."""
+    from pipeline.report.certificate import failed, lines
+
+    for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
+        note(line)
+    return failed(cameras)
+
+
+def _say_points(cameras: Any) -> None:
+    """Tell the numbers of points that are seen in each frame, to stderr."""
+    from pipeline.report.points import lines
+
+    for line in lines(cameras or {}):
+        note(line)
+
+
+def _profile(result: Any) -> dict[str, Any]:
+    """Work of the tasks that ran now; of all tasks, when they ran, if none had to."""
+    from pipeline.report.profile import profile
+
+    known = [task for task in result.tasks if task.made_by and "cpu_seconds" in task.made_by]
+    ran = [task for task in known if task.state == "executed"]
+    return {"now": bool(ran), **profile((task.kind, task.made_by) for task in ran or known)}
+
+
+def _say_profile(result: Any) -> None:
+    """Tell where the time went, to stderr."""
+    from pipeline.optics.limit import crossings_per_second
+    from pipeline.report.profile import lines
+
+    found = _profile(result)
+    if not found["now"]:
+        note("nothing had to run; this is what the tasks took when they ran:")
+    for line in lines(found, crossings_per_second()):
+        note(line)
+
+
+def _run(stage: Path, out: Path | None, options: Any, events: Path | None, verbosity: int) -> Any:
+    from pipeline.app.build import build_with
+    from pipeline.app.progress import Ending, display
+    from pipeline.engine.events import EventFile, fan_out
+
+    roots = (f"--allow-root={root}" for root in options.allow_roots)
+    again = shlex.join([str(stage), *(["-o", str(out)] if out else []), *roots])
+    file, ending = EventFile(events) if events else None, Ending(verbosity, again)
+    try:
+        with display(verbosity) as shown:
+            return build_with(stage, out, options, fan_out(filter(None, [shown, ending, file])))
+    finally:
+        if file:
+            file.close()
+        ending.show()

@@ -1,0 +1,81 @@
+"""`pipeline cache`: care of the store."""
+
+from typing import Annotated
+
+import typer
+
+from pipeline.app.progress import human
+from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_json
+from pipeline.errors import Exit
+
+cache = new_family(help="Look at and clean the store of results, $PIPELINE_CACHE.")
+
+
+@cache.command(cls=Verb)
+def path() -> None:
+    """Print the folder of the store."""
+    from pipeline.engine.store.store import default_root
+
+    say(str(default_root().absolute()))
+
+
+@cache.command(cls=Verb)
+def info(as_json: Json = False) -> None:
+    """Say how much lies in the store, and how much of it finished builds hold."""
+    from pipeline.engine.maintenance import info as contents_of
+    from pipeline.engine.store.store import Store
+
+    store = Store()
+    found = contents_of(store)
+    if as_json:
+        say_json({"store": str(store.root), **found.to_dict()})
+        return
+    say(f"store       {store.root}")
+    say(f"results     {found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)}")
+    say(f"held        {human(found.pinned_bytes)} by output folders that are still there")
+    say(f"limit       {human(found.limit_bytes)} ($PIPELINE_CACHE_SIZE)")
+    say(f"quarantine  {found.quarantined:,} damaged entries, {human(found.quarantine_bytes)}")
+
+
+@cache.command(cls=Verb)
+def gc(
+    size: Annotated[str | None, typer.Option("--size", metavar="SIZE", help="Keep this much, e.g. 20G.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would go.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Drop what was unused longest, down to the limit, and what nothing refers to. Finished builds keep theirs."""
+    from pipeline.engine.maintenance import bytes_of, collect, limit_from_environment
+    from pipeline.engine.store.store import Store
+    from pipeline.errors import EnvironmentFault
+
+    limit = bytes_of(size) if size else limit_from_environment()
+    store = Store(warn=note)
+    done = collect(store, limit, dry_run=dry_run, wait_s=10.0)
+    if done.busy:
+        raise EnvironmentFault(f"a build uses {store.root}", hint="collect when it has ended")
+    if as_json:
+        say_json({"store": str(store.root), "dry_run": dry_run, **done.to_dict()})
+        return
+    verb = "would drop" if dry_run else "dropped"
+    say(f"{verb} {done.records:,} tasks and {done.blobs:,} files, {human(done.bytes)}; {human(done.bytes_left)} stay")
+    if done.quarantined:
+        say(f"{verb} {done.quarantined:,} damaged entries from quarantine")
+
+
+@cache.command(cls=Verb)
+def fsck(as_json: Json = False) -> None:
+    """Read every byte of the store; damaged entries go to quarantine. Exit with 4 if there were any."""
+    from pipeline.engine.maintenance import check
+    from pipeline.engine.store.store import Store
+
+    store = Store(warn=note)
+    with store.in_use():
+        found = check(store)
+    bad = len(found.damaged) + len(found.incomplete)
+    if as_json:
+        say_json({"store": str(store.root), **found.to_dict()})
+    else:
+        say(f"{found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)} read: {bad} damaged")
+    if bad:
+        note("damaged results lie in quarantine; the next build makes them again")
+    raise typer.Exit(Exit.OTHER_BYTES if bad else Exit.DONE)

@@ -1,0 +1,56 @@
+"""`pipeline graph`: the tasks of a dataset and what they read, with frames collapsed."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.app.verbs.options import project_of
+from pipeline.app.verbs.terminal import OUTPUT, Out, Roots, Stage, note, say, say_json
+from pipeline.errors import UsageError
+
+
+class Format(StrEnum):
+    """How the graph is written."""
+
+    MERMAID = "mermaid"
+    DOT = "dot"
+    JSON = "json"
+
+
+def graph(
+    stage: Stage,
+    form: Annotated[
+        Format, typer.Option("--format", rich_help_panel=OUTPUT, help="How it is printed.")
+    ] = Format.MERMAID,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw it to this file instead."),
+    ] = None,
+    every: Annotated[
+        bool,
+        typer.Option("--all", rich_help_panel=OUTPUT, help="Show every task, and not one node for all frames."),
+    ] = False,
+    out: Out = None,
+    allow_root: Roots = None,
+) -> None:
+    """Print the graph of tasks, with what is done and what is not; or draw it."""
+    from pipeline.engine.files import chosen_place
+    from pipeline.engine.planning.collapsed_graph import as_dot, as_mermaid, overview
+    from pipeline.engine.running.session import plan_of
+    from pipeline.files.drawings import write_drawing
+    from pipeline.report.graph import svg
+
+    if picture is not None and picture.suffix != ".svg":
+        raise UsageError(f"{picture} is no .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    project = project_of(stage, out, allow_root)
+    groups = overview(project.graph, plan_of(project), collapse=not every)
+    if picture is not None:
+        with chosen_place("write", picture):
+            write_drawing(picture, svg(groups, str(project.head.get("stage"))))
+        note(f"wrote {picture}")
+    elif form is Format.JSON:
+        say_json({"groups": [group.to_dict() for group in groups]})
+    else:
+        say("\n".join(as_mermaid(groups) if form is Format.MERMAID else as_dot(groups)))

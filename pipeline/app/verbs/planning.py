@@ -1,0 +1,110 @@
+"""`plan`, `explain`, `status`: what a build would do, why, and what lies finished."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.app.verbs.options import Force, Specs, Target, Until, project_of
+from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, Untrusted, note, say, say_json
+from pipeline.errors import Exit, UsageError
+
+
+def plan(
+    stage: Stage,
+    out: Out = None,
+    force: Force = None,
+    until: Until = None,
+    exit_code: Annotated[
+        bool,
+        typer.Option("--exit-code", rich_help_panel=OUTPUT, help="Exit with 3 if there is work to do."),
+    ] = False,
+    specs: Specs = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+    untrusted: Untrusted = False,
+) -> None:
+    """Say what `build` would run, and why."""
+    from pipeline.engine.options import BuildOptions
+
+    options = BuildOptions(
+        force=tuple(force or ()), until=tuple(until or ()), allow_roots=tuple(allow_root or ()), untrusted=untrusted
+    )
+    work = print_plan(stage, out, options, as_json=as_json, specs=specs)
+    raise typer.Exit(Exit.WORK if exit_code and work else Exit.DONE)
+
+
+def explain(
+    stage: Stage,
+    target: Target,
+    out: Out = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+    untrusted: Untrusted = False,
+) -> None:
+    """Say why a task would run: the attribute, frame and line that were edited. Many alike are one line."""
+    from pipeline.engine.planning.explain import describe_alike
+    from pipeline.engine.project import tasks_of
+    from pipeline.engine.running.session import plan_of
+
+    project = project_of(stage, out, allow_root, untrusted)
+    names = set(tasks_of(project, target))
+    tasks = [task for task in _with_edits(plan_of(project), project, stage) if task.name in names]
+    if as_json:
+        say_json({"tasks": [task.to_dict() for task in tasks]})
+        return
+    for line in describe_alike(tasks):
+        say(line)
+
+
+def status(
+    stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None, untrusted: Untrusted = False
+) -> None:
+    """Say what lies finished in the output folder: built, stale or missing, per task."""
+    from pipeline.engine.running.session import status_of
+
+    project = project_of(stage, out, allow_root, untrusted)
+    states = status_of(project)
+    if as_json:
+        head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
+        say_json({**head, "tasks": [state.to_dict() for state in states]})
+        return
+    for state in states:
+        say(f"{state.state:<8} {state.name}")
+
+
+def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
+    """Planned tasks, their reasons with the edits of the stage; as they are where nothing was kept of it."""
+    if project.source is None or all(task.state == "cached" for task in tasks):
+        return tasks
+    from pipeline.app.why import with_edits
+    from pipeline.engine.running.session import sources_of
+
+    return with_edits(tasks, project, sources_of(project), stage)
+
+
+def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, specs: Path | None = None) -> bool:
+    """Print a plan of a build with such `BuildOptions`; whether there is work to do."""
+    from pipeline.app.build import project as project_made_of
+    from pipeline.engine.planning.explain import describe
+    from pipeline.engine.running.run_task import write_specs
+    from pipeline.engine.running.session import forecast_of, plan_of
+    from pipeline.graph.sizes import size
+
+    how = {"untrusted": options.untrusted, "preview": options.preview}
+    project = project_made_of(stage, out, options.allow_roots, **how)
+    tasks = _with_edits(plan_of(project, options), project, stage)
+    if specs is not None and specs.exists() and not specs.is_dir():
+        raise UsageError(f"{specs} is not a folder")
+    to_come = forecast_of(project, tasks, size)
+    if as_json:
+        rows = [task.to_dict() for task in tasks]
+        head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
+        counts = {state: sum(task.state == state for task in tasks) for state in ("cached", "run", "maybe")}
+        say_json({**head, **counts, "forecast": to_come.to_dict(), "tasks": rows})
+    else:
+        for line in describe(tasks, to_come):
+            say(line)
+    if specs is not None:
+        note(f"{len(write_specs(tasks, specs))} specs in {specs}")
+    return any(task.state != "cached" for task in tasks)

@@ -1,0 +1,91 @@
+"""Verbs about single tasks: `run-task`, `logs`."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.app.progress import human
+from pipeline.app.verbs.options import Target, project_of
+from pipeline.app.verbs.terminal import RUNNING, Json, Out, Roots, Stage, note, say, say_json
+from pipeline.errors import Exit, Interrupted
+
+
+def run_task(
+    specs: Annotated[
+        list[Path], typer.Argument(metavar="SPEC.json", help="Written by `plan --specs`, or after a failure.")
+    ],
+    force: Annotated[
+        bool,
+        typer.Option("--force", "-f", rich_help_panel=RUNNING, help="Compute although the result is there."),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Run single tasks from their files, in this process: to repeat a failure, or in an array of a batch system."""
+    from pipeline.app.build import TASKS
+    from pipeline.engine.interrupts import Interrupts
+    from pipeline.engine.running.run_task import run_task as run
+    from pipeline.engine.store.store import Store, writable
+
+    store = writable(Store(warn=note))
+    replies: list[dict[str, Any]] = []
+    with Interrupts() as interrupts:
+        interrupts.stoppable(lambda: replies.extend(run(path, store, TASKS, force=force) for path in specs))
+    if interrupts.exit_code is not None:
+        raise Interrupted(interrupts.exit_code)
+    for reply in replies:
+        if reply["state"] == "failed":
+            note(f"error: task {reply['name']} failed")
+            log = Path(reply["log"])
+            note(log.read_text(encoding="utf-8", errors="replace") if log.is_file() else reply["error"])
+            if reply["damaged"]:
+                note("    hint: what it reads is no longer in the store: build again, or plan --specs again")
+        elif not as_json:
+            say(f"{reply['name']} {reply['state']} {reply['seconds']:.1f} s")
+        if reply.get("differs"):
+            note(f"NON-DETERMINISM: {reply['name']} gave other bytes than before: {', '.join(reply['differs'])}")
+    if as_json:
+        say_json({"tasks": [_facts(reply) for reply in replies]})
+    raise typer.Exit(_exit_code(replies))
+
+
+def logs(
+    stage: Stage,
+    target: Target,
+    out: Out = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+) -> None:
+    """Print what a task said when it last ran, and what it took: seconds, memory, host."""
+    from pipeline.engine.running.session import logs_of
+
+    found = logs_of(project_of(stage, out, allow_root), target)
+    if as_json:
+        say_json({"tasks": found})
+        return
+    for task in found:
+        made = task["made_by"] or {}
+        facts = [task["state"], f"key {task['key'][:12]}" if task["key"] else ""]
+        facts += [f"{made['seconds']:.2f} s on {made['host']}, {made['when']}"] if made else []
+        facts += [human(made["peak_bytes"])] if made.get("peak_bytes") else []
+        say(f"== {task['name']}: {', '.join(filter(None, facts))}")
+        if task["log"]:
+            say(Path(task["log"]).read_text(encoding="utf-8", errors="replace").rstrip("\n"))
+        elif task["key"]:
+            say("   (it printed nothing)")
+        if task["spec"]:
+            say(f"   again: pipeline run-task {task['spec']}")
+
+
+def _facts(reply: dict[str, Any]) -> dict[str, Any]:
+    record = reply.get("record") or {}
+    facts = {name: reply.get(name) for name in ("name", "state", "seconds", "error", "log")}
+    return {**facts, "outputs": record.get("outputs"), "differs": reply.get("differs", [])}
+
+
+def _exit_code(replies: list[dict[str, Any]]) -> int:
+    if any(reply.get("machine") for reply in replies):
+        return Exit.MACHINE
+    if any(reply["state"] == "failed" for reply in replies):
+        return Exit.FAILED
+    return Exit.OTHER_BYTES if any(reply.get("differs") for reply in replies) else Exit.DONE

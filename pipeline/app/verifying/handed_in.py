@@ -1,0 +1,224 @@
+"""An output folder as it was handed in: its files against its manifest, its stage and its tables as records.
+
+Nobody vouches for the folder. Its stage is read from a copy, in the sandbox; of its other files only tables are parsed.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.app.sandbox import project_of_untrusted
+from pipeline.app.verifying.readable import unreadable
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.focusing.focus_request import solved
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sampling
+from pipeline.camera.tracer import Tracer
+from pipeline.engine.output.foreign import ForeignFolder, Unfit
+from pipeline.engine.output.manifest import Manifest
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.project import Project
+from pipeline.errors import UsageError
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.tables import Table, table_of
+from pipeline.limits import how_to_raise, limits
+from pipeline.records.plain import from_plain
+from pipeline.spelling import printable
+from pipeline.tasks.params.cameras import Focus, Planes
+from pipeline.tasks.params.placed import View
+from pipeline.tasks.params.rays import Rays
+from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.settings import TruthSettings
+
+STAGE = "dataset.usda"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """A frame of a camera: what the task `truth` reads of it, and the table that the folder has.
+
+    Attributes
+    ----------
+    file : str
+        Where the table lies in the folder.
+    truth : TruthTable
+        Of the task `truth`, from the stage.
+    view : View
+        Of the same; targets in the order of the table.
+    table : Table
+    """
+
+    file: str
+    truth: TruthTable
+    view: View
+    table: Table
+
+    @property
+    def number(self) -> int:
+        """Time code."""
+        return self.truth.frame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedCamera:
+    """A camera of the stage.
+
+    Attributes
+    ----------
+    sampling : Sampling or None
+        Of its position images; None for the method without.
+    tables : dict
+        By frame: where its table lies in the folder, with what `Scene` has of the stage.
+    """
+
+    name: str
+    camera: Camera
+    seed: int
+    settings: TruthSettings
+    square_px: float
+    sampling: Sampling | None
+    tables: dict[int, tuple[str, TruthTable, View]]
+
+    def rig(self, stream: int = 0) -> Rig:
+        """The camera ready to trace, with the random numbers of the build, or with others."""
+        tracer = Tracer(self.camera, self.seed ^ stream)
+        return Rig(tracer, micro_images(tracer) if self.camera.microlenses else None, self.square_px)
+
+
+@dataclass(slots=True)
+class HandedIn:
+    """The folder.
+
+    Attributes
+    ----------
+    problems : list of str
+        What is wrong with its files.
+    unread : dict
+        Files that are too large to be opened: name -> reason.
+    """
+
+    root: Path
+    manifest: Manifest
+    problems: list[str] = field(default_factory=list)
+    unread: dict[str, str] = field(default_factory=dict)
+
+    def look(self) -> None:
+        """Hold every file against the manifest, and read what other programs would."""
+        size = sum(entry["size"] for entry in self.manifest.files.values())
+        if size > limits().folder_bytes:
+            raise UsageError(
+                f"{self.root} holds {size:,} bytes by its manifest, more than the limit of {limits().folder_bytes:,}",
+                hint=how_to_raise("folder_bytes", size),
+            )
+        folder = ForeignFolder(self.root)
+        for name, entry in sorted(self.manifest.files.items()):
+            try:
+                folder.require_whole(name, entry["size"], entry["sha256"])
+            except Unfit as reason:
+                self._add(f"{name} {reason}")
+        damaged, self.unread = unreadable(self.root, self.manifest.files)
+        for name, why in damaged.items():
+            self._add(f"{name} cannot be read: {why}")
+
+    def project(self) -> Project | None:
+        """Project of the folder's stage; None, and a problem, if it cannot be read."""
+        try:
+            project = _project(ForeignFolder(self.root).read(STAGE, limits().layer_bytes))
+        except Unfit as reason:
+            self._add(f"{STAGE} {reason}")
+            return None
+        except UsageError as error:
+            self._add(f"{STAGE} is no stage that could have been built: {error}")
+            return None
+        self.problems += [f"the manifest lists no {name}" for name in project.files if name not in self.manifest.files]
+        for name, source in project.files.items():
+            listed = self.manifest.files.get(name)
+            if listed and isinstance(source, bytes) and hashlib.sha256(source).hexdigest() != listed["sha256"]:
+                self._add(f"{name} is not what a build of the stage writes")
+        return project
+
+    def tables_of(self, camera: JudgedCamera) -> list[Scene]:
+        """The tables of a camera that can be read; those that cannot are problems."""
+        scenes, folder, left = [], ForeignFolder(self.root), limits().table_bytes
+        for file, truth, view in camera.tables.values():
+            try:
+                data = folder.read(file, left)
+                table, left = table_of(file, data), left - len(data)
+            except Unfit as reason:
+                self._add(f"{file} {reason}")
+            except DamagedFile as error:
+                self._add(error.what)
+            else:
+                scenes.append(Scene(file=file, truth=truth, view=view, table=table))
+        return scenes
+
+    def require_small_tables(self, project: Project) -> None:
+        """Refuse tables that are too much for the memory together, before the first one is read."""
+        names = [name for name in project.files if name.endswith("/correspondences.csv")]
+        size = sum(self.manifest.files[name]["size"] for name in names if name in self.manifest.files)
+        if size > limits().table_bytes:
+            raise UsageError(
+                f"the tables of {self.root} hold {size:,} bytes, more than the limit of {limits().table_bytes:,}",
+                hint=how_to_raise("table_bytes", size),
+            )
+
+    def _add(self, problem: str) -> None:
+        """Names of files may hold anything, escape sequences of terminals included."""
+        problem = "\n".join(map(printable, problem.splitlines()))
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+
+def cameras_of(project: Project) -> list[JudgedCamera]:
+    """All cameras of a project, as its tasks read them."""
+    names = project.findings["certificate"]
+    return [_camera(project, name) for name in names]
+
+
+def _camera(project: Project, name: str) -> JudgedCamera:
+    graph = project.graph
+    truths = {one: from_plain(Truth, graph[one].params) for one in graph if one.startswith(f"truth/{name}/")}
+    first = next(iter(truths.values()))
+    settings, sampling = first.table.settings, None
+    if settings.searches:
+        sampling = from_plain(Rays, graph[f"rays/{name}"].params).sampling
+    file_of = {source[0]: path for path, source in project.files.items() if not isinstance(source, bytes)}
+    return JudgedCamera(
+        name=name,
+        camera=_focused(
+            from_plain(Focus, graph[f"focus/{name}"].params), from_plain(Planes, graph[f"planes/{name}"].params)
+        ),
+        seed=first.table.labels.seed,
+        settings=settings,
+        square_px=first.square_px,
+        sampling=sampling,
+        tables={one.table.frame: (file_of[task], one.table, _view_of(graph, task)) for task, one in truths.items()},
+    )
+
+
+def _view_of(graph: TaskGraph, truth: str) -> View:
+    """The view of a task `truth`, which its tiles have if there are any; targets by name."""
+    own = from_plain(Truth, graph[truth].params).view
+    view = own or from_plain(TruthTile, graph[graph[truth].reads["tile0"]].params).view
+    return dataclasses.replace(view, targets=tuple(sorted(view.targets, key=lambda entry: entry.name)))
+
+
+def _focused(focus: Focus, planes: Planes) -> Camera:
+    """The camera that the tasks `focus` and `planes` would make."""
+    return focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
+
+
+@functools.lru_cache(maxsize=1)
+def _project(stage: bytes) -> Project:
+    """The project of a stage that is a file of its own: whatever else it wants to read, it does not find."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder).resolve() / STAGE
+        path.write_bytes(stage)
+        try:
+            return project_of_untrusted(path, Path(folder), ())
+        except UsageError as error:
+            raise UsageError(error.what.replace(f"{path.parent}/", ""), hint=error.hint) from None

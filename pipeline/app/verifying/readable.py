@@ -1,0 +1,116 @@
+"""Whether the files of a folder can be read at all, asked in a process with limits: their readers are not ours.
+
+The process writes a line per file, so that one whose reader crashes is known, and the others are read after it.
+"""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pipeline.confine.process import Bounds, confine
+from pipeline.engine.output.foreign import ForeignFolder, Unfit
+from pipeline.files.damaged import DamagedFile
+from pipeline.machine.another_python import command
+from pipeline.machine.processor import settings
+
+MEMORY_BYTES = 4 * 2**30
+_FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
+"""A file may take so long, and longer if it is large."""
+_TOO_LARGE = f"needs more than {MEMORY_BYTES // 2**30} GiB of memory"
+
+Reader = Callable[[Path], Any]
+
+
+def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Files whose content is damaged, and files that are too large to tell: name -> reason."""
+    left = [name for name in sorted(names) if Path(name).suffix in (".exr", ".png", ".json", ".csv")]
+    damaged, unknown = dict[str, str](), dict[str, str]()
+    while left:
+        answers, ended = _ask(root, left)
+        for name, reason in zip(left, answers, strict=False):
+            if reason:
+                (unknown if reason == _TOO_LARGE else damaged)[name] = reason
+        left = left[len(answers) :]
+        if left:
+            damaged[left.pop(0)] = f"its reader {ended}"
+    return damaged, unknown
+
+
+def main() -> None:
+    """The confined process: root and names on stdin, on stdout a line of JSON per file."""
+    question = json.load(sys.stdin)
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # whatever prints must not end up among the answers
+    bounds = Bounds(memory_bytes=MEMORY_BYTES, cpu_s=question["cpu_s"], file_bytes=0)
+    confine([Path(question["root"])], bounds, question["parent"])
+    for name in question["names"]:
+        print(json.dumps(_reason(Path(question["root"]), name)), file=answers, flush=True)
+
+
+def _reason(root: Path, name: str) -> str | None:
+    """Why a file cannot be read; None if it can, or is no file at all, which others have said."""
+    try:
+        handle = ForeignFolder(root).open(name)
+    except Unfit:
+        return None
+    place = Path(f"/proc/self/fd/{handle}")  # no other file can take its place
+    try:
+        _reader(name)(place)
+    except DamagedFile as error:
+        return error.reason
+    except MemoryError:
+        return _TOO_LARGE
+    finally:
+        os.close(handle)
+    return None
+
+
+def _reader(name: str) -> Reader:
+    """Reader of a file, by its ending; libraries are loaded when the first of a kind comes."""
+    if name.endswith(".exr"):
+        from pipeline.files.exr import read_exr
+
+        return read_exr
+    if name.endswith(".png"):
+        from pipeline.files.png import read_png
+
+        return read_png
+    if name.endswith(".json"):
+        from pipeline.files.jsonfile import read_json
+
+        return read_json
+    from pipeline.files.tables import read_table
+
+    return read_table
+
+
+def _ask(root: Path, names: list[str]) -> tuple[list[str | None], str]:
+    """Answers about the first names, and how the process ended before it answered about the others."""
+    allowed_s = _FILE_S * len(names) + sum(_sizes(root, names)) / _SLOWEST_BYTES_PER_S
+    order = {"root": str(root.absolute()), "names": names, "cpu_s": math.ceil(allowed_s), "parent": os.getpid()}
+    try:
+        done = subprocess.run(
+            command("pipeline.app.verifying.readable:main"),
+            input=json.dumps(order).encode(),
+            capture_output=True,
+            timeout=allowed_s,
+            env={**os.environ, **settings()},
+            check=False,
+        )
+        said, ended = done.stdout, f"ended with code {done.returncode}"
+    except subprocess.TimeoutExpired as error:
+        said, ended = error.stdout or b"", f"did not end in {allowed_s:.0f} s"
+    return [json.loads(line) for line in said.splitlines(keepends=True) if line.endswith(b"\n")], ended
+
+
+def _sizes(root: Path, names: list[str]) -> Iterator[int]:
+    for name in names:
+        try:
+            yield (root / name).lstat().st_size
+        except OSError:
+            yield 0

@@ -1,0 +1,34 @@
+"""The visibility of a sample of rows, found again with other rays."""
+
+import numpy as np
+
+from pipeline.app.verifying.handed_in import Scene
+from pipeline.tasks.artefacts.surroundings import surroundings_of
+from pipeline.tasks.certificate import rows_of
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.judging.judged import sample
+from pipeline.truth.visibility import visibility
+
+_SAME_SHARE = 0.02
+"""Tolerance: a look by a thousand rays may miss some thousandths at an edge."""
+
+
+def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
+    """Faults in the visibility of up to `truth.judging.judged.ROWS` rows of a camera, drawn from all frames."""
+    found, first = [], 0
+    drawn = sample(np.zeros(sum(len(scene.table.columns["visibility"]) for scene in scenes), bool), seed)
+    for scene in scenes:
+        targets, table = scene.view.targets, scene.table
+        surroundings = surroundings_of(targets, scene.view.occluders)
+        names = np.array(table.columns["target"], str)
+        for number, (planes, cell, x_px, _) in enumerate(rows_of(rig, targets, table)):
+            here = drawn[(drawn >= first) & (drawn < first + len(cell))] - first
+            first += len(cell)
+            stated = table.numbers("visibility")[names == targets[number].name][here]
+            share, _ = visibility(rig, surroundings, number, rig.lens(cell[here]), x_px[here], planes[here])
+            wrong = ~np.isclose(share, stated, rtol=0, atol=_SAME_SHARE, equal_nan=True)
+            if wrong.any():
+                worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"
+                which = f"{int(wrong.sum())} of {len(here)} rows of {targets[number].name}"
+                found.append(f"frame {scene.number}: {which} state another visibility, {worst}")
+    return found

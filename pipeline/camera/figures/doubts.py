@@ -1,0 +1,181 @@
+"""Parts of a camera that hardly belong together: each is possible, and most are a slip of a unit. For warnings."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.focusing.focus_request import matched_stop_mm
+from pipeline.camera.focusing.stop import widest_stop_mm
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.lattice import lattice
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.tracer import Tracer
+from pipeline.optics.first_order import first_order
+from pipeline.optics.rays import front_grid, traced
+from pipeline.optics.table import VERTEX, unbounded
+
+_PITCHES_MM = (2e-4, 0.5)
+"""Pixels are wider than half a wavelength of light and narrower than half a millimetre."""
+_WEAK_F_NUMBER = 100.0
+"""A microlens so weak bends light by less than its own diffraction does."""
+_TOO_WIDE, _TOO_SMALL, _OVERLAP = 1.25, 0.95, 1.05
+"""Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
+distance of micro-images."""
+_GRID, _HALVINGS, _CROSSINGS = 81, 12, 12_001
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """One of them: a stable code, words and a way out.
+
+    The part is `camera`, `stop`, `sensor`, `image`, `microlenses` or `focal_lengths`.
+    """
+
+    code: str
+    part: str
+    what: str
+    hint: str
+
+
+def doubts(camera: Camera) -> Iterator[Doubt]:
+    """List the doubts about a focused camera.
+
+    Raises
+    ------
+    CameraError
+        No chief ray leaves from the corner of the sensor or array: the camera cannot be traced.
+    """
+    yield from _pixels(camera)
+    yield from _stop(camera)
+    if camera.microlenses:
+        yield from _microlenses(camera, camera.microlenses)
+    yield from _image_circle(camera)
+
+
+def _pixels(camera: Camera) -> Iterator[Doubt]:
+    pitch, (width, height) = camera.sensor.pitch_mm, camera.sensor.size_mm
+    if not _PITCHES_MM[0] <= pitch <= _PITCHES_MM[1]:
+        what = f"pixels of {pitch:g} mm make a sensor of {width:.4g} x {height:.4g} mm"
+        yield Doubt("pixel-pitch", "sensor", what, "lengths are millimetres: 20 µm are 0.02")
+
+
+def _stop(camera: Camera) -> Iterator[Doubt]:
+    lens, wide = first_order(camera.prescription), 2 * camera.prescription.stop.semi_diameter_mm
+    ahead = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
+    widest = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead)
+    if wide > _TOO_WIDE * widest:
+        what = (
+            f"the stop is {wide:.4g} mm wide, F/{lens.f_number:.3g}, and the lens around it lets through"
+            f" {widest:.4g} mm, F/{lens.f_number * wide / widest:.3g}"
+        )
+        hint = "edges of other surfaces cut the light before the stop does: is plen:semiDiameter half of its diameter?"
+        yield Doubt("wide-stop", "stop", what, hint)
+
+
+def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
+    width, height = camera.sensor.size_mm
+    if array.pitch_mm > min(width, height) / 2:
+        what = f"microlenses {array.pitch_mm:g} mm apart stand before a sensor of {width:.4g} x {height:.4g} mm"
+        yield Doubt("microlens-pitch", "microlenses", what, "lengths are millimetres: 100 µm are 0.1")
+    weakest = max(array.focal_lengths_mm)
+    if weakest > _WEAK_F_NUMBER * array.aperture_mm:
+        what = (
+            f"a microlens of f = {weakest:.4g} mm and {array.aperture_mm:.4g} mm wide is F/"
+            f"{weakest / array.aperture_mm:.0f}: it bends next to nothing"
+        )
+        yield Doubt("weak-microlens", "focal_lengths", what, "lengths are millimetres: 900 µm are 0.9")
+    yield from _array_extent(camera, array)
+    yield from _overlap(camera, array)
+
+
+def _array_extent(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
+    """Micro-images lie about (1 + B / P) times as far from the axis as their microlenses."""
+    spread = 1 + array.distance_mm / _to_array_mm(camera, array)
+    grid, sizes = lattice(array), camera.sensor.size_mm
+    if not len(grid.k):
+        return
+    covered = [
+        np.clip(spread * axis.max() + array.pitch_mm / 2, -size / 2, size / 2)
+        - np.clip(spread * axis.min() - array.pitch_mm / 2, -size / 2, size / 2)
+        for axis, size in zip((grid.x_mm, grid.y_mm), sizes, strict=True)
+    ]
+    if any(part < _TOO_SMALL * size for part, size in zip(covered, sizes, strict=True)):
+        share = covered[0] * covered[1] / (sizes[0] * sizes[1])
+        what = (
+            f"micro-images cover {covered[0]:.3g} x {covered[1]:.3g} mm of the sensor's {sizes[0]:.3g} x"
+            f" {sizes[1]:.3g} mm: {1 - share:.0%} of the image stays dark"
+        )
+        yield Doubt(
+            "small-array", "microlenses", what, "enlarge the array or move it: plen:width, plen:height, offsets"
+        )
+
+
+def _to_array_mm(camera: Camera, array: MicrolensArray) -> float:
+    """From the exit pupil to the microlenses."""
+    return first_order(camera.prescription).exit_pupil.z_mm + camera.sensor_distance_mm - array.principal_mm[0][1]
+
+
+def _overlap(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
+    lens = first_order(camera.prescription)
+    behind, to_array = array.principal_mm[0][0], _to_array_mm(camera, array)
+    wide = lens.exit_pupil.diameter_mm * behind / to_array
+    apart = array.nearest_mm * (1 + behind / to_array)
+    if wide > _OVERLAP * apart:
+        pitch, stop = camera.sensor.pitch_mm, matched_stop_mm(lens, array, camera.sensor_distance_mm)
+        what = f"micro-images are {wide / pitch:.4g} px wide and {apart / pitch:.4g} px apart: they overlap"
+        hint = f'a stop of {stop:.4g} mm matches: write plen:camera:stopMatch = "microlenses", or stop down'
+        yield Doubt("overlap", "camera", what, hint)
+
+
+def _image_circle(camera: Camera) -> Iterator[Doubt]:
+    """Whether light comes to the farthest corner of the sensor, and chief rays to all that a build traces."""
+    tracer, corner = Tracer(camera), camera.sensor.farthest_corner_mm
+    far = math.hypot(*corner)
+    if not math.isfinite(far) or (_is_lit(tracer, corner) and not camera.microlenses):
+        return
+    what, traced_mm = "the farthest corner", far
+    if camera.microlenses:
+        what, traced_mm = "the farthest microlens", float(np.hypot(*tracer.vertices_mm.T).max(initial=0.0))
+    if camera.prescription.is_centred and not _has_chief_ray(tracer, traced_mm):
+        raise CameraError(
+            f"no ray from {traced_mm:.4g} mm off the axis, {what}, reaches the centre of the aperture stop",
+            hint="the lens has no image so far out: is the pixel pitch in mm, and the sensor or array not too large?",
+        )
+    if not _is_lit(tracer, corner):
+        low, high = 0.0, 1.0
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if _is_lit(tracer, middle * corner) else (low, middle)
+        what = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {low * far:.4g} mm"
+        hint = "the image circle of the lens is smaller than the sensor: take a smaller sensor, or another lens"
+        yield Doubt("image-circle", "image", what, hint)
+
+
+def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
+    """Whether any ray from a point of the film leaves the lens."""
+    table = tracer.table
+    start = np.array([*point_mm, tracer.film_z_mm])
+    way = front_grid(table, _GRID) - start
+    return bool(traced(table, np.tile(start, (len(way), 1)), _unit(way))[2].any())
+
+
+def _has_chief_ray(tracer: Tracer, height_mm: float) -> bool:
+    """Whether a ray through the centre of the stop leaves from a height: some pass above it and some below."""
+    rear = unbounded(tracer.table[: tracer.stop_row + 1])
+    if np.isclose(rear[0, VERTEX], rear[-1, VERTEX]):
+        return True
+    reach = 3 * (height_mm + abs(rear[0, VERTEX] - tracer.film_z_mm))  # farther than `camera.pupil.chief_ray` looks
+    x = np.linspace(-reach, reach, _CROSSINGS)
+    start = np.array([height_mm, 0.0, tracer.film_z_mm])
+    way = np.column_stack([x, np.zeros(len(x)), np.full(len(x), rear[0, VERTEX])]) - start
+    place, _, passed = traced(rear, np.tile(start, (len(way), 1)), _unit(way))
+    side = np.where(passed, np.sign(place[:, 0]), 0.0)
+    return bool((side[1:] * side[:-1] < 0).any() or (passed & (side == 0)).any())
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit

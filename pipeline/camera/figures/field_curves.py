@@ -1,0 +1,134 @@
+"""Relative illumination and distortion over the field of the main lens alone, by real rays."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.pupil.chief_ray import chief_slopes
+from pipeline.camera.pupil.image_circle import lit_share
+from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import unbounded
+
+_SAMPLES = 1 << 14
+_NEWTON_STEPS, _DIFFERENCE_MM = 6, 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class FieldCurves:
+    """Rows from the axis to the farthest corner of the sensor, or to where light ends before it.
+
+    Attributes
+    ----------
+    height_mm : (n,) float64
+        Distance of the sensor position from the image of the axis.
+    angle_deg : (n,) float64
+        Angle of the real chief ray with the axis, in the scene.
+    relative_illumination : (n,) float64
+        Weight of the bundle over the weight of the bundle at height 0.
+    distortion : (n,) float64
+        Real over paraxial image height of the point where the chief ray meets the object plane, minus 1. The paraxial
+        height is the principal distance times the point's slope from the entrance pupil. 0 on the axis; NaN from 90
+        degrees on, where chief rays meet no plane.
+    object_mm : float
+        Vision z of that plane; inf: the chief ray's direction decides.
+    boresight_px : (float, float) or None
+        Where the chief ray from the axis of that plane meets the sensor, x and y in the image from where it does in the
+        centred lens; None for a centred lens.
+    corner_mm : float
+        Distance of that corner from the image of the axis: beyond the last row the image is dark.
+    """
+
+    height_mm: np.ndarray
+    angle_deg: np.ndarray
+    relative_illumination: np.ndarray
+    distortion: np.ndarray
+    object_mm: float
+    boresight_px: tuple[float, float] | None = None
+    corner_mm: float = 0.0
+
+    @property
+    def is_dark_in_the_corner(self) -> bool:
+        """Whether the image circle ends before the corner."""
+        return bool(self.corner_mm > self.height_mm[-1])
+
+    def to_plain(self) -> dict[str, Any]:
+        """The rows as lists."""
+        names = ("height_mm", "angle_deg", "relative_illumination", "distortion")
+        head = {"object_mm": self.object_mm, "corner_mm": self.corner_mm}
+        return {**head, **{name: getattr(self, name).tolist() for name in names}}
+
+
+def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurves:
+    """Trace `rows` field positions with an object plane at vision z.
+
+    From the image of the axis towards the farthest corner of the sensor, as far as light arrives; in a centred lens
+    along x, because all directions are alike.
+    """
+    tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
+    centred = camera.prescription.is_centred
+    corner = sensor.farthest_corner_mm
+    end = np.array([math.hypot(*corner), 0.0]) if centred else corner
+    start = np.zeros(2) if centred else _image_of_the_axis(tracer, object_mm)
+    reach = lit_share(tracer.table, *tracer.on_film(np.stack([start, end])))
+    positions = start + np.linspace(0.0, reach, rows)[:, None] * (end - start)
+    heights = np.hypot(*(positions - start).T)
+    if not centred or reach < 1:
+        tracer = Tracer(dataclasses.replace(tracer.camera, sensor=_covering(sensor, np.abs(positions).max(axis=0))))
+    direction, crossing = _chief_rays(tracer, positions, object_mm)
+    angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
+    lens = first_order(camera.prescription)
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
+    ahead = object_mm - lens.entrance_pupil.z_mm
+    tangent = np.hypot(*crossing.T) if math.isinf(object_mm) else np.hypot(*crossing.T) / ahead
+    ratio = np.divide(heights, principal_mm * tangent, out=np.ones_like(heights), where=heights > 0)
+    ratio[angle >= math.pi / 2] = np.nan
+    weight = tracer.moments(
+        positions, np.full(rows, NO_MICROLENS), parallel_planes(1.0, 2.0), _SAMPLES, np.zeros((rows, 2), np.int64)
+    )[:, WEIGHT]
+    x, y = -start / sensor.pitch_mm + 0.0
+    boresight = None if centred else (float(x), float(y))
+    illumination, corner_mm = weight / weight[0], float(np.hypot(*(end - start)))
+    return FieldCurves(heights, np.degrees(angle), illumination, ratio - 1, object_mm, boresight, corner_mm)
+
+
+def _covering(sensor: Sensor, extents_mm: np.ndarray) -> Sensor:
+    """A sensor about the axis that reaches as far and no farther: bounds of rays are found for all of a sensor."""
+    width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in extents_mm)
+    return Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
+
+
+def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
+    """End on the sensor of the chief ray from the axis of the object plane, vision frame (2,), by Newton steps."""
+    position = np.zeros(2)
+    for _ in range(_NEWTON_STEPS):
+        probes = position + _DIFFERENCE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        miss = _chief_rays(tracer, probes, object_mm)[1]
+        position = position - np.linalg.solve((miss[1:] - miss[0]).T / _DIFFERENCE_MM, miss[0])
+    return position
+
+
+def _chief_rays(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of chief rays in the scene, (n, 3), and where they cross vision z `object_mm`, (n, 2); no edge blocks.
+
+    At infinity slopes stand for the crossings.
+    """
+    table = unbounded(tracer.table)
+    position = np.column_stack([positions, np.full(len(positions), tracer.film_z_mm)])
+    slopes = chief_slopes(table, tracer.stop_row, position)
+    direction = np.column_stack([slopes, np.ones(len(slopes))])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive = np.ones(len(positions))
+    trace_rays(table, position, direction, alive)
+    direction[alive == 0] = np.nan
+    slope = direction[:, :2] / direction[:, 2:]
+    if math.isinf(object_mm):
+        return direction, slope
+    return direction, position[:, :2] + slope * (object_mm - position[:, 2:])

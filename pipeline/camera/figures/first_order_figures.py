@@ -1,0 +1,168 @@
+"""First-order figures of a camera as plain values: what camera.json says. Positions are vision z [mm]."""
+
+import math
+from typing import Any
+
+from pipeline.camera.focusing.depth_of_field import Focus, foci
+from pipeline.camera.focusing.focus_request import matched_stop_mm
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.lattice import extent_mm, lattice
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.optics.first_order import FirstOrder, Pupil, first_order
+from pipeline.optics.prescription import Prescription
+
+
+def report(camera: Camera) -> dict[str, Any]:
+    """Figures of a focused camera, as `depth_of_field.focused` makes it, in the order of camera.json."""
+    lens, sensor, found = first_order(camera.prescription), camera.sensor, foci(camera)
+    to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
+    depths = [focus.depth_of_field_mm for focus in found]
+    figures: dict[str, Any] = {
+        "resolution": [sensor.width_px, sensor.height_px],
+        "pixel_pitch_mm": sensor.pitch_mm,
+        "pixel_acceptance": _acceptance(sensor),
+        "sensor_mm": [sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm],
+        "sensor_distance_mm": camera.sensor_distance_mm,
+        "lens": _lens(camera, lens, to_sensor),
+        "principal_distance_mm": principal_mm,
+        "principal_distance_px": principal_mm / sensor.pitch_mm,
+        "optical_axis_px": [
+            sensor.offset_x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2,
+            sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
+        ],
+        "field_of_view_deg": field_of_view_deg(sensor, principal_mm),
+        "depth_of_field_mm": [min(near for near, _ in depths), max(far for _, far in depths)],
+        "near_far_mm": [camera.near_mm, camera.far_mm],
+    }
+    if camera.microlenses:
+        figures["mla"] = _array(camera, camera.microlenses, lens, found)
+    return figures
+
+
+def lens_report(prescription: Prescription) -> dict[str, Any]:
+    """Figures of a lens for an object at infinity."""
+    lens, vertices = first_order(prescription), prescription.vertices_mm
+    return {
+        "efl_mm": lens.efl_mm,
+        "bfd_mm": lens.bfd_mm,
+        "f_number": lens.f_number,
+        "focal_points_mm": [lens.front_focus_mm, lens.rear_focus_mm],
+        "entrance_pupil": _pupil(lens.entrance_pupil),
+        "exit_pupil": _pupil(lens.exit_pupil),
+        "principal_planes_mm": [lens.front_principal_mm, lens.rear_principal_mm],
+        "stop_diameter_mm": 2 * prescription.stop.semi_diameter_mm,
+        "length_mm": vertices[-1],
+        "surfaces": len(prescription.surfaces),
+    }
+
+
+def field_of_view_deg(sensor: Sensor, principal_mm: float) -> list[float]:
+    """Angles that the sensor spans at the principal distance: horizontal, vertical, from corner to corner."""
+    centre, half = (
+        (-sensor.offset_x_mm, -sensor.offset_y_mm),
+        (sensor.width_px * sensor.pitch_mm / 2, sensor.height_px * sensor.pitch_mm / 2),
+    )
+    ends = [(middle - reach, middle + reach) for middle, reach in zip(centre, half, strict=True)]
+    across = [math.degrees(math.atan2(high, principal_mm) - math.atan2(low, principal_mm)) for low, high in ends]
+    (left, right), (top, bottom) = ends
+    cosine = (left * right + top * bottom + principal_mm**2) / (
+        math.hypot(left, top, principal_mm) * math.hypot(right, bottom, principal_mm)
+    )
+    return [*across, math.degrees(math.acos(max(-1.0, min(1.0, cosine))))]
+
+
+def _acceptance(sensor: Sensor) -> dict[str, Any]:
+    """Shape of the pixels' angular acceptance, with the numbers that this shape has."""
+    if sensor.acceptance == "cosine":
+        return {"shape": "cosine", "power": sensor.acceptance_power}
+    if sensor.acceptance == "cone":
+        cone = {"half_angle_deg": sensor.acceptance_half_angle_deg, "roll_off_deg": sensor.acceptance_roll_off_deg}
+        return {"shape": "cone", **cone}
+    return {"shape": "all"}
+
+
+def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
+    """Gaps that the union of ranges leaves between its ends, near to far."""
+    gaps, reached = list[list[float]](), -math.inf
+    for near, far in sorted(ranges):
+        if -math.inf < reached < near:
+            gaps.append([reached, near])
+        reached = max(reached, far)
+    return gaps
+
+
+def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> dict[str, Any]:
+    in_focus = lens.object_mm(-camera.sensor_distance_mm)
+    array = camera.microlenses
+    matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
+    own = lens_report(camera.prescription)
+    return {
+        **{name: own[name] for name in ("efl_mm", "bfd_mm", "f_number")},
+        "working_f_number": to_sensor / lens.exit_pupil.diameter_mm,
+        **{name: own[name] for name in ("entrance_pupil", "exit_pupil", "principal_planes_mm")},
+        "magnification": _magnification(lens, in_focus),
+        "focus_distance_mm": in_focus,
+        "stop_diameter_mm": own["stop_diameter_mm"],
+        "matched_stop_diameter_mm": matched,
+    }
+
+
+def _magnification(lens: FirstOrder, object_mm: float) -> float:
+    """Lateral magnification of the main lens; -inf for an object in its front focus, 0 for one at infinity."""
+    if object_mm == lens.front_focus_mm:
+        return -math.inf
+    return lens.magnification(object_mm) + 0.0
+
+
+def _pupil(pupil: Pupil) -> dict[str, float]:
+    return {"z_mm": pupil.z_mm, "diameter_mm": pupil.diameter_mm}
+
+
+def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, found: tuple[Focus, ...]) -> dict[str, Any]:
+    behind_mm, ahead_mm = array.principal_mm[0]
+    to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead_mm
+    scale = 1 + behind_mm / to_array
+    types = [
+        {
+            "focal_length_mm": focal,
+            "principal_planes_mm": [ahead, behind],
+            "focus_distance_mm": focus.focus_distance_mm,
+            "depth_of_field_mm": list(focus.depth_of_field_mm),
+            "virtual_depth": focus.virtual_depth,
+            "magnification": _magnification(lens, focus.focus_distance_mm),
+            "micro_image_magnification": _through_microlens(behind, lens, focal, ahead - camera.sensor_distance_mm),
+        }
+        for focal, focus, (behind, ahead) in zip(array.focal_lengths_mm, found, array.principal_mm, strict=True)
+    ]
+    width_mm, height_mm = extent_mm(array)
+    return {
+        "layout": array.layout,
+        "pitch_mm": array.pitch_mm,
+        "cross_pitch_mm": array.pitches_mm[1],
+        "extent_mm": [width_mm, height_mm],
+        "count": len(lattice(array).k),
+        "rotation_deg": array.rotation_deg,
+        "offset_mm": [array.offset_x_mm, array.offset_y_mm],
+        "tilt_deg": [array.tilt_x_deg, array.tilt_y_deg],
+        "distance_mm": array.distance_mm,
+        "model": array.model,
+        "index": array.index,
+        "thickness_mm": array.thickness_mm,
+        "aperture": array.aperture,
+        "disc_diameter_mm": array.disc_diameter_mm,
+        "types": types,
+        "depth_of_field_gaps_mm": gaps_mm([focus.depth_of_field_mm for focus in found]),
+        "micro_image_pitch_px": array.pitch_mm * scale / camera.sensor.pitch_mm,
+        "f_number_mismatch": (to_array / lens.exit_pupil.diameter_mm) / (behind_mm / array.pitch_mm),
+    }
+
+
+def _through_microlens(behind_mm: float, lens: FirstOrder, focal: float, array_z: float) -> float:
+    """Magnification from the in-focus object to the micro-image.
+
+    The main lens's, -(F' - image) / EFL with the image B / v behind the array, times the microlens's v = 1 - B / f. The
+    product stays finite where v is 0 and the image in between lies at infinity.
+    """
+    vergence = 1 - behind_mm / focal
+    return -((lens.rear_focus_mm - array_z) * vergence + behind_mm) / lens.efl_mm

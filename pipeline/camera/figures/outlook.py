@@ -1,0 +1,160 @@
+"""Whether a camera sees points at all: a few rays of each, traced towards the sensor. For checks, not for positions.
+
+Points are in the vision frame. A doubtful point counts as seen: who is told that a board is out of view must be able to
+rely on it.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.tracer import Tracer
+from pipeline.optics.first_order import FirstOrder, first_order
+from pipeline.optics.rays import front_grid, traced
+from pipeline.optics.table import towards_sensor
+
+_FLIP = np.array([1.0, -1.0, -1.0])
+"""Between the vision frame and that in which light travels to the sensor along +z."""
+_RINGS, _SPOKES = (0.5, 0.95, 1.25), 8
+"""Radii of rings of rays, over that of the paraxial entrance pupil, and rays on each."""
+_WIDE, _TRIED = 25, 8
+"""Rays along an edge of the grid over the whole front surface, for strong vignetting and fisheyes, and how many points
+of a pose get them: those nearest to the axis."""
+_SLACK_PX, _BLUR_SHARE = 4.0, 0.25
+"""Distance from the image that the middle of a point's light may have outside of it: pixels, and share of its blur."""
+
+
+class Fate(IntEnum):
+    """Fate of the light of a point; where several hold, the first."""
+
+    AWAY = 0
+    """The front of its surface faces away from the camera."""
+    NO_LIGHT = 1
+    """None of it comes through the lens, or none to the microlenses."""
+    BLURRED = 2
+    """It is spread over more than the image, or behind microlenses over more than a micro-image."""
+    OUTSIDE = 3
+    """It falls beside the image."""
+    SEEN = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """Fates of points.
+
+    Attributes
+    ----------
+    fate : (poses, n) int
+        As in `Fate`.
+    blur_px : (poses, n) float64
+        How wide their light is spread on the sensor: behind microlenses by the type that is sharpest.
+    """
+
+    fate: np.ndarray
+    blur_px: np.ndarray
+
+
+def outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
+    """Find the fate of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
+    with np.errstate(all="ignore"):  # what is not finite is not seen
+        return _outlook(camera, points_mm, front)
+
+
+def _outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
+    lens, shape, points = first_order(camera.prescription), points_mm.shape[:2], points_mm.reshape(-1, 3)
+    tracer, table = Tracer(camera), towards_sensor(camera.prescription)
+    blur, lit, inside = _light(tracer, table, points, _fan(lens))
+    dark = _nearest_to_axis(points_mm, ~lit.reshape(shape))
+    if len(dark):
+        blur[dark], lit[dark], inside[dark] = _light(tracer, table, points[dark], front_grid(table, _WIDE))
+    if array := camera.microlenses:
+        blur = _blur_behind_microlenses_px(camera, array, lens, points[:, 2])
+    fate = np.where(inside, Fate.SEEN, Fate.OUTSIDE)
+    fate[blur >= widest_blur_px(camera)] = Fate.BLURRED
+    fate[~lit] = Fate.NO_LIGHT
+    fate[np.sum(points_mm * front, axis=-1).ravel() >= 0] = Fate.AWAY
+    return Outlook(fate.reshape(shape), blur.reshape(shape))
+
+
+def pupil_points_mm(camera: Camera) -> np.ndarray:
+    """Some points of the entrance pupil, vision frame (n, 3)."""
+    return (_fan(first_order(camera.prescription)) * _FLIP)[: 1 + 2 * _SPOKES]
+
+
+def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
+    """Width and height of what the image shows of the plane at vision z, paraxially."""
+    lens, sensor = first_order(camera.prescription), camera.sensor
+    principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
+    scale = sensor.pitch_mm * abs((z_mm - lens.entrance_pupil.z_mm) / principal_mm)
+    return sensor.width_px * scale, sensor.height_px * scale
+
+
+def widest_blur_px(camera: Camera) -> float:
+    """Blur with which a point is no point any more: as wide as the image, or as a micro-image."""
+    if camera.microlenses:
+        return camera.microlenses.aperture_mm / camera.sensor.pitch_mm
+    return float(max(camera.sensor.width_px, camera.sensor.height_px))
+
+
+def _fan(lens: FirstOrder) -> np.ndarray:
+    """Points in the entrance pupil and a little beyond, (rays, 3), in the frame of the light."""
+    angle = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
+    radius = np.outer(_RINGS, np.full(_SPOKES, lens.entrance_pupil.diameter_mm / 2)).ravel()
+    x, y = radius * np.tile(np.cos(angle), len(_RINGS)), radius * np.tile(np.sin(angle), len(_RINGS))
+    aims = np.column_stack([x, y, np.full(len(x), -lens.entrance_pupil.z_mm)])
+    return np.concatenate([[[0.0, 0.0, -lens.entrance_pupil.z_mm]], aims])
+
+
+def _nearest_to_axis(points_mm: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Rows of the wanted points of each pose, the `_TRIED` ones that lie nearest to the axis as seen from the stop."""
+    slope = np.hypot(points_mm[..., 0], points_mm[..., 1]) / np.abs(points_mm[..., 2])
+    order = np.argsort(np.where(wanted, slope, np.inf), axis=1)[:, :_TRIED]
+    rows = order + points_mm.shape[1] * np.arange(len(points_mm))[:, None]
+    return rows[np.take_along_axis(wanted, order, axis=1)]
+
+
+def _light(
+    tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Width of the light of points on the film [px], whether there is any, and whether it is in the image."""
+    start = np.repeat(points_mm * _FLIP, len(aims), axis=0)
+    way = np.tile(aims, (len(points_mm), 1)) - start
+    way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
+    place, way, passed = traced(table, start, way)
+    slope = way[:, :2] / way[:, 2:]
+    film = (place[:, :2] - (tracer.film_z_mm + place[:, 2:]) * slope) * _FLIP[:2]
+    array, shape = tracer.camera.microlenses, (len(points_mm), len(aims))
+    if array:
+        low, high = tracer.vertices_mm.min(axis=0) - array.pitch_mm, tracer.vertices_mm.max(axis=0) + array.pitch_mm
+        passed &= ((film >= low) & (film <= high)).all(axis=1)
+        film = film + array.distance_mm * slope * _FLIP[:2]  # through a microlens's vertex light goes straight on
+    x, ray = tracer.pixels_at(film).reshape(*shape, 2), passed.reshape(*shape, 1)
+    lit: np.ndarray = ray.any(axis=(1, 2))  # type: ignore[assignment]
+    low, high = np.where(ray, x, np.inf).min(axis=1), np.where(ray, x, -np.inf).max(axis=1)
+    blur = np.where(lit, (high - low).max(axis=1), 0.0)
+    if array:
+        return blur, lit, (_is_in_image(tracer.camera, x, _SLACK_PX) & ray[..., 0]).any(axis=1)
+    middle = np.where(ray, x, 0.0).sum(axis=1) / np.maximum(1, ray.sum(axis=1))
+    return blur, lit, _is_in_image(tracer.camera, middle, (_SLACK_PX + _BLUR_SHARE * blur)[:, None])
+
+
+def _is_in_image(camera: Camera, x_px: np.ndarray, slack_px: np.ndarray | float) -> np.ndarray:
+    size = np.array([camera.sensor.width_px, camera.sensor.height_px])
+    inside: np.ndarray = ((x_px > -0.5 - slack_px) & (x_px < size - 0.5 + slack_px)).all(axis=-1)  # type: ignore[assignment]
+    return inside
+
+
+def _blur_behind_microlenses_px(
+    camera: Camera, array: MicrolensArray, lens: FirstOrder, z_mm: np.ndarray
+) -> np.ndarray:
+    """Blur disc D |1 - B / f - B / a| of objects at vision z, of the sharpest type; see `focusing.depth_of_field`."""
+    with np.errstate(divide="ignore"):
+        image = lens.rear_focus_mm - lens.efl_mm**2 / (z_mm - lens.front_focus_mm)
+        relative = [
+            np.abs(1 - behind / focal - behind / (ahead - camera.sensor_distance_mm - image))
+            for focal, (behind, ahead) in zip(array.focal_lengths_mm, array.principal_mm, strict=True)
+        ]
+    return np.min(relative, axis=0) * array.aperture_mm / camera.sensor.pitch_mm

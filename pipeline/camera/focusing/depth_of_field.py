@@ -1,0 +1,119 @@
+"""Focus of a camera: depth of field, near and far planes. Paraxial; positions are vision z [mm].
+
+Formulas: microlens imaging 1/B = 1/f + 1/a for the virtual object at distance a behind the array (Perwass and Wietzke,
+"Single lens 3D-camera with extended depth-of-field", 2012); blur-disc diameters by similar triangles.
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+from pipeline.camera.focusing.focus_request import FocusRequest, solved
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.optics.first_order import FirstOrder, first_order
+
+_LEAST_SPAN = 0.1
+_FARTHEST = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Focus:
+    """Object side of one way through the camera: the sensor alone, or one microlens type.
+
+    Attributes
+    ----------
+    focus_distance_mm : float
+        In-focus object distance from the stop.
+    depth_of_field_mm : (float, float)
+        Objects in between blur to at most the circle of confusion; the far end may be inf.
+    virtual_depth : float or None
+        Distance of the in-focus virtual object from the array over the array's distance from the sensor.
+    """
+
+    focus_distance_mm: float
+    depth_of_field_mm: tuple[float, float]
+    virtual_depth: float | None = None
+
+
+def foci(camera: Camera) -> tuple[Focus, ...]:
+    """One focus per microlens type, or the single one of a conventional camera."""
+    lens = first_order(camera.prescription)
+    confusion_mm = camera.circle_of_confusion_px * camera.sensor.pitch_mm
+    if camera.microlenses is None:
+        return (_sensor_focus(lens, -camera.sensor_distance_mm, confusion_mm),)
+    array = camera.microlenses
+    return tuple(
+        _microlens_focus(lens, ahead_mm - camera.sensor_distance_mm, focal, behind_mm, confusion_mm / array.aperture_mm)
+        for focal, (behind_mm, ahead_mm) in zip(array.focal_lengths_mm, array.principal_mm, strict=True)
+    )
+
+
+def _sensor_focus(lens: FirstOrder, sensor_z: float, confusion_mm: float) -> Focus:
+    """Blur disc D_xp |s - i| / |i| for an image at distance i behind the exit pupil, the sensor at distance s."""
+    pupil = lens.exit_pupil
+    to_sensor = pupil.z_mm - sensor_z
+    ends = (to_sensor / (1 + sign * confusion_mm / pupil.diameter_mm) for sign in (-1, 1))
+    near, far = (_object(lens, pupil.z_mm - image) for image in ends)
+    return Focus(focus_distance_mm=_object(lens, sensor_z), depth_of_field_mm=(near, far))
+
+
+def _microlens_focus(lens: FirstOrder, array_z: float, focal: float, behind: float, relative_confusion: float) -> Focus:
+    """Blur disc D_ml |1 - B/f - B/a| for a virtual object at distance a behind the array (negative: in front of it)."""
+    reciprocal = 1 - behind / focal
+
+    def seen(vergence: float) -> float:
+        # vergence is B / a; a main-lens image at infinity belongs to an object in the front focus.
+        if vergence == 0:
+            return lens.front_focus_mm
+        return _object(lens, array_z - behind / vergence)
+
+    # An object moves away as the vergence grows, up to infinity before 0, and from the front focus behind it.
+    low, high = reciprocal - relative_confusion, reciprocal + relative_confusion
+    nearest = lens.front_focus_mm if low <= 0 <= reciprocal else seen(low)
+    farthest = math.inf if reciprocal < 0 <= high else seen(high)
+    depth = math.inf if reciprocal == 0 else abs(1 / reciprocal)
+    return Focus(focus_distance_mm=seen(reciprocal), depth_of_field_mm=(nearest, farthest), virtual_depth=depth)
+
+
+def _object(lens: FirstOrder, image_z: float) -> float:
+    """Object of an image at vision z; inf where the image lies at or in front of the rear focus."""
+    return lens.object_mm(image_z) if image_z < lens.rear_focus_mm else math.inf
+
+
+def middle_focus(camera: Camera) -> float:
+    """In-focus object distance of a conventional camera, or of the middle microlens type; may be inf. [mm]"""
+    found = sorted(focus.focus_distance_mm for focus in foci(camera))
+    return found[len(found) // 2]
+
+
+def focused(camera: Camera | FocusRequest) -> Camera:
+    """The camera with all that it asks for solved (see `camera.focusing.focus_request`), and its near and far planes
+    settled.
+
+    Unless authored they are the ends of the depth of field (the union over microlens types), at least 10 % before and
+    behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The choice
+    affects conditioning only: what is computed for a target depends on it only by the rounding of stored images.
+    """
+    camera = solved(camera)
+    found, middle = foci(camera), middle_focus(camera)
+    if not math.isfinite(first_order(camera.prescription).efl_mm):
+        raise CameraError("a lens without power focuses nothing")
+    if not math.isfinite(middle):
+        if camera.near_mm is not None and camera.far_mm is not None:
+            return camera
+        raise CameraError(
+            "the camera is focused at infinity or beyond, so near and far planes cannot be derived",
+            hint="author plen:camera:near and plen:camera:far",
+        )
+    front = -camera.prescription.vertices_from_stop_mm[0]
+    if middle <= front:
+        raise CameraError(f"the camera is focused at {middle:.3f} mm from the stop, inside the lens")
+    near = min(min(f.depth_of_field_mm[0] for f in found), (1 - _LEAST_SPAN) * middle)
+    far = max(max(f.depth_of_field_mm[1] for f in found), (1 + _LEAST_SPAN) * middle)
+    near, far = max(near, (front + middle) / 2), min(far, _FARTHEST * middle)
+    return dataclasses.replace(
+        camera,
+        near_mm=near if camera.near_mm is None else camera.near_mm,
+        far_mm=far if camera.far_mm is None else camera.far_mm,
+    )

@@ -1,0 +1,131 @@
+"""Search of the edge of what passes, from inner points of bundles, by real rays. Kernels only; vision frame, mm."""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.integrating.edge_kernels import PASSES, label_packet
+from pipeline.camera.tracing.sampling_bounds import SHORTEST_EDGE_MM
+from pipeline.jit.decorators import inline, kernel
+from pipeline.optics.kernels import PACKET, new_packet
+
+LOW, HIGH, INNER, OUTER, HERE, ROOM = range(6)
+"""Rows of a search: between which shares of the way the edge lies, the clearance at both, the share that is tried, and
+how far apart the bounds may stay."""
+_TRUNCATION, _SLACK = 0.05, 4.0
+"""A search steps beyond its estimate by this share of the squared width, and may lag one halving behind bisection."""
+
+
+@kernel
+def reach(polygons, counts, centres, owner, angle, limit, side):
+    """Distance from inner points to convex polygons in given directions, and the number of the edge that is met.
+
+    Edges of no length are passed over: rounding turns them anywhere, also across the polygon.
+    """
+    for f in range(owner.shape[0]):
+        n, c, s = owner[f], math.cos(angle[f]), math.sin(angle[f])
+        limit[f] = np.inf
+        for i in range(counts[n]):
+            j = i + 1 if i + 1 < counts[n] else 0
+            ex, ey = polygons[n, j, 0] - polygons[n, i, 0], polygons[n, j, 1] - polygons[n, i, 1]
+            across = c * ey - s * ex
+            if across > 0.0 and ex * ex + ey * ey > SHORTEST_EDGE_MM * SHORTEST_EDGE_MM:
+                px, py = polygons[n, i, 0] - centres[n, 0], polygons[n, i, 1] - centres[n, 1]
+                distance = (px * ey - py * ex) / across
+                if distance < limit[f]:
+                    limit[f], side[f] = distance, i
+
+
+@kernel
+def find_edges(camera, positions, lens, centres, owner, angle, limit, steps, radius, label):
+    """Search the edge of what passes along directions from inner points; returns the number of rays.
+
+    Packets are filled with as many directions as fit; a new one takes the place of one that is found.
+
+    Parameters
+    ----------
+    camera : tuple
+        As in `probes.probe`.
+    centres : (n, 2) float64
+        Inner points.
+    owner, angle : (m,) int64, (m,) float64
+        Position, ascending, and direction.
+    limit : (m,) float64
+        Distance of the bound of what passes.
+    steps : int
+        The radius errs by less than 2^-(steps + 1) of the way to the bound.
+    radius, label : (m,) float64, (m,) int64
+        Written: where light ends, and what ends it; the bound itself, and no label, where a ray passes there.
+    """
+    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
+    way, at, points = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64), np.empty((PACKET, 2))
+    blocker, clearance, search = np.empty(PACKET, np.int64), np.empty(PACKET), np.empty((6, PACKET))
+    along, found = np.empty((2, PACKET)), np.empty(PACKET, np.int64)
+    size, following, rays, narrow = 0, 0, 0, 0.5 ** (steps + 1)
+    while True:
+        while size < PACKET and following < owner.shape[0]:
+            way[size], following = following, following + 1
+            along[0, size], along[1, size] = math.cos(angle[way[size]]), math.sin(angle[way[size]])
+            search[LOW, size], search[HIGH, size], search[INNER, size] = 0.0, 1.0, 1.0
+            search[OUTER, size], search[HERE, size], search[ROOM, size] = -1.0, 1.0, _SLACK
+            size += 1
+        if size == 0:
+            return rays
+        for i in range(size):
+            f = way[i]
+            n, far = owner[f], limit[f] * search[HERE, i]
+            at[i], start_x[i], start_y[i] = n, positions[n, 0], positions[n, 1]
+            points[i, 0], points[i, 1] = centres[n, 0] + far * along[0, i], centres[n, 1] + far * along[1, i]
+            packet[0][i], packet[1][i] = points[i, 0], points[i, 1]
+        label_packet(camera, lens, at[:size], points, start_x, start_y, size, packet, blocker, clearance)
+        rays += size
+        for i in range(size - 1, -1, -1):
+            passes = blocker[i] == PASSES
+            is_done = passes and search[HERE, i] == 1.0
+            if is_done:
+                radius[way[i]] = limit[way[i]]
+            else:
+                found[i] = found[i] if passes else blocker[i]
+                is_done = _narrowed(search[:, i], passes, clearance[i], narrow)
+                if is_done:
+                    radius[way[i]], label[way[i]] = limit[way[i]] * search[HERE, i], found[i]
+            if is_done:
+                size -= 1
+                way[i], found[i] = way[size], found[size]
+                along[0, i], along[1, i] = along[0, size], along[1, size]
+                for k in range(search.shape[0]):
+                    search[k, i] = search[k, size]
+
+
+@inline
+def _narrowed(search, passes, clearance, narrow):
+    """Take in a ray and choose the next; whether the bounds are so close that the choice is the edge.
+
+    The root of the clearance by interpolation, truncation and projection: nearly as few rays as the secant method on
+    smooth edges, three more than bisection at worst (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2021, 5).
+    Where the clearance says nothing the bounds are halved.
+    """
+    # As a length, not an area: about linear along the way.
+    clearance = 1.0 - math.sqrt(max(1.0 - clearance, 0.0))
+    if passes:
+        search[LOW] = search[HERE]
+        search[INNER] = clearance if clearance > 0.0 else -search[OUTER]
+    elif search[HERE] > 0.0:
+        search[HIGH] = search[HERE]
+        search[OUTER] = clearance if clearance < 0.0 else -search[INNER]
+        if search[HIGH] == 1.0:
+            search[HERE] = 0.0  # the inner point itself
+            return False
+    low, high, inner, outer = search[LOW], search[HIGH], search[INNER], search[OUTER]
+    width, middle = high - low, 0.5 * (low + high)
+    crossing = low + width * inner / (inner - outer)
+    if width <= narrow:
+        search[HERE] = crossing
+        return True
+    search[ROOM] *= 0.5
+    # A step of a quarter of what may be left: once the estimate is good, both bounds soon are.
+    off, cut = middle - crossing, max(_TRUNCATION * width * width, 0.25 * narrow)
+    nearer = crossing + math.copysign(cut, off) if cut <= abs(off) else middle
+    most = max(search[ROOM] - 0.5 * width, 0.0)
+    search[HERE] = nearer if abs(nearer - middle) <= most else middle - math.copysign(most, off)
+    return False

@@ -1,0 +1,101 @@
+"""Hits of the rays of bundles on planes, ray by ray, on nodes that move smoothly with the sensor position.
+
+Nodes are polar: about one inner point for all positions near each other, at shares of the way to the traced edge. So
+the hit of a node, and its weight, are smooth functions of the position, which random rays' are not. Vision frame, mm.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.integrating import edge_kernels
+from pipeline.camera.integrating.flux import PROBES, holds_all
+from pipeline.camera.integrating.quadrature import bounded, inner_points
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+
+_INSIDE = 1 - 1e-7
+"""Rays at the edge itself must pass; it is known to 3e-8 of the way to the bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hits:
+    """Rays of n positions at a directions and r shares of the radius.
+
+    Attributes
+    ----------
+    on_plane : (n, a, r, 2) float64
+        Coordinates on the plane of each position.
+    density_sr : (n, a, r) float64
+        Weight per area of the unit disc: the integral over a bundle is that of density times share d(share) d(angle).
+    whole : (n,) bool
+        Whether every ray passes, none beyond the edge, and rays all over the bound where the edge says: the bundle is
+        star-shaped about its inner point, and all of it.
+    """
+
+    on_plane: np.ndarray
+    density_sr: np.ndarray
+    whole: np.ndarray
+
+
+def bundle_hits(
+    arrays: tuple[Any, ...],
+    positions_mm: np.ndarray,
+    lens: int,
+    plane: np.ndarray,
+    shares: np.ndarray,
+    directions: int,
+    about: int = 0,
+) -> Hits:
+    """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none.
+
+    Parameters
+    ----------
+    plane : (4, 3) float64
+        Rows origin, first axis, second axis, normal.
+    shares : (r,) float64
+        Of the way from the inner point to the edge.
+    about : int
+        The position whose inner point serves all of them.
+    """
+    n, own = len(positions_mm), np.full(len(positions_mm), lens)
+    home, found = inner_points(arrays, positions_mm[[about]], own[:1]), bounded(arrays, positions_mm, own)
+    if np.isnan(home.centres).any() or (found.counts < 3).any():
+        nothing = np.full((n, directions, len(shares)), np.nan)
+        return Hits(np.stack([nothing, nothing], axis=-1), nothing, np.zeros(n, bool))
+    # Without a microlens what passes moves along with the position, by the drift of the outlines.
+    drift = arrays[0][4] if lens == NO_MICROLENS else 0.0
+    found.centres[:] = home.centres + drift * (found.positions - home.positions)
+    owner, angle = found.spokes(directions)
+    radius, _, limit, _ = found.find(owner, angle)
+    held, _ = holds_all(found, owner, angle, radius, np.full(len(owner), 2 * np.pi / directions), PROBES * directions)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = found.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
+    hit = np.empty((n * directions * len(shares), 4))
+    planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)
+    starts = found.positions, own, np.repeat(owner, len(shares)), points.reshape(-1, 2)
+    edge_kernels.hits(found.camera, planes, *starts, hit)
+    edge_kernels.hits.count(len(hit), len(arrays[1]))
+    nodes = hit.reshape(n, directions, len(shares), 4)
+    whole = held & (nodes[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
+    density = nodes[..., 2] * (radius**2).reshape(n, directions, 1)
+    return Hits(nodes[..., :2], density, whole)
+
+
+def single_hits(
+    arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
+) -> np.ndarray:
+    """Hit of the ray from each position towards an aim of the sampling plane on a plane of its own, (n, 2); NaN: none.
+
+    Parameters
+    ----------
+    lens : (n,) int64
+    aims_mm : (n, 2) float64
+    planes : (n, 4, 3) float64
+    """
+    optics, table, _, lenses, aperture, mosaic = arrays
+    hit = np.empty((len(positions_mm), 4))
+    given = map(np.ascontiguousarray, (planes, positions_mm, lens, np.arange(len(lens)), aims_mm))
+    edge_kernels.hits((optics, table, lenses, aperture, mosaic), *given, hit)
+    edge_kernels.hits.count(len(hit), len(table))
+    return np.where(hit[:, 3:] > 0, hit[:, :2], np.nan)

@@ -1,0 +1,259 @@
+"""Integrals over bundles by quadrature over the traced edge of what passes; vision frame, mm.
+
+The edge is found by real rays, because only the trace knows what passes. From an inner point, nodes of
+Gauss and Legendre along the radius times nodes over the angle: evenly spaced ones where the edge is one smooth curve
+(then their error falls faster than any power of their number), else those of Gauss and Legendre on each arc between two
+corners. A corner is where the aperture that blocks changes. All of it needs a region that is star-shaped about the
+point; one that is not is reported, not integrated.
+"""
+
+import functools
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.integrating import edge_kernels
+from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.integrating.flux import PROBES, holds_all
+from pipeline.camera.integrating.ways import Ways
+from pipeline.camera.parts.polygon import MAX_VERTICES
+from pipeline.camera.tracing.acceptance import HALF_ANGLE
+from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN_COLUMNS
+from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
+
+EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
+"""Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
+
+_FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
+_INNER_PROBES = 256
+_LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Work that an integral may cost.
+
+    Attributes
+    ----------
+    corner_steps, corner_edge_steps : int
+        Bisections of the direction of a corner, and of the edge for each of them.
+    edge_steps : int
+        Bisections of the edge in the direction of a node.
+    """
+
+    corner_steps: int
+    corner_edge_steps: int
+    edge_steps: int
+
+
+FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24)
+ROUGH = Effort(corner_steps=5, corner_edge_steps=12, edge_steps=20)
+"""Efforts for results, and for steps on the way to one. Both are held against rays over the whole bound: a step that
+sees one piece of two goes far astray."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edges(Ways):
+    """Regions that rays pass, and the means to integrate over them.
+
+    Attributes
+    ----------
+    corner_owner, corner_rad : (c,) int64, (c,) float64
+        Corners of the edges: positions, ascending, and directions from the inner point, ascending.
+    rays : int
+        Traced so far.
+    effort : Effort
+    """
+
+    corner_owner: np.ndarray
+    corner_rad: np.ndarray
+    rays: int
+    effort: Effort
+
+    def moments(
+        self, planes: np.ndarray, nodes: tuple[int, int], is_last: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Moments of all bundles on two planes of each.
+
+        Parameters
+        ----------
+        planes : (n, 2, 4, 3) float64
+        nodes : (int, int)
+            Along the radius, and over the full circle.
+        is_last : bool
+            Whether no finer level follows: rays over the whole bound are held against the finest one.
+
+        Returns
+        -------
+        (n, COLUMNS) float64
+            As `Tracer.moments`; the standard errors are 0.
+        (n,) int64
+            EMPTY, INTEGRATED or NOT_STAR_SHAPED.
+        int
+            Rays traced.
+        """
+        n = len(self.positions)
+        result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
+        owner, angle, share = _directions(self, nodes[1])
+        radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
+        if len(owner):
+            node, weight = _gauss(nodes[0])
+            along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            start, length = self._pieces(owner, along, radius)
+            r = (start[..., None] + length[..., None] * node).reshape(len(owner), -1)
+            points = self.centres[owner, None] + r[..., None] * along[:, None]
+            measure = r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)
+            whole, some = np.zeros(n, bool), measure > 0  # parts may be empty
+            arguments = self.positions, self.lens, np.repeat(owner, some.sum(axis=1)), points[some], measure[some]
+            planes = np.ascontiguousarray(planes)
+            edge_kernels.integrate(self.camera, planes, *arguments, result, whole)
+            edge_kernels.integrate.count(len(arguments[-1]), len(self.arrays[1]))
+            rays += len(arguments[-1]) + len(owner)
+            whole &= self.nothing_beyond(owner, along, radius, limit)
+            if is_last:
+                held, more = holds_all(self, owner, angle, radius, share, PROBES * nodes[1])
+                whole, rays = whole & held, rays + more
+            status[owner] = np.where(whole, INTEGRATED, NOT_STAR_SHAPED)[owner]
+        result[:, VARIANCE:] = 0.0
+        result[:, FREE_WEIGHT] = self.free_sr
+        result[status == EMPTY, WEIGHT] = 0.0
+        return result, status, rays
+
+    def _pieces(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Starts and lengths of the parts of each way to the edge, (m, parts), within which the weight is smooth.
+
+        The acceptance of a cone has a kink where its roll-off begins: a circle about the foot of the sensor position.
+        """
+        optics, _, _, lenses, _, mosaic = self.arrays
+        if not mosaic[0][HALF_ANGLE] > 0.0:
+            return np.zeros((len(owner), 1)), radius[:, None]
+        height = optics[1] - optics[0] if lenses.shape[1] == PLAIN_COLUMNS else lenses[self.lens[owner], AIM]
+        away = self.centres[owner] - self.positions[owner]
+        towards = -np.sum(away * along, axis=1)
+        squared = (height * np.tan(mosaic[0][HALF_ANGLE])) ** 2 - np.sum(away**2, axis=1) + towards**2
+        half = np.sqrt(np.maximum(squared, 0.0))
+        marks = np.clip(np.stack([towards - half, towards + half], axis=1), 0.0, radius[:, None])
+        marks = np.column_stack([np.zeros(len(owner)), marks, radius])
+        return marks[:, :-1], np.diff(marks, axis=1)
+
+
+def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, effort: Effort = FINE) -> Edges:
+    """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
+    found = replace(inner_points(arrays, positions_mm, lens), effort=effort)
+    owner, angle = found.spokes(_FIRST_DIRECTIONS)
+    # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
+    _, label, _, fine = found.find(owner, angle, effort.corner_edge_steps)
+    corner_owner, corner, again = _corners(found, owner, angle, label)
+    return replace(found, corner_owner=corner_owner, corner_rad=corner, rays=found.rays + fine + again)
+
+
+def inner_points(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+    """The same without corners."""
+    found = bounded(arrays, positions_mm, lens)
+    rays = _settle_centres(found)
+    owner, angle = found.spokes(_FIRST_DIRECTIONS)
+    radius, _, _, more = found.find(owner, angle, _FIRST_STEPS)
+    return replace(found, rays=rays + more + _move_to_middle(found, owner, angle, radius))
+
+
+def bounded(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+    """Only the polygons that enclose what passes; inner points are NaN."""
+    positions, lens = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(lens, np.int64)
+    n = len(positions)
+    polygons, counts, free = np.zeros((n, MAX_VERTICES, 2)), np.zeros(n, np.int64), np.zeros(n)
+    optics, _, outlines, lenses, aperture, mosaic = arrays
+    edge_kernels.bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons, counts, free)
+    none = np.zeros(0, np.int64), np.zeros(0)
+    return Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0, FINE)
+
+
+def _settle_centres(found: Edges) -> int:
+    """Write an inner point of every region: its centre, or the passing probe nearest to the mean of them."""
+    candidates = np.flatnonzero(found.counts >= 3)
+    inside = np.arange(MAX_VERTICES) < found.counts[candidates, None]
+    middle = (found.polygons[candidates] * inside[..., None]).sum(axis=1) / found.counts[candidates, None]
+    passed = found.probe(candidates, middle) == PASSES
+    found.centres[candidates[passed]] = middle[passed]
+    missed = candidates[~passed]
+    points = found.spread(missed, _INNER_PROBES)
+    label = found.probe(np.repeat(missed, _INNER_PROBES), points.reshape(-1, 2)).reshape(-1, _INNER_PROBES)
+    for n, tried, ok in zip(missed, points, label == PASSES, strict=True):
+        if ok.any():
+            lit = tried[ok]
+            found.centres[n] = lit[np.argmin(np.hypot(*(lit - lit.mean(axis=0)).T))]
+    return len(candidates) + label.size
+
+
+def _move_to_middle(found: Edges, owner: np.ndarray, angle: np.ndarray, radius: np.ndarray) -> int:
+    """Move inner points to the centroids of their regions where those pass."""
+    n = len(found.positions)
+    area = np.bincount(owner, 1.5 * radius**2, n)
+    moved = np.stack([np.bincount(owner, radius**3 * along(angle), n) for along in (np.cos, np.sin)], axis=1)
+    some = np.flatnonzero(area > 0)
+    middle = found.centres[some] + moved[some] / area[some, None]
+    passed = found.probe(some, middle) == PASSES
+    found.centres[some[passed]] = middle[passed]
+    return len(some)
+
+
+def _corners(
+    found: Edges, owner: np.ndarray, angle: np.ndarray, label: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Directions between which the label of the edge changes, bisected; `owner` comes in full circles.
+
+    A third label in between is an arc that the first directions missed: then there are two corners instead of one.
+    """
+    circle = label.reshape(-1, _FIRST_DIRECTIONS)
+    following = np.roll(circle, -1, axis=1).ravel()
+    changes = np.flatnonzero(label != following)
+    owner, left, before, after = owner[changes], angle[changes], label[changes], following[changes]
+    right, rays = left + 2 * np.pi / _FIRST_DIRECTIONS, 0
+    for _ in range(found.effort.corner_steps):
+        middle = (left + right) / 2
+        _, here, _, more = found.find(owner, middle, found.effort.corner_edge_steps)
+        rays += more
+        is_left, new = here == before, (here != before) & (here != after)
+        parts = (
+            (owner, np.where(is_left, middle, left), np.where(is_left, right, middle), before),
+            (owner[new], middle[new], right[new], here[new]),
+        )
+        after = np.concatenate([np.where(new, here, after), after[new]])
+        owner, left, right, before = (np.concatenate(pair) for pair in zip(*parts, strict=True))
+        order = np.lexsort((left, owner))
+        owner, left, right, before, after = (values[order] for values in (owner, left, right, before, after))
+    return owner, (left + right) / 2, rays
+
+
+def _directions(found: Edges, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Directions of a quadrature and the angles that they stand for, sorted by owner."""
+    live = ~np.isnan(found.centres[:, 0])
+    live[found.corner_owner] = False
+    smooth = np.flatnonzero(live)
+    owners = [np.repeat(smooth, wanted)]
+    angles = [np.tile(2 * np.pi * np.arange(wanted) / wanted, len(smooth))]
+    shares = [np.full(len(owners[0]), 2 * np.pi / wanted)]
+    owner, start = found.corner_owner, found.corner_rad
+    last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
+    first = np.searchsorted(owner, owner)
+    length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start
+    pieces = np.ceil(wanted * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)
+    owner, length, start = (np.repeat(values, pieces) for values in (owner, length / pieces, start))
+    start = start + length * (np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces))
+    number = np.maximum(np.ceil(wanted * length / (2 * np.pi)).astype(int), _LEAST_PER_ARC)
+    for count in np.unique(number):
+        node, weight = _gauss(int(count))
+        here = number == count
+        owners.append(np.repeat(owner[here], count))
+        angles.append((start[here, None] + length[here, None] * node).ravel())
+        shares.append((length[here, None] * weight).ravel())
+    order = np.argsort(np.concatenate(owners), kind="stable")
+    owner, angle, share = (np.concatenate(parts)[order] for parts in (owners, angles, shares))
+    return owner, angle, share
+
+
+@functools.cache
+def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss and Legendre on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (nodes + 1) / 2, weights / 2

@@ -1,0 +1,90 @@
+"""Ways from inner points of bundles to the edge of what passes, found by real rays; vision frame, mm."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.integrating import edge_kernels, edge_search
+from pipeline.camera.integrating.edge_kernels import PASSES
+
+_POLYGON = 1 << 20
+"""Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
+_EDGE_STEPS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Ways:
+    """Regions that rays pass, for many sensor positions, each seen from an inner point.
+
+    Attributes
+    ----------
+    arrays : tuple
+        `Tracer.arrays`.
+    positions, lens : (n, 2) float64, (n,) int64
+        Sensor positions and their microlens.
+    polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
+        Polygons that enclose what passes.
+    free_sr : (n,) float64
+        Weight of all rays through the position's own microlens; 0 without one.
+    centres : (n, 2) float64
+        Inner points; NaN where nothing passes.
+    """
+
+    arrays: tuple[Any, ...]
+    positions: np.ndarray
+    lens: np.ndarray
+    polygons: np.ndarray
+    counts: np.ndarray
+    free_sr: np.ndarray
+    centres: np.ndarray
+
+    @property
+    def camera(self) -> tuple[Any, ...]:
+        """Arguments of kernels of single rays: optics, table, lenses, aperture and mosaic."""
+        optics, table, _, lenses, aperture, mosaic = self.arrays
+        return optics, table, lenses, aperture, mosaic
+
+    def spokes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Evenly spaced directions about every inner point: positions, ascending, and angles."""
+        live = np.flatnonzero(~np.isnan(self.centres[:, 0]))
+        return np.repeat(live, count), np.tile(2 * np.pi * np.arange(count) / count, len(live))
+
+    def spread(self, rows: np.ndarray, count: int) -> np.ndarray:
+        """So many points all over the polygons of some positions, (rows, count, 2)."""
+        points = np.empty((len(rows), count, 2))
+        edge_kernels.spread(self.polygons[rows], self.counts[rows], points)
+        return points
+
+    def probe(self, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
+        label = np.empty(len(owner), np.int64)
+        edge_kernels.probe(self.camera, self.positions, self.lens, owner, np.ascontiguousarray(points), label)
+        edge_kernels.probe.count(len(owner), len(self.arrays[1]))
+        return label
+
+    def find(
+        self, owner: np.ndarray, angle: np.ndarray, steps: int = _EDGE_STEPS
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """Radius of the edge, its label, the polygon's radius, and the number of rays, for directions sorted by owner.
+
+        The radius errs by less than 2^-(steps + 1) of the way to the polygon.
+        """
+        limit, label = np.empty(len(owner)), np.empty(len(owner), np.int64)
+        edge_search.reach(self.polygons, self.counts, self.centres, owner, angle, limit, label)
+        label += _POLYGON
+        radius = np.empty(len(owner))
+        way = self.positions, self.lens, self.centres, owner, angle, limit
+        rays = edge_search.find_edges(self.camera, *way, steps, radius, label)
+        edge_search.find_edges.count(rays, len(self.arrays[1]))
+        return radius, label, limit, rays
+
+    def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
+        height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
+        open_ = radius < limit * (1 - 1e-9)
+        points = self.centres[owner] + (radius + height * (limit - radius))[:, None] * along
+        label = self.probe(owner[open_], points[open_])
+        clear = np.ones(len(self.positions), bool)
+        clear[owner[open_][label == PASSES]] = False
+        return clear

@@ -1,0 +1,151 @@
+"""Micro-images: where the image behind each microlens lies on the sensor, and which pixels belong to it."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.chief_ray import chief_slopes
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing import microlens_kernels
+from pipeline.camera.tracing.microlens_tables import is_plain
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP, outlines_at
+from pipeline.optics.first_order import exit_pupil
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+_STEPS = 12
+_TOLERANCE = 1e-12
+_ROUNDING_MM = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class MicroImages:
+    """Centres of all micro-images, in the order of `camera.parts.lattice`.
+
+    Attributes
+    ----------
+    centre_mm : (n, 2) float64
+        Sensor hit of the real ray through the stop centre and the microlens vertex, vision frame.
+    radius_mm : float
+        Exit-pupil radius * B / P, the contour of half illumination.
+    reach_mm : (n,) float64
+        Beyond this distance from the centre no light of the microlens arrives.
+    tree : cKDTree
+        Of the centres.
+    """
+
+    centre_mm: np.ndarray
+    radius_mm: float
+    reach_mm: np.ndarray
+    tree: "cKDTree"
+
+    def owner(self, positions_mm: np.ndarray) -> np.ndarray:
+        """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
+        return self.tree.query(positions_mm)[1]
+
+    def contributors(self, positions_mm: np.ndarray, slack_mm: float) -> np.ndarray:
+        """Rows of the microlenses whose light may reach within `slack_mm` of each position, nearest first, (n, s).
+
+        As many columns as the position with the most of them needs; `SKIP` for a microlens whose light does not.
+        """
+        farthest = float(self.reach_mm.max()) + slack_mm
+        within = self.tree.query_ball_point(positions_mm, farthest, return_length=True)
+        distance, rows = self.tree.query(positions_mm, k=max(1, int(within.max())))
+        distance, rows = distance.reshape(len(positions_mm), -1), rows.reshape(len(positions_mm), -1)
+        lit = distance <= self.reach_mm[rows] + slack_mm
+        return np.where(lit, rows, SKIP)[:, : max(1, int(np.flatnonzero(lit.any(axis=0)).max(initial=0)) + 1)]
+
+
+def micro_images(tracer: Tracer) -> MicroImages:
+    """Micro-images of a plenoptic camera.
+
+    The chief ray is traced backwards from the microlens vertex, so its slope in front of the array is exact; a plain
+    thin lens passes it undeviated. Where a microlens is more than that, the ray through the vertex of its aperture's
+    face is sought that leaves as a chief ray.
+    """
+    array, grid = tracer.camera.microlenses, tracer.lattice
+    if array is None or grid is None:
+        raise CameraError("a conventional camera has no micro-images")
+    vertex = tracer.vertices_mm
+    if is_plain(array):
+        slope = chief_slopes(tracer.table, tracer.stop_row, tracer.on_film(vertex))
+        centre = vertex - slope * array.distance_mm
+    else:
+        centre = _centres(tracer)
+    pupil = exit_pupil(tracer.camera.prescription)
+    behind, ahead = array.principal_mm[0]
+    radius = pupil.diameter_mm / 2 * behind / (pupil.z_mm - tracer.sensor_z_mm - ahead)
+    return MicroImages(centre, float(radius), _reach(tracer, centre), tree_of(centre))
+
+
+def tree_of(points: np.ndarray) -> "cKDTree":
+    """SciPy's tree for the nearest of many points; SciPy is imported here because plans import this module."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
+def _centres(tracer: Tracer) -> np.ndarray:
+    """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
+    optics, _, _, lenses, _, mosaic = tracer.arrays
+    lens, count = np.arange(len(lenses)), len(lenses)
+    centre = lenses[:, :2].copy()
+    position, direction, passes = (np.empty((count, n)) for n in (3, 3, 1))
+    for _ in range(_STEPS):
+        aims = vertex_aims(tracer, lens, centre)
+        microlens_kernels.rays_before(optics, lenses, mosaic, lens, centre, aims, position, direction, passes[:, 0])
+        slope = direction[:, :2] / direction[:, 2:]
+        miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
+        centre += lenses[:, [microlens_kernels.AIM]] * miss
+        if np.abs(miss).max() < _TOLERANCE:
+            return centre
+    raise CameraError("no chief ray was found through some microlens", hint="is a microlens too strong for its slope?")
+
+
+def vertex_aims(tracer: Tracer, lens: np.ndarray, positions_mm: np.ndarray) -> np.ndarray:
+    """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
+    optics, _, _, lenses, _, mosaic = tracer.arrays
+    array = tracer.camera.microlenses
+    assert array is not None and tracer.lattice is not None
+    if is_plain(array):
+        return lenses[lens, :2]
+    point, aims = np.zeros((len(lens), 3)), np.empty((len(lens), 2))
+    heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
+    point[:, 2] = np.array(heights)[tracer.lattice.type[lens]] if heights else 0.0
+    microlens_kernels.aims_for(optics, lenses, mosaic, lens, positions_mm, point, aims)
+    return aims
+
+
+def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
+    """The sampling bounds turned round: beyond which distance from its centre a microlens has no region, (n,) [mm]."""
+    _, _, outlines, lenses, aperture, _ = tracer.arrays
+    base = around = lenses[:, :2]
+    margin: np.ndarray | float = 0.0
+    if lenses.shape[1] != microlens_kernels.PLAIN_COLUMNS:
+        base = lenses[:, [microlens_kernels.BASE_X, microlens_kernels.BASE_Y]]
+        around = lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
+        margin = lenses[:, microlens_kernels.MARGIN]
+    polygons = np.empty((len(lenses), outlines.shape[2], 2))
+    outlines_at(tracer.bounds.step_mm, outlines, np.ascontiguousarray(around), polygons)
+    by_start, by_aim = tracer.microlenses.reach.T
+    edge = (polygons - base[:, None]) / by_start[:, None, None] - (centre - lenses[:, :2])[:, None]
+    corner = np.hypot(*aperture.T).max() * (1 + (lenses[0, microlens_kernels.INFLATION] if np.ndim(margin) else 0.0))
+    return np.hypot(*edge.T).max(axis=0) + (corner * np.abs(by_aim) + margin) / np.abs(by_start) + _ROUNDING_MM
+
+
+def owners(images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
+    """Microlens of each sensor position: the owner of its cell, or NO_MICROLENS throughout."""
+    if images is None:
+        return np.full(len(positions_mm), NO_MICROLENS)
+    return images.owner(positions_mm)
+
+
+def strata(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
+    """Microlenses that light of the pixel around each position may pass, that of its own cell first, (n, s)."""
+    if images is None:
+        return np.full((len(positions_mm), 1), NO_MICROLENS)
+    # Contiguous: kernels are compiled for that alone.
+    return np.ascontiguousarray(images.contributors(positions_mm, tracer.camera.sensor.pitch_mm * np.sqrt(0.5)))

@@ -1,0 +1,142 @@
+"""Contours of the light of microlenses on the sensor: edges of all that passes any point of the aperture.
+
+Along a direction the light of a microlens ends where the last point of its aperture goes dark, and that is a point of
+the rim: just inside of it light passes a thin sliver of the aperture. Rays through points of the rim say where that is:
+a few points all around, then finer ones about those that go dark last.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.micro_images import pinhole_kernels
+
+RIM = 384
+"""Points around an aperture."""
+_COARSE, _FINE = 24, 9
+_STRIDE = RIM // _COARSE
+_FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
+_COARSE_STEPS, _FINE_STEPS, _WIDENINGS = 7, 8, 20
+
+
+class Contours:
+    """Outer edges of light along directions from origins.
+
+    Parameters
+    ----------
+    camera : tuple
+        Optics, table, lenses and mosaic of `Tracer.arrays`.
+    lens, kind : (n,) int64
+        Rows of microlenses and their types.
+    rims : (types, rings * RIM, 3) float64
+        Points around the aperture of each type, in the frame of their microlens; rings of them where the rim itself may
+        be dark, because another face cuts the light there.
+    origins, directions : (n, 2), (d, 2) float64
+    """
+
+    def __init__(
+        self,
+        camera: tuple[Any, ...],
+        lens: np.ndarray,
+        kind: np.ndarray,
+        rims: np.ndarray,
+        origins: np.ndarray,
+        directions: np.ndarray,
+    ) -> None:
+        self._camera, self._lens, self._kind, self._rims = camera, lens, kind, rims
+        self._origins, self._directions = origins, directions
+
+    def distances(self, outside: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Distances (n, d) from the origins; NaN where no light was found.
+
+        Parameters
+        ----------
+        outside : (n, d) float64
+            About where it is dark. From there inwards, because near the middle a small pupil may be seen through the
+            inside of the aperture only.
+        step : (n,) float64
+            Shorter than the way on which the rim stays lit once light has reached it.
+        """
+        first = np.zeros(outside.shape, np.int64)
+        step = np.broadcast_to(step[:, None], outside.shape)
+        high, _ = self._darkened(outside, step, first, _COARSE, _STRIDE)
+        low, where = high - step, np.full(high.shape, -1)
+        for _ in range(_WIDENINGS):
+            here = self._lit(low, first, _COARSE, _STRIDE)
+            where = np.where(where < 0, here, where)
+            inward = (where < 0) & (low > 0)
+            if not inward.any():
+                break
+            low, high = np.where(inward, low - step, low), np.where(inward, low, high)
+        low, high, where = self._bisected(low, high, where, first, _COARSE, _STRIDE, _COARSE_STEPS)
+        first = where - _STRIDE
+        high, low = self._darkened(high, high - low, first, _FINE, _FINE_STRIDE, low)
+        low, high, _ = self._bisected(low, high, where, first, _FINE, _FINE_STRIDE, _FINE_STEPS)
+        return np.where(where >= 0, (low + high) / 2, np.nan)
+
+    def _darkened(
+        self,
+        high: np.ndarray,
+        step: np.ndarray,
+        first: np.ndarray,
+        count: int,
+        stride: int,
+        low: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Outer bounds moved outwards until they are dark, inner ones along."""
+        low = high if low is None else low
+        for _ in range(_WIDENINGS):
+            lit = self._lit(high, first, count, stride) >= 0
+            if not lit.any():
+                break
+            low, high = np.where(lit, high, low), np.where(lit, high + step, high)
+        return high, low
+
+    def _bisected(
+        self,
+        low: np.ndarray,
+        high: np.ndarray,
+        where: np.ndarray,
+        first: np.ndarray,
+        count: int,
+        stride: int,
+        steps: int,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Narrowed bounds between light and dark, and the rim point that was lit last."""
+        for _ in range(steps):
+            middle = (low + high) / 2
+            here = self._lit(middle, first, count, stride)
+            low, high = np.where(here >= 0, middle, low), np.where(here >= 0, high, middle)
+            where = np.where(here >= 0, here, where)
+        return low, high, where
+
+    def _lit(self, distance: np.ndarray, first: np.ndarray, count: int, stride: int) -> np.ndarray:
+        """The middle one of the rim points first, first + stride, ... that light passes, (n, d); -1: all are dark."""
+        n, d = distance.shape
+        which = (first[..., None] + stride * np.arange(count)) % RIM
+        starts = self._origins[:, None] + distance[..., None] * self._directions
+        rings = self._rims.shape[1] // RIM
+        starts = np.repeat(starts, count * rings, axis=1)
+        low, blocker = np.zeros(starts.shape[:2]), np.empty(starts.shape[:2], np.int64)
+        pinhole_kernels.edges(
+            self._camera,
+            self._lens,
+            self._kind,
+            self._rims,
+            (which[..., None] + RIM * np.arange(rings)).reshape(n, -1),
+            starts,
+            np.zeros(starts.shape),
+            low,
+            low,
+            0,
+            blocker,
+        )
+        pinhole_kernels.edges.count(blocker.size, len(self._camera[1]))
+        passes = (blocker.reshape(n, d, count, rings) == PASSES).any(axis=3)
+        # The middle of the first run: far from each other two parts of the rim may be lit.
+        begins = np.argmax(passes & ~np.roll(passes, 1, axis=2), axis=2)[..., None]
+        run = np.take_along_axis(passes, (begins + np.arange(count)) % count, axis=2)
+        length = np.where(run.all(axis=2), count, np.argmin(run, axis=2))
+        middle = first + stride * begins[..., 0] + stride * (length - 1) // 2
+        return np.where(length > 0, middle % RIM, -1)

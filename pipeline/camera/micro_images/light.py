@@ -1,0 +1,234 @@
+"""Centroids and outlines of micro-images: the light of every microlens, each from its own traced rays.
+
+The light of a microlens is a double integral, over its aperture and over the sensor. Through one point of the aperture
+light fills the image of the exit pupil as that pinhole throws it; over the points of the aperture that image only moves
+and bends a little. So a few points are enough, where the light at a few sensor positions would not be: it ends in a
+penumbra.
+"""
+
+from dataclasses import dataclass
+from itertools import chain, combinations
+
+import numpy as np
+
+from pipeline.camera.micro_images.centres import MicroImages
+from pipeline.camera.micro_images.contours import RIM, Contours
+from pipeline.camera.micro_images.pupil_images import Apertures
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.lattice import cell
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.polygon import regular
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing import microlens_kernels
+from pipeline.camera.tracing.microlens_tables import on_apertures
+from pipeline.camera.tracing.sampling_bounds import outlines_at
+from pipeline.optics.table import INNER_SQUARED, SEMI_DIAMETER_SQUARED
+
+OUTLINE_DEG = tuple(range(0, 360, 15))
+"""Directions of outlines, from +x towards +y of the image."""
+_NEIGHBOUR = 1e-3
+_INSIDE = 1 - 1e-9
+_ROOM = 1.1
+_STEP = 0.3
+"""Share of the least radius of the pupil's image: a shorter way than a rim that light has reached stays lit; and of the
+penumbra."""
+_RING, _RINGS = 0.01, 12
+_AT_ONCE = 512
+
+
+@dataclass(frozen=True, slots=True)
+class MicroLight:
+    """Light of the microlenses that reaches the image, each alone: through its own aperture, whatever cell it falls in.
+
+    Attributes
+    ----------
+    rows : (n,) int64
+        Which microlenses of the lattice, ascending.
+    centroid_mm : (n, 2) float64
+        Of the irradiance on the sensor, all of it, also beyond the image; vision frame, NaN for a dark one.
+    pupil_area_mm2 : (n,) float64
+        What light through the vertex fills.
+    pupil_mm, light_mm : (n, directions) float64
+        How far from the centroid light through the vertex, and any light, reaches along `OUTLINE_DEG`; NaN where the
+        vertex throws no light onto the centroid, or nothing is lit.
+    """
+
+    rows: np.ndarray
+    centroid_mm: np.ndarray
+    pupil_area_mm2: np.ndarray
+    pupil_mm: np.ndarray
+    light_mm: np.ndarray
+
+
+def micro_light(tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1) -> MicroLight:
+    """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them.
+
+    Raises
+    ------
+    CameraError
+        The camera has no microlenses.
+    """
+    array, grid = tracer.camera.microlenses, tracer.lattice
+    if array is None or grid is None:
+        raise CameraError("a conventional camera has no micro-images")
+    rows = np.array_split(reaching(tracer, images), tiles)[tile]
+    shift, limit = _motion(tracer, images, rows)
+    lit = limit > 0
+    rows, shift, limit, kind = rows[lit], shift[lit], limit[lit], grid.type[rows[lit]]
+    parts = [
+        _chunk(
+            tracer,
+            array,
+            rows[i : i + _AT_ONCE],
+            kind[i : i + _AT_ONCE],
+            images,
+            shift[i : i + _AT_ONCE],
+            limit[i : i + _AT_ONCE],
+        )
+        for i in range(0, len(rows), _AT_ONCE)
+    ]
+    joined = [np.concatenate(values) for values in zip(*parts, strict=True)] if parts else _nothing()
+    return MicroLight(rows, *joined)
+
+
+def _chunk(
+    tracer: Tracer,
+    array: MicrolensArray,
+    rows: np.ndarray,
+    kind: np.ndarray,
+    images: MicroImages,
+    shift: np.ndarray,
+    limit: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Centroids, areas and outlines of some microlenses."""
+    optics, table, _, lenses, _, mosaic = tracer.arrays
+    points, shares = _nodes(array)
+    middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), 4))
+    for sign, part in _parts(table):
+        apertures = Apertures((optics, part, lenses, mosaic), rows, kind, points, shares)
+        sums += sign * apertures.light(middle, shift, limit)
+    some = sums[:, 0] > 0
+    centroid, area = np.full_like(middle, np.nan), np.where(some, sums[:, 3], np.nan)
+    centroid[some] = middle[some] + sums[some, 1:3] / sums[some, :1]
+    # The image is the sensor frame, turned by 180 degrees about z.
+    angle = np.deg2rad(OUTLINE_DEG)
+    along = -np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    outer = Apertures((optics, _without_holes(table), lenses, mosaic), rows, kind, points, shares)
+    pupil = outer.reach(np.nan_to_num(centroid), along, limit)
+    least = np.nan_to_num(pupil.min(axis=1), nan=0.0)
+    least = np.where(least > 0, least, limit)
+    rim = np.concatenate([share * _rim(array) for share in _shares_of_rim(array)])
+    beyond = 1.05 * np.abs(shift) * np.hypot(*rim.T).max() + 0.01 * least
+    outside = np.where(np.isnan(pupil), limit[:, None], pupil) + beyond[:, None]
+    contours = Contours(outer.camera, rows, kind, on_apertures(array, rim), np.nan_to_num(centroid), along)
+    light = contours.distances(outside, _STEP * np.minimum(least, beyond))
+    pupil[~some], light[~some] = np.nan, np.nan
+    return centroid, area, pupil, light
+
+
+def _nothing() -> tuple[np.ndarray, ...]:
+    return np.zeros((0, 2)), np.zeros(0), *np.zeros((2, 0, len(OUTLINE_DEG)))
+
+
+def reaching(tracer: Tracer, images: MicroImages) -> np.ndarray:
+    """Rows of the microlenses whose light may fall onto the image."""
+    sensor = tracer.camera.sensor
+    size = np.array([sensor.width_px, sensor.height_px])
+    centre = tracer.pixels_at(images.centre_mm)
+    off = centre - np.clip(centre, -0.5, size - 0.5)
+    return np.flatnonzero(np.hypot(*off.T) * sensor.pitch_mm <= images.reach_mm)
+
+
+def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Movement of the pupil's image per distance of the point in the aperture, and its reach; 0: dark.
+
+    From the sampling bounds, turned round as for `MicroImages.reach_mm`.
+    """
+    optics, _, outlines, lenses, _, _ = tracer.arrays
+    lenses = lenses[rows]
+    base = around = lenses[:, :2]
+    margin = np.zeros(len(rows))
+    if lenses.shape[1] != microlens_kernels.PLAIN_COLUMNS:
+        base = lenses[:, [microlens_kernels.BASE_X, microlens_kernels.BASE_Y]]
+        around = lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
+        margin = lenses[:, microlens_kernels.MARGIN]
+    polygons = np.empty((len(rows), outlines.shape[2], 2))
+    outlines_at(optics[3], outlines, np.ascontiguousarray(around), polygons)
+    by_start, by_aim = tracer.microlenses.reach[rows].T
+    edge = lenses[:, None, :2] + (polygons - base[:, None]) / by_start[:, None, None] - images.centre_mm[rows, None]
+    limit = _ROOM * np.hypot(edge[..., 0], edge[..., 1]).max(axis=1, initial=0.0) + margin / np.abs(by_start)
+    limit[np.ptp(polygons, axis=1).max(axis=1) == 0] = 0.0
+    return -by_aim / by_start, limit
+
+
+def _nodes(array: MicrolensArray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadrature over an aperture: vertex and a ring, exact for cubics: (types, m, 5, 3) with neighbours, (m,)."""
+    if array.disc_diameter_mm is not None:
+        radius = array.disc_diameter_mm / 2
+        ring = np.sqrt(2 / 3) * radius * regular(6, np.cos(np.pi / 6), 0.0)
+        shares = np.full(6, 1 / 8)
+    else:
+        ring, shares = _ring(cell(array))
+    points = np.concatenate([np.zeros((1, 2)), ring])
+    step = _NEIGHBOUR * np.hypot(*ring.T).max()
+    near = points[:, None] + step * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+    placed = on_apertures(array, near.reshape(-1, 2)).reshape(len(array.focal_lengths_mm), *near.shape[:2], 3)
+    return np.ascontiguousarray(placed), np.concatenate([[1 - shares.sum()], shares])
+
+
+def _ring(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points towards the corners of a cell and their weights, which have its second moments.
+
+    Their distance makes the mean of r^4 right as well; on a regular hexagon the rule is exact to the fifth degree.
+    """
+    node, weight = np.polynomial.legendre.leggauss(4)
+    node, weight = (node + 1) / 2, weight / 2
+    u, v = (grid.ravel() for grid in np.meshgrid(node, node))
+    first, second = corners, np.roll(corners, -1, axis=0)
+    area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    inner = u[:, None] * ((1 - v)[:, None] * first[:, None] + v[:, None] * second[:, None])
+    share = (area[:, None] * u * np.outer(weight, weight).ravel()).ravel()
+    x, y = inner.reshape(-1, 2).T
+    share = share / share.sum()
+    squared = x**2 + y**2
+    ring = corners * np.sqrt((share @ squared**2) / (share @ squared) / (corners**2).sum(axis=1).mean())
+    wanted = np.array([share @ x**2, share @ (x * y), share @ y**2])
+    terms = np.stack([ring[:, 0] ** 2, ring[:, 0] * ring[:, 1], ring[:, 1] ** 2])
+    return ring, np.linalg.lstsq(terms, wanted, rcond=None)[0]
+
+
+def _rim(array: MicrolensArray) -> np.ndarray:
+    """RIM points around an aperture, corners of a cell among them, (RIM, 2)."""
+    if array.disc_diameter_mm is not None:
+        return array.disc_diameter_mm / 2 * regular(RIM, np.cos(np.pi / RIM), 0.0)
+    corners = cell(array)
+    share = np.arange(RIM // len(corners)) / (RIM // len(corners))
+    edge = np.roll(corners, -1, axis=0) - corners
+    return (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)
+
+
+def _shares_of_rim(array: MicrolensArray) -> np.ndarray:
+    """Outermost points that light may pass: the rim, or some way inside of it where two curved faces both end."""
+    has_two = any(all(faces.curved) for faces in array.faces)
+    return _INSIDE - _RING * np.arange(_RINGS if has_two else 1)
+
+
+def _without_holes(table: np.ndarray) -> np.ndarray:
+    result = table.copy()
+    result[:, INNER_SQUARED] = 0.0
+    return result
+
+
+def _parts(table: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """Lenses without obstructions, with signs, whose light adds up to that of a lens that may have some.
+
+    What passes is all that the outer edges pass, less what passes inside of obstructions: inclusion and exclusion.
+    """
+    holes = np.flatnonzero(table[:, INNER_SQUARED] > 0)
+    subsets = chain.from_iterable(combinations(holes, count) for count in range(len(holes) + 1))
+    parts = []
+    for rows in subsets:
+        part = _without_holes(table)
+        part[list(rows), SEMI_DIAMETER_SQUARED] = table[list(rows), INNER_SQUARED]
+        parts.append((float((-1) ** len(rows)), part))
+    return parts

@@ -1,0 +1,131 @@
+"""The parts of a camera: plain records. The physics that reads them lives beside this module.
+
+Distances along the axis are counted from the aperture stop, the origin of the camera frame.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.microlens_array import LEAST_MM, MicrolensArray
+from pipeline.optics.prescription import Prescription
+from pipeline.records.declared import settle
+
+WEIGHTS = ("irradiance", "area")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """A plane of square pixels, perpendicular to the axis.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Number of pixels along x and y.
+    pitch_mm : float
+        Distance of neighbouring pixel centres, the same in x and y.
+    offset_x_mm, offset_y_mm : float
+        Where the optical axis meets the sensor, from the image centre, sensor frame (x right, y down in the image).
+    acceptance : str
+        What share of a ray at the angle theta to the axis a pixel takes: `all`; `cosine`, cos^power(theta); `cone`, 1
+        up to the half angle, from there falling linearly with the angle to 0 over the roll-off.
+    acceptance_power : float
+        Of `cosine`.
+    acceptance_half_angle_deg, acceptance_roll_off_deg : float
+        Of `cone`.
+    """
+
+    width_px: int
+    height_px: int
+    pitch_mm: float
+    offset_x_mm: float = 0.0
+    offset_y_mm: float = 0.0
+    acceptance: str = "all"
+    acceptance_power: float = 1.0
+    acceptance_half_angle_deg: float = 90.0
+    acceptance_roll_off_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        settle(self, CameraError)
+        if self.acceptance not in ("all", "cosine", "cone"):
+            raise CameraError(f'a pixel knows no acceptance "{self.acceptance}"')
+        if not (self.acceptance_power > 0 and self.acceptance_half_angle_deg > 0 <= self.acceptance_roll_off_deg):
+            raise CameraError("a pixel's acceptance needs a positive power, or a positive half angle and a roll-off")
+        if self.width_px < 1 or self.height_px < 1 or not self.pitch_mm > 0:
+            raise CameraError(f"a sensor of {self.width_px} x {self.height_px} pixels of {self.pitch_mm} mm")
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height."""
+        return self.width_px * self.pitch_mm, self.height_px * self.pitch_mm
+
+    @property
+    def farthest_corner_mm(self) -> np.ndarray:
+        """The corner that lies farthest from the axis, vision frame (2,)."""
+        middle, half = np.array([self.offset_x_mm, self.offset_y_mm]), np.array(self.size_mm) / 2
+        return middle + np.where(middle < 0, -half, half)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """A main lens, a sensor and, for a plenoptic camera, a microlens array.
+
+    Attributes
+    ----------
+    sensor_distance_mm : float
+        From the aperture stop to the sensor.
+    circle_of_confusion_px : float
+        Blur-disc diameter that still counts as sharp, for the depth of field.
+    near_mm, far_mm : float or None
+        Vision z of the planes of J_near and J_far; None: derived from the depth of field by `focused`.
+    weight : str
+        What a ray weighs, besides its acceptance: `irradiance`, cos(theta) d omega at the sensor, or `area` of the
+        sampling plane. Weights are in sr or in mm^2.
+    """
+
+    prescription: Prescription
+    sensor: Sensor
+    sensor_distance_mm: float
+    microlenses: MicrolensArray | None = None
+    circle_of_confusion_px: float = 1.0
+    near_mm: float | None = None
+    far_mm: float | None = None
+    weight: str = "irradiance"
+
+    def __post_init__(self) -> None:
+        settle(self, CameraError, infinite=("near_mm", "far_mm"))
+        if not self.circle_of_confusion_px > 0:
+            raise CameraError(f"a circle of confusion of {self.circle_of_confusion_px} px")
+        if self.weight not in WEIGHTS:
+            raise CameraError(f'rays know no weight "{self.weight}"', hint=f"one of: {', '.join(WEIGHTS)}")
+        last_mm = self.prescription.vertices_from_stop_mm[-1]
+        film_mm = self.sensor_distance_mm - (self.microlenses.reach_mm if self.microlenses else 0.0)
+        if film_mm <= last_mm + LEAST_MM:
+            what = "the microlens array" if self.microlenses else "the sensor"
+            raise CameraError(
+                f"{what} lies {film_mm} mm behind the stop, inside the lens, whose last vertex lies at {last_mm} mm"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampling:
+    """Sampling of the bundles of a camera.
+
+    Attributes
+    ----------
+    supersampling : int
+        K of the paper: position images are K times finer than the image along each axis.
+    samples : int
+        Rays per position of a position image, over all replicas; four times a power of two.
+    seed : int
+        `plen:seed` of the dataset.
+    """
+
+    supersampling: int = 1
+    samples: int = 1024
+    seed: int = 0
+
+
+REPLICAS = 4
+"""Independently scrambled replicas of every bundle; their spread gives the sampling error."""

@@ -1,0 +1,122 @@
+"""Vertices, types and cells of the microlenses of an array. Rules: CONVENTIONS.md, "Microlens lattice"."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.polygon import regular
+
+_TOLERANCE_MM = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Lattice:
+    """Every microlens of an array, sorted by (l, k).
+
+    Attributes
+    ----------
+    k, l, type : (n,) int64
+        Axial indices and type.
+    x_mm, y_mm : (n,) float64
+        Vertices in the sensor frame, from the sensor's centre.
+    z_mm : (n,) float64
+        How much nearer to the scene than lens (0, 0) they stand: 0 without tilt.
+    """
+
+    k: np.ndarray
+    l: np.ndarray
+    type: np.ndarray
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    z_mm: np.ndarray
+
+
+def lattice(array: MicrolensArray) -> Lattice:
+    """All microlenses whose vertex lies in the array's rectangle [-w/2, w/2) x [-h/2, h/2) around its centre.
+
+    Where the array counts its lenses, the rectangle that holds so many turns along with them.
+    """
+    basis = array.pitch_mm * rotation(array) @ _basis(array)
+    counted = array.columns is not None
+    width, height = extent_mm(array)
+    half = math.hypot(width, height) / 2 if counted else 0.0
+    corners = np.array([[x, y] for x in (-1, 1) for y in (-1, 1)]) * [half or width / 2, half or height / 2]
+    reach = np.ceil(np.abs(np.linalg.solve(basis, corners.T)).max(axis=1)).astype(int) + 1
+    l, k = np.mgrid[-reach[1] : reach[1] + 1, -reach[0] : reach[0] + 1].reshape(2, -1)
+    x, y = basis @ np.stack([k, l]).astype(float)
+    across, down = array.pitch_mm * _basis(array) @ np.stack([k, l]).astype(float) if counted else (x, y)
+    inside = _inside(across, width) & _inside(down, height)
+    k, l = k[inside], l[inside]
+    x, y, z = x[inside], y[inside], np.zeros(len(k))
+    if array.is_tilted:
+        x, y, z = tilt(array) @ np.stack([x, y, z])
+    return Lattice(k, l, _types(array, k, l), x + array.offset_x_mm, y + array.offset_y_mm, z)
+
+
+def extent_mm(array: MicrolensArray) -> tuple[float, float]:
+    """Width and height of the rectangle that holds the vertices; of counted lenses before the rotation."""
+    if array.width_mm is not None and array.height_mm is not None:
+        return array.width_mm, array.height_mm
+    assert array.columns is not None and array.rows is not None
+    along, across = array.pitches_mm
+    if array.layout == "hexagonal-columns":
+        return array.columns * across * math.sqrt(3) / 2, array.rows * along
+    step = across if array.layout == "square" else across * math.sqrt(3) / 2
+    return array.columns * along, array.rows * step
+
+
+def rotation(array: MicrolensArray) -> np.ndarray:
+    """Turn of the lattice in its plane, (2, 2)."""
+    angle = np.deg2rad(array.rotation_deg)
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def tilt(array: MicrolensArray) -> np.ndarray:
+    """Sensor frame from the frame of the tilted array, (3, 3): first about x, then about y."""
+    a, b = np.deg2rad(array.tilt_x_deg), np.deg2rad(array.tilt_y_deg)
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    return about_y @ about_x
+
+
+def cell(array: MicrolensArray) -> np.ndarray:
+    """Corners of the cell around a vertex, counter-clockwise, (4 or 6, 2), in the array's plane.
+
+    The sensor frame and the vision frame differ by a half turn, which maps a cell onto itself.
+    """
+    along, across = array.pitches_mm
+    if array.layout == "hexagonal" and along == across:
+        return regular(6, along / 2, array.rotation_deg)
+    a, b = (array.pitch_mm * rotation(array) @ _basis(array)).T
+    neighbours = [a, b, -a, -b] if array.layout == "square" else [a, b, b - a, -a, -b, a - b]
+    following = neighbours[1:] + neighbours[:1]
+    # A corner is as far from the vertex as from two neighbours that follow one another.
+    corners = [
+        np.linalg.solve(np.array([one, other]), [one @ one / 2, other @ other / 2])
+        for one, other in zip(neighbours, following, strict=True)
+    ]
+    return np.array(corners)
+
+
+def _basis(array: MicrolensArray) -> np.ndarray:
+    """Columns a and b before the rotation, in pitches, (2, 2)."""
+    along, across = array.pitches_mm
+    stretch = across / along
+    if array.layout == "square":
+        return np.array([[1.0, 0.0], [0.0, stretch]])
+    if array.layout == "hexagonal-columns":
+        return np.array([[np.sqrt(3) / 2 * stretch, 0.0], [0.5, 1.0]])
+    return np.array([[1.0, 0.5], [0.0, np.sqrt(3) / 2 * stretch]])
+
+
+def _types(array: MicrolensArray, k: np.ndarray, l: np.ndarray) -> np.ndarray:
+    if array.type_period is not None:
+        along, across = array.type_period
+        return np.array(array.type_table)[l % across * along + k % along]
+    return (k - l) % 3 if len(array.focal_lengths_mm) == 3 else np.zeros_like(k)
+
+
+def _inside(position: np.ndarray, extent: float) -> np.ndarray:
+    return (position >= -extent / 2 - _TOLERANCE_MM) & (position < extent / 2 - _TOLERANCE_MM)

@@ -1,0 +1,207 @@
+"""The record of a microlens array. Lattice, types and models: CONVENTIONS.md, "Microlens lattice"."""
+
+import math
+from dataclasses import dataclass
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.microlens_faces import PLANE_LIKE, Faces
+from pipeline.errors import PipelineError
+from pipeline.optics.first_order import FirstOrder
+from pipeline.records.declared import settle
+
+LAYOUTS = ("hexagonal", "hexagonal-columns", "square")
+MODELS = ("thin", "two-plane", "refractive")
+_AGREES = 1e-9
+LEAST_MM = 1e-9
+"""Less than an atom: no distance is as small, and ratios of others to it stay finite."""
+_STRETCH = (0.75, 4 / 3)
+"""Within these ratios of the pitches a cell of a stretched hexagonal lattice still has its six edges."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicrolensArray:
+    """Microlenses on a regular lattice.
+
+    Attributes
+    ----------
+    layout : str
+        `hexagonal`, rows along +x; `hexagonal-columns`, columns along +y; `square`.
+    pitch_mm : float
+        Distance of neighbouring vertices, along the rows (of hexagonal-columns: along the columns).
+    cross_pitch_mm : float or None
+        What stands in place of the pitch across that direction; None: the same.
+    focal_lengths_mm : tuple of float
+        One per type. Of refractive microlenses it follows from their faces, and may be left out.
+    type_table, type_period : tuple of int, (int, int) or None
+        Lens (k, l) has the type table[(l mod period_l) period_k + k mod period_k]. Without a table one type is
+        everywhere, and three on a hexagonal lattice follow (k - l) mod 3.
+    width_mm, height_mm : float or None
+        Extent of the array: a lens exists where its vertex lies inside.
+    columns, rows : int or None
+        Instead of the extent: the number of lenses along x and y, before the rotation.
+    distance_mm : float
+        From the sensor to the plane of thin microlenses, else to the vertices of the faces towards the sensor.
+    rotation_deg : float
+        Of the lattice, from +x towards +y of the sensor frame.
+    offset_x_mm, offset_y_mm : float
+        Of lens (0, 0) from the sensor's centre, sensor frame: array and sensor move together.
+    tilt_x_deg, tilt_y_deg : float
+        Turn of the array about lens (0, 0), first about the x axis, then about the y axis of the sensor frame (z to
+        the scene, right-handed: a positive tilt about x brings lenses at +y nearer to the scene).
+    aperture : str
+        `cell`, the lattice cell; `disc`, a disc in an opaque plate.
+    disc_diameter_mm : float or None
+        Of `disc`.
+    model : str
+        `thin`, `two-plane` or `refractive`.
+    index, thickness_mm : float or None
+        Of two-plane and refractive microlenses: at the camera's wavelength; from vertex to vertex.
+    front_radii_mm, rear_radii_mm : tuple of float
+        Of refractive microlenses, one per type, faces towards the scene and towards the sensor; positive when the
+        centre lies towards the sensor, inf is a plane.
+    front_conics, rear_conics : tuple of float
+        One per type; empty: spheres.
+    """
+
+    layout: str = "hexagonal"
+    pitch_mm: float
+    cross_pitch_mm: float | None = None
+    focal_lengths_mm: tuple[float, ...] = ()
+    type_table: tuple[int, ...] = ()
+    type_period: tuple[int, int] | None = None
+    width_mm: float | None = None
+    height_mm: float | None = None
+    columns: int | None = None
+    rows: int | None = None
+    distance_mm: float
+    rotation_deg: float = 0.0
+    offset_x_mm: float = 0.0
+    offset_y_mm: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    aperture: str = "cell"
+    disc_diameter_mm: float | None = None
+    model: str = "thin"
+    index: float | None = None
+    thickness_mm: float | None = None
+    front_radii_mm: tuple[float, ...] = ()
+    rear_radii_mm: tuple[float, ...] = ()
+    front_conics: tuple[float, ...] = ()
+    rear_conics: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        settle(self, CameraError, infinite=("front_radii_mm", "rear_radii_mm"))
+        if self.layout not in LAYOUTS or self.model not in MODELS:
+            raise CameraError(f'no microlens layout "{self.layout}" or no model "{self.model}"')
+        self._check_lattice()
+        if self.model == "refractive":
+            derived = tuple(lens.efl_mm for lens in self.first_orders)
+            stated = self.focal_lengths_mm or derived
+            pairs = zip(stated, derived, strict=False)
+            if len(stated) != len(derived) or any(abs(a / b - 1) > _AGREES for a, b in pairs):
+                raise CameraError(f"focal lengths {stated} mm are not those of the faces, {derived} mm")
+            object.__setattr__(self, "focal_lengths_mm", derived)
+        if not self.focal_lengths_mm or not min(self.pitch_mm, self.distance_mm, *self.focal_lengths_mm) > LEAST_MM:
+            raise CameraError("microlens pitch, distance and focal lengths must be positive")
+        self._check_types()
+        if self.model == "two-plane":
+            _ = self.first_orders
+
+    def _check_lattice(self) -> None:
+        if (self.width_mm is None or self.height_mm is None) == (self.columns is None or self.rows is None):
+            raise CameraError("an array has either width and height or columns and rows")
+        if min(1 if self.columns is None else self.columns, 1 if self.rows is None else self.rows) < 1:
+            raise CameraError(f"an array of {self.columns} x {self.rows} microlenses")
+        if not self.pitch_mm > LEAST_MM:
+            raise CameraError(f"microlenses stand {self.pitch_mm} mm apart", hint="a positive pitch")
+        cross = self.pitch_mm if self.cross_pitch_mm is None else self.cross_pitch_mm
+        if not _STRETCH[0] < cross / self.pitch_mm < _STRETCH[1]:
+            raise CameraError(f"microlens pitches {self.pitch_mm:g} and {cross:g} mm differ by more than a third")
+        if self.aperture not in ("cell", "disc") or (self.aperture == "disc") != (self.disc_diameter_mm is not None):
+            raise CameraError("an array has cells for apertures, or discs of a diameter")
+        if self.disc_diameter_mm is not None and not 0 < self.disc_diameter_mm <= self.nearest_mm + 1e-12:
+            raise CameraError(
+                f"discs of {self.disc_diameter_mm:g} mm overlap: neighbours stand {self.nearest_mm:g} mm apart"
+            )
+
+    def _check_types(self) -> None:
+        count = len(self.focal_lengths_mm)
+        if bool(self.type_table) != (self.type_period is not None):
+            raise CameraError("a type table and its period go together")
+        if self.type_period is None:
+            if count != 1 and not (count == 3 and self.layout != "square"):
+                raise CameraError(f"{count} microlens types need a type table; rules exist for 1, and 3 on hexagons")
+            return
+        along, across = self.type_period
+        if min(along, across) < 1 or len(self.type_table) != along * across:
+            raise CameraError(f"a type table of {len(self.type_table)} entries for a period of {along} x {across}")
+        if set(self.type_table) != set(range(count)):
+            raise CameraError(f"a type table must use every one of {count} types, counted from 0")
+
+    @property
+    def pitches_mm(self) -> tuple[float, float]:
+        """Pitch along and across the rows, or columns, of lenses."""
+        return self.pitch_mm, self.pitch_mm if self.cross_pitch_mm is None else self.cross_pitch_mm
+
+    @property
+    def nearest_mm(self) -> float:
+        """Distance of the nearest neighbours: the widest disc."""
+        along, across = self.pitches_mm
+        return min(along, across if self.layout == "square" else math.hypot(along / 2, across * math.sqrt(3) / 2))
+
+    @property
+    def aperture_mm(self) -> float:
+        """Width of an aperture: the diameter of a disc, or the pitch."""
+        return self.pitch_mm if self.disc_diameter_mm is None else self.disc_diameter_mm
+
+    @property
+    def is_tilted(self) -> bool:
+        """Whether the array is not parallel to the sensor."""
+        return self.tilt_x_deg != 0 or self.tilt_y_deg != 0
+
+    @property
+    def faces(self) -> tuple[Faces, ...]:
+        """Both faces of each type; none for thin microlenses.
+
+        Of two-plane microlenses the front face is the sphere whose normals its plane has: R = f (index - 1).
+        """
+        if self.model == "thin":
+            return ()
+        if self.index is None or self.thickness_mm is None or not self.index > 1 or not self.thickness_mm > 0:
+            raise CameraError(f"{self.model} microlenses need an index above 1 and a positive thickness")
+        if self.model == "two-plane":
+            radii = tuple(focal * (self.index - 1) for focal in self.focal_lengths_mm)
+            return tuple(Faces(radius, math.inf, self.thickness_mm, self.index) for radius in radii)
+        count = len(self.front_radii_mm)
+        spheres = (0.0,) * count
+        rows: list[tuple[float, ...]] = [self.front_radii_mm, self.rear_radii_mm]
+        rows += [self.front_conics or spheres, self.rear_conics or spheres]
+        if not count or any(len(row) != count for row in rows):
+            raise CameraError(
+                "refractive microlenses need a front and a rear radius per type, and as many conics or none"
+            )
+        found = zip(*rows, strict=True)
+        return tuple(Faces(front, rear, self.thickness_mm, self.index, *conics) for front, rear, *conics in found)
+
+    @property
+    def first_orders(self) -> tuple[FirstOrder, ...]:
+        """First-order figures per type; z counts from the vertices of the rear faces towards the scene."""
+        try:
+            return tuple(faces.first_order(PLANE_LIKE) for faces in self.faces)
+        except PipelineError as error:
+            raise CameraError(f"a microlens: {error.what}", hint=error.hint) from None
+
+    @property
+    def principal_mm(self) -> tuple[tuple[float, float], ...]:
+        """Per type the distance of the rear principal plane from the sensor, and of the front one, too. [mm]"""
+        if self.model == "thin":
+            return ((self.distance_mm, self.distance_mm),) * len(self.focal_lengths_mm)
+        return tuple(
+            (self.distance_mm + lens.rear_principal_mm, self.distance_mm + lens.front_principal_mm)
+            for lens in self.first_orders
+        )
+
+    @property
+    def reach_mm(self) -> float:
+        """Distance before the sensor at which the array ends, tilt left out."""
+        return self.distance_mm + (0.0 if self.model == "thin" else self.thickness_mm or 0.0)

@@ -1,0 +1,209 @@
+"""The real chief ray: from a point behind the lens backwards through the centre of the aperture stop.
+
+The centre of the stop is its vertex, wherever the stop stands. In a centred lens the ray stays in the plane of its
+point and the axis, and one height is sought; in any other lens two coordinates are.
+"""
+
+import numpy as np
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.frames import apply, inverse
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import VERTEX, is_centred, motion_of, unbounded
+
+_STEPS = 25
+_TOLERANCE_MM = 1e-12
+_ACCEPTED_MM = 1e-9
+_DIFFERENCE_MM = 1e-4
+_HALVINGS = 10
+_REACHES, _TRIED, _BISECTIONS = 2.0, 4001, 60
+_TOO_WIDE = (
+    "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
+)
+
+
+def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
+    """Slopes dx/dz and dy/dz with which the chief rays of points start.
+
+    Parameters
+    ----------
+    table : (n, columns) float64
+        From `optics.table.towards_scene`.
+    stop_row : int
+        Row of the aperture stop in the table.
+    points_mm : (m, 3) float64
+        Points behind the lens, vision frame.
+
+    Returns
+    -------
+    (m, 2) float64
+
+    Raises
+    ------
+    CameraError
+        When the rear group lets no such ray through.
+    """
+    across, ahead = points_mm[:, :2], (table[0, VERTEX] - points_mm[:, 2])[:, None]
+    if not is_centred(table[: stop_row + 1]):
+        crossing = chief_crossings(table, stop_row, points_mm)
+        if np.isnan(crossing).any():
+            x, y = across[np.argmax(np.isnan(crossing[:, 0]))]
+            what = f"no ray from ({x:.4g}, {y:.4g}) mm off the axis reaches the centre of the aperture stop"
+            raise CameraError(what, hint=_TOO_WIDE)
+        return (crossing - across) / ahead
+    # The crossing is an odd, smooth function of the height: trace each height once.
+    height = np.hypot(*across.T)
+    unique, which = np.unique(np.stack([height, points_mm[:, 2]], axis=1), axis=0, return_inverse=True)
+    crossing = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])[which.reshape(-1)]
+    outward = np.divide(across, height[:, None], out=np.zeros_like(across), where=height[:, None] > 0)
+    return (crossing - height)[:, None] * outward / ahead
+
+
+def chief_crossings(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
+    """Crossings of the chief rays of points with the rear vertex plane, in any lens, (m, 2) [mm]; NaN: none.
+
+    Parameters are those of `chief_slopes`. Newton's method with differences for derivatives; a step that comes no
+    nearer to the centre of the stop is halved.
+    """
+    rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
+    place, miss = _nearest_start(rear, points_mm)
+    for _ in range(_STEPS):
+        jacobian = np.stack(
+            [
+                (_stop_miss(rear, points_mm, place + step) - miss) / _DIFFERENCE_MM
+                for step in _DIFFERENCE_MM * np.eye(2)
+            ],
+            axis=2,
+        )
+        regular = np.isfinite(jacobian).all(axis=(1, 2))
+        regular[regular] = np.linalg.det(jacobian[regular]) != 0
+        wanted = np.zeros_like(place)
+        wanted[regular] = np.linalg.solve(jacobian[regular], miss[regular, :, None])[..., 0]
+        open_ = _length(miss) > _TOLERANCE_MM
+        for halving in range(_HALVINGS):
+            trial = place - wanted / 2**halving
+            trial_miss = _stop_miss(rear, points_mm, trial)
+            better = open_ & (_length(trial_miss) < _length(miss))
+            place, miss = np.where(better[:, None], trial, place), np.where(better[:, None], trial_miss, miss)
+            open_ &= ~better
+            if not open_.any():
+                break
+        if not (_length(miss) > _TOLERANCE_MM).any():
+            break
+    return np.where((_length(miss) < _ACCEPTED_MM)[:, None], place, np.nan)
+
+
+def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The crossing whose ray comes nearest to the centre of the stop, and by how much it misses."""
+    place = np.zeros((len(points), 2))
+    miss = np.full((len(points), 2), np.inf)
+    for share in (0.0, 0.25, 0.5, -0.25):
+        trial = motion_of(rear[0])[:2, 3] + share * points[:, :2]
+        trial_miss = _stop_miss(rear, points, trial)
+        better = (_length(trial_miss) < _length(miss))[:, None]
+        place, miss = np.where(better, trial, place), np.where(better, trial_miss, miss)
+    return place, miss
+
+
+def _stop_miss(rear: np.ndarray, points: np.ndarray, crossings: np.ndarray) -> np.ndarray:
+    """Hits on the stop, from its centre, of rays through points and crossings of the rear vertex plane; NaN: a miss."""
+    aim = np.concatenate([crossings, np.full((len(crossings), 1), rear[0, VERTEX])], axis=1)
+    position, direction = points.copy(), aim - points
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive = np.ones(len(points))
+    trace_rays(rear, position, direction, alive)
+    seen = apply(inverse(motion_of(rear[-1])), position)[:, :2]
+    return np.where(alive[:, None] > 0, seen, np.nan)
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    return np.hypot(vectors[:, 0], vectors[:, 1])
+
+
+def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """Crossing of the chief ray of each point (height, 0, plane) of a centred lens with the rear vertex plane.
+
+    Parameters
+    ----------
+    table : (n, columns) float64
+        From `optics.table.towards_scene`.
+    stop_row : int
+        Row of the aperture stop in the table.
+    plane_mm : float or (m,) float64
+        Vision z of the points.
+    heights : (m,) float64
+        Heights of the points above the axis [mm].
+
+    Returns
+    -------
+    (m,) float64
+        Height of the crossing, on the side given by its sign; the secant method ends when the ray meets the stop
+        within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is bracketed. [mm]
+
+    Raises
+    ------
+    CameraError
+        When the rear group lets no such ray through.
+    """
+    rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
+    if np.isclose(rear[-1, 0], rear[0, 0]):
+        return np.zeros_like(heights)
+    newer, miss = _by_secants(rear, plane_mm, heights)
+    lost = np.flatnonzero(~(np.abs(miss) < _ACCEPTED_MM))
+    for row in lost[np.argsort(-np.abs(heights[lost]))]:  # the hopeless ones first: they end it
+        place = np.broadcast_to(plane_mm, heights.shape)[row]
+        newer[row] = _by_halving(rear, float(place), float(heights[row]))
+        if np.isnan(newer[row]):
+            what = f"no ray from {abs(heights[row]):.4g} mm off the axis reaches the centre of the aperture stop"
+            raise CameraError(what, hint=_TOO_WIDE)
+    return newer
+
+
+def _by_secants(rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Crossings of the rear vertex plane by the secant method, and how far their rays miss the centre of the stop."""
+    older, newer = np.zeros_like(heights), heights * 1e-3 + 1e-3
+    miss_older, miss_newer = (_stop_height(rear, plane_mm, heights, r) for r in (older, newer))
+    for _ in range(_STEPS):
+        slope = (miss_newer - miss_older) / np.where(newer == older, 1.0, newer - older)
+        done = (np.abs(miss_newer) < _TOLERANCE_MM) | (slope == 0)
+        following = np.where(done, newer, newer - miss_newer / np.where(slope == 0, 1.0, slope))
+        older, miss_older = newer, miss_newer
+        newer, miss_newer = following, _stop_height(rear, plane_mm, heights, following)
+    return newer, miss_newer
+
+
+def _by_halving(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
+    """Crossing of a point's chief ray with the rear vertex plane, where steep rays led the secants astray; NaN: none.
+
+    Of several crossings it is the one nearest to where the centre of the stop seems to stand from near the axis.
+    """
+    near = np.array([1e-3 * height_mm])
+    per_mm = float(_by_secants(rear, plane_mm, near)[0][0] / near[0])
+    reach = _REACHES * float(np.abs(per_mm * height_mm) + np.abs(rear[0, VERTEX] - plane_mm))
+    crossings = np.linspace(-reach, reach, _TRIED)
+    points = np.full(_TRIED, height_mm)
+    miss = _stop_height(rear, plane_mm, points, crossings)
+    ends = np.flatnonzero(miss[1:] * miss[:-1] <= 0)
+    if not len(ends) or not np.isfinite(per_mm):
+        return float("nan")
+    first = ends[np.argmin(np.abs(crossings[ends] - per_mm * height_mm))]
+    low, high, sign = crossings[first], crossings[first + 1], np.sign(miss[first + 1] - miss[first])
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        beyond = sign * _stop_height(rear, plane_mm, points[:1], np.array([middle]))[0] > 0
+        low, high = (low, middle) if beyond else (middle, high)
+    found = _stop_height(rear, plane_mm, points[:1], np.array([high]))[0]
+    return float(high) if abs(found) < _ACCEPTED_MM else float("nan")
+
+
+def _stop_height(
+    rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndarray, crossings: np.ndarray
+) -> np.ndarray:
+    """Height at which rays through (height, plane) and (crossing, rear vertex plane) meet the stop; NaN for a miss."""
+    zero = np.zeros_like(heights)
+    position = np.stack([heights, zero, np.full_like(heights, plane_mm)], axis=1)
+    direction = np.stack([crossings - heights, zero, np.full_like(heights, rear[0, 0] - plane_mm)], axis=1)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive = np.ones(heights.size)
+    trace_rays(rear, position, direction, alive)
+    return np.where(alive > 0, position[:, 0], np.nan)

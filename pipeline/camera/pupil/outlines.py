@@ -1,0 +1,169 @@
+"""Outlines of the rays that pass a lens backwards, on its rear vertex plane, per height off the axis.
+
+From a point at height h on a plane behind the lens (sensor or microlens array) the rays that pass fill a region of the
+rear vertex plane. Its edge is traced in `_TRACED` directions at `HEIGHTS` heights and enclosed by a polygon whose edges
+support it, with normals in `DIRECTIONS` fixed directions: corners of a vignetted pupil stay inside, and polygons of
+different heights can be interpolated vertex by vertex, so that bounds are continuous in the field. Outlines only bound
+the sampling: they are inflated, and every ray is still clipped at every surface.
+
+Outlines turn with the azimuth of their point, as a centred lens of rotationally symmetric apertures allows; lenses with
+a surface off its place have a grid of outlines, see `camera.pupil.outline_grid`.
+Polygons, rectangles and obstructions do not: outlines are those of the circles around all apertures, which let pass
+whatever the apertures do. Bounds are looser by the share of the circle that an aperture covers; no ray is lost.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.pupil.chief_ray import chief_heights
+from pipeline.camera.pupil.once import once
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing
+
+HEIGHTS = 48
+DIRECTIONS = 24
+MARGIN = 0.02
+"""Inflation of an outline about its centre: covers interpolation in height and what lies between traced directions."""
+_TRACED = 720
+_BISECTIONS = 26
+_GRID = 65
+
+
+@dataclass(frozen=True, slots=True)
+class Outlines:
+    """Outlines of the passing rays on the rear vertex plane, vision frame.
+
+    Attributes
+    ----------
+    step_mm : float
+        Distance of neighbouring points.
+    vertices_mm : (rows, columns, DIRECTIONS, 2) float64
+        Counter-clockwise polygons, some of their edges short or of no length; all zero where nothing passes. One row:
+        outline i belongs to the height i * step_mm on the +x axis. Several: a grid over x (columns) and y (rows) with
+        its middle in (0, 0).
+    drift : float
+        How far an outline moves per distance of its point: near the axis, or in the middle of all of a grid.
+    """
+
+    step_mm: float
+    vertices_mm: np.ndarray
+    drift: float
+
+
+@once
+def outlines(
+    table: np.ndarray, stop_row: int, plane_mm: float, max_height_mm: float, margin: float = MARGIN
+) -> Outlines:
+    """Trace the outlines of a centred lens for points on the plane z = `plane_mm` behind it.
+
+    Parameters
+    ----------
+    table : (n, columns) float64
+        From `optics.table.towards_scene`.
+    stop_row : int
+        Row of the aperture stop in the table.
+    plane_mm : float
+        Vision z of the plane (negative).
+    max_height_mm : float
+        Largest height that will be asked for.
+    """
+    table = enclosing(table)
+    step = max(max_height_mm, 1e-6) / (HEIGHTS - 1)
+    heights = step * np.arange(HEIGHTS)
+    inside = _inner_points(table, stop_row, plane_mm, heights)
+    found = ~np.isnan(inside[:, 0])
+    vertices = np.zeros((HEIGHTS, DIRECTIONS, 2))
+    if found.any():
+        starts = _on_axis(plane_mm, heights[found])
+        bounds = corners(supports(edges(table, starts, inside[found], _TRACED, _BISECTIONS, 0.0)))
+        centre = bounds.mean(axis=1, keepdims=True)
+        vertices[found] = centre + (1 + margin) * (bounds - centre)
+    drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if found[:2].all() else 0.0
+    return Outlines(step, vertices[None], drift)
+
+
+def passes(table: np.ndarray, starts: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Whether the ray from each start (..., 3) through each point (..., 2) of the rear vertex plane leaves the lens."""
+    aim = np.concatenate([points, np.full((*points.shape[:-1], 1), table[0, VERTEX])], axis=-1)
+    direction = aim - starts
+    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+    alive = np.ones(direction.shape[:-1])
+    start = np.array(np.broadcast_to(starts, direction.shape))
+    trace_rays(table, start.reshape(-1, 3), direction.reshape(-1, 3), alive.reshape(-1))
+    return alive > 0
+
+
+def _on_axis(plane_mm: float, heights: np.ndarray) -> np.ndarray:
+    """Points (height, 0, plane)."""
+    return np.stack([heights, np.zeros_like(heights), np.full_like(heights, plane_mm)], axis=-1)
+
+
+def _inner_points(table: np.ndarray, stop_row: int, plane_mm: float, heights: np.ndarray) -> np.ndarray:
+    """A passing point per height, (n, 2); NaN where nothing passes.
+
+    The chief ray where it passes, else the centroid of the passing rays of a grid (strong vignetting).
+    """
+    chief = np.zeros((heights.size, 2))
+    chief[:, 0] = chief_heights(table, stop_row, plane_mm, heights)
+    return passing_points(table, _on_axis(plane_mm, heights), chief, np.zeros(2))
+
+
+def passing_points(table: np.ndarray, starts: np.ndarray, chief: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """The crossings of chief rays where they pass, else centroids of what passes of a grid about a middle, else NaN."""
+    result = chief.copy()
+    radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
+    u = np.linspace(-radius, radius, _GRID)
+    grid = middle + np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    for i in np.flatnonzero(~passes(table, starts, result)):
+        ok = passes(table, starts[i], grid)
+        result[i] = grid[ok].mean(axis=0) if ok.any() else np.nan
+    return result
+
+
+def edges(
+    table: np.ndarray, starts: np.ndarray, inside: np.ndarray, directions: int, bisections: int, slack_mm: float
+) -> np.ndarray:
+    """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
+
+    Parameters
+    ----------
+    starts : (n, 3) float64
+        Where the rays start.
+    inside : (n, 2) float64
+        A passing point each.
+    slack_mm : float
+        How much farther than 2.5 semi-diameters of the rear surface a blocked point may lie.
+    """
+    ray = directions_of(directions)
+    shape = (len(inside), directions)
+    low, high = np.zeros(shape), np.full(shape, 2.5 * np.sqrt(table[0, SEMI_DIAMETER_SQUARED]) + slack_mm)
+    for _ in range(bisections):
+        middle = (low + high) / 2
+        ok = passes(table, starts[:, None], inside[:, None] + middle[..., None] * ray)
+        low, high = np.where(ok, middle, low), np.where(ok, high, middle)
+    return inside[:, None] + high[..., None] * ray
+
+
+def directions_of(count: int) -> np.ndarray:
+    """Unit vectors at even angles from +x, (count, 2)."""
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def supports(points: np.ndarray) -> np.ndarray:
+    """Farthest reach of sets of points (n, m, 2) along the normals of the edges of an outline, (n, DIRECTIONS)."""
+    return (points @ directions_of(DIRECTIONS).T).max(axis=1)
+
+
+def corners(support: np.ndarray) -> np.ndarray:
+    """Polygons (..., DIRECTIONS, 2) whose edges have the normals of an outline and lie at distances (..., DIRECTIONS).
+
+    Neighbouring support lines n_i . x = h_i meet in a vertex.
+    """
+    normal = directions_of(DIRECTIONS)
+    following = np.roll(support, -1, axis=-1)
+    turn = 2 * np.pi / DIRECTIONS
+    along = (following - support * np.cos(turn)) / np.sin(turn)
+    tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
+    return support[..., None] * normal + along[..., None] * tangent

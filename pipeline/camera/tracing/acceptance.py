@@ -1,0 +1,156 @@
+"""Share of a ray that a pixel takes, by its angle with the axis, and weights of apertures with it. Kernels only.
+
+`detail` holds the numbers, see `camera.tracing.microlens_tables`. With theta the angle to the axis and A its
+acceptance, the weight of a region is the integral of A cos(theta) d omega, or of A over its area. It is a sum over the
+region's edges of the integral of G d phi, where phi is the azimuth seen from the sensor position and G(theta) the
+integral of A cos sin from 0 to theta, or of A tan / cos^2 times the squared distance of the region's plane.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.parts.polygon import area, projected_solid_angle
+from pipeline.jit.decorators import inline
+
+POWER, HALF_ANGLE, ROLL_OFF, BY_AREA = 0, 1, 2, 3
+"""Places in `detail`: exponent of a cosine, or 0; half angle and roll-off of a cone [rad], the first 0 for none; 1 if
+rays weigh area of the sampling plane, 0 if irradiance."""
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+
+@inline
+def is_limited(detail):
+    """Whether pixels take less than all of the light."""
+    return detail[POWER] > 0.0 or detail[HALF_ANGLE] > 0.0
+
+
+@inline
+def accepted_share(detail, cosine):
+    """The share of a ray whose angle with the axis has this cosine."""
+    if detail[POWER] > 0.0:
+        return cosine ** detail[POWER]
+    beyond = math.acos(min(cosine, 1.0)) - detail[HALF_ANGLE]
+    if beyond <= 0.0:
+        return 1.0
+    return 1.0 - beyond / detail[ROLL_OFF] if beyond < detail[ROLL_OFF] else 0.0
+
+
+@inline
+def region_weight(polygon, count, x, y, distance, detail):
+    """Weight of a polygon in the plane z = distance, seen from (x, y, 0) [sr, by area mm^2]."""
+    if not is_limited(detail):
+        if detail[BY_AREA] > 0.0:
+            return area(polygon, count)
+        return projected_solid_angle(polygon, count, x, y, distance)
+    total = 0.0
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        ax, ay = (polygon[i, 0] - x) / distance, (polygon[i, 1] - y) / distance
+        bx, by = (polygon[j, 0] - x) / distance, (polygon[j, 1] - y) / distance
+        total += _edge_weight(ax, ay, bx, by, detail)
+    return distance * distance * total if detail[BY_AREA] > 0.0 else total
+
+
+@inline
+def _edge_weight(ax, ay, bx, by, detail):
+    """Contribution of an edge in the plane at distance 1, cut where it crosses the circles of the cone."""
+    ex, ey = bx - ax, by - ay
+    length = math.sqrt(ex * ex + ey * ey)
+    if length == 0.0:
+        return 0.0
+    off = (ax * ey - ay * ex) / length
+    start, end = (ax * ex + ay * ey) / length, (bx * ex + by * ey) / length
+    inner, outer = _circle(detail, 0.0, off), _circle(detail, detail[ROLL_OFF], off)
+    total, here = 0.0, start
+    for mark in (-outer, -inner, inner, outer, math.inf):
+        there = min(max(mark, here), end)
+        if there > here:
+            total += _piece_weight(off, here, there, detail)
+        here = there
+    return total
+
+
+@inline
+def _circle(detail, roll_off, off):
+    """Half the length that a circle of the cone cuts out of a line; inf without a cone."""
+    angle = detail[HALF_ANGLE] + roll_off
+    if not detail[HALF_ANGLE] > 0.0 or angle >= 0.5 * math.pi:
+        return math.inf
+    return math.sqrt(max(math.tan(angle) ** 2 - off * off, 0.0))
+
+
+@inline
+def _piece_weight(off, start, end, detail):
+    middle = 0.5 * (start + end)
+    if (
+        detail[HALF_ANGLE] > 0.0
+        and math.atan(math.sqrt(off * off + middle * middle)) > detail[HALF_ANGLE] + detail[ROLL_OFF]
+    ):
+        # G is constant beyond the cone; the azimuth turns by the angle of the piece.
+        turn = math.atan2(off * (end - start), off * off + start * end)
+        return turn * _inner_weight(math.inf, detail)
+    total = 0.0
+    for k in range(_NODES.shape[0]):
+        s = middle + 0.5 * (end - start) * _NODES[k]
+        squared = off * off + s * s
+        # G / squared is smooth, also where the edge passes right above the position.
+        ratio = 0.5 if squared == 0.0 else _inner_weight(squared, detail) / squared
+        total += _WEIGHTS[k] * ratio
+    return 0.5 * (end - start) * off * total
+
+
+@inline
+def _inner_weight(squared, detail):
+    """G for the squared tangent of theta; by area that in a plane at distance 1."""
+    if detail[BY_AREA] > 0.0:
+        return _inner_area(squared, detail)
+    power = detail[POWER] + 2.0
+    if detail[POWER] > 0.0:
+        return -math.expm1(-0.5 * power * math.log1p(squared)) / power
+    theta = math.atan(math.sqrt(squared))
+    first, width = detail[HALF_ANGLE], detail[ROLL_OFF]
+    if theta <= first:
+        return 0.5 * squared / (1.0 + squared)
+    inside = 0.5 * math.sin(first) ** 2
+    if width == 0.0:
+        return inside
+    last = min(theta, first + width)
+    # Integral of (1 - (t - first) / width) sin(2 t) / 2 by parts.
+    share = 1.0 - (last - first) / width
+    wave = (math.sin(2.0 * last) - math.sin(2.0 * first)) / (8.0 * width)
+    return inside + 0.25 * (math.cos(2.0 * first) - share * math.cos(2.0 * last)) - wave
+
+
+@inline
+def _inner_area(squared, detail):
+    power = detail[POWER]
+    if power == 2.0:
+        return 0.5 * math.log1p(squared)
+    if power > 0.0:
+        return math.expm1((1.0 - 0.5 * power) * math.log1p(squared)) / (2.0 - power)
+    first, width = detail[HALF_ANGLE], detail[ROLL_OFF]
+    theta = math.atan(math.sqrt(squared))
+    if theta <= first:
+        return 0.5 * squared
+    if width == 0.0:
+        return 0.5 * math.tan(first) ** 2
+    last = min(theta, first + width)
+    # Integral of (1 - (t - first) / width) tan(t) / cos(t)^2 by parts.
+    share = 1.0 - (last - first) / width
+    wave = (math.tan(last) - math.tan(first) - (last - first)) / (2.0 * width)
+    return 0.5 * share * math.tan(last) ** 2 + wave
+
+
+@inline
+def disc_weight(radius, x, y, distance):
+    """Integral of cos(theta) d omega over a disc about the origin of the plane z = distance, seen from (x, y, 0) [sr].
+
+    pi times the view factor of a parallel disc: Howell, A Catalog of Radiation Heat Transfer Configuration Factors.
+    """
+    a, h, r = x * x + y * y, distance * distance, radius * radius
+    both = a + h + r
+    root = math.sqrt(both * both - 4.0 * r * a)
+    # 1 - (a + h - r) / root without its cancellation.
+    return 0.5 * math.pi * 4.0 * r * h / (root * (root + a + h - r))

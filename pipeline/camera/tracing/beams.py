@@ -1,0 +1,133 @@
+"""Beams: a few rays around and inside of all that leaves the camera from each of many blocks of the sensor.
+
+A block is what one microlens lights, or a tile of a sensor without microlenses. Its rays start at the nodes of a grid;
+between nodes they change so smoothly that a cubic tells where those of any pixel of the block lead. Apertures of the
+main lens do not stop them: the rays only say where light may go.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.camera.tracing.packets import aim_mixed
+from pipeline.camera.tracing.records import CameraArrays
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, new_region, outline_at
+from pipeline.jit.decorators import inline, kernel
+from pipeline.optics.kernels import PACKET, new_packet, trace_packet
+from pipeline.optics.table import EDGES, INNER_SQUARED, SEMI_DIAMETER_SQUARED
+
+NODES = 4
+"""Along an axis of a block."""
+_RIM, _RING = 16, 7
+RAYS = _RIM + _RING + 1
+"""Of a node: around the polygon that bounds its rays, halfway in, and in the middle; as SIMD likes it, three eights."""
+_HALFWAY = 0.55
+_AT_ONCE = 2
+"""Rows of nodes that are traced together: 192 rays."""
+
+
+class Blocks(NamedTuple):
+    """Blocks of the sensor.
+
+    Attributes
+    ----------
+    lens : (b,) int64
+        Microlens of each, or `NO_MICROLENS`.
+    centre_mm : (b, 2) float64
+        Vision frame.
+    step_mm : (b,) float64
+        Distance of the nodes, which lie around the centre.
+    """
+
+    lens: np.ndarray
+    centre_mm: np.ndarray
+    step_mm: np.ndarray
+
+
+class Beams(NamedTuple):
+    """Rays of blocks in front of the lens.
+
+    Attributes
+    ----------
+    origin, direction : (b, NODES^2, RAYS, 3) float64
+        Vision frame [mm].
+    known : (b,) bool
+        Whether all rays of the block found their way.
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    known: np.ndarray
+
+
+def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
+    """Trace the beams of some blocks."""
+    shape = len(blocks.lens), NODES * NODES, RAYS, 3
+    beams = Beams(np.empty(shape), np.empty(shape), np.zeros(shape[0], bool))
+    _trace(camera._replace(table=_wide_open(camera.table)), blocks, beams)
+    _trace.count(len(blocks.lens) * NODES * NODES * RAYS, len(camera.table))
+    return beams
+
+
+def _wide_open(table: np.ndarray) -> np.ndarray:
+    """The surfaces of a lens without apertures."""
+    result = table.copy()
+    result[:, SEMI_DIAMETER_SQUARED], result[:, INNER_SQUARED], result[:, EDGES] = np.inf, 0.0, 0.0
+    return result
+
+
+@kernel
+def _trace(camera, blocks, beams):
+    optics, table, outlines, lenses, aperture, mosaic = camera
+    region, packet = new_region(), new_packet()
+    start_x, start_y, owner = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
+    x, y, z, dx, dy, dz, alive, _, _ = packet
+    polygon, size = region[0], _AT_ONCE * NODES * RAYS
+    for b in range(blocks.lens.shape[0]):
+        lens, beams.known[b] = blocks.lens[b], True
+        for first in range(0, NODES * NODES, _AT_ONCE * NODES):
+            for i in range(_AT_ONCE * NODES):
+                up, across = (first + i) // NODES, (first + i) % NODES
+                sx = blocks.centre_mm[b, 0] + (across - 0.5 * (NODES - 1)) * blocks.step_mm[b]
+                sy = blocks.centre_mm[b, 1] + (up - 0.5 * (NODES - 1)) * blocks.step_mm[b]
+                if lens == NO_MICROLENS:
+                    count = outline_at(optics[3], outlines, sx, sy, polygon)
+                    if polygon[0, 0] == polygon[count // 2, 0] and polygon[0, 1] == polygon[count // 2, 1]:  # dark
+                        beams.known[b] = False
+                else:
+                    count = aperture.shape[0]
+                    for k in range(count):
+                        polygon[k, 0] = lenses[lens, 0] + aperture[k, 0]
+                        polygon[k, 1] = lenses[lens, 1] + aperture[k, 1]
+                here = slice(i * RAYS, (i + 1) * RAYS)
+                _spread(polygon, count, x[here], y[here])
+                start_x[here], start_y[here], owner[here] = sx, sy, b
+            aim_mixed(optics, lenses, mosaic, blocks.lens, owner, start_x, start_y, size, packet)
+            for i in range(size):
+                alive[i] = 1.0
+            trace_packet(table, packet, size)
+            for i in range(size):
+                node, k = first + i // RAYS, i % RAYS
+                beams.origin[b, node, k, 0], beams.origin[b, node, k, 1], beams.origin[b, node, k, 2] = x[i], y[i], z[i]
+                beams.direction[b, node, k, 0] = dx[i]
+                beams.direction[b, node, k, 1] = dy[i]
+                beams.direction[b, node, k, 2] = dz[i]
+                if not (alive[i] > 0.0 and dz[i] > 0.0):
+                    beams.known[b] = False
+
+
+@inline
+def _spread(polygon, count, x, y):
+    """Points of a polygon: some of its corners, points halfway to them, and the middle; x and y (RAYS,) are written."""
+    cx, cy = 0.0, 0.0
+    for k in range(count):
+        cx += polygon[k, 0] / count
+        cy += polygon[k, 1] / count
+    for k in range(_RIM):
+        corner = k * count // _RIM
+        x[k], y[k] = polygon[corner, 0], polygon[corner, 1]
+    for k in range(_RING):
+        corner = k * count // _RING
+        x[_RIM + k] = cx + _HALFWAY * (polygon[corner, 0] - cx)
+        y[_RIM + k] = cy + _HALFWAY * (polygon[corner, 1] - cy)
+    x[RAYS - 1], y[RAYS - 1] = cx, cy

@@ -1,0 +1,207 @@
+"""Bundles: from sensor positions through one microlens each, or none, and the main lens to rays in the scene.
+
+Vision frame, mm. A conventional camera samples the rear vertex plane, a plenoptic one the plane of its microlenses; all
+else is the same code. `lens` is the row of a microlens, `NO_MICROLENS`, or `SKIP`.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.tracing.microlens_kernels import free_weight
+from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT, accumulate, clear, cross_packet, finish, set_pivot
+from pipeline.camera.tracing.packets import aim_into, draw, region_drift, send_mixed, send_packet
+from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
+from pipeline.camera.tracing.sobol import hash32
+from pipeline.jit.decorators import inline, kernel
+from pipeline.optics.kernels import PACKET, new_packet
+
+_IMAGE_STREAM, START_STREAM = 1 << 16, 2 * REPLICAS
+_SHARE = PACKET // REPLICAS
+"""Samples of each replica in a packet."""
+CIRCUMRADIUS = 0.7072
+"""Circumradius of a square of edge 1, rounded up."""
+_GAUSS = 0.28867513459481287
+"""Both nodes of Gauss and Legendre stand so far from the middle of an interval of length 1."""
+
+
+@inline
+def mean_free_weight(optics, lenses, aperture, mosaic, lens, x, y, square, polygon):
+    """Free weight of a position, or its mean over the square around it; over a few pixels it is all but quadratic."""
+    points = 4 if square > 0.0 else 1
+    total, off = 0.0, _GAUSS * square
+    for i in range(points):
+        a, b = x + (off if i % 2 else -off), y + (off if i // 2 else -off)
+        total += free_weight(optics, lenses, aperture, mosaic, lens, a, b, polygon) / points
+    return total
+
+
+@kernel
+def bundle_moments(
+    optics,
+    table,
+    outlines,
+    lenses,
+    aperture,
+    mosaic,
+    planes,
+    bits,
+    seed,
+    square,
+    pixels,
+    anchors,
+    positions,
+    lens,
+    moments,
+):
+    """Moments of the bundles of many sensor positions on two planes.
+
+    Parameters
+    ----------
+    optics : (5,) float64
+        See `camera.tracing.sampling_bounds`.
+    table : (s, columns) float64
+        Surfaces, from `optics.table.towards_scene`.
+    outlines : (rows, columns, d, 2) float64
+        From `camera.pupil.outlines`.
+    lenses : (m, columns) float64
+        Vertex x, y and focal length of every microlens, and more of those that are not plain:
+        `camera.tracing.microlens_kernels`.
+    aperture : (c, 2) float64
+        Polygon around a microlens aperture about its vertex, counter-clockwise; of a cell it is the aperture itself.
+    mosaic : tuple
+        From `camera.tracing.microlens_tables`.
+    planes : (n or 1, 2, 4, 3) float64
+        Two planes of each position, or of all, as rows origin, first axis, second axis, normal.
+    bits : (DIMENSIONS, samples / REPLICAS) uint32
+        From `camera.tracing.sobol`.
+    square : float
+        Rays start anywhere on a square of this edge around their position; 0: at the position itself.
+    pixels : (n, 2) int64
+        What random numbers depend on besides the seed.
+    anchors : (n, 2) float64
+        Positions next to those below, for which the region is bound that rays go through.
+    positions : (n, 2) float64
+        On the sensor.
+    lens : (n,) int64
+        Microlens of each position.
+    moments : (n, COLUMNS) float64
+        Written, see `camera.tracing.moments`; NaN where the bundle is empty.
+    """
+    region, packet, crossing = new_region(), new_packet(), np.empty((4, PACKET))
+    x, y, alive, weight = packet[0], packet[1], packet[6], packet[8]
+    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
+    samples = bits.shape[1]
+    for n in range(positions.shape[0]):
+        for k in range(moments.shape[1]):
+            moments[n, k] = np.nan
+        moments[n, WEIGHT], moments[n, FREE_WEIGHT] = 0.0, 0.0
+        if lens[n] == SKIP:
+            continue
+        sx, sy = positions[n]
+        own = n if planes.shape[0] > 1 else 0
+        if lens[n] >= 0:
+            moments[n, FREE_WEIGHT] = mean_free_weight(
+                optics, lenses, aperture, mosaic, lens[n], sx, sy, square, region[0]
+            )
+        ax, ay = anchors[n]
+        slack = CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
+        fan_of = bound(optics, outlines, lenses, aperture, lens[n], ax, ay, slack, region)
+        if not fan_of[3] > 0.0:
+            continue
+        base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
+        clear(sums, total)
+        for i in range(PACKET):
+            start_x[i], start_y[i] = sx, sy
+        started = False
+        # A packet holds samples of all replicas: short packets are slow ones.
+        for first in range(0, samples, _SHARE):
+            size = min(_SHARE, samples - first)
+            for r in range(REPLICAS):
+                here = slice(r * size, (r + 1) * size)
+                draw(bits[0], first, size, hash32(base, 2 * r), x[here])
+                draw(bits[1], first, size, hash32(base, 2 * r + 1), y[here])
+                if square > 0.0:
+                    draw(bits[2], first, size, hash32(base, START_STREAM + 2 * r), start_x[here])
+                    draw(bits[3], first, size, hash32(base, START_STREAM + 2 * r + 1), start_y[here])
+            full = REPLICAS * size
+            if square > 0.0:
+                for i in range(full):
+                    start_x[i] = sx + square * (start_x[i] - 0.5)
+                    start_y[i] = sy + square * (start_y[i] - 0.5)
+            here, drift = slice(0, full), region_drift(optics, lens[n])
+            aim_into(region, fan_of, drift, ax, ay, start_x[here], start_y[here], x[here], y[here])
+            send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, full, packet)
+            cross_packet(planes[own, 0], planes[own, 1], packet, 0, full, crossing)
+            started = started or set_pivot(crossing, alive, 0, full, pivot)
+            if started:
+                for r in range(REPLICAS):
+                    accumulate(crossing, weight, alive, r * size, (r + 1) * size, pivot, sums[r], total)
+        if started:
+            finish(sums, total, pivot, fan_of[3] / (samples * REPLICAS), moments[n])
+
+
+@kernel
+def image_rays(camera, samples, squares, rays):
+    """Rays that leave the camera from many squares of the sensor, compacted: `camera.tracing.records` names the
+    arguments.
+
+    Returns
+    -------
+    int
+        Number of rays written.
+    """
+    optics, table, outlines, lenses, aperture, mosaic = camera
+    region, packet = new_region(), new_packet()
+    start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
+    x, y, bits, lens_of = packet[0], packet[1], samples.bits, squares.strata.reshape(-1)
+    held, written, edge, places = 0, 0, samples.edge_mm, squares.strata.shape[1]
+    for n in range(squares.positions.shape[0]):
+        sx, sy = squares.positions[n]
+        base = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1])
+        for j in range(places):
+            lens, stream = squares.strata[n, j], _IMAGE_STREAM + 4 * j
+            if lens == SKIP:
+                continue
+            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, CIRCUMRADIUS * edge, region)
+            if not fan_of[3] > 0.0:
+                continue
+            count = squares.counts[n, j]
+            for first in range(0, count, PACKET):
+                size = min(PACKET, count - first)
+                if held + size > PACKET:
+                    send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
+                    written = _release(packet, held, held_by, area, rays, written)
+                    held = 0
+                here = slice(held, held + size)
+                draw(bits[0], first, size, hash32(base, stream), start_x[here])
+                draw(bits[1], first, size, hash32(base, stream + 1), start_y[here])
+                draw(bits[2], first, size, hash32(base, stream + 2), x[here])
+                draw(bits[3], first, size, hash32(base, stream + 3), y[here])
+                for i in range(held, held + size):
+                    held_by[i], area[i] = n * places + j, fan_of[3] / count
+                    start_x[i] = sx + edge * (start_x[i] - 0.5)
+                    start_y[i] = sy + edge * (start_y[i] - 0.5)
+                drift = region_drift(optics, lens)
+                aim_into(region, fan_of, drift, sx, sy, start_x[here], start_y[here], x[here], y[here])
+                held += size
+    if held > 0:
+        send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
+        written = _release(packet, held, held_by, area, rays, written)
+    return written
+
+
+@inline
+def _release(packet, size, held_by, area, rays, written):
+    """Append the rays of a packet that leave the camera; their number so far."""
+    x, y, z, dx, dy, dz, alive, _, weight = packet
+    origin, direction, share, owner = rays
+    for i in range(size):
+        if alive[i] > 0.0:
+            origin[written, 0], origin[written, 1], origin[written, 2] = x[i], y[i], z[i]
+            direction[written, 0], direction[written, 1], direction[written, 2] = dx[i], dy[i], dz[i]
+            share[written], owner[written] = weight[i] * area[i], held_by[i]
+            written += 1
+    return written

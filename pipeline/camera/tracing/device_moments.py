@@ -1,0 +1,237 @@
+"""Moments of bundles on a device: a thread bounds each bundle, then a block of threads traces it, a ray each in turn.
+
+The same as `camera.tracing.bundle_kernels.bundle_moments` on processors, by the same functions of one ray. Threads take
+samples in the order of its packets and keep the sums of their rays' moments in registers; in the end every sum over
+threads runs in their order. So where division, root and a b + c are rounded alike, up to PACKET samples give the bits
+of processors, and more differ by the order of sums alone.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.parts.polygon import MAX_VERTICES, point_in_fan
+from pipeline.camera.tracing.bundle_kernels import CIRCUMRADIUS, START_STREAM, mean_free_weight
+from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT, cross, finish
+from pipeline.camera.tracing.one_ray import send_ray
+from pipeline.camera.tracing.packets import region_drift
+from pipeline.camera.tracing.sampling_bounds import SKIP, bound
+from pipeline.camera.tracing.sobol import hash32, scrambled
+from pipeline.jit.decorators import inline
+from pipeline.jit.device import DeviceKernel, cuda
+from pipeline.optics.kernels import PACKET
+
+_FIRST, _SECOND, _SUMS = 5, 10, 15
+"""Sums of a thread: weight and first moments, second moments, and all."""
+_AT_ONCE, _BINDING = 1 << 16, 64
+"""Bundles that are on the device together, 2 kB each; threads of a block that bounds them."""
+
+
+class Sums(NamedTuple):
+    """Weight, first and second moments of a thread's rays about the pivot: as `moments.accumulate` has them."""
+
+    w: float
+    a: float
+    b: float
+    c: float
+    d: float
+    aa: float
+    ab: float
+    ac: float
+    ad: float
+    bb: float
+    bc: float
+    bd: float
+    cc: float
+    cd: float
+    dd: float
+
+
+def block_size(samples: int) -> int:
+    """Threads of a block, for so many samples of each replica: the rays of a packet."""
+    return REPLICAS * min(PACKET // REPLICAS, samples)
+
+
+@DeviceKernel
+def bind_bundles(camera, square, rows, regions, moments):
+    """Bound what passes of every bundle, one by each thread, and clear its moments but for the free weight.
+
+    Parameters
+    ----------
+    camera, square, rows, moments
+        As in `sum_bundles`.
+    regions : ((n, MAX_VERTICES, 2) float64, (n, MAX_VERTICES) float64, (n, 4) float64)
+        Written: polygons, cumulative areas of their fans, and the fans, of area 0 where nothing passes.
+    """
+    outline = cuda.local.array((MAX_VERTICES, 2), np.float64)
+    scratch = cuda.local.array((MAX_VERTICES, 2), np.float64)
+    n = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
+    if n >= moments.shape[0]:
+        return
+    optics, _, outlines, lenses, aperture, mosaic = camera
+    _, anchors, positions, lens_of = rows
+    sx, sy, ax, ay, lens = positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1], lens_of[n]
+    row, fan, region = moments[n], regions[2][n], (regions[0][n], outline, scratch, regions[1][n])
+    for k in range(row.shape[0]):
+        row[k] = math.nan
+    row[WEIGHT], row[FREE_WEIGHT], fan[3] = 0.0, 0.0, 0.0
+    if lens == SKIP:
+        return
+    if lens >= 0:
+        row[FREE_WEIGHT] = mean_free_weight(optics, lenses, aperture, mosaic, lens, sx, sy, square, region[0])
+    slack = CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
+    fan[0], fan[1], fan[2], fan[3] = bound(optics, outlines, lenses, aperture, lens, ax, ay, slack, region)
+
+
+@DeviceKernel
+def sum_bundles(camera, planes, draws, square, rows, regions, moments):
+    """Moments of the bundle of one sensor position, by one block of `block_size` threads.
+
+    Parameters
+    ----------
+    camera : tuple
+        As `Tracer.arrays`.
+    planes : (n or 1, 2, 4, 3) float64
+    draws : ((DIMENSIONS, samples / REPLICAS) uint32, int)
+        From `camera.tracing.sobol`, and the seed.
+    square : float
+        Edge of the square that rays start from [mm].
+    rows : ((n, 2) int64, (n, 2) float64, (n, 2) float64, (n,) int64)
+        Pixels, anchors, positions and microlens of each bundle.
+    regions : tuple
+        From `bind_bundles`.
+    moments : (n, COLUMNS) float64
+        Written, where anything passes.
+    """
+    parts = cuda.shared.array((_SUMS, PACKET), np.float64)
+    ends = cuda.shared.array((_SUMS, REPLICAS), np.float64)
+    first_sums = cuda.shared.array((REPLICAS, _FIRST), np.float64)
+    second_sums = cuda.shared.array(_SECOND, np.float64)
+    pivot = cuda.shared.array(5, np.float64)
+    n, thread, threads = cuda.blockIdx.x, cuda.threadIdx.x, cuda.blockDim.x
+    area, share, samples = regions[2][n, 3], threads // REPLICAS, draws[0].shape[1]
+    if not area > 0.0:
+        return
+    if thread == 0:
+        pivot[4] = 0.0
+    cuda.syncthreads()
+    own = n if planes.shape[0] > 1 else 0
+    sums = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for first in range(0, samples, share):
+        index, alive, weight, a, b, c, d = first + thread % share, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if index < samples:
+            ray, weight = _sent(camera, draws, square, rows, regions, n, index, thread // share)
+            alive = ray.alive
+            a, b = cross(planes[own, 0], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
+            c, d = cross(planes[own, 1], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
+        if not pivot[4] > 0.0:  # the first ray of all that passes, in the order of threads
+            parts[0, thread], parts[1, thread], parts[2, thread], parts[3, thread], parts[4, thread] = a, b, c, d, alive
+            cuda.syncthreads()
+            if thread == 0:
+                _set_pivot(parts, threads, pivot)
+        cuda.syncthreads()
+        if alive > 0.0:
+            sums = _added(sums, weight, a - pivot[0], b - pivot[1], c - pivot[2], d - pivot[3])
+        cuda.syncthreads()
+    _put(sums, parts, thread)
+    cuda.syncthreads()
+    for k in range(thread, _SUMS * REPLICAS, threads):
+        ends[k // REPLICAS, k % REPLICAS] = _sum_of(parts, k // REPLICAS, k % REPLICAS * share, share)
+    cuda.syncthreads()
+    if thread == 0 and pivot[4] > 0.0:
+        for r in range(REPLICAS):
+            for k in range(_FIRST):
+                first_sums[r, k] = ends[k, r]
+        for k in range(_SECOND):
+            second_sums[k] = _sum_of(ends, _FIRST + k, 0, REPLICAS)
+        finish(first_sums, second_sums, pivot, area / (samples * REPLICAS), moments[n])
+
+
+@inline
+def _sent(camera, draws, square, rows, regions, n, index, replica):
+    """The ray of one sample of a bundle, and its weight."""
+    bits, seed = draws
+    pixels, anchors, positions, lens_of = rows
+    base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
+    u = scrambled(bits[0, index], hash32(base, 2 * replica))
+    v = scrambled(bits[1, index], hash32(base, 2 * replica + 1))
+    sx, sy, ax, ay = positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
+    if square > 0.0:
+        sx += square * (scrambled(bits[2, index], hash32(base, START_STREAM + 2 * replica)) - 0.5)
+        sy += square * (scrambled(bits[3, index], hash32(base, START_STREAM + 2 * replica + 1)) - 0.5)
+    polygons, cumulative, fans = regions
+    px, py = point_in_fan(polygons[n], int(fans[n, 0]), cumulative[n], fans[n, 1], fans[n, 2], u, v)
+    drift = region_drift(camera[0], lens_of[n])
+    return send_ray(camera, lens_of[n], sx, sy, px + drift * (sx - ax), py + drift * (sy - ay))
+
+
+@inline
+def _set_pivot(parts, threads, pivot):
+    """Take the crossing of the first living ray as the pivot, and mark that there is one."""
+    for t in range(threads):
+        if parts[4, t] > 0.0:
+            for k in range(5):
+                pivot[k] = parts[k, t]
+            return
+
+
+@inline
+def _added(s, w, a, b, c, d):
+    """Sums with one more ray."""
+    wa, wb, wc, wd = w * a, w * b, w * c, w * d
+    return Sums(
+        s.w + w,
+        s.a + wa,
+        s.b + wb,
+        s.c + wc,
+        s.d + wd,
+        s.aa + wa * a,
+        s.ab + wa * b,
+        s.ac + wa * c,
+        s.ad + wa * d,
+        s.bb + wb * b,
+        s.bc + wb * c,
+        s.bd + wb * d,
+        s.cc + wc * c,
+        s.cd + wc * d,
+        s.dd + wd * d,
+    )
+
+
+@inline
+def _put(s, parts, thread):
+    """Write a thread's sums into its column."""
+    values = s.w, s.a, s.b, s.c, s.d, s.aa, s.ab, s.ac, s.ad, s.bb, s.bc, s.bd, s.cc, s.cd, s.dd
+    for k in range(len(values)):
+        parts[k, thread] = values[k]
+
+
+@inline
+def _sum_of(values, row, first, count):
+    """Sum of some columns of a row, in their order."""
+    total = 0.0
+    for i in range(first, first + count):
+        total += values[row, i]
+    return total
+
+
+def moments_on_device(
+    camera: Any, planes: np.ndarray, draws: tuple[np.ndarray, int], square_mm: float, rows: Any, moments: np.ndarray
+) -> None:
+    """Moments of many bundles, written; parameters as of `sum_bundles`.
+
+    Raises
+    ------
+    EnvironmentFault
+        No device can be used.
+    """
+    threads = block_size(draws[0].shape[1])
+    for first in range(0, len(moments), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        here, part, own = tuple(row[some] for row in rows), moments[some], planes[some] if len(planes) > 1 else planes
+        count = len(part)
+        regions = np.empty((count, MAX_VERTICES, 2)), np.empty((count, MAX_VERTICES)), np.zeros((count, 4))
+        bind_bundles(-(-count // _BINDING), _BINDING, camera, square_mm, here, regions, part)
+        sum_bundles(count, threads, camera, own, draws, square_mm, here, regions, part)

@@ -1,0 +1,114 @@
+"""Moments of a bundle's crossings with two planes: sums over packets, then means, covariances and errors. Kernels only.
+
+A crossing is (a, b, c, d): coordinates on the first and on the second plane. Sums run about a first crossing, the
+pivot, because spreads are a millionth of the squared positions.
+"""
+
+from pipeline.camera.parts.camera import REPLICAS
+from pipeline.jit.decorators import inline, unit
+
+MEAN, COVARIANCE, WEIGHT, FREE_WEIGHT, VARIANCE, COLUMNS = 0, 4, 14, 15, 16, 20
+"""Columns of a bundle's moments: mean (4), covariance (10, upper triangle), weight that leaves, free weight, and the
+squared standard error of the mean (4); the last is their number."""
+
+
+@inline
+def cross(plane, px, py, pz, dx, dy, dz):
+    """Coordinates of a ray's crossing with a plane given by rows origin, first axis, second axis, normal."""
+    along = plane[3, 0] * dx + plane[3, 1] * dy + plane[3, 2] * dz
+    rx, ry, rz = plane[0, 0] - px, plane[0, 1] - py, plane[0, 2] - pz
+    t = (plane[3, 0] * rx + plane[3, 1] * ry + plane[3, 2] * rz) / along
+    hx, hy, hz = t * dx - rx, t * dy - ry, t * dz - rz
+    return (
+        plane[1, 0] * hx + plane[1, 1] * hy + plane[1, 2] * hz,
+        plane[2, 0] * hx + plane[2, 1] * hy + plane[2, 2] * hz,
+    )
+
+
+@unit
+def cross_packet(near, far, packet, first, end, crossing):
+    """Crossings of some rays of a packet with both planes, (4, PACKET)."""
+    x, y, z, dx, dy, dz = packet[0], packet[1], packet[2], packet[3], packet[4], packet[5]
+    for i in range(first, end):
+        crossing[0, i], crossing[1, i] = cross(near, x[i], y[i], z[i], dx[i], dy[i], dz[i])
+        crossing[2, i], crossing[3, i] = cross(far, x[i], y[i], z[i], dx[i], dy[i], dz[i])
+
+
+@inline
+def set_pivot(crossing, alive, first, end, pivot):
+    """Take the first living ray's crossing as the pivot; whether there is one."""
+    for i in range(first, end):
+        if alive[i] > 0.0:
+            for k in range(4):
+                pivot[k] = crossing[k, i]
+            return True
+    return False
+
+
+@inline
+def clear(sums, total):
+    """Begin sums anew."""
+    for r in range(sums.shape[0]):
+        for k in range(sums.shape[1]):
+            sums[r, k] = 0.0
+    for k in range(total.shape[0]):
+        total[k] = 0.0
+
+
+@unit
+def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
+    """Add weights, first and second moments about the pivot of some rays of a packet; the sums stay in registers."""
+    p0, p1, p2, p3 = pivot[0], pivot[1], pivot[2], pivot[3]
+    w0 = m0 = m1 = m2 = m3 = 0.0
+    c0 = c1 = c2 = c3 = c4 = c5 = c6 = c7 = c8 = c9 = 0.0
+    for i in range(first, end):
+        if alive[i] == 0.0:
+            continue
+        w = weight[i]
+        a, b, c, d = crossing[0, i] - p0, crossing[1, i] - p1, crossing[2, i] - p2, crossing[3, i] - p3
+        wa, wb, wc, wd = w * a, w * b, w * c, w * d
+        w0 += w
+        m0, m1, m2, m3 = m0 + wa, m1 + wb, m2 + wc, m3 + wd
+        c0, c1, c2, c3 = c0 + wa * a, c1 + wa * b, c2 + wa * c, c3 + wa * d
+        c4, c5, c6 = c4 + wb * b, c5 + wb * c, c6 + wb * d
+        c7, c8, c9 = c7 + wc * c, c8 + wc * d, c9 + wd * d
+    for k, value in enumerate((w0, m0, m1, m2, m3)):
+        sums[k] += value
+    for k, value in enumerate((c0, c1, c2, c3, c4, c5, c6, c7, c8, c9)):
+        total[k] += value
+
+
+@unit
+def finish(sums, total, pivot, sample_area, row):
+    """Turn sums into the columns of a bundle's moments.
+
+    Parameters
+    ----------
+    sums : (REPLICAS, 5) float64
+        Weight and first moments of each replica.
+    total : (10,) float64
+        Second moments of all.
+    sample_area : float
+        Area of the sampling region per sample [mm^2].
+    """
+    weight = 0.0
+    for r in range(REPLICAS):
+        weight += sums[r, 0]
+    row[WEIGHT] = weight * sample_area
+    for a in range(4):
+        mean = 0.0
+        for r in range(REPLICAS):
+            mean += sums[r, 1 + a]
+        row[MEAN + a] = mean / weight
+    k = 0
+    for a in range(4):
+        for b in range(a, 4):
+            row[COVARIANCE + k] = total[k] / weight - row[MEAN + a] * row[MEAN + b]
+            k += 1
+    for a in range(4):
+        # From the spread of the replicas' own means; NaN where one of them is empty.
+        spread = 0.0
+        for r in range(REPLICAS):
+            spread += (sums[r, 1 + a] / sums[r, 0] - row[MEAN + a]) ** 2
+        row[VARIANCE + a] = spread / (REPLICAS - 1) / REPLICAS
+        row[MEAN + a] += pivot[a]

@@ -1,0 +1,155 @@
+"""Polygons on the sampling plane that enclose all rays of a sensor position that can pass, tightly.
+
+Kernels only; vision frame, mm. `optics` holds z of sensor, sampling plane and rear vertex plane, the step of the
+outlines and their drift (see `camera.pupil.outlines`). `lens` is the row of a microlens, or NO_MICROLENS.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.parts.polygon import MAX_VERTICES, clip, fan
+from pipeline.camera.tracing.microlens_kernels import (
+    BASE_X,
+    BASE_Y,
+    BY_AIM,
+    BY_START,
+    INFLATION,
+    MARGIN,
+    OUTLINE_X,
+    OUTLINE_Y,
+    PLAIN_COLUMNS,
+)
+from pipeline.jit.decorators import buffers, inline, kernel, unit
+
+NO_MICROLENS, SKIP = -1, -2
+SHORTEST_EDGE_MM = 1e-9
+"""Shorter edges of an outline are corners: they bound nothing, and rounding may turn them round."""
+
+
+@buffers
+def new_region():
+    """Buffers of a region: polygon, outline, scratch and cumulative areas of its fan."""
+    shape = MAX_VERTICES, 2
+    return np.empty(shape), np.empty(shape), np.empty(shape), np.empty(MAX_VERTICES)
+
+
+@unit
+def bound(optics, outlines, lenses, aperture, lens, x, y, slack, region):
+    """Bound the rays of a sensor position by a polygon.
+
+    Parameters
+    ----------
+    slack : float
+        The sensor position may move by this much in any direction.
+    region : tuple
+        From `new_region`; written.
+
+    Returns
+    -------
+    count, centre_x, centre_y, area
+        The polygon's fan; area 0 where nothing passes.
+    """
+    polygon, outline, scratch, cumulative = region
+    if lens == NO_MICROLENS:
+        count = outline_at(optics[3], outlines, x, y, polygon)
+    else:
+        count = _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, polygon, outline, scratch)
+    if count < 3:
+        return 0, 0.0, 0.0, 0.0
+    cx, cy, area = fan(polygon, count, cumulative)
+    return count, cx, cy, area
+
+
+@inline
+def outline_at(step, outlines, x, y, polygon):
+    """The outline on the rear vertex plane for a point (x, y): from radial outlines or from a grid of them."""
+    if outlines.shape[0] > 1:
+        return _outline_in_grid(step, outlines, x, y, polygon)
+    height = math.sqrt(x * x + y * y)
+    position = min(height / step, outlines.shape[1] - 1.0)
+    i = min(int(position), outlines.shape[1] - 2)
+    f = position - i
+    c, s = (x / height, y / height) if height > 0.0 else (1.0, 0.0)
+    for j in range(outlines.shape[2]):
+        px = (1.0 - f) * outlines[0, i, j, 0] + f * outlines[0, i + 1, j, 0]
+        py = (1.0 - f) * outlines[0, i, j, 1] + f * outlines[0, i + 1, j, 1]
+        polygon[j, 0], polygon[j, 1] = c * px - s * py, s * px + c * py
+    return outlines.shape[2]
+
+
+@inline
+def _outline_in_grid(step, outlines, x, y, polygon):
+    """Bilinear between the four nodes around the point; the grid's middle belongs to (0, 0)."""
+    i, f = _cell(x / step, outlines.shape[1])
+    j, g = _cell(y / step, outlines.shape[0])
+    a, b, c, d = (1.0 - f) * (1.0 - g), f * (1.0 - g), (1.0 - f) * g, f * g
+    for n in range(outlines.shape[2]):
+        for k in range(2):
+            low = a * outlines[j, i, n, k] + b * outlines[j, i + 1, n, k]
+            polygon[n, k] = low + c * outlines[j + 1, i, n, k] + d * outlines[j + 1, i + 1, n, k]
+    return outlines.shape[2]
+
+
+@inline
+def _cell(position, count):
+    """Left node of the interval that holds a position counted from the middle, and the share of the right one."""
+    from_first = min(max(position + 0.5 * (count - 1), 0.0), count - 1.0)
+    i = min(int(from_first), count - 2)
+    return i, from_first - i
+
+
+@inline
+def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, polygon, outline, scratch):
+    """The part of a microlens aperture whose rays can pass the main lens, for a sensor position; its vertex count.
+
+    With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
+    meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f), while the outline of v + a is that of
+    v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a. Of
+    microlenses that are not plain the same linear map stands in `lenses`, with a margin for what is not linear in it.
+    """
+    vx, vy, focal = lenses[lens, 0], lenses[lens, 1], lenses[lens, 2]
+    count = aperture.shape[0]
+    if lenses.shape[1] == PLAIN_COLUMNS:
+        behind, ahead = optics[1] - optics[0], optics[2] - optics[1]
+        scale = 1.0 + ahead / behind - ahead / focal - optics[4]
+        bx, by = vx + ahead * (vx - x) / behind, vy + ahead * (vy - y) / behind
+        reach = slack * ahead / behind
+        for i in range(count):
+            polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
+        size = outline_at(optics[3], outlines, vx, vy, outline)
+    else:
+        by_start, scale = lenses[lens, BY_START], lenses[lens, BY_AIM]
+        bx, by = lenses[lens, BASE_X] + by_start * (x - vx), lenses[lens, BASE_Y] + by_start * (y - vy)
+        reach = slack * abs(by_start) + lenses[lens, MARGIN]
+        for i in range(count):
+            polygon[i, 0] = (1.0 + lenses[lens, INFLATION]) * aperture[i, 0]
+            polygon[i, 1] = (1.0 + lenses[lens, INFLATION]) * aperture[i, 1]
+        size = outline_at(optics[3], outlines, lenses[lens, OUTLINE_X], lenses[lens, OUTLINE_Y], outline)
+    if outline[0, 0] == outline[size // 2, 0] and outline[0, 1] == outline[size // 2, 1]:
+        return 0
+    # A negative scale mirrors the region through its centre.
+    sign = 1.0 if scale > 0.0 else -1.0
+    for j in range(size):
+        k = j + 1 if j + 1 < size else 0
+        ex, ey = outline[k, 0] - outline[j, 0], outline[k, 1] - outline[j, 1]
+        length = math.sqrt(ex * ex + ey * ey)
+        if length < SHORTEST_EDGE_MM:
+            continue
+        # Outward normal of a counter-clockwise edge.
+        nx, ny = ey / length, -ex / length
+        limit = nx * (outline[j, 0] - bx) + ny * (outline[j, 1] - by) + reach
+        count = clip(polygon, count, sign * nx, sign * ny, limit / abs(scale), scratch)
+        if count < 3:
+            return 0
+    for i in range(count):
+        polygon[i, 0] += vx
+        polygon[i, 1] += vy
+    return count
+
+
+@kernel
+def outlines_at(step, outlines, points, polygons):
+    """Outlines for many points (n, 2), written, (n, directions, 2)."""
+    for n in range(points.shape[0]):
+        outline_at(step, outlines, points[n, 0], points[n, 1], polygons[n])

@@ -1,0 +1,77 @@
+"""Owen-scrambled Sobol points by hashing: random numbers as a function of (seed, pixel, sample, dimension) alone.
+
+Sources: direction numbers of Joe and Kuo (2008); scrambling as in Burley, "Practical Hash-based Owen Scrambling",
+JCGT 9(4), 2020, with the hash of Laine and Karras in the form improved by Vegdahl (2021).
+"""
+
+import numpy as np
+
+from pipeline.jit.decorators import inline
+
+DIMENSIONS = 4
+_PRIMITIVE = {1: (1, 0, (1,)), 2: (2, 1, (1, 3)), 3: (3, 1, (1, 3, 1))}
+"""Per dimension after the first: degree s, coefficients a, initial m of Joe and Kuo's table."""
+
+
+def sobol_bits(count: int) -> np.ndarray:
+    """The first `count` points of the unscrambled sequence with their bits reversed, ready for scrambling.
+
+    Returns
+    -------
+    (DIMENSIONS, count) uint32
+        Bit 0 holds the most significant binary digit.
+    """
+    index = np.arange(count, dtype=np.uint32)
+    points = np.zeros((DIMENSIONS, count), np.uint32)
+    for dimension in range(DIMENSIONS):
+        for bit, direction in enumerate(_directions(dimension)):
+            points[dimension] ^= np.where(index >> np.uint32(bit) & np.uint32(1), direction, np.uint32(0))
+    return _reversed_bits(points)
+
+
+def _directions(dimension: int) -> list[np.uint32]:
+    if dimension == 0:
+        return [np.uint32(1 << (31 - i)) for i in range(32)]
+    degree, coefficients, initial = _PRIMITIVE[dimension]
+    m = list(initial)
+    for i in range(degree, 32):
+        value = m[i - degree] ^ (m[i - degree] << degree)
+        for j in range(1, degree):
+            if coefficients >> (degree - 1 - j) & 1:
+                value ^= m[i - j] << j
+        m.append(value)
+    return [np.uint32(m[i] << (31 - i)) for i in range(32)]
+
+
+def _reversed_bits(values: np.ndarray) -> np.ndarray:
+    text = np.unpackbits(values.astype(">u4").view(np.uint8).reshape(*values.shape, 4), axis=-1)
+    return np.packbits(text[..., ::-1], axis=-1).view(">u4")[..., 0].astype(np.uint32)
+
+
+@inline
+def hash32(a, b):
+    """Mix two 32-bit numbers into one (the finaliser of MurmurHash3 after a multiply-add)."""
+    h = np.uint32(np.uint32(a) * np.uint32(0x9E3779B1) + np.uint32(b) + np.uint32(0x7F4A7C15))
+    h ^= h >> np.uint32(16)
+    h = np.uint32(h * np.uint32(0x85EBCA6B))
+    h ^= h >> np.uint32(13)
+    h = np.uint32(h * np.uint32(0xC2B2AE35))
+    h ^= h >> np.uint32(16)
+    return h
+
+
+@inline
+def scrambled(bits, seed):
+    """A coordinate in [0, 1) of a point from `sobol_bits`, Owen-scrambled by `seed`."""
+    x = np.uint32(bits)
+    x ^= np.uint32(x * np.uint32(0x3D20ADEA))
+    x = np.uint32(x + np.uint32(seed))
+    x = np.uint32(x * (np.uint32(seed) >> np.uint32(16) | np.uint32(1)))
+    x ^= np.uint32(x * np.uint32(0x05526C56))
+    x ^= np.uint32(x * np.uint32(0x53A22864))
+    x = (x >> np.uint32(1)) & np.uint32(0x55555555) | (x & np.uint32(0x55555555)) << np.uint32(1)
+    x = (x >> np.uint32(2)) & np.uint32(0x33333333) | (x & np.uint32(0x33333333)) << np.uint32(2)
+    x = (x >> np.uint32(4)) & np.uint32(0x0F0F0F0F) | (x & np.uint32(0x0F0F0F0F)) << np.uint32(4)
+    x = (x >> np.uint32(8)) & np.uint32(0x00FF00FF) | (x & np.uint32(0x00FF00FF)) << np.uint32(8)
+    x = x >> np.uint32(16) | x << np.uint32(16)
+    return np.uint32(x) * 2.3283064365386963e-10

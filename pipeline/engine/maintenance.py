@@ -1,0 +1,243 @@
+"""Care of a store: what lies in it, dropping what was unused longest, and checking every byte.
+
+Nothing here can make a result wrong: whatever is dropped or damaged is a miss afterwards, and computed again.
+"""
+
+import os
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.files import is_unreadable
+from pipeline.engine.locks import Errand, locked
+from pipeline.engine.output import manifest
+from pipeline.engine.output.output_index import Seen
+from pipeline.engine.store import quarantine
+from pipeline.engine.store.store import Store
+from pipeline.engine.store.workspace import ABANDONED_S
+from pipeline.errors import EnvironmentFault, UsageError
+
+DEFAULT_LIMIT = 50 * 10**9
+_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """Content of a store; sizes in bytes.
+
+    Attributes
+    ----------
+    pinned_bytes : int
+        Blobs of the last builds whose output folders are still there; these are never dropped.
+    quarantined : int
+        Damaged entries that were moved away, for a person to look at.
+    """
+
+    records: int
+    blobs: int
+    bytes: int
+    pinned_bytes: int
+    limit_bytes: int
+    quarantined: int
+    quarantine_bytes: int
+
+    def to_dict(self) -> dict[str, int]:
+        """As in `cache info --json`."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Collected:
+    """Entries that a collection dropped, or would drop; sizes in bytes. `quarantined` are damaged entries."""
+
+    records: int
+    blobs: int
+    bytes: int
+    bytes_left: int
+    limit_bytes: int
+    quarantined: int = 0
+    busy: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `cache gc --json`."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """Entries that were read to the last byte, and the names of those that are not right or stood for a folder.
+
+    Damaged and incomplete ones are in quarantine. What could not be read counts as damaged and stays where it is, like
+    records that wait for it or for a store below.
+    """
+
+    records: int
+    blobs: int
+    bytes: int
+    damaged: tuple[str, ...]
+    incomplete: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `cache fsck --json`."""
+        return asdict(self)
+
+
+def limit_from_environment() -> int:
+    """$PIPELINE_CACHE_SIZE, for example `200G`, or 50 GB."""
+    text = os.environ.get("PIPELINE_CACHE_SIZE")
+    return DEFAULT_LIMIT if not text else bytes_of(text)
+
+
+def bytes_of(text: str) -> int:
+    """`1.5G`, `500 MB` or `1000` as bytes; units are powers of ten."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([kmgt]?)b?\s*", text.lower())
+    if match is None:
+        raise UsageError(f"{text!r} is not a size", hint="write for example 500M or 50G")
+    return int(float(match[1]) * _UNITS[match[2]])
+
+
+def info(store: Store, limit_bytes: int | None = None) -> Contents:
+    """Count the content of a store."""
+    sizes = {name: facts.st_size for name, facts in store.entries("blob")}
+    kept = _blobs_of(store, pinned_keys(store))
+    damaged = list(quarantine.entries(store.root))
+    return Contents(
+        records=sum(1 for _ in store.entries("record")),
+        blobs=len(sizes),
+        bytes=sum(sizes.values()),
+        pinned_bytes=sum(sizes.get(name, 0) for name in kept),
+        limit_bytes=limit_from_environment() if limit_bytes is None else limit_bytes,
+        quarantined=len(damaged),
+        quarantine_bytes=sum(path.lstat().st_size for path in damaged),
+    )
+
+
+def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: float = 0.0) -> Collected:
+    """Drop what was unused longest until the blobs fit into the limit, and all that nothing refers to.
+
+    Records go before blobs, so a collector that is killed leaves nothing that promises what is gone. The order is
+    that of use (times of the record files, never compared with a clock). Results of the last build of every output
+    folder that still has its manifest stay, also beyond the limit.
+    """
+    with locked(store.root / "gc.lock", timeout_s=wait_s, errand=Errand(doing="collects what is not used")) as held:
+        if not held and not dry_run:
+            return Collected(records=0, blobs=0, bytes=0, bytes_left=store.size(), limit_bytes=limit_bytes, busy=True)
+        sizes = {name: facts.st_size for name, facts in store.entries("blob")}
+        keys, blobs = _to_keep(store, sizes, limit_bytes)
+        drop_records = [name for name, _ in store.entries("record") if name not in keys]
+        drop_blobs = [name for name in sizes if name not in blobs]
+        damaged = sum(1 for _ in quarantine.entries(store.root))
+        freed = sum(sizes[name] for name in drop_blobs)
+        if not dry_run:
+            _remove(store, drop_records, drop_blobs)
+    return Collected(
+        records=len(drop_records),
+        blobs=len(drop_blobs),
+        bytes=freed,
+        bytes_left=sum(sizes.values()) - freed,
+        limit_bytes=limit_bytes,
+        quarantined=damaged,
+    )
+
+
+def check(store: Store) -> Checked:
+    """Read every byte. Damaged entries go to quarantine; the next build makes them again."""
+    sizes, damaged, incomplete = 0, list(store.displaced), list[str]()
+    unreadable: set[str] = set()
+    blobs = list(store.entries("blob"))
+    for name, facts in blobs:
+        sizes += facts.st_size
+        if not store.is_whole({"sha256": name, "size": facts.st_size}):
+            damaged.append(name)
+            if _stays(store, "blob", name):
+                unreadable.add(name)
+    keys = [name for name, _ in store.entries("record")]
+    for key in keys:
+        record = store.peek(key)
+        if record is None:
+            damaged.append(key)
+            _stays(store, "record", key)
+        elif store.complete(key, record) is None:
+            incomplete.append(key)
+            if not unreadable & {entry["sha256"] for entry in record["outputs"].values()}:
+                store.give_up(key)
+    return Checked(
+        records=len(keys), blobs=len(blobs), bytes=sizes, damaged=tuple(damaged), incomplete=tuple(incomplete)
+    )
+
+
+def pinned_keys(store: Store) -> set[str]:
+    """Keys of the last build of every output folder that still holds its manifest, or a file of a partial delivery."""
+    keys: set[str] = set()
+    for name in store.notes("history"):
+        note = store.read_note("history", name)
+        try:
+            if _holds_something(store, Path(note["out"])):
+                keys.update(note["keys"].values())
+        except (TypeError, KeyError, AttributeError, ValueError):
+            continue  # not a history of ours: nothing to keep for it
+    return keys
+
+
+def _holds_something(store: Store, out: Path) -> bool:
+    """Whether an output folder is finished, or holds a file that was put there while it was not."""
+    if (out / manifest.NAME).is_file():
+        return True
+    ours = Seen(out, store).ours
+    return manifest.NAME not in ours and any((out / path).is_file() for path in ours)
+
+
+def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set[str], set[str]]:
+    """Keys and blobs that stay: pinned ones, then by latest use as long as there is room."""
+    pinned = pinned_keys(store)
+    by_use = sorted(
+        store.entries("record"), key=lambda entry: (entry[0] in pinned, entry[1].st_mtime_ns, entry[0]), reverse=True
+    )
+    keys: set[str] = set()
+    blobs: set[str] = set()
+    room = limit_bytes
+    for key, _ in by_use:
+        record = store.peek(key)
+        if record is None and is_unreadable(path := store.path("record", key)):  # it may keep any of the blobs
+            raise EnvironmentFault(f"cannot read {path}, so nothing was dropped", hint="try again, or remove that file")
+        if record is None:
+            continue
+        names = {entry["sha256"] for entry in record["outputs"].values()}
+        need = sum(sizes.get(str(name), 0) for name in names - blobs)
+        if key not in pinned and need > room:
+            room = 0  # strictly by use: a small old entry does not outlive a large newer one
+            continue
+        room -= need
+        keys.add(key)
+        blobs |= names
+    return keys, blobs
+
+
+def _stays(store: Store, table: str, name: str) -> bool:
+    """Whether an entry that is not right only cannot be read just now, which is said."""
+    unreadable = is_unreadable(store.path(table, name))
+    if unreadable:
+        store.warn(f"cannot be read, and stays where it is: {store.path(table, name)}")
+    return unreadable
+
+
+def _blobs_of(store: Store, keys: set[str]) -> set[str]:
+    records = filter(None, (store.peek(key) for key in keys))
+    return {entry["sha256"] for record in records for entry in record["outputs"].values()}
+
+
+def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
+    for table, names in (("record", records), ("blob", blobs), ("log", records), ("spec", records), ("lock", records)):
+        for name in names:
+            _unlink(store, table, name)
+    quarantine.empty(store.root)
+    store.sweep(older_than_s=ABANDONED_S)
+
+
+def _unlink(store: Store, table: str, name: str) -> None:
+    path = store.path(table, name)
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise EnvironmentFault(f"cannot remove {path}: {error.strerror}", hint="is the store read-only?") from error

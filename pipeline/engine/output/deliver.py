@@ -1,0 +1,202 @@
+"""Fill an output folder so that it holds exactly what the records say, touching only what differs.
+
+New files are first written aside, inside the folder, and hashed there; a full disk shows while the previous build is
+still whole. Then the manifest goes, files no longer made go, files are renamed into place, and the manifest comes last.
+Only bytes that we put there are ever removed or replaced: whatever else stands in the way gets another name.
+
+A partial delivery puts some of the files there and removes none. A manifest that agrees with them stays; one that does
+not goes, because the folder is then no longer the build that it describes. A partial delivery never makes one.
+"""
+
+import contextlib
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.files import chosen_place, machine_errors, read_regular
+from pipeline.engine.locks import Errand, locked_folder
+from pipeline.engine.output import manifest
+from pipeline.engine.output.output_folder import ASIDE, Folder
+from pipeline.engine.output.output_index import Seen, name_of
+from pipeline.engine.planning.task_spec import Record
+from pipeline.engine.store.store import Store
+from pipeline.errors import EnvironmentFault
+
+Source = bytes | tuple[str, str]
+"""Source of a file: its bytes, or (task name, output name)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delivery:
+    """Changes in the folder; paths are posix and relative.
+
+    `asked` are the files that a partial delivery put or found there; None after a whole one. `finished` says whether
+    the folder has a manifest now.
+    """
+
+    written: tuple[str, ...] = ()
+    removed: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
+    asked: tuple[str, ...] | None = None
+    finished: bool = True
+
+
+def deliver(
+    out: Path,
+    files: Mapping[str, Source],
+    head: dict[str, Any],
+    *,
+    records: Mapping[str, Record],
+    store: Store,
+    warn: Callable[[str], None] = lambda text: None,
+    stage_id: str = "",
+    whole: bool = True,
+) -> Delivery:
+    """Make `out` hold `files` and a manifest, and nothing of an earlier build of the stage `stage_id`.
+
+    If the delivery is not `whole`, put `files` there and leave the rest.
+
+    Raises
+    ------
+    UsageError
+        The folder holds a build of another stage.
+    EnvironmentFault
+        The folder cannot be written, or the disk is full; then the previous build is still whole. Or another machine,
+        whose locks do not reach here, changes it at the same time.
+    DamagedBlob
+        A result went from the store since it was made; the previous build is still whole.
+    """
+    entries = {path: _entry(source, records) for path, source in sorted(files.items())}
+    _check_paths(entries)
+    keys = {name: record["key"] for name, record in records.items()}
+    goal = _Goal(files=files, entries=entries, manifest=manifest.render(head, keys, entries), store=store)
+    with chosen_place("write to", out):
+        out.mkdir(parents=True, exist_ok=True)
+    # The store's lock may reach other machines; the folder's own reaches builders with other stores.
+    flight, errand = store.single_flight(name_of(out), f"fills {out}"), Errand(say=store.say_waiting)
+    with flight, locked_folder(out, errand=errand) as alone, _errors_told(out, goal):
+        there = manifest.read_of(out, head.get("stage"))
+        if not whole:
+            goal = replace(goal, whole=False, manifest=there.data if _agrees(there, entries) else None)
+        seen = Seen(out, store, stage_id)
+        seen.require_same_stage()
+        folder = Folder(out, warn)
+        folder.remove_old_asides(alone=alone)  # also where nothing changes: a builder may have died after its last file
+        return _fill(folder, goal, seen)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Goal:
+    """Files that a folder shall hold, and the store that has it. If it is not `whole`, other files of ours may stay."""
+
+    files: Mapping[str, Source]
+    entries: dict[str, dict[str, Any]]
+    manifest: bytes | None
+    store: Store
+    whole: bool = True
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """Digests of all files but the manifest."""
+        return {path: entry["sha256"] for path, entry in self.entries.items()}
+
+    @property
+    def note(self) -> dict[str, str]:
+        """Digests of all files, with the manifest if there shall be one."""
+        own = {} if self.manifest is None else {manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
+        return {**self.digests, **own}
+
+    def write(self, path: str, target: Path) -> None:
+        """Write the bytes of a file to a new one."""
+        source = self.files[path]
+        if isinstance(source, bytes):
+            target.write_bytes(source)
+        else:
+            self.store.copy_blob(self.entries[path]["sha256"], target)
+
+
+def _fill(folder: Folder, goal: _Goal, seen: Seen) -> Delivery:
+    present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
+    # What is not present is missing, or lies behind a link to a folder: then it is not in this one.
+    changed = [path for path, digest in digests.items() if path not in present or seen.digest(path) != digest]
+    others = sorted(present - digests.keys()) if goal.whole else []
+    stale = [path for path in others if seen.is_ours(path)]
+    foreign = [path for path in others if path not in stale]
+    if foreign:
+        shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
+        folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
+    if changed or stale or data != goal.manifest:
+        _change(folder, seen, goal, changed=changed, stale=stale)
+    seen.keep(goal.note, whole=goal.whole)
+    changes = Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
+    return changes if goal.whole else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
+
+
+def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
+    with folder.aside() as aside, folder.saying_what_was_kept():
+        for number, path in enumerate(changed):
+            goal.write(path, aside / str(number))
+            seen.wrote(path, aside / str(number))
+        if goal.manifest is not None:
+            (aside / manifest.NAME).write_bytes(goal.manifest)
+        seen.begin(goal.note)
+        is_ours = seen.is_ours(manifest.NAME) or _is_begun(folder.out / manifest.NAME, goal)
+        folder.clear(manifest.NAME, is_ours=is_ours, is_same=lambda kept: _is_begun(kept, goal))
+        for path in filter(seen.is_ours, stale):  # maybe somebody has written to it meanwhile
+            folder.remove(path)
+        for number, path in enumerate(changed):
+            folder.place(
+                aside / str(number), path, is_ours=seen.is_ours(path) or seen.digest(path) == goal.digests[path]
+            )
+            seen.placed(path)
+        if goal.manifest is not None:
+            (aside / manifest.NAME).replace(folder.out / manifest.NAME)
+
+
+def _agrees(there: manifest.Manifest, entries: Mapping[str, Any]) -> bool:
+    """Whether a manifest says of these files what they shall be."""
+    return all(there.files.get(path) == entry for path, entry in entries.items())
+
+
+def _is_begun(path: Path, goal: _Goal) -> bool:
+    """Whether a file is the manifest that shall be there, or one that was cut, of which nothing is lost."""
+    data = read_regular(path)
+    return data is not None and (goal.manifest or b"").startswith(data)
+
+
+@contextlib.contextmanager
+def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
+    """Turn errors of the disk, or of others in the folder, into faults of the environment: no bug of ours."""
+    try:
+        with machine_errors("write to", out, needed=sum(entry["size"] for entry in goal.entries.values())):
+            yield
+    except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
+        raise EnvironmentFault(
+            f"{out} changed while files were put there: {error.filename}: {error.strerror}",
+            hint="build again; if another machine builds into the same folder, give each its own with -o",
+        ) from error
+
+
+def _entry(source: Source, records: Mapping[str, Record]) -> dict[str, Any]:
+    if isinstance(source, bytes):
+        return {"sha256": hashlib.sha256(source).hexdigest(), "size": len(source)}
+    task, output = source
+    try:
+        entry: dict[str, Any] = records[task]["outputs"][output]
+    except KeyError:
+        made = sorted(records[task]["outputs"]) if task in records else "nothing"
+        raise ValueError(f"task {task!r} was to make {output!r}, but made {made}") from None
+    return {"sha256": entry["sha256"], "size": entry["size"]}
+
+
+def _check_paths(paths: Iterable[str]) -> None:
+    names = set(paths)
+    for path in names:
+        if not manifest.is_plain_path(path) or path == manifest.NAME or path.startswith(ASIDE):
+            raise ValueError(f"a build cannot deliver a file named {path!r}")
+        parent = path
+        while parent := parent.rpartition("/")[0]:
+            if parent in names:
+                raise ValueError(f"a build cannot deliver both {parent!r} and {path!r}")

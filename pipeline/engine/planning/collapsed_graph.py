@@ -1,0 +1,95 @@
+"""A graph of tasks for people: tasks that differ in a number only (frames, tiles) are one node."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.plan import PlannedTask
+
+_COLOURS = {"cached": "#d9ead3", "run": "#f9cb9c", "maybe": "#fff2cc"}
+
+
+@dataclass(slots=True)
+class Group:
+    """Tasks that are one node.
+
+    Attributes
+    ----------
+    name : str
+        `image/Rig.Camera/*` for all frames.
+    states : Counter
+        Tasks by state: cached, run or maybe.
+    reads : list of str
+        Names of the groups that they read.
+    """
+
+    name: str
+    states: Counter[str] = field(default_factory=Counter)
+    reads: list[str] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """Number of tasks."""
+        return self.states.total()
+
+    @property
+    def label(self) -> tuple[str, str]:
+        """Text of the node: its name, and the number of its tasks in each state."""
+        states = ", ".join(f"{count:,} {state}" for state, count in sorted(self.states.items()))
+        return self.name, states
+
+    @property
+    def colour(self) -> str:
+        """Colour of the least finished of its states."""
+        return _COLOURS[next(state for state in ("run", "maybe", "cached") if self.states[state])]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `graph --format json`."""
+        return {"name": self.name, "tasks": self.count, "states": dict(self.states), "reads": self.reads}
+
+
+def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool = True) -> list[Group]:
+    """Groups in an order in which sources come first."""
+    groups: dict[str, Group] = {}
+    for task in planned:  # sources first
+        name = _collapsed(task.name) if collapse else task.name
+        group = groups.setdefault(name, Group(name))
+        group.states[task.state] += 1
+        for source in graph.sources(task.name):
+            read = _collapsed(source) if collapse else source
+            if read not in group.reads and read != name:
+                group.reads.append(read)
+    return list(groups.values())
+
+
+def as_mermaid(groups: list[Group]) -> Iterator[str]:
+    """Lines of a flow chart, as Markdown viewers draw it."""
+    number = {group.name: f"n{index}" for index, group in enumerate(groups)}
+    yield "flowchart LR"
+    for group in groups:
+        name, states = (part.replace('"', "#quot;") for part in group.label)
+        yield f'    {number[group.name]}["{name}<br/>{states}"]'
+        yield f"    style {number[group.name]} fill:{group.colour}"
+    for group in groups:
+        yield from (f"    {number[read]} --> {number[group.name]}" for read in group.reads)
+
+
+def as_dot(groups: list[Group]) -> Iterator[str]:
+    """Lines for Graphviz."""
+    yield "digraph tasks {"
+    yield "    rankdir=LR; node [shape=box, style=filled];"
+    for group in groups:
+        name, states = group.label
+        label = json.dumps(f"{name}\n{states}", ensure_ascii=False)
+        yield f"    {json.dumps(group.name)} [label={label}, fillcolor={json.dumps(group.colour)}];"
+    for group in groups:
+        yield from (f"    {json.dumps(read)} -> {json.dumps(group.name)};" for read in group.reads)
+    yield "}"
+
+
+def _collapsed(name: str) -> str:
+    return re.sub(r"/\d+(?=/|$)", "/*", name)

@@ -1,0 +1,112 @@
+"""Plans in words: what runs and why, grouped so that a thousand frames that changed alike are one line.
+
+A reason is told by the edits of the source behind it, where they are known, else by the parameter that changed.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+from pipeline.edits import Edit
+from pipeline.engine.planning.forecast import Forecast
+from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
+
+_SHOWN = 5  # groups of tasks alike of which one is explained
+_REASONS_SHOWN = 6  # of one task in a plan: without its edit, a turned board changes a dozen numbers
+_SAMPLES_SHOWN = 3  # of one attribute
+_PATHS_SHOWN = 4  # of the edits behind tasks that are only counted
+
+
+def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) -> Iterator[str]:
+    """Lines about a plan: counts, the work to come, the first of tasks alike with its reasons, the others by number."""
+    tasks = list(planned)
+    counts = Counter(task.state for task in tasks)
+    yield f"{len(tasks)} tasks: {counts['cached']} cached, {counts['run']} to run, {counts['maybe']} maybe"
+    if to_come is not None and to_come.tasks:
+        yield f"to come: {_work(to_come)}"
+    work = sorted((task for task in tasks if task.state != "cached"), key=lambda task: task.state != "run")
+    for number, ((state, kind, cause), alike) in enumerate(_alike(work).items()):
+        if number >= _SHOWN:
+            yield f"… and {len(alike):,} more {kind} ({state}): {cause}"
+            continue
+        yield from describe_task(alike[0], _REASONS_SHOWN)
+        if len(alike) > 1:
+            yield f"… and {len(alike) - 1:,} more {kind} alike"
+
+
+def _work(to_come: Forecast) -> str:
+    if to_come.unknown == to_come.tasks:
+        return "nobody knows, for no task of these kinds ever ran here"
+    known = f"about {to_come.cpu_seconds:.3g} s of processor time, {to_come.rays:.2g} rays,"
+    known += f" {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
+    return known + (f"; {to_come.unknown} of a kind that never ran here" if to_come.unknown else "")
+
+
+def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:
+    """All reasons of tasks, one after the other; of tasks with the same reasons the first, and how many more there are.
+
+    Numbers of frames, names and old and new values may differ within such a group.
+    """
+    for (_, kind, _), tasks in _alike(planned).items():
+        yield from describe_task(tasks[0])
+        if len(tasks) > 1:
+            yield f"… and {len(tasks) - 1:,} more {kind} alike, up to {tasks[-1].name}"
+
+
+def _alike(planned: Iterable[PlannedTask]) -> dict[tuple[str, str, str], list[PlannedTask]]:
+    """Tasks by state, kind and reasons."""
+    groups: dict[tuple[str, str, str], list[PlannedTask]] = {}
+    for task in planned:
+        groups.setdefault((task.state, task.kind, _cause(task)), []).append(task)
+    return groups
+
+
+def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
+    """A task, its state, and a line per edit and per other reason, of which at most `most` are shown."""
+    yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
+    told = [reason for reason in task.reasons if _is_told(reason)]
+    others = [str(reason) for reason in told if reason.type is not ReasonType.UPSTREAM]
+    lines = [*_edits_told(task.edits), *others, *_upstream_told(told)]
+    yield from (f"         {line}" for line in lines[:most])
+    if most is not None and len(lines) > most:
+        yield f"         … and {len(lines) - most} more reasons (`pipeline explain` shows all)"
+
+
+def _edits_told(edits: Iterable[Edit]) -> Iterator[str]:
+    """A line per edit; of many time samples of one attribute the first few, and how many more there are."""
+    groups: dict[str, list[Edit]] = {}
+    for edit in edits:
+        groups.setdefault(edit.what, []).append(edit)
+    for alike in groups.values():
+        yield from map(str, alike[:_SAMPLES_SHOWN])
+        if len(alike) > _SAMPLES_SHOWN:
+            yield f"… and {len(alike) - _SAMPLES_SHOWN:,} more time samples of {alike[0].what}"
+
+
+def _upstream_told(reasons: Iterable[Reason]) -> Iterator[str]:
+    """A line per kind of the tasks that must run before; of several the first, and how many more there are."""
+    sources: dict[str, list[str]] = {}
+    for reason in reasons:
+        if reason.type is ReasonType.UPSTREAM and reason.field:
+            sources.setdefault(reason.field.split("/")[0], []).append(reason.field)
+    for kind, (first, *more) in sources.items():
+        yield f"{first} {f'and {len(more):,} more {kind} ' if more else ''}must run first"
+
+
+def _is_told(reason: Reason) -> bool:
+    """Whether a reason is told itself: its edits do not say it already."""
+    return not reason.edits or reason.type is ReasonType.UPSTREAM
+
+
+def _cause(task: PlannedTask) -> str:
+    """Reasons without what differs from frame to frame."""
+    edited = sorted({edit.what for edit in task.edits})
+    more = [f"… {len(edited) - _PATHS_SHOWN} more edits"] if len(edited) > _PATHS_SHOWN else []
+    causes = set()
+    for reason in filter(_is_told, task.reasons):
+        # Elements of a list count as the list.
+        field = re.sub(r"(\[\d+\])+$", "", reason.field or "")
+        if reason.type is ReasonType.UPSTREAM:
+            field = field.split("/")[0]
+        causes.add(f"{reason.type.value} {field}".strip())
+    return ", ".join([*edited[:_PATHS_SHOWN], *more, *sorted(causes)])

@@ -1,0 +1,126 @@
+"""Work that a plan will take, by what its tasks, or others of their kind, took before. Estimates change no result."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from pipeline.engine.planning.plan import PlannedTask
+from pipeline.engine.planning.task_spec import Record
+from pipeline.engine.store.store import Store
+
+Size = Callable[[str, dict[str, Any]], float]
+"""Kind and params of a task to a number that its work grows with; 0 where nobody can tell."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """Cost of a task, or mean of several.
+
+    Attributes
+    ----------
+    cpu_seconds : float
+        Processor time [s].
+    rays : float
+        Rays started.
+    peak_bytes : int
+        Memory that one process took at most.
+    """
+
+    cpu_seconds: float
+    rays: float
+    peak_bytes: int
+
+    def times(self, factor: float) -> "Cost":
+        """The same for work that is larger by a factor; memory is bounded by tiles and stays."""
+        return Cost(cpu_seconds=self.cpu_seconds * factor, rays=self.rays * factor, peak_bytes=self.peak_bytes)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Forecast:
+    """Work to come.
+
+    Attributes
+    ----------
+    tasks, unknown : int
+        Tasks that run or may have to; those of them of whose kind none ever ran: they count nothing.
+    cpu_seconds, rays, peak_bytes :
+        As of `Cost`: sums, and the most that one task takes.
+    """
+
+    tasks: int
+    unknown: int
+    cpu_seconds: float
+    rays: float
+    peak_bytes: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `plan --json`."""
+        return {**asdict(self), "cpu_seconds": round(self.cpu_seconds, 3), "rays": round(self.rays)}
+
+
+def forecast(planned: Iterable[PlannedTask], params: Callable[[str], dict[str, Any]], past: "Past") -> Forecast:
+    """Sum the costs of all tasks of a plan that are not cached; `params` gives those of a task by name."""
+    todo = [task for task in planned if task.state != "cached"]
+    costs = [past.cost_of(task, params(task.name)) for task in todo]
+    known = [cost for cost in costs if cost is not None]
+    return Forecast(
+        tasks=len(todo),
+        unknown=len(todo) - len(known),
+        cpu_seconds=sum(cost.cpu_seconds for cost in known),
+        rays=sum(cost.rays for cost in known),
+        peak_bytes=max((cost.peak_bytes for cost in known), default=0),
+    )
+
+
+class Past:
+    """Costs of earlier tasks: of the same one where it ran before, else the mean of its kind.
+
+    Parameters
+    ----------
+    last_keys : mapping
+        Task name -> key of its last build into the same output folder.
+    kinds : list of mapping
+        Kind -> fields of `Cost`, from the histories of builds; the first that knows a kind counts.
+    """
+
+    def __init__(
+        self, store: Store, last_keys: Mapping[str, str], kinds: list[Mapping[str, dict[str, Any]]], size: Size
+    ) -> None:
+        self._store, self._last_keys, self._kinds, self._size = store, last_keys, kinds, size
+
+    def cost_of(self, task: PlannedTask, params: dict[str, Any]) -> Cost | None:
+        """Estimate for a task; None if neither it nor its kind ever ran."""
+        last = self._store.peek(self._last_keys[task.name]) if task.name in self._last_keys else None
+        cost = cost_of_record(last) if last else None
+        if last is not None and cost is not None:
+            before, now = self._size(task.kind, last["components"]["params"]), self._size(task.kind, params)
+            return cost.times(now / before if before > 0 and now > 0 else 1.0)
+        for kinds in self._kinds:
+            if task.kind in kinds:
+                return Cost(**kinds[task.kind])
+        return None
+
+
+def cost_of_record(record: Record) -> Cost | None:
+    """Cost of the task that made a record; None if it does not say so."""
+    made_by = record["made_by"]
+    if "cpu_seconds" not in made_by:
+        return None
+    rays = sum(one["rays"] for one in made_by.get("kernels", {}).values())
+    return Cost(cpu_seconds=made_by["cpu_seconds"], rays=rays, peak_bytes=made_by["peak_bytes"])
+
+
+def means_by_kind(made: Iterable[tuple[str, Record]]) -> dict[str, dict[str, Any]]:
+    """Mean cost of each kind, from kinds and records of tasks, as `Past` reads it; of memory the most."""
+    found: dict[str, list[Cost]] = {}
+    for kind, record in made:
+        if cost := cost_of_record(record):
+            found.setdefault(kind, []).append(cost)
+    return {
+        kind: {
+            "cpu_seconds": sum(cost.cpu_seconds for cost in costs) / len(costs),
+            "rays": sum(cost.rays for cost in costs) / len(costs),
+            "peak_bytes": max(cost.peak_bytes for cost in costs),
+        }
+        for kind, costs in found.items()
+    }

@@ -1,0 +1,150 @@
+"""The graph of tasks. The only module that knows networkx."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+import networkx as nx
+
+from pipeline.engine.digest import canonical
+from pipeline.engine.planning import near
+from pipeline.engine.planning.near import unpadded
+from pipeline.engine.planning.task_code import check_kind
+from pipeline.errors import UsageError
+
+TASKS = ("pipeline.tasks",)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One piece of work.
+
+    Attributes
+    ----------
+    name : str
+        Unique in its graph, for people: `truth/Rig.Camera/0003`. It is not part of the key.
+    kind : str
+        Module whose function `run(params, inputs, out)` does the work; `params` is a record, if the module has one with
+        the name `Params`.
+    params : dict
+        Plain values, part of the key; `canonical` are their bytes.
+    reads : dict
+        Role -> name of the task whose outputs are read. Roles are part of the key, names are not.
+    together : str or None
+        Tasks of one kind that name the same have the same inputs and may run in company, where they share work; no part
+        of the key, because the outputs are the same. Their module has `run_together(params, inputs, outs)`, too.
+    """
+
+    name: str
+    kind: str
+    params: dict[str, Any]
+    canonical: bytes
+    reads: dict[str, str]
+    together: str | None = None
+
+    @property
+    def short_kind(self) -> str:
+        """Last part of the module name."""
+        return self.kind.rpartition(".")[2]
+
+
+class TaskGraph:
+    """Tasks and what they read; acyclic by construction, because a task can only read tasks added before it.
+
+    Parameters
+    ----------
+    packages : tuple of str
+        Packages below which task kinds are accepted.
+    """
+
+    def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
+        self.packages = packages
+        self._graph: nx.DiGraph = nx.DiGraph()
+        self._order: list[str] = []  # of an older graph as long as it is shorter
+
+    def add(
+        self,
+        name: str,
+        kind: str,
+        params: dict[str, Any],
+        reads: dict[str, str] | None = None,
+        together: str | None = None,
+    ) -> str:
+        """Add a task and give its name back. Its parameters must not be changed afterwards.
+
+        Raises
+        ------
+        ValueError
+            The name is taken, a task that it reads is not there (yet), or `kind` is outside the accepted packages.
+        TypeError
+            A parameter is not a plain value.
+        """
+        reads = dict(reads or {})
+        check_kind(kind, self.packages)
+        if name in self._graph:
+            raise ValueError(f"two tasks named {name!r}")
+        for role, source in reads.items():
+            if source not in self._graph:
+                raise ValueError(f"task {name!r} reads {source!r} as {role!r}, which does not exist")
+        task = Task(name=name, kind=kind, params=params, canonical=canonical(params), reads=reads, together=together)
+        self._graph.add_node(name, task=task)
+        self._graph.add_edges_from((source, name) for source in reads.values())
+        return name
+
+    def __len__(self) -> int:
+        return len(self._graph)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._graph
+
+    def __getitem__(self, name: str) -> Task:
+        task: Task = self._graph.nodes[name]["task"]
+        return task
+
+    def __iter__(self) -> Iterator[str]:
+        """Names in an order in which every task comes after all that it reads; the same on every machine."""
+        if len(self._order) < len(self._graph):
+            self._order = list(nx.lexicographical_topological_sort(self._graph))
+        return iter(self._order)
+
+    def sources(self, name: str) -> list[str]:
+        """Tasks that `name` reads."""
+        return sorted(self._graph.predecessors(name))
+
+    def readers(self, name: str) -> list[str]:
+        """Tasks that read `name`."""
+        return sorted(self._graph.successors(name))
+
+    def priorities(self) -> dict[str, int]:
+        """Tasks on the longest path from each task to an end of the graph: the critical path goes first."""
+        lengths: dict[str, int] = {}
+        for name in reversed(list(self)):
+            lengths[name] = 1 + max((lengths[reader] for reader in self._graph.successors(name)), default=0)
+        return lengths
+
+    def up_to(self, names: Iterable[str]) -> "TaskGraph":
+        """The part of the graph that the named tasks need, themselves included."""
+        wanted = set(names)
+        for name in list(wanted):
+            wanted |= nx.ancestors(self._graph, name)
+        part = TaskGraph(self.packages)
+        part._graph = self._graph.subgraph(wanted).copy()
+        return part
+
+    def select(self, pattern: str) -> list[str]:
+        """Tasks meant by a name, by a wildcard pattern, or by the beginning of names up to a slash.
+
+        Zeros before a number may be left out: `image/2` means `image/0002`.
+
+        Raises
+        ------
+        UsageError
+            Nothing is meant.
+        """
+        found = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
+        if not found:
+            found = [name for name in self if f"{unpadded(name)}/".startswith(f"{unpadded(pattern)}/")]
+        if not found:
+            raise UsageError(f"no task is named {pattern!r}", hint=near.hint(pattern, self, ()))
+        return found

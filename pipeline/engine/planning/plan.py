@@ -1,0 +1,164 @@
+"""Tasks that would run, and why, without running anything. Reasons are data first, text second."""
+
+import enum
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.edits import Edit
+from pipeline.engine.planning.graph import Task, TaskGraph
+from pipeline.engine.planning.task_spec import Record, Spec, Specs
+from pipeline.engine.store.store import Store
+
+_LONGEST = 72  # characters of a value in a text
+
+
+class ReasonType(enum.StrEnum):
+    """Why a task has to run, or may have to."""
+
+    NEW = "new"
+    CHANGED = "changed"
+    MISSING = "missing"
+    UPSTREAM = "upstream"
+    FORCED = "forced"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reason:
+    """One reason.
+
+    Attributes
+    ----------
+    field : str or None
+        changed: the component of the key (`params.pose`); missing: the output, or `record`;
+        upstream: the task that must run first.
+    old, new : plain values
+        changed: the component at the last build of this task, and now.
+    edits : tuple of Edit
+        The edits of the source that made this reason, as far as somebody found them, see `app.why`.
+    """
+
+    type: ReasonType
+    field: str | None = None
+    old: Any = None
+    new: Any = None
+    edits: tuple[Edit, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `plan --json`."""
+        facts = {"type": self.type.value, "field": self.field, "old": self.old, "new": self.new}
+        return {**facts, "edits": [edit.to_dict() for edit in self.edits]}
+
+    def __str__(self) -> str:
+        match self.type:
+            case ReasonType.CHANGED if self.field == "code":
+                return "code changed"
+            case ReasonType.CHANGED:
+                return f"{self.field}: {_short(self.old)} -> {_short(self.new)}"
+            case ReasonType.MISSING:
+                return f"missing in the store: {self.field}"
+            case ReasonType.UPSTREAM:
+                return f"{self.field} must run first"
+            case ReasonType.NEW:
+                return "never built"
+        return "forced"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedTask:
+    """A task of a plan; `state` is cached, run, or maybe (below a task that must run: early cutoff may save it).
+
+    `key` and `spec` are None as long as the inputs are not known.
+    """
+
+    name: str
+    kind: str
+    state: str
+    key: str | None
+    reasons: tuple[Reason, ...] = ()
+    spec: Spec | None = None
+
+    @property
+    def edits(self) -> tuple[Edit, ...]:
+        """The edits behind all reasons, each once."""
+        return tuple({(edit.what, edit.time): edit for reason in self.reasons for edit in reason.edits}.values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As in `plan --json`."""
+        facts = {"name": self.name, "kind": self.kind, "state": self.state, "key": self.key}
+        return {**facts, "reasons": [reason.to_dict() for reason in self.reasons]}
+
+
+def plan(
+    graph: TaskGraph, store: Store, last_keys: Mapping[str, str], *, force: Iterable[str] = ()
+) -> list[PlannedTask]:
+    """State of every task, in an order in which sources come first.
+
+    Parameters
+    ----------
+    last_keys : mapping
+        Task name -> key of its last build for the same output folder.
+    """
+    specs, forced = Specs(store), set(force)
+    records: dict[str, Record] = {}
+    planned = []
+    for name in graph:
+        task = graph[name]
+        must_run = [source for source in graph.sources(name) if source not in records]
+        if must_run:
+            last = _last(name, last_keys, store)
+            reasons = [Reason(type=ReasonType.UPSTREAM, field=source) for source in must_run]
+            reasons += differences(last["components"]["params"], task.params, "params") if last else []
+            planned.append(_planned(task, "maybe", None, reasons))
+            continue
+        spec = specs.of(task, records)
+        whole = store.peek(spec.key)
+        record = store.complete(spec.key, whole)
+        if record is not None and name not in forced:
+            records[name] = record
+            planned.append(_planned(task, "cached", spec, []))
+            continue
+        reasons = [Reason(type=ReasonType.FORCED)] if name in forced else []
+        if record is None:
+            reasons += _why_missing(spec, last_keys.get(name), _last(name, last_keys, store), whole, store)
+        planned.append(_planned(task, "run", spec, reasons))
+    return planned
+
+
+def _last(name: str, last_keys: Mapping[str, str], store: Store) -> Record | None:
+    return store.peek(last_keys[name]) if name in last_keys else None
+
+
+def _planned(task: Task, state: str, spec: Spec | None, reasons: list[Reason]) -> PlannedTask:
+    key = spec.key if spec else None
+    return PlannedTask(name=task.name, kind=task.short_kind, state=state, key=key, reasons=tuple(reasons), spec=spec)
+
+
+def _why_missing(
+    spec: Spec, last_key: str | None, last: Record | None, damaged: Record | None, store: Store
+) -> list[Reason]:
+    if damaged is not None:
+        gone = [name for name, entry in damaged["outputs"].items() if not store.is_whole(entry)]
+        return [Reason(type=ReasonType.MISSING, field=name) for name in gone]
+    if last_key is None:
+        return [Reason(type=ReasonType.NEW)]
+    if last is None:
+        return [Reason(type=ReasonType.MISSING, field="record")]
+    return list(differences(last["components"], spec.components))
+
+
+def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
+    """Components that differ, each with its dotted path."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in sorted(old.keys() | new.keys()):
+            yield from differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (one, other) in enumerate(zip(old, new, strict=True)):
+            yield from differences(one, other, f"{where}[{index}]")
+    elif old != new:
+        yield Reason(type=ReasonType.CHANGED, field=where, old=old, new=new)
+
+
+def _short(value: Any) -> str:
+    text = value[:12] if isinstance(value, str) and len(value) == 64 else repr(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"

@@ -1,0 +1,211 @@
+"""Code of a task kind, as it enters its keys.
+
+The fingerprint covers the module of the kind and every module of its own package which that imports, directly or not,
+inside functions too. Comments, layout and docstrings do not count; any other edit does. Modules of other distributions
+that are reached this way count by the versions of these distributions. Nothing is imported for it, so a plan starts
+neither NumPy nor Numba.
+
+Parsing all modules takes most of a second. What a source file says follows from its bytes alone, so a store remembers
+it under their digest, and nothing has to decide whether that still holds.
+"""
+
+import ast
+import contextlib
+import functools
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.digest import key_of
+from pipeline.engine.planning.libraries import is_foreign, versions_of
+from pipeline.engine.store.store import Store
+from pipeline.machine.facts import facts
+
+
+class UnknownKind(ValueError):
+    """A module name that is not a task kind: outside the accepted packages, or without a source file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Module:
+    """Statements of one source file that matter, read by its syntax tree."""
+
+    digest: str
+    imports: list[str]
+    foreign: list[str]
+    version: Any
+
+
+Modules = dict[str, _Module | None]
+"""Modules by the name of their source file; None if there is none."""
+
+Machine = Callable[[Collection[str]], dict[str, str]]
+"""Facts about a machine as far as libraries decide bits by them."""
+
+_first_seen: dict[str, str] = {}
+"""Digest of every module's source when this process first read it, at the latest before a task imported it."""
+
+_MANY = 4000
+_remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest of a module's name and source
+
+
+@contextlib.contextmanager
+def remembering(store: Store) -> Iterator[None]:
+    """Inside, only source files are parsed that no process with this store has parsed before."""
+    note = f"code-{_reader()}"
+    known = store.read_facts("index", note)
+    _remembered.update(known if len(known) < _MANY else {})
+    before = len(_remembered)
+    yield
+    if len(_remembered) > before:
+        store.write_note("index", note, _remembered)
+
+
+@functools.cache
+def _reader() -> str:
+    """Version of the parser: another Python or an edit of this module may read the same source in another way."""
+    return key_of("reader/v1", [sys.version, hashlib.sha256(Path(__file__).read_bytes()).hexdigest()])
+
+
+def check_kind(kind: str, packages: tuple[str, ...]) -> None:
+    """Refuse module names outside the accepted packages: a record or a spec must not choose what gets imported."""
+    below = any(kind.startswith(f"{package}.") for package in packages)
+    if not below or not all(part.isidentifier() for part in kind.split(".")):
+        raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
+
+
+def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> dict[str, Any]:
+    """Components of a key that stand for the code: version, fingerprint, libraries, machine.
+
+    Parameters
+    ----------
+    kind : str
+        Module name. The module may say `VERSION = 2` as a literal, to run again although its code is the same.
+    seen : dict, optional
+        Modules that were looked up already, and are again: kinds share most of what they reach.
+    machine : callable
+        Facts about the machine that decide what libraries compute, of this process unless another is meant.
+    """
+    reached = _reached(kind, {} if seen is None else seen)
+    own = reached.get(kind)
+    if own is None:
+        raise UnknownKind(f"no source file for the task kind {kind!r}")
+    foreign = {name for module in reached.values() for name in module.foreign}
+    libraries = versions_of(foreign)
+    return {
+        "version": own.version,
+        "code": _digest(reached),
+        # ast.dump differs between minor versions of Python, and so may the libraries' builds.
+        "libraries": {"python": f"{sys.version_info.major}.{sys.version_info.minor}", **libraries},
+        "machine": machine(libraries),
+    }
+
+
+def edited(kind: str) -> list[str]:
+    """Modules that a kind reaches and whose source is not what this process saw first: it may have imported that."""
+    return sorted(name for name, module in _reached(kind, {}).items() if module.digest != _first_seen[name])
+
+
+def fingerprint(kind: str) -> str:
+    """Hex digest of the code that the module `kind` can reach inside its own top package."""
+    return _digest(_reached(kind, {}))
+
+
+def _digest(reached: dict[str, _Module]) -> str:
+    return key_of("code/v1", {name: module.digest for name, module in reached.items()})
+
+
+def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
+    reached: dict[str, _Module] = {}
+    todo = [kind]
+    while todo:
+        name = todo.pop()
+        if name in reached:
+            continue
+        if name not in seen:
+            seen[name] = _module(name)
+        if (module := seen[name]) is not None:
+            reached[name] = module
+            _first_seen.setdefault(name, module.digest)
+            todo += [*module.imports, *_parents(name)]
+    return reached
+
+
+def _parents(name: str) -> Iterator[str]:
+    # Importing a.b.c runs a.b too. The top package only lists what is public: its edits change no task.
+    parts = name.split(".")
+    return (".".join(parts[:n]) for n in range(2, len(parts)))
+
+
+def _module(name: str) -> _Module | None:
+    # find_spec("a.b") would import a, so only the top package is looked up.
+    top, *rest = name.split(".")
+    spec = importlib.util.find_spec(top)
+    for folder in (spec.submodule_search_locations or ()) if spec else ():
+        path = "/".join([folder, *rest])
+        for file in (f"{path}/__init__.py", f"{path}.py"):
+            try:
+                facts = os.stat(file)  # noqa: PTH116 (thousands of them; a Path takes ten times as long)
+            except OSError:
+                continue
+            return _read(file, facts.st_mtime_ns, facts.st_size, name)
+    return None
+
+
+@functools.lru_cache(maxsize=4096)
+def _read(path: str, _mtime_ns: int, _size: int, name: str) -> _Module:
+    source, is_package = Path(path).read_bytes(), path.endswith("/__init__.py")
+    key = key_of("source/v1", [name, is_package, hashlib.sha256(source).hexdigest()])
+    if key not in _remembered:
+        _remembered[key] = asdict(_parsed(ast.parse(source, path), name, is_package))
+    return _Module(**_remembered[key])
+
+
+def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
+    parent = name if is_package else name.rpartition(".")[0]
+    top = name.split(".")[0]
+    found = set(_imports(tree, parent))
+    foreign = {name.split(".")[0] for name in found} - {top}
+    version = _version(tree)
+    _drop_docstrings(tree)
+    text = ast.dump(tree, include_attributes=False)
+    return _Module(
+        digest=hashlib.sha256(text.encode()).hexdigest(),
+        imports=sorted(name for name in found if name.split(".")[0] == top),
+        foreign=sorted(filter(is_foreign, foreign)),
+        version=version,
+    )
+
+
+def _imports(tree: ast.Module, parent: str) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = parent.split(".")
+                above = parts[: len(parts) - node.level + 1]
+                base = ".".join([*above, *([node.module] if node.module else [])])
+            yield base
+            # `from base import x` imports a module x or a name x; both are tried.
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _version(tree: ast.Module) -> Any:
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["VERSION"]:
+            return ast.literal_eval(node.value)
+    return 1
+
+
+def _drop_docstrings(tree: ast.Module) -> None:
+    for node in ast.walk(tree):
+        owner = isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+        if owner and ast.get_docstring(node, clean=False) is not None:  # type: ignore[arg-type]
+            node.body = node.body[1:] or [ast.Pass()]  # type: ignore[attr-defined]

@@ -1,0 +1,259 @@
+"""Tasks on a Dask cluster. The only module that knows `distributed`, which comes with the extra [cluster].
+
+Dask sees neither the graph nor an array: a task is plain data of a few kB, its result a record, and all else goes
+through the store, a folder that every worker reaches under the same path. What is finished survives whatever dies.
+"""
+
+import asyncio
+import contextlib
+import logging
+import os
+import re
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.running.engines import Plain
+from pipeline.engine.running.execute import failed, lost, perform
+from pipeline.engine.store.store import Store
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+
+_CONNECT_S = 30
+_NO_WORKERS_S = 120.0
+_OF_DASK = re.compile(r"distributed\.")
+_SETTINGS = {
+    # A worker that holds the interpreter's lock for long is not dead.
+    "distributed.scheduler.worker-ttl": "30 minutes",
+    # The driver counts: one dying machine must not condemn tasks that only waited there.
+    "distributed.scheduler.allowed-failures": 1000,
+    "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
+}
+
+
+def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
+    """Meaning of `--engine dask:…`: an address as tcp://host:8786, or the file that a scheduler wrote.
+
+    Raises
+    ------
+    UsageError
+        It is neither.
+    EnvironmentFault
+        The extra [cluster] is not installed.
+    """
+    kind, _, where = text.partition(":")
+    if kind != "dask" or not where:
+        hint = (
+            "write dask:tcp://host:8786, or dask:FILE for the file that `dask scheduler --scheduler-file FILE` writes"
+        )
+        raise UsageError(f"unknown engine {text!r}", hint=hint)
+    if "://" not in where and not Path(where).is_file():
+        raise UsageError(f"there is no scheduler file {where}", hint="an address has the form tcp://host:8786")
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        raise EnvironmentFault(
+            "the engine dask needs the library distributed", hint="pip install 'plenoptic-pipeline[cluster]'"
+        ) from None
+    return lambda store, packages: Dask(where, store, packages, timeout_s=timeout_s)
+
+
+class Dask:
+    """A cluster as a place for tasks.
+
+    Parameters
+    ----------
+    where : str
+        Address of a scheduler, or path of its file.
+    timeout_s : float, optional
+        A task that takes longer has failed; its worker is started again (if it has a
+        nanny), because Dask cannot end a running task.
+    """
+
+    def __init__(self, where: str, store: Store, packages: tuple[str, ...], *, timeout_s: float | None = None) -> None:
+        import dask
+        import distributed
+
+        dask.config.set(_SETTINGS)
+        for name in ("distributed", *filter(_OF_DASK.match, logging.root.manager.loggerDict)):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said by us
+        self._store, self._packages, self._timeout_s = store, packages, timeout_s
+        self._running: dict[Any, tuple[Plain, float]] = {}
+        self._submitted = 0
+        self._no_workers_since: float | None = None
+        options: dict[str, Any] = {"timeout": _CONNECT_S, "set_as_default": False}
+        try:
+            address = {"address": where} if "://" in where else {"scheduler_file": where}
+            self._client = distributed.Client(**address, **options)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise EnvironmentFault(
+                f"cannot reach the Dask scheduler {where}: {error}", hint="is it running, and is this its address?"
+            ) from error
+        with self._reaching():
+            self._require_same_store()
+
+    @property
+    def free(self) -> int:
+        """Threads of all workers without a task of ours, and one task per worker that waits for its turn."""
+        workers = self._workers()
+        return sum(int(worker["nthreads"]) for worker in workers.values()) + len(workers) - len(self._running)
+
+    def submit(self, spec: Plain) -> None:
+        """Give a task to the cluster."""
+        self._submitted += 1
+        with self._reaching():
+            future = self._client.submit(
+                _perform_there,
+                spec,
+                str(self._store.root),
+                list(self._packages),
+                # Never a key that Dask knows already: it would give the old result.
+                key=f"{spec['components']['kind']}-{spec['key'][:32]}-{os.getpid()}-{self._submitted}",
+                pure=False,
+                priority=-self._submitted,  # in the order of the driver, which sends the longest path first
+            )
+        self._running[future] = spec, time.monotonic()
+
+    def wait(self, timeout_s: float) -> list[Plain]:
+        """Replies that arrived within the timeout; maybe none."""
+        import distributed
+
+        self._require_scheduler()
+        if not self._running:  # Dask would not wait for nothing, and only a worker that comes can help
+            time.sleep(timeout_s)
+            self._require_workers()
+            return []
+        try:
+            with self._client.as_current():
+                done = distributed.wait(list(self._running), timeout=timeout_s, return_when="FIRST_COMPLETED").done
+        except TimeoutError:
+            return self._overdue()
+        except (distributed.CancelledError, asyncio.CancelledError, OSError):
+            done = {future for future in self._running if future.done()}
+        return [self._reply(future) for future in done if future in self._running]
+
+    def drop_waiting(self) -> list[str]:
+        """None: the scheduler does not say which tasks wait."""
+        return []
+
+    def close(self) -> None:
+        """Drop what is not finished; the cluster stays."""
+        with contextlib.suppress(Exception):  # a scheduler that is gone has nothing to drop
+            self._client.cancel(list(self._running), force=True)
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=5)
+
+    def _reply(self, future: Any) -> Plain:
+        import distributed
+
+        spec, _ = self._running.pop(future)
+        try:
+            reply: Plain = future.result(timeout=_CONNECT_S)
+        except distributed.KilledWorker as error:
+            return lost(spec["name"], f"its worker died ({error.last_worker.address})")
+        except (distributed.CancelledError, asyncio.CancelledError, TimeoutError, OSError):
+            self._require_scheduler()
+            return lost(spec["name"], "its worker was lost")
+        except Exception as error:  # it cannot even begin there: another version of us, a store out of reach
+            return {
+                **failed(spec["name"], spec["key"], f"{type(error).__name__}: {error}", self._store),
+                "machine": True,
+            }
+        finally:
+            future.release()
+        return reply
+
+    def _overdue(self) -> list[Plain]:
+        replies = []
+        for future, (spec, since) in list(self._running.items()):
+            seconds = time.monotonic() - since
+            if self._timeout_s is None or seconds <= self._timeout_s:
+                continue
+            workers = [worker for worker, keys in self._client.processing().items() if future.key in keys]
+            del self._running[future]
+            self._client.cancel([future], force=True)
+            with contextlib.suppress(ValueError):  # a worker without a nanny goes on until its task ends
+                self._client.restart_workers(workers, raise_for_error=False)
+            text = f"it took longer than {self._timeout_s:g} s and was ended (--timeout)"
+            replies.append(failed(spec["name"], spec["key"], text, self._store, seconds))
+        self._require_workers()
+        return replies
+
+    def _workers(self) -> dict[str, Any]:
+        try:
+            workers: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+        except (OSError, KeyError):
+            return {}
+        return workers
+
+    def _require_workers(self) -> None:
+        if self._workers():
+            self._no_workers_since = None
+            return
+        self._no_workers_since = self._no_workers_since or time.monotonic()
+        if time.monotonic() - self._no_workers_since > _NO_WORKERS_S:
+            raise EnvironmentFault(
+                f"the Dask cluster has had no worker for {_NO_WORKERS_S:g} s", hint="start workers, and build again"
+            )
+
+    def _require_scheduler(self) -> None:
+        if self._client.status not in ("running", "connecting"):
+            self._gone()
+        if self._client.status == "connecting":
+            give_up = time.monotonic() + _CONNECT_S
+            while self._client.status == "connecting" and time.monotonic() < give_up:
+                time.sleep(0.1)
+            if self._client.status != "running":
+                self._gone()
+
+    def _gone(self) -> None:
+        raise EnvironmentFault(
+            "the Dask scheduler is gone", hint="start it and build again: what was finished is in the store"
+        )
+
+    @contextlib.contextmanager
+    def _reaching(self) -> Iterator[None]:
+        """Work for which the scheduler must be there. A client that has lost it raises this and that."""
+        try:
+            yield
+        except PipelineError:
+            raise
+        except (Exception, asyncio.CancelledError) as error:
+            of_dask = type(error).__module__.partition(".")[0] in ("asyncio", "distributed", "tornado")
+            if of_dask or isinstance(error, OSError) or self._client.status != "running":
+                with contextlib.suppress(Exception):
+                    self._client.close(timeout=5)
+                self._gone()
+            raise
+
+    def _require_same_store(self) -> None:
+        """Every worker must see this store under this path: it is the only thing that we share."""
+        note = f"{os.getpid()}-{time.time_ns()}"
+        self._store.write_note("index", f"here-{note}", note)
+        try:
+            self._client.wait_for_workers(1, timeout=_NO_WORKERS_S)
+            seen = self._client.run(_sees_note, str(self._store.root), note, on_error="return")
+        except TimeoutError:
+            raise EnvironmentFault("the Dask cluster has no workers", hint="start some, and build again") from None
+        finally:
+            (self._store.root / "index" / f"here-{note}.json").unlink(missing_ok=True)
+        bad = {address: answer for address, answer in seen.items() if answer is not True}
+        if bad:
+            address, answer = next(iter(bad.items()))
+            why = f"{type(answer).__name__}: {answer}" if isinstance(answer, Exception) else "it is not there"
+            raise EnvironmentFault(
+                f"the worker {address} does not see the store {self._store.root} ({why})",
+                hint="set PIPELINE_CACHE to a folder that all machines reach, and install the same version everywhere",
+            )
+
+
+def _sees_note(root: str, note: str) -> bool:
+    return Store(root).read_note("index", f"here-{note}") == note
+
+
+def _perform_there(spec: Plain, root: str, packages: list[str]) -> Plain:
+    """On a worker."""
+    warnings: list[str] = []
+    store = Store(root, warn=warnings.append)
+    with store.in_use():
+        return {**perform(spec, store, tuple(packages)), "warnings": warnings}

@@ -1,0 +1,209 @@
+"""Places to run tasks: this process, or in worker processes that may die."""
+
+import collections
+import contextlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import time
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from pipeline.engine.running.execute import failed, lost, perform
+from pipeline.engine.store.store import Store
+from pipeline.machine.another_python import command
+from pipeline.machine.processor import settings
+
+Plain = dict[str, Any]
+
+
+class Engine(Protocol):
+    """A place for tasks. `free` is the number of tasks that it can take now.
+
+    `wait` gives replies of tasks, and of such as still wait for another builder what they say about that (state
+    waiting). `drop_waiting` gives up these, as far as it knows of any, and gives their names.
+    """
+
+    @property
+    def free(self) -> int: ...
+
+    def submit(self, spec: Plain) -> None: ...
+
+    def wait(self, timeout_s: float) -> list[Plain]: ...
+
+    def drop_waiting(self) -> list[str]: ...
+
+    def close(self) -> None: ...
+
+
+class Inline:
+    """One task after the other, in this process."""
+
+    def __init__(self, store: Store, packages: tuple[str, ...]) -> None:
+        self._store, self._packages = store, packages
+        self._waiting: collections.deque[Plain] = collections.deque()
+
+    @property
+    def free(self) -> int:
+        """One, unless a task waits."""
+        return 1 - len(self._waiting)
+
+    def submit(self, spec: Plain) -> None:
+        """Take a task; it runs in `wait`."""
+        self._waiting.append(spec)
+
+    def wait(self, timeout_s: float) -> list[Plain]:
+        """Run what was submitted and give the replies."""
+        replies = [perform(spec, self._store, self._packages) for spec in self._waiting]
+        self._waiting.clear()
+        return replies
+
+    def drop_waiting(self) -> list[str]:
+        """None: what waits in this process is stopped by the signal itself."""
+        return []
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+@dataclass(slots=True, eq=False)
+class _Worker:
+    process: "subprocess.Popen[bytes]"
+    spec: Plain | None = None
+    since: float | None = None  # when its task began; None while another builder has the task
+    received: bytearray = field(default_factory=bytearray)
+
+
+class Processes:
+    """Workers that import only what their tasks import. A dead one costs the task it was in, and no other.
+
+    Parameters
+    ----------
+    timeout_s : float, optional
+        A task that takes longer is ended with its worker, and has failed. Waiting for another builder does not count.
+    memory_bytes : int, optional
+        Addresses that a worker may take; a task that asks for more has failed.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        packages: tuple[str, ...],
+        jobs: int,
+        *,
+        timeout_s: float | None = None,
+        memory_bytes: int | None = None,
+    ) -> None:
+        self._store, self._packages, self._jobs, self._timeout_s = store, packages, jobs, timeout_s
+        self._memory_bytes = memory_bytes
+        self._workers: list[_Worker] = []
+        self._ready = selectors.DefaultSelector()
+
+    @property
+    def free(self) -> int:
+        """Workers without a task, those not started yet included."""
+        return self._jobs - sum(worker.spec is not None for worker in self._workers)
+
+    def pids(self) -> list[int]:
+        """Process ids of the workers."""
+        return [worker.process.pid for worker in self._workers]
+
+    def submit(self, spec: Plain) -> None:
+        """Give a task to an idle worker, or start one."""
+        worker = next((w for w in self._workers if w.spec is None), None) or self._start()
+        worker.spec, worker.since = spec, None
+        self._send(worker, spec)
+
+    def wait(self, timeout_s: float) -> list[Plain]:
+        """Replies that arrived within the timeout; maybe none."""
+        replies: list[Plain] = []
+        for ready, _ in self._ready.select(timeout_s):
+            worker: _Worker = ready.data
+            data = os.read(ready.fd, 1 << 16)
+            worker.received += data
+            *lines, worker.received = worker.received.split(b"\n")
+            for line in map(json.loads, lines):
+                if "begun" in line:
+                    worker.since = time.monotonic()
+                    continue
+                replies.append(line)
+                if line["state"] != "waiting":
+                    worker.spec = None
+            if not data:
+                replies += self._bury(worker)
+        return replies + self._overdue()
+
+    def _overdue(self) -> list[Plain]:
+        """End workers whose task has taken too long."""
+        replies = []
+        for worker in list(self._workers):
+            if worker.spec is None or worker.since is None:
+                continue
+            seconds = time.monotonic() - worker.since
+            if self._timeout_s is not None and seconds > self._timeout_s:
+                worker.process.kill()
+                name, key = worker.spec["name"], worker.spec["key"]
+                self._forget(worker)
+                text = f"it took longer than {self._timeout_s:g} s and was ended (--timeout)"
+                replies.append(failed(name, key, text, self._store, seconds))
+        return replies
+
+    def drop_waiting(self) -> list[str]:
+        """End workers whose task has not begun, because another builder has it."""
+        names = []
+        for worker in list(self._workers):
+            if worker.spec is not None and worker.since is None:
+                names.append(worker.spec["name"])
+                worker.process.kill()
+                self._forget(worker)
+        return names
+
+    def close(self) -> None:
+        """End all workers at once; what they had not finished leaves nothing behind."""
+        for worker in self._workers:
+            worker.process.kill()
+        for worker in list(self._workers):
+            self._forget(worker)
+
+    def _start(self) -> _Worker:
+        process = subprocess.Popen(
+            command("pipeline.engine.running.worker:main"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, **settings()},
+            process_group=0,  # Ctrl-C is for the driver: it decides what becomes of running tasks
+        )
+        worker = _Worker(process)
+        # A signal may end this between any two lines: what `close` finds among the workers is registered.
+        self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
+        self._workers.append(worker)
+        setup = {"store": str(self._store.root), "packages": self._packages, "memory_bytes": self._memory_bytes}
+        self._send(worker, setup)
+        return worker
+
+    def _send(self, worker: _Worker, message: Plain) -> None:
+        assert worker.process.stdin is not None
+        # A broken pipe means that it is dead: `wait` reads the end of its replies and starts the task again.
+        with contextlib.suppress(BrokenPipeError):
+            worker.process.stdin.write(json.dumps(message).encode() + b"\n")
+            worker.process.stdin.flush()
+
+    def _bury(self, worker: _Worker) -> list[Plain]:
+        status = worker.process.wait()
+        spec = worker.spec
+        self._forget(worker)
+        if spec is None:
+            return []
+        how = signal.Signals(-status).name if status < 0 else f"exit code {status}"
+        return [lost(spec["name"], f"its worker process died by {how}", memory=status == -signal.SIGKILL)]
+
+    def _forget(self, worker: _Worker) -> None:
+        assert worker.process.stdin is not None and worker.process.stdout is not None
+        self._workers.remove(worker)
+        self._ready.unregister(worker.process.stdout)
+        worker.process.stdout.close()
+        with contextlib.suppress(BrokenPipeError):
+            worker.process.stdin.close()
+        worker.process.wait()

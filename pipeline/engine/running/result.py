@@ -1,0 +1,127 @@
+"""Results of builds."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.output.deliver import Delivery
+from pipeline.engine.running.driver import TaskResult
+from pipeline.errors import Exit, PipelineError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """The result of a build; `to_dict()` is what `build --json` prints.
+
+    Attributes
+    ----------
+    out : Path
+        Output folder, absolute.
+    seconds : float
+        Wall time of the whole build [s].
+    store, store_bytes : Path, int
+        Where the results are kept, and the size of all that is kept there.
+    certificate, points : Any
+        What tasks found for the head of the manifest; None if that was not written.
+    delivery : Delivery or None
+        Changes in the output folder; None if it was not touched, see `untouched`.
+    interrupted : int or None
+        Exit code of the signal that ended the build, if one did.
+    error : PipelineError or None
+        Why the output folder could not be filled although all tasks are done.
+    checked : tuple of str
+        Tasks that ran once more, to see whether they give the same bytes.
+    """
+
+    stage: Any
+    out: Path
+    seconds: float
+    certificate: Any
+    points: Any
+    tasks: tuple[TaskResult, ...]
+    store: Path
+    store_bytes: int
+    delivery: Delivery | None = None
+    interrupted: int | None = None
+    error: PipelineError | None = None
+    checked: tuple[str, ...] = ()
+
+    def count(self, state: str) -> int:
+        """Number of tasks that ended in a state."""
+        return sum(task.state == state for task in self.tasks)
+
+    @property
+    def executed(self) -> int:
+        """Tasks that ran now."""
+        return self.count("executed")
+
+    @property
+    def cached(self) -> int:
+        """Tasks whose results were in the store, or that another builder made meanwhile."""
+        return self.count("cached")
+
+    @property
+    def failed(self) -> int:
+        """Tasks that failed now."""
+        return self.count("failed")
+
+    @property
+    def skipped(self) -> int:
+        """Tasks that were not tried."""
+        return self.count("skipped")
+
+    @property
+    def failures(self) -> tuple[TaskResult, ...]:
+        """The tasks that failed."""
+        return tuple(task for task in self.tasks if task.state == "failed")
+
+    @property
+    def different(self) -> tuple[TaskResult, ...]:
+        """Tasks that gave other bytes than before, for the same key."""
+        return tuple(task for task in self.tasks if task.differs)
+
+    @property
+    def exit_code(self) -> int:
+        """0 done, 1 a task failed, 4 other bytes than before, 5 the machine is at fault, 130 or 143 interrupted."""
+        if self.interrupted is not None:
+            return self.interrupted
+        if any(task.machine for task in self.failures):
+            return Exit.MACHINE
+        if self.error is not None:
+            return self.error.exit_code
+        if self.failures:
+            return Exit.FAILED
+        return Exit.OTHER_BYTES if self.different else Exit.DONE
+
+    @property
+    def untouched(self) -> str | None:
+        """Why the output folder was not touched, and what to do; None if it was."""
+        if self.delivery is not None or self.error is not None:
+            return None
+        if self.interrupted is not None:
+            return "the build was interrupted; build again, and it goes on from here"
+        if self.failures:
+            return "files come when every task is done; mend what failed and build again"
+        return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file"
+
+    def ending(self) -> dict[str, Any]:
+        """Fields of the event `end` beside the summary."""
+        facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": self.delivery is not None}
+        facts |= {"untouched": self.untouched, "partial": self._partial()}
+        return {**facts, "exit_code": self.exit_code, "checked": list(self.checked)}
+
+    def _partial(self) -> dict[str, Any] | None:
+        """Files of a partial delivery, and their places; None after a whole one."""
+        if self.delivery is None or self.delivery.asked is None:
+            return None
+        return {"files": list(self.delivery.asked), "finished": self.delivery.finished}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, as in outputs of `build --json`."""
+        counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
+        head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
+        whole = {**head, "certificate": self.certificate, "points": self.points}
+        whole["tasks"] = [task.to_dict() for task in self.tasks]
+        if self.delivery is not None and self.delivery.asked is not None:
+            whole["files"] = list(self.delivery.asked)
+        return whole if self.error is None else {**whole, "error": str(self.error)}

@@ -1,0 +1,323 @@
+"""From a project to its output folder: run the graph, deliver the files, say what happened."""
+
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import random
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.digest import key_of
+from pipeline.engine.events import Emit, Event, warner
+from pipeline.engine.interrupts import Interrupts
+from pipeline.engine.maintenance import collect, limit_from_environment
+from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller, Known
+from pipeline.engine.output import manifest
+from pipeline.engine.output.deliver import Delivery, deliver
+from pipeline.engine.output.output_index import Seen
+from pipeline.engine.output.status import TaskStatus, status
+from pipeline.engine.planning.forecast import Forecast, Past, Size, forecast, means_by_kind
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.plan import PlannedTask, plan
+from pipeline.engine.project import Project, files_of, selection, tasks_of
+from pipeline.engine.running.driver import Outcome, run
+from pipeline.engine.running.engines import Engine
+from pipeline.engine.running.result import Result
+from pipeline.engine.store.store import DamagedBlob, Store, writable
+from pipeline.engine.store.structure import store_around
+from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.places import flaw_of
+
+_SOURCES_KEPT = 4
+
+
+def build(
+    project: Project,
+    options: BuildOptions = USUAL,
+    *,
+    store: Store | None = None,
+    engine: Callable[[Store, tuple[str, ...]], Engine] | None = None,
+    caller: Caller = NOBODY,
+) -> Result:
+    """Run what is missing and fill the output folder.
+
+    Parameters
+    ----------
+    options : BuildOptions
+        How its stage is read is none of ours.
+    engine : callable, optional
+        Makes another place for tasks than `options` say, from a store and the packages of task kinds.
+    caller : Caller
+        Its interrupts are not asked for: a build has its own.
+    """
+    start = time.perf_counter()
+    _require_place(project)
+    emit, keep_events = _recorded(caller.on_event)
+    limit_bytes = limit_from_environment()
+    warn = warner(emit)
+    store = writable(store or Store(warn=warn))
+    Seen(project.out, store, project.stage_id).require_same_stage()
+    store.sweep()
+    graph, forced = selection(project, options)
+    wanted = {path: project.files[path] for target in options.targets for path in files_of(project, target)}
+    history = _history(project, store)
+
+    def make(force: Iterable[str] = ()) -> Outcome:
+        return run(
+            graph,
+            store,
+            dataclasses.replace(options, force=tuple(force)),
+            engine=engine(store, graph.packages) if engine else None,
+            caller=Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts),
+            known=Known(peaks=history["peaks"], places=project.places),
+        )
+
+    delivery: Delivery | None = None
+    error: PipelineError | None = None
+    head = project.head
+
+    def fill() -> None:
+        nonlocal head, delivery
+        if len(outcome.records) < len(graph) or outcome.interrupted is not None:
+            return
+        places: dict[str, Any] = {"records": outcome.records, "store": store, "warn": warn}
+        places["stage_id"] = project.stage_id
+        if options.targets:
+            delivery = deliver(project.out, wanted, head, **places, whole=False) if wanted else None
+        elif len(graph) == len(project.graph):
+            head = {**head, **_findings(project, outcome, store)}
+            delivery = deliver(project.out, project.files, head, **places)
+
+    with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
+        emit(_begin(project, graph, options.workers))
+        interrupts.stoppable(lambda: stack.enter_context(store.in_use()))
+        outcome = make(force=forced)
+        if options.check_percent and outcome.interrupted is None:
+            _check_again(outcome, make(force=_sample(outcome, options.check_percent)))
+        _remember(project, store, outcome, history, whole=len(graph) == len(project.graph))
+        try:
+            interrupts.stoppable(lambda: _fill_again_if_lost(fill, lambda: _take_over(outcome, make()), warn))
+        except PipelineError as caught:
+            error = caught
+        outcome.interrupted = interrupts.exit_code
+        stack.close()
+        store.sweep()  # workers that were ended could not tidy up
+        store_bytes = _within_limit(store, limit_bytes, warn)
+        result = Result(
+            stage=project.head.get("stage"),
+            out=project.out.absolute(),
+            seconds=time.perf_counter() - start,
+            certificate=head.get("certificate"),
+            points=head.get("points"),
+            tasks=tuple(outcome.results[name] for name in graph),
+            store=store.root,
+            store_bytes=store_bytes,
+            delivery=delivery,
+            interrupted=outcome.interrupted,
+            error=error,
+            checked=outcome.checked,
+        )
+        emit({"event": "end", "summary": result.to_dict(), **result.ending()})
+        keep_events(store, _history_name(project))
+        return result
+
+
+def _require_place(project: Project) -> None:
+    """Refuse an output folder that no build of this stage can fill: `plan` and `status` as `build`.
+
+    Raises
+    ------
+    UsageError
+        It is no folder, has no possible name, holds another build, lies in a store, or the stage itself lies in it.
+    """
+    if flaw := flaw_of(project.out, project.files):
+        raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
+    manifest.read_of(project.out, project.head.get("stage"))
+    if root := store_around(project.out):
+        raise UsageError(
+            f"the output folder {project.out} lies in a store of results, {root}", hint="choose another folder with -o"
+        )
+    out = Path(os.path.realpath(project.out))
+    inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
+    if inside:
+        raise UsageError(
+            f"the output folder {project.out} holds files that the stage is made of: {inside[0]}",
+            hint="choose another folder with -o, for example -o build",
+        )
+
+
+def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None], warn: Callable[[str], None]) -> None:
+    """Fill the output folder; if a result went from the store since it was made, make it again and fill once more."""
+    try:
+        fill()
+    except DamagedBlob:
+        warn("results went from the store before they were delivered; they are made again")
+        make_again()
+        try:
+            fill()
+        except DamagedBlob as lost:
+            raise EnvironmentFault(
+                "results went from the store before they were delivered, twice", hint="build again"
+            ) from lost
+
+
+def _take_over(outcome: Outcome, again: Outcome) -> None:
+    """Go on with what a second run of all tasks found or made; what the first one had to do stays said."""
+    outcome.results |= {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
+    outcome.records, outcome.interrupted = again.records, again.interrupted
+
+
+def _findings(project: Project, outcome: Outcome, store: Store) -> dict[str, Any]:
+    """Findings of tasks for the head of the manifest."""
+
+    def content(task: str, output: str) -> Any:
+        return json.loads(store.read(outcome.records[task]["outputs"][output]["sha256"]))
+
+    return {key: {name: content(*place) for name, place in named.items()} for key, named in project.findings.items()}
+
+
+def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | None = None) -> list[PlannedTask]:
+    """Plan what `build` would do with the same options.
+
+    Raises
+    ------
+    UsageError
+        As `build`, of the output folder too.
+    """
+    _require_place(project)
+    store = writable(store or Store())
+    Seen(project.out, store, project.stage_id).require_same_stage()
+    graph, forced = selection(project, options)
+    return plan(graph, store, _history(project, store)["keys"], force=forced)
+
+
+def forecast_of(
+    project: Project, planned: Iterable[PlannedTask], size: Size, *, store: Store | None = None
+) -> Forecast:
+    """Work that a plan of the project will take, by what it took before, here or in other builds of the store."""
+    store = writable(store or Store())
+    own, name = _history(project, store), _history_name(project)
+    others = (store.read_facts("history", other).get("costs") for other in store.notes("history") if other != name)
+    kinds = [own["costs"], *(costs for costs in others if isinstance(costs, dict))]
+    past = Past(store, own["keys"], kinds, size)
+    return forecast(planned, lambda task: project.graph[task].params, past)
+
+
+def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
+    """Sources of the project when its tasks were last built, latest first; more than one after partial builds."""
+    kept = writable(store or Store()).read_note("sources", _history_name(project))
+    return kept if isinstance(kept, list) else []
+
+
+def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatus]:
+    """State of the project's files in its output folder."""
+    return status(plan_of(project, store=store), project.files, project.out)
+
+
+def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
+    """Facts about the last run of tasks: name, key, state, log (a path, or None), error, statistics of the run."""
+    store = writable(store or Store())
+    keys = _history(project, store)["keys"]
+    last = store.read_facts("events", _history_name(project))
+    found = []
+    for name in tasks_of(project, target):
+        event = last.get(name, {})
+        key = event.get("key") or keys.get(name)
+        record = store.peek(key) if key else None
+        log = store.path("log", key) if key else None
+        facts = {"name": name, "key": key, "state": event.get("state", "never built" if key is None else "built")}
+        facts |= {"log": str(log) if log and log.is_file() else None, "error": event.get("error")}
+        found.append({**facts, "spec": event.get("spec"), "made_by": record["made_by"] if record else None})
+    return found
+
+
+def _history_name(project: Project) -> str:
+    return key_of("history/v1", [os.path.realpath(project.out), project.stage_id])  # one folder may have two names
+
+
+def _history(project: Project, store: Store) -> dict[str, Any]:
+    """History of the builds of this stage into this folder: `keys` by task, `peaks` of memory and `costs` by kind."""
+    note = store.read_facts("history", _history_name(project))
+    return {name: note[name] if isinstance(note.get(name), dict) else {} for name in ("keys", "peaks", "costs")}
+
+
+def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str, Any], *, whole: bool) -> None:
+    """Keep the key of every task that is there now, so that the next plan can say what changed since."""
+    keys = {name: key for name, key in before["keys"].items() if name in project.graph or not whole}
+    keys |= {name: record["key"] for name, record in outcome.records.items()}
+    ran = [(task.kind, outcome.records[name]) for name, task in outcome.results.items() if task.state == "executed"]
+    after = {"keys": keys, "peaks": {**before["peaks"], **outcome.peaks}}
+    after["costs"] = {**before["costs"], **means_by_kind(ran)}
+    if after != before:
+        note = {"out": os.path.realpath(project.out), "stage": project.stage_id, **after}
+        store.write_note("history", _history_name(project), note)
+    if project.source is not None:
+        _remember_source(project, store, len(outcome.records) == len(project.graph))
+
+
+def _remember_source(project: Project, store: Store, is_complete: bool) -> None:
+    """Keep what the project is made of; as long as some tasks are older, also what they may have been made of."""
+    kept = sources_of(project, store=store)
+    sources = [project.source]
+    if not is_complete:
+        older = [source for source in kept if source != project.source]
+        sources += older if len(older) < _SOURCES_KEPT else [*older[: _SOURCES_KEPT - 2], older[-1]]
+    if sources != kept:
+        store.write_note("sources", _history_name(project), sources)
+
+
+def _begin(project: Project, graph: TaskGraph, jobs: int) -> Event:
+    kinds = {name: graph[name].short_kind for name in graph}
+    return {"event": "begin", "tasks": kinds, "jobs": jobs, "reads": [str(path) for path in project.reads]}
+
+
+def _sample(outcome: Outcome, percent: float) -> list[str]:
+    """Some of the tasks that are done, at least one, other ones every time."""
+    done = sorted(outcome.records)
+    count = min(len(done), max(1, math.ceil(len(done) * percent / 100)))
+    return random.SystemRandom().sample(done, count)
+
+
+def _check_again(outcome: Outcome, again: Outcome) -> None:
+    """Take over what a second run of some tasks found out."""
+    repeated = {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
+    outcome.checked = tuple(sorted(repeated))
+    outcome.interrupted = again.interrupted
+    for name, task in repeated.items():
+        if task.state == "failed" or task.differs:
+            outcome.results[name] = task
+
+
+def _recorded(on_event: Emit) -> tuple[Emit, Callable[[Store, str], None]]:
+    """A listener that passes events on and keeps how tasks ended; and what writes that down, for `pipeline logs`."""
+    ended: dict[str, Event] = {}
+
+    def emit(event: Event) -> None:
+        if event["event"] == "done" and event["state"] in ("executed", "failed"):
+            ended[event["task"]] = event
+        on_event(event)
+
+    def keep(store: Store, name: str) -> None:
+        if ended:
+            store.write_note("events", name, {**store.read_facts("events", name), **ended})
+
+    return emit, keep
+
+
+def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
+    """Drop what was unused longest if the store has grown beyond its limit; gives its size [bytes]."""
+    size = store.size()
+    if size <= limit:
+        return size
+    try:
+        size = collect(store, limit).bytes_left
+    except PipelineError as error:  # a read-only store, or a record that cannot be read: nothing of it can go
+        warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: {error.what}")
+        return size
+    if size > limit:
+        warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: results of finished builds stay")
+    return size

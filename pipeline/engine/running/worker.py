@@ -1,0 +1,109 @@
+"""A worker process: tasks come in as lines of JSON; that a task begins, and its reply, go out as lines of JSON.
+
+Not a pool of the standard library: that one would import the driver's main module again (with typer and the rest),
+move pickles, and fail every waiting task when one worker dies.
+"""
+
+import contextlib
+import faulthandler
+import json
+import os
+import queue
+import resource
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.running.execute import perform
+from pipeline.engine.store.store import Store
+from pipeline.limits import how_to_raise
+
+
+class _Announcing(Store):
+    """A store that tells the driver when a task has its lock: what another builder takes is not the task's time."""
+
+    replies: int
+    task: str
+
+    @contextlib.contextmanager
+    def single_flight(self, key: str, doing: str) -> Iterator[bool]:
+        """As in any store."""
+        with super().single_flight(key, doing) as held:
+            _send(self.replies, {"begun": key})
+            yield held
+
+    def say_waiting(self, text: str) -> None:
+        """Let the driver tell it now, not when the task is done."""
+        _send(self.replies, {"name": self.task, "state": "waiting", "warnings": [text]})
+
+
+def main() -> None:
+    """Serve until the driver closes our standard input."""
+    requests, replies = os.dup(0), os.dup(1)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)  # whatever prints on descriptor 1 must not end up between the replies
+    faulthandler.enable()
+    lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
+    setup = json.loads(lines.get())
+    most_bytes = setup["memory_bytes"]
+    if most_bytes is not None:
+        _take_at_most(most_bytes)
+    warnings: list[str] = []
+    store, packages = _Announcing(setup["store"], warn=warnings.append), tuple(setup["packages"])
+    store.replies = replies
+    while True:
+        spec = json.loads(lines.get())
+        store.task = spec["name"]
+        with _descriptors_in(store.file_for("log", spec["key"])):
+            reply = perform(spec, store, packages)
+        if most_bytes is not None and reply.get("memory"):
+            way_out = how_to_raise("task_bytes", 2 * most_bytes)
+            reply["error"] += f"\n    hint: it may take {most_bytes:,} bytes; {way_out}"
+        _send(replies, {**reply, "warnings": warnings})
+        warnings.clear()
+
+
+def _take_at_most(memory_bytes: int) -> None:
+    """Let the kernel refuse more addresses to this process."""
+    with contextlib.suppress(ValueError):  # a lower limit is in force
+        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+
+
+def _send(handle: int, message: dict[str, Any]) -> None:
+    view = memoryview(json.dumps(message).encode() + b"\n")
+    while view:
+        view = view[os.write(handle, view) :]
+
+
+def _listen(handle: int, lines: "queue.SimpleQueue[bytes]") -> None:
+    with os.fdopen(handle, "rb") as stream:
+        for line in stream:
+            lines.put(line)
+    os._exit(0)  # the driver is gone or wants no more: nothing half done is visible in the store
+
+
+@contextlib.contextmanager
+def _descriptors_in(log: Path) -> Iterator[None]:
+    """Point descriptors 1 and 2 at the log, for native libraries and for the trace of a crash."""
+    saved = os.dup(2)
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_CLOEXEC, 0o644)
+    except OSError:
+        handle = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(handle, 1)
+    os.dup2(handle, 2)
+    os.close(handle)
+    try:
+        yield
+    finally:
+        sys.stderr.flush()
+        os.dup2(saved, 1)
+        os.dup2(saved, 2)
+        os.close(saved)
+        with contextlib.suppress(OSError):
+            if log.stat().st_size == 0:
+                log.unlink()

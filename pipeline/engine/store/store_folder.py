@@ -1,0 +1,166 @@
+"""The folder of a store: made or refused, mended where something else took the place of a folder or a file, written to.
+
+What is written comes aside first and is renamed into place, so that nobody ever finds half of it.
+"""
+
+import contextlib
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from pipeline.engine.digest import DIGEST
+from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
+from pipeline.engine.locks import Errand, locked
+from pipeline.engine.store import quarantine
+from pipeline.engine.store.sharing import rights_of
+from pipeline.engine.store.structure import FOLDERS, TABLES, VERSION, misplaced, require_store
+from pipeline.engine.store.workspace import Workspace, sweep
+from pipeline.errors import EnvironmentFault
+from pipeline.places import flaw_of
+
+_SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
+
+
+class StoreFolder:
+    """The folder, its tables and locks.
+
+    Attributes
+    ----------
+    displaced : tuple of str
+        What stood in the place of a folder or file, and went to quarantine when this was opened.
+    rights : Rights
+        Of everything that is made in it.
+    counts : Counter
+        How much went to quarantine (`damaged`), and how many keys gave two results (`nondeterministic`).
+
+    Raises
+    ------
+    EnvironmentFault
+        It cannot be made, or it holds anything and is no store.
+    """
+
+    def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
+        self.root, self.warn = root, warn
+        self.counts: Counter[str] = Counter()
+        if flaw := flaw_of(self.root):
+            raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
+        if self.root.exists() and not self.root.is_dir():
+            raise EnvironmentFault(f"the store {self.root} is not a folder", hint="set PIPELINE_CACHE to a folder")
+        with chosen_place("make the store", self.root):
+            if not self.root.is_dir():
+                self.root.mkdir(parents=True, exist_ok=True)
+            require_store(self.root)
+        self.rights = rights_of(self.root)
+        self.rights.require_same_inside(FOLDERS)
+        self._workspace = Workspace(self.root / "tmp", self.rights)
+        self.displaced = self._mend()
+        if read_regular(self.root / "VERSION") != VERSION and os.access(self.root, os.W_OK):
+            with chosen_place("make the store", self.root):
+                self._write(self.root / "VERSION", VERSION)
+
+    def path(self, table: str, name: str) -> Path:
+        """Path of an entry. Only digests get in, so no path leads outside."""
+        return Path(self._at(table, name))
+
+    def _at(self, table: str, name: str) -> str:
+        """The same as text, for look-ups: thousands of them, and a `Path` takes longer than the look."""
+        if not DIGEST.fullmatch(name):
+            raise ValueError(f"not a digest: {name!r}")
+        return f"{self.root}/{TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
+
+    @contextlib.contextmanager
+    def single_flight(self, key: str, doing: str) -> Iterator[bool]:
+        """Hold the lock of a key, so that two builders compute it once; `doing` is what others are told."""
+        with locked(self.file_for("lock", key), errand=Errand(doing=doing, say=self.say_waiting)) as held:
+            yield held
+
+    def say_waiting(self, text: str) -> None:
+        """Tell for whom this process waits."""
+        self.warn(text)
+
+    @contextlib.contextmanager
+    def in_use(self) -> Iterator[bool]:
+        """While this is open nothing is collected, by anybody."""
+        errand = Errand(say=self.say_waiting)
+        if has_other_names(self.root / "gc.lock"):
+            with contextlib.suppress(OSError):  # a store that may only be read
+                (self.root / "gc.lock").unlink()
+        self.rights.make_file(self.root / "gc.lock")
+        with locked(self.root / "gc.lock", timeout_s=60.0, shared=True, errand=errand) as held:
+            yield held
+
+    def file_for(self, table: str, name: str) -> Path:
+        """Path of a lock or a log that is, or will be, there; whatever else stands there goes out of the way."""
+        path = self.path(table, name)
+        if is_no_file(path):
+            self._quarantine(path)
+        elif has_other_names(path):  # it will be written to, and the file with the other name with it
+            path.unlink()
+        if self.rights.is_shared:
+            self._share(table, path)
+        return path
+
+    def _share(self, table: str, path: Path) -> None:
+        """Let all users have a lock; a log belongs to whoever did the task last."""
+        with contextlib.suppress(OSError):  # whoever needs it says so
+            self.rights.make_folder(path.parent)
+            if table == "lock":
+                self.rights.make_file(path)
+            elif path.lstat().st_uid != os.geteuid():
+                path.unlink()
+
+    def new_path(self) -> Path:
+        """A path on the store's file system for this process alone; what is left there is removed later."""
+        try:
+            return self._workspace.new_path()
+        except (FileExistsError, NotADirectoryError):
+            self._mend()
+            return self._workspace.new_path()
+
+    def sweep(self, older_than_s: float | None = None) -> int:
+        """Remove what dead processes left in `tmp`; see `workspace.sweep`."""
+        return sweep(self.root / "tmp", older_than_s)
+
+    def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
+        """Name and facts of every entry of a table, sorted by name; what is not named like one is passed over."""
+        suffix = _SUFFIXES.get(table, "")
+        for folder in filter(Path.is_dir, sorted((self.root / TABLES[table]).glob("[0-9a-f][0-9a-f]"))):
+            with os.scandir(folder) as found:
+                for entry in sorted(found, key=lambda entry: entry.name):
+                    name = entry.name.removesuffix(suffix)
+                    with contextlib.suppress(FileNotFoundError):  # somebody else's quarantine
+                        if DIGEST.fullmatch(name):
+                            yield name, entry.stat(follow_symlinks=False)
+
+    def _write(self, final: Path, data: bytes) -> None:
+        aside = self.new_path()
+        aside.write_bytes(data)
+        self._keep(aside, final)
+
+    def _keep(self, aside: Path, final: Path) -> None:
+        try:
+            self.rights.make_folder(final.parent)
+        except (FileExistsError, NotADirectoryError):
+            self._mend()
+            self.rights.make_folder(final.parent)
+        aside.chmod(0o444)
+        if final.is_dir() and not final.is_symlink():  # nothing else has to give way: a rename replaces it
+            self._quarantine(final)
+        aside.replace(final)
+
+    def _quarantine(self, path: Path) -> None:
+        """Move what is damaged or stands in the way out of it, if it is there and we may."""
+        if not os.path.lexists(path):
+            return
+        self.counts["damaged"] += 1
+        moved = quarantine.put_away(self.root, path)
+        done = "moved to quarantine" if moved else "which cannot be moved away"
+        self.warn(f"damaged entry of the store, {done}: {path}")
+
+    def _mend(self) -> tuple[str, ...]:
+        """Move whatever took the place of a folder of the store to quarantine; names of what there was."""
+        found = tuple(misplaced(self.root))
+        for path in found:
+            self._quarantine(path)
+        return tuple(path.relative_to(self.root).as_posix() for path in found)

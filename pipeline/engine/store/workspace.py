@@ -1,0 +1,88 @@
+"""Workspaces: one folder of the store for each process, which writes there before it renames, locked while it lives."""
+
+import os
+import re
+import shutil
+import socket
+import time
+import uuid
+import weakref
+from pathlib import Path
+
+from pipeline.engine.locks import try_lock
+from pipeline.engine.store.sharing import Rights
+
+ABANDONED_S = 86400.0
+"""Files being written by other machines are theirs for a day: no lock of theirs may reach here [s]."""
+
+_NAME = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")  # names of machines may hold dashes
+
+
+def is_workspace(name: str) -> bool:
+    """Whether a folder in `tmp/` is named as ours are: `<machine>-<pid>-<32 hex digits>`. No other one is touched."""
+    return _NAME.fullmatch(name) is not None
+
+
+class Workspace:
+    """A folder in `tmp/`, made when first needed, removed with this object or swept once its process is dead."""
+
+    def __init__(self, tmp: Path, rights: Rights) -> None:
+        self._tmp, self._rights = tmp, rights
+        self._folder: Path | None = None
+
+    def new_path(self) -> Path:
+        """A path in the folder that nobody else uses."""
+        if self._folder is None or not self._folder.is_dir():
+            self._folder, lock = _locked_folder(self._tmp, self._rights)
+            weakref.finalize(self, _remove, self._folder, lock)
+        return self._folder / uuid.uuid4().hex
+
+
+def sweep(tmp: Path, older_than_s: float | None = None) -> int:
+    """Remove folders whose process is dead, and count them. What is not named as ours are is somebody else's and stays.
+
+    The kernel's locks say who lives, no clock and no pid. Where several machines share the store their locks may not
+    reach here, so folders of other machines stay unless they are older than asked.
+    """
+    swept = 0
+    for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
+        match = _NAME.fullmatch(folder.name)
+        handle = _open_folder(folder) if match else None
+        if match is None or handle is None:
+            continue
+        age_s = max(0.0, time.time() - os.fstat(handle).st_mtime)
+        is_ours = match["host"] == socket.gethostname()
+        if not is_ours and (older_than_s is None or age_s < older_than_s):
+            os.close(handle)
+            continue
+        if try_lock(handle):
+            shutil.rmtree(folder, ignore_errors=True)
+            swept += not folder.exists()
+        os.close(handle)
+    return swept
+
+
+def _locked_folder(tmp: Path, rights: Rights) -> tuple[Path, int]:
+    while True:
+        folder = tmp / f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex}"
+        rights.make_folder(tmp)
+        folder.mkdir()
+        rights.give(folder)
+        handle = _open_folder(folder)
+        # Somebody may have swept the folder before it was locked.
+        if handle is not None and try_lock(handle) is not False and folder.is_dir():
+            return folder, handle
+        if handle is not None:
+            os.close(handle)
+
+
+def _open_folder(folder: Path) -> int | None:
+    try:
+        return os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return None
+
+
+def _remove(folder: Path, lock: int) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    os.close(lock)

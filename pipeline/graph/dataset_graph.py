@@ -1,0 +1,168 @@
+"""From a dataset to its graph of tasks, and to the list of files that a build delivers.
+
+Params hold exactly what a task reads, in the camera's own frame, so that moving a rig touches no ray. Names stand only
+in the params of the tasks that write them.
+"""
+
+import dataclasses
+
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
+from pipeline.camera.focusing.stop import shown_f_number
+from pipeline.camera.parts.camera import Camera
+from pipeline.engine.output.deliver import Source
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.graph.frame_contents import Things
+from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, exposure_of, light_of
+from pipeline.graph.poses import targets_json
+from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles
+from pipeline.records.plain import from_plain
+from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.scene.usd.problems import blamed_on
+from pipeline.tasks.baselines import BASELINES
+from pipeline.tasks.params.cameras import Focus, Nothing, Planes, Stop
+from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
+from pipeline.tasks.params.images import White, WhiteTile
+from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
+from pipeline.tasks.params.placed import Matrix
+from pipeline.tasks.params.poses import Baselines, RigFrame
+from pipeline.tasks.params.rays import Rays, RaysTile
+from pipeline.truth.settings import TruthSettings
+
+
+def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
+    """All tasks of a dataset, what of their outputs lies where in the output folder, and each camera's certificate."""
+    graph, files, certificates = TaskGraph(), dict[str, Source](), dict[str, tuple[str, str]]()
+    painted, bare = (Things(dataset, painted=painted) for painted in (True, False))
+    for entry in dataset.targets:
+        files[f"targets/{entry.name}.json"] = targets_json(entry)
+    for camera in dataset.cameras:
+        with blamed_on(camera.file, camera.line, camera.prim_path):
+            _add_camera(graph, files, camera)
+            tasks = FrameTasks(graph, files, dataset, camera, painted, bare)
+            for frame in dataset.frames:
+                tasks.add(frame)
+            tasks.add_poses()
+            certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
+    if len(dataset.cameras) > 1:
+        files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
+    return graph, files, certificates
+
+
+def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
+    """The task that says how the cameras stand to each other; gives its name."""
+    names = [camera.name for camera in dataset.cameras]
+    frames = [
+        RigFrame(number=frame.number, camera_from_world=tuple(_matrix(frame.camera_from_world[name]) for name in names))
+        for frame in dataset.frames
+    ]
+    reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
+    return add(graph, "baselines", Baselines(cameras=tuple(names), frames=tuple(frames)), reads)
+
+
+def _matrix(rows: tuple[tuple[float, ...], ...]) -> Matrix:
+    return [list(row) for row in rows]
+
+
+def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
+    name, folder = entry.name, f"cameras/{entry.name}"
+    planes = Planes(
+        near_mm=entry.asked.near_mm,
+        far_mm=entry.asked.far_mm,
+        circle_of_confusion_px=entry.asked.circle_of_confusion_px,
+    )
+    reads = {"camera": add(graph, f"focus/{name}", _focus(entry.asked))}
+    settled = {**reads, "planes": add(graph, f"planes/{name}", planes, reads)}
+    pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
+    params = FirstOrder(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
+    report = add(graph, f"first_order/{name}", params, {**settled, "pinhole": pinhole})
+    if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
+        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
+    files[f"{folder}/camera.json"] = (report, "camera.json")
+    _add_white(graph, files, entry, reads, name, f"{folder}/white", f"{folder}/")
+    for f_number in entry.f_numbers:
+        shown = shown_f_number(f_number)
+        stopped = add(graph, f"stop/{name}/{shown}", Stop(f_number=f_number), reads)
+        at = f"{folder}/white/{shown}"
+        _add_white(graph, files, entry, {"camera": stopped}, f"{name}/{shown}", at, f"{at}.")
+
+
+def _add_white(
+    graph: TaskGraph,
+    files: dict[str, Source],
+    entry: CameraEntry,
+    reads: dict[str, str],
+    name: str,
+    white_at: str,
+    tables_at: str,
+) -> None:
+    """The white image and the micro-images of a camera with its stop as set."""
+    exposure, bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
+    parts = [WhiteTile(exposure=exposure, rows=rows) for rows in bands]
+    tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
+    white = add(graph, f"white/{name}", White(exposure=exposure, tiles=len(tiles)), {**reads, **tiles})
+    files[f"{white_at}.exr"] = (white, "white.exr")
+    files[f"{white_at}.png"] = (white, "white.png")
+    if entry.asked.microlenses:
+        tables = _add_micro_images(graph, entry, reads, name)
+        for table in ("micro_images.csv", "micro_image_outlines.csv"):
+            files[f"{tables_at}{table}"] = (tables, table)
+
+
+def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> str:
+    """The task of the tables of micro-images, with its tiles; gives its name."""
+    assert entry.asked.microlenses is not None
+    count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
+    parts = [MicroImagesTile(tile=number, tiles=count) for number in range(count)]
+    tiles = add_tiles(graph, f"micro_images_tile/{name}", parts, reads)
+    return add(graph, f"micro_images/{name}", MicroImages(tiles=len(tiles)), {**reads, **tiles})
+
+
+def _focus(asked: Camera | FocusRequest) -> Focus:
+    """Params of `focus`, without what the task `planes` reads: that has the values that it has of its own accord."""
+    rest = dataclasses.replace(_nameless(asked), near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
+    if isinstance(rest, Camera):
+        return Focus(camera=rest, request=None)
+    return Focus(camera=None, request=rest)
+
+
+def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
+    """The same camera with the groups of its lens numbered: what they are called bends no ray."""
+    groups = camera.prescription.groups
+    numbered = tuple(dataclasses.replace(group, name=str(number)) for number, group in enumerate(groups))
+    nameless = dataclasses.replace(camera, prescription=dataclasses.replace(camera.prescription, groups=numbered))
+    if isinstance(nameless, Camera):
+        return nameless
+    numbers = {group.name: str(number) for number, group in enumerate(groups)}
+    return dataclasses.replace(nameless, focus_groups=tuple(sorted(numbers[name] for name in nameless.focus_groups)))
+
+
+def labels_of(entry: CameraEntry) -> CameraLabels:
+    """Labels of a camera in camera.json, besides its figures."""
+    asked, focus = entry.asked, None
+    if isinstance(asked, FocusRequest):
+        focus = FocusLabels(
+            focus_distance_mm=asked.focus_distance_mm,
+            focus_type=None if asked.focus_distance_mm is None else asked.type,
+            focus_groups=asked.focus_groups,
+            group_shift_mm=group_shift(asked) if asked.focus_groups else None,
+            stop_match="microlenses" if asked.match_stop else "none",
+        )
+    return CameraLabels(
+        lens_name=entry.lens_name, index_source=entry.index_source, light=light_of(entry), focus_request=focus
+    )
+
+
+def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
+    """The tile tasks of a camera and the task that joins them; returns its name."""
+    bands = bundle_bands(entry.asked.sensor, entry.sampling)
+    tiles = {
+        f"tile{number}": add(
+            graph,
+            f"rays_tile/{entry.name}/{number:04d}",
+            RaysTile(first_row=first, end_row=end, sampling=entry.sampling, square_px=entry.square_px),
+            reads,
+        )
+        for number, (first, end) in enumerate(bands)
+    }
+    params = Rays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
+    return add(graph, f"rays/{entry.name}", params, {**reads, **tiles})

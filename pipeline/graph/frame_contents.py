@@ -1,0 +1,53 @@
+"""The targets and occluders of a frame as params of tasks, in the camera's own frame.
+
+`image` gets them painted; what computes positions gets them bare, so that a colour moves no correspondence.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from pipeline.graph.poses import vision_from_occluder
+from pipeline.records.plain import Shared, to_plain
+from pipeline.scene.dataset import Dataset, Frame
+from pipeline.targets.target import bare, plain_from_target
+from pipeline.tasks.params.placed import Matrix, PlacedOccluder, PlacedTarget
+
+
+class Things:
+    """All targets and occluders of a dataset; `tasks.artefacts.surroundings` reads them again.
+
+    Parameters
+    ----------
+    painted : bool
+        With the radiance of everything; else all that is light is 1 and all that is dark is 0.
+    """
+
+    def __init__(self, dataset: Dataset, *, painted: bool) -> None:
+        targets = {entry.name: entry.target for entry in dataset.targets}
+        occluders = {entry.prim_path: entry.occluder for entry in dataset.occluders}
+        if not painted:
+            targets = {name: bare(target) for name, target in targets.items()}
+            occluders = {path: dataclasses.replace(mesh, radiance=0.0) for path, mesh in occluders.items()}
+        self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
+        self._occluders = {path: Shared(to_plain(mesh)) for path, mesh in occluders.items()}
+
+    def targets(self, poses: dict[str, np.ndarray], *, named: bool = True) -> tuple[PlacedTarget, ...]:
+        """All targets, posed as `target_poses` says."""
+        return tuple(
+            PlacedTarget(name=name if named else "", target=target, vision_from_target=matrix(poses[name]))
+            for name, target in self._targets.items()
+        )
+
+    def occluders(self, frame: Frame, camera: str) -> tuple[PlacedOccluder, ...]:
+        """The occluders that are there in the frame."""
+        return tuple(
+            PlacedOccluder(occluder=occluder, vision_from_occluder=matrix(vision_from_occluder(frame, camera, path)))
+            for path, occluder in self._occluders.items()
+            if path in frame.world_from_occluder
+        )
+
+
+def matrix(transform: np.ndarray) -> Matrix:
+    """A transform as a param."""
+    return (transform + 0.0).tolist()  # type: ignore[no-any-return]  # + 0.0: no -0.0 in a key

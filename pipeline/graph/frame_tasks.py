@@ -1,0 +1,231 @@
+"""The tasks of a camera in its frames: image, position images, truth, and the certificate of all frames."""
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pipeline.engine.output.deliver import Source
+from pipeline.engine.planning.graph import Task, TaskGraph
+from pipeline.frames import apply
+from pipeline.graph.frame_contents import Things, matrix
+from pipeline.graph.poses import target_poses
+from pipeline.graph.tiles import image_bands, point_tiles
+from pipeline.records.plain import from_plain, to_plain
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
+from pipeline.tasks.frame_poses import name_of
+from pipeline.tasks.params.certificate import Certificate, JudgedFrame
+from pipeline.tasks.params.images import Exposure, Image, ImageTile
+from pipeline.tasks.params.placed import PaintedView, View
+from pipeline.tasks.params.poses import FramePoses, PosedFrame
+from pipeline.tasks.params.rays import Light
+from pipeline.tasks.params.truth import PlaneAsked, Positions, TableLabels, Truth, TruthTable, TruthTile
+from pipeline.truth.grid.per_plane import plane_name
+from pipeline.truth.settings import OF_SEARCH, TruthSettings
+
+KIND = "pipeline.tasks."
+
+
+def add(
+    graph: TaskGraph, name: str, params: Any, reads: dict[str, str] | None = None, together: str | None = None
+) -> str:
+    """Add a task whose kind is the beginning of its name, and give its name back."""
+    return graph.add(name, f"{KIND}{name.partition('/')[0]}", to_plain(params), reads, together)
+
+
+def exposure_of(entry: CameraEntry) -> Exposure:
+    """The rays of every image of a camera."""
+    return Exposure(
+        samples=entry.image_samples,
+        seed=entry.sampling.seed,
+        weight=entry.weight,
+        wavelength_nm=entry.wavelength_nm,
+    )
+
+
+def light_of(entry: CameraEntry) -> Light:
+    """The light of a camera's bundles."""
+    return Light(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
+
+
+def add_tiles(
+    graph: TaskGraph, name: str, params: Sequence[Any], reads: dict[str, str], together: str | None = None
+) -> dict[str, str]:
+    """Tasks of tiles, one for each of the params; role and name of each. One tile alone is no task.
+
+    Tiles of one number share work with those of other calls that say the same `together`. A name in `reads` that ends
+    with a slash stands for tiles: each reads the one of its own number.
+    """
+    return {
+        f"tile{number}": add(
+            graph,
+            f"{name}/{number:04d}",
+            tile,
+            {role: f"{source}{number:04d}" if source.endswith("/") else source for role, source in reads.items()},
+            f"{together}/{number}" if together else None,
+        )
+        for number, tile in enumerate(params if len(params) > 1 else [])
+    }
+
+
+def frame_of(task: Task, field: str | None) -> int | None:
+    """Number of the frame that a task, or a field of its parameters, belongs to; None if to all."""
+    if task.short_kind.removesuffix("_tile") in ("image", "truth", "positions"):
+        return int(task.name.split("/")[2])
+    match = re.match(r"params\.frames\[(\d+)\]", field or "")
+    return int(task.params["frames"][int(match[1])]["number"]) if match else None
+
+
+class FrameTasks:
+    """Adds the tasks of one camera to a graph, frame by frame; what all frames have in common is made once.
+
+    Parameters
+    ----------
+    files : dict
+        Gets what of the outputs lies where in the output folder.
+    painted, bare : Things
+        All targets and occluders of the dataset, with and without colours.
+    """
+
+    def __init__(
+        self,
+        graph: TaskGraph,
+        files: dict[str, Source],
+        dataset: Dataset,
+        entry: CameraEntry,
+        painted: Things,
+        bare: Things,
+    ) -> None:
+        self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
+        self.painted, self.bare = painted, bare
+        self.settings = from_plain(TruthSettings, entry.truth)
+        self._labels = _labels_of(entry, self.settings)
+        self._reads = {"camera": f"focus/{entry.name}"}
+        sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
+        self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
+        self._judged: list[JudgedFrame] = []
+        self._posed: list[PosedFrame] = []
+
+    def add(self, frame: Frame) -> None:
+        """Add the tasks of a frame."""
+        name, folder = f"{self.entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.name}"
+        poses = target_poses(self.dataset, frame, self.entry.name)
+        targets = {target: matrix(pose) for target, pose in poses.items()}
+        camera_from_world = [list(row) for row in frame.camera_from_world[self.entry.name]]
+        self._posed.append(PosedFrame(number=frame.number, camera_from_world=camera_from_world, targets=targets))
+        image = self._add_image(name, self._painted(frame, poses))
+        truth = self._add_truth(name, folder, frame, poses)
+        self.files[f"{folder}/image.exr"] = (image, "image.exr")
+        self.files[f"{folder}/image.png"] = (image, "image.png")
+        self.files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
+
+    def add_poses(self) -> None:
+        """Add the task that writes the poses of all frames added so far."""
+        name = self.entry.name
+        params = FramePoses(camera=name, frames=tuple(self._posed))
+        task = add(self.graph, f"frame_poses/{name}", params, {"pinhole": f"pinhole/{name}"})
+        for number in (frame.number for frame in self._posed):
+            self.files[f"frames/{number:04d}/{name}/poses.json"] = (task, name_of(number))
+
+    def add_certificate(self) -> str:
+        """Add the task that judges all frames added so far; gives its name."""
+        params = Certificate(
+            frames=tuple(self._judged),
+            claim_px=self.settings.claim_px,
+            square_px=self.entry.square_px,
+            seed=self.entry.sampling.seed,
+        )
+        truths = {f"frame{n}": f"truth/{self.entry.name}/{n:04d}" for n in (frame.number for frame in self._judged)}
+        return add(self.graph, f"certificate/{self.entry.name}", params, {**self._reads, **truths})
+
+    def _add_image(self, name: str, view: PaintedView) -> str:
+        camera, exposure = self.entry.name, exposure_of(self.entry)
+        bands = image_bands(self.entry.asked.sensor, self.entry.image_samples)
+        parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
+        # What leaves the camera is the same in every frame: frames share it.
+        together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
+        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white}, together)
+        params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
+        reads = {**self._reads, **(tiles or {"white": f"white/{camera}"})}
+        return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
+
+    def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
+        return PaintedView(
+            targets=self.painted.targets(poses, named=False),
+            occluders=self.painted.occluders(frame, self.entry.name),
+            background=self.dataset.background,
+        )
+
+    def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
+        targets = self.bare.targets(poses)
+        self._judged.append(JudgedFrame(number=frame.number, targets=targets))
+        # The saddle of a corner that is not sharp is the only position that a colour moves.
+        if "saddle" in self.settings.column_sets:
+            targets = self.painted.targets(poses)
+        view = View(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
+        table = TruthTable(
+            frame=frame.number, camera=self.entry.name, settings=_what_counts(self.settings), labels=self._labels
+        )
+        reads = dict(self._reads)
+        if self.settings.searches:
+            reads["rays"] = f"rays/{self.entry.name}"
+            if self.entry.asked.microlenses:
+                reads["micro_images"] = f"micro_images/{self.entry.name}"
+        if self.settings.method == "image":
+            reads["positions"] = self._add_positions(name, folder, poses)
+        square_px = self.entry.square_px
+        parts = [
+            TruthTile(table=table, view=view, square_px=square_px, points=points)
+            for points in self._points
+            if not self.settings.searches  # searches in position images are one task
+        ]
+        tiles = add_tiles(self.graph, f"truth_tile/{name}", parts, reads)
+        params = Truth(table=table, tiles=len(tiles), view=None if tiles else view, square_px=square_px)
+        return add(self.graph, f"truth/{name}", params, {**reads, **tiles})
+
+    def _add_positions(self, name: str, folder: str, poses: dict[str, np.ndarray]) -> str:
+        entry = self.entry
+        planes = [plane for target in self.dataset.targets for plane in _tangent_planes(target, poses[target.name])]
+        params = Positions(
+            planes=tuple(planes),
+            extent=entry.extent,
+            sampling=entry.sampling,
+            light=light_of(entry),
+            square_px=entry.square_px,
+        )
+        positions = add(self.graph, f"positions/{name}", params, self._reads)
+        self.files[f"{folder}/positions.exr"] = (positions, "positions.exr")
+        return positions
+
+
+def _labels_of(entry: CameraEntry, settings: TruthSettings) -> TableLabels:
+    """Labels of all tables of a camera."""
+    return TableLabels(
+        light=light_of(entry),
+        index_source=entry.index_source,
+        stop=entry.camera.prescription.stop.aperture,
+        seed=entry.sampling.seed,
+        samples=entry.sampling.samples if settings.searches else None,
+    )
+
+
+def _what_counts(settings: TruthSettings) -> TruthSettings:
+    """The settings without those of a search where there is none: they change no row."""
+    if settings.searches:
+        return settings
+    return dataclasses.replace(settings, **{name: getattr(TruthSettings(), name) for name in OF_SEARCH})
+
+
+def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[PlaneAsked]:
+    """Every tangent plane of a target; those that face away are named alike."""
+    points = entry.target.points()
+    return [
+        PlaneAsked(
+            name=plane_name(entry.name, number, len(points.frames)),
+            vision_from_target=matrix(vision_from_target @ plane.target_from_plane),
+            points_mm=apply(vision_from_target, points.position_mm[plane.members]).tolist(),
+        )
+        for number, plane in enumerate(points.planes())
+    ]

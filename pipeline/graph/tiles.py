@@ -1,0 +1,76 @@
+"""Tiles: how many tasks share the work of a camera, a function of the dataset alone.
+
+Neither machine nor workers count, so that keys and bytes are the same everywhere. A tile takes about a second, because
+every task first makes its camera ready: 0.1 s, and a second behind 20,000 microlenses. For such cameras tiles grow: no
+kind has more than so many. Work that is one tile has no tasks for it; the task that would join tiles does it itself.
+"""
+
+import math
+
+from pipeline.camera.parts.camera import Sampling, Sensor
+from pipeline.camera.parts.lattice import extent_mm
+from pipeline.camera.parts.microlens_array import MicrolensArray
+
+Bands = list[tuple[int, int]]
+"""First and end of every tile."""
+
+_BUNDLE_RAYS, _MOST_OF_BUNDLES = 20_000_000, 512
+"""Rays of a tile of bundles, 50 ns each."""
+_POSITIONS = 1 << 21
+"""Fine positions of a tile, 120 bytes each: where few rays are traced of each, memory is what counts."""
+_IMAGE_RAYS, _MOST_OF_IMAGES = 5_000_000, 128
+"""Samples of pixels of a tile, 100 ns each: behind microlenses a pixel takes 1.4 times as many."""
+_MICROLENSES = 1024
+"""Microlenses of a tile, a millisecond each."""
+_ROWS = 192
+"""Rows of ground truth of a tile, some milliseconds each."""
+_MICRO_IMAGES_OF_A_POINT = 24
+"""About as many see a point behind the array that the rigs of the library have."""
+
+
+def bands(count: int, tiles: float) -> Bands:
+    """So many things in about so many tiles of one size, the last one perhaps smaller."""
+    size = math.ceil(count / max(1, min(count, math.ceil(tiles))))
+    return [(first, min(first + size, count)) for first in range(0, count, size)]
+
+
+def bundle_bands(sensor: Sensor, sampling: Sampling) -> Bands:
+    """Rows of the image in each tile of its bundles."""
+    positions = sensor.width_px * sensor.height_px * sampling.supersampling**2
+    tiles = min(_MOST_OF_BUNDLES, positions * sampling.samples / _BUNDLE_RAYS)
+    return bands(sensor.height_px, max(tiles, positions / _POSITIONS))
+
+
+def image_bands(sensor: Sensor, samples: int) -> Bands:
+    """Rows of the image in each of its tiles."""
+    rays = sensor.width_px * sensor.height_px * samples
+    return bands(sensor.height_px, min(_MOST_OF_IMAGES, rays / _IMAGE_RAYS))
+
+
+def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
+    """In how many tiles the microlenses are that light the image."""
+    width, height = (min(sides) for sides in zip(sensor.size_mm, extent_mm(array), strict=True))
+    along, across = array.pitches_mm
+    return max(1, math.ceil(width * height / (along * across) / _MICROLENSES))
+
+
+def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str, tuple[int, int]]]:
+    """First and end of the points of each target, by name, in each tile of truth that is solved point by point.
+
+    Parameters
+    ----------
+    points : dict
+        Number of points of each target.
+    """
+    count = sum(points.values())
+    rows = count * (_MICRO_IMAGES_OF_A_POINT if is_plenoptic else 1)
+    tiles = []
+    for low, high in bands(count, rows / _ROWS) if count else []:
+        before, some = 0, dict[str, tuple[int, int]]()
+        for name, size in sorted(points.items()):
+            first, end = max(low - before, 0), min(high - before, size)
+            if first < end or (size == 0 and low == 0):
+                some[name] = first, end
+            before += size
+        tiles.append(some)
+    return tiles

@@ -1,0 +1,128 @@
+"""Prims that ask for more than `limits` allow, found before anything of that size is made."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from pxr import Usd
+
+from pipeline.limits import how_to_raise, limits
+from pipeline.scene.read.prims import frame_numbers
+from pipeline.scene.usd.problems import Problem, shown_path
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.usda_lines import line_of_metadata
+from pipeline.scene.usd.values import read, target, targets
+
+CODE = "over-limit"
+
+
+def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of size of one prim, whatever its type; values out of range are reported elsewhere and count nothing."""
+    if prim.IsA("PlenDataset"):
+        yield from _check_frames(prim)
+        for mesh in targets(prim, "plen:occluders", "Mesh"):
+            yield from _check_mesh(mesh)
+    elif prim.IsA("PlenTarget"):
+        yield from _check_points(prim)
+        if mesh := target(prim, "plen:mesh", "Mesh"):
+            yield from _check_mesh(mesh)
+    elif prim.IsA("PlenMicrolensArray"):
+        yield from _check_microlenses(prim)
+    elif prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"):
+        yield from _check_camera(prim)
+
+
+def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
+    cameras = max(1, len(targets(root, "plen:cameras", "Camera")))
+    count = len(frame_numbers(root))
+    what = f"{count:,} frames of {cameras} cameras" if cameras > 1 else f"{count:,} frames"
+    for over in _over("frames", count * cameras, what, root.GetAttribute("plen:frames")):
+        if read(root, "plen:frames"):
+            yield over
+        else:
+            file = root.GetStage().GetRootLayer().realPath
+            line = line_of_metadata(file, "endTimeCode")
+            yield replace(over, file=shown_path(file), line=line, at=str(root.GetPath()))
+
+
+def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    resolution = read(sensor, "plen:resolution") if sensor else None
+    f_numbers = camera.GetAttribute("plen:image:fNumbers")
+    count = len(read(camera, "plen:image:fNumbers") or ())
+    yield from _over("f_numbers", count, f"{count:,} F-numbers", f_numbers)
+    if not sensor or not resolution:
+        return
+    width, height = resolution
+    traced = read(camera, "plen:truth:method") != "direct" or read(camera, "plen:truth:rays")
+    fine = (read(camera, "plen:truth:supersampling") or 1) if traced else 1
+    pixels = width * height * fine**2
+    what = f"{width} x {height} pixels" + (f", {fine} x {fine} times as fine," if fine > 1 else "")
+    at = sensor.GetAttribute("plen:resolution")
+    if over := list(_over("pixels", pixels, what, at)):
+        yield from over
+        return
+    counts = [("plen:image:samples", width * height)] + ([("plen:truth:samples", pixels)] if traced else [])
+    for name, starts in counts:
+        samples = read(camera, name) or 0
+        what = f"{samples:,} rays from each of {starts:,} positions"
+        yield from _over("rays", starts * samples, what, camera.GetAttribute(name))
+
+
+def _check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
+    along = read(array, "plen:pitch")
+    if along is None:
+        return
+    across = (read(array, "plen:crossPitch") or along) * (1.0 if read(array, "plen:layout") == "square" else 0.75**0.5)
+    columns, rows = read(array, "plen:columns"), read(array, "plen:rows")
+    width, height = read(array, "plen:width"), read(array, "plen:height")
+    if columns and rows:
+        name, width, height = "plen:columns", columns * along, rows * along
+    elif width and height:
+        name = "plen:width"
+    else:
+        return  # reported as missing
+    count = math.ceil((width**2 + height**2) / (along * across))
+    what = f"{width:.6g} x {height:.6g} mm at a pitch of {along:g} mm, {count:,} microlenses in the square around them,"
+    yield from _over("microlenses", count, what, array.GetAttribute(name))
+
+
+def _check_points(prim: Usd.Prim) -> Iterator[Problem]:
+    if prim.IsA("PlenMeshTarget"):
+        name, count = "plen:points", len(read(prim, "plen:points") or ())
+    else:
+        name, count = "plen:columns", _pattern_points(prim) * _faces(prim)
+    attribute = prim.GetAttribute(name if prim.HasAttribute(name) else "plen:shape:steps")
+    yield from _over("points", count, f"{count:,} points", attribute)
+
+
+def _pattern_points(prim: Usd.Prim) -> int:
+    """Points of a pattern, or a few more: never fewer."""
+    columns, rows = (read(prim, name) or 0 for name in ("plen:columns", "plen:rows"))
+    if prim.IsA("PlenAprilGrid"):
+        return 4 * int(columns * rows)
+    if prim.IsA("PlenCharuco") and read(prim, "plen:markerCorners"):
+        return int(columns * rows + 2 * (columns + 1) * (rows + 1))
+    if prim.IsA("PlenStars"):  # as much to draw as points
+        return int(columns * rows) * (read(prim, "plen:spokes") or 1)
+    if prim.IsA("PlenSiemensStar"):
+        return 1 + 2 * (read(prim, "plen:spokes") or 0)
+    return int(columns * rows) or 2 * int(columns + rows) or 3
+
+
+def _faces(prim: Usd.Prim) -> int:
+    shape = read(prim, "plen:shape")
+    return {"cube": 6, "stairs": read(prim, "plen:shape:steps") or 1}.get(shape, 1)
+
+
+def _check_mesh(mesh: Usd.Prim) -> Iterator[Problem]:
+    indices = read(mesh, "faceVertexIndices")
+    count = len(indices or ())  # of face corners: at least as many as triangles
+    yield from _over("triangles", count, f"{count:,} corners of faces", mesh.GetAttribute("faceVertexIndices"))
+
+
+def _over(name: str, count: int, what: str, attribute: Usd.Attribute) -> Iterator[Problem]:
+    most = getattr(limits(), name)
+    if count > most:
+        message = f"{what} are more than the limit of {most:,} {name.replace('_', ' ')}"
+        yield problem(attribute, CODE, message, hint=how_to_raise(name, count))

@@ -1,0 +1,53 @@
+"""Warnings about cameras whose parts hardly belong together: slips of units, mostly."""
+
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.camera.figures.doubts import doubts
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.errors import PipelineError
+from pipeline.scene.dataset import CameraEntry
+from pipeline.scene.read.prims import ordered_surfaces
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import read, target
+
+
+def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator[Problem]:
+    """Doubts about each camera, at the attribute that is most likely to blame; an error where nothing can be traced."""
+    for entry in cameras:
+        prim = stage.GetPrimAtPath(entry.prim_path)
+        try:
+            camera = focused(entry.camera)
+        except (PipelineError, ArithmeticError):
+            continue  # reported as that
+        try:
+            for doubt in doubts(camera):
+                blamed = _blamed(prim, camera, doubt.part)
+                yield problem(blamed, doubt.code, doubt.what, hint=doubt.hint, severity="warning")
+        except CameraError as error:
+            yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
+        except ArithmeticError:
+            continue  # a pupil in the sensor, or in infinity: no figure says whether that was meant
+
+
+def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:
+    """The attribute that says what is doubted."""
+    if part == "stop":
+        if read(prim, "plen:camera:stopMatch") == "microlenses":
+            return prim
+        lens = target(prim, "plen:camera:lens", "PlenLens")
+        return ordered_surfaces(lens)[camera.prescription.stop_index].GetAttribute("plen:semiDiameter")
+    if part in ("sensor", "image"):
+        sensor = target(prim, "plen:camera:sensor", "PlenSensor")
+        return sensor if part == "image" else sensor.GetAttribute("plen:pixelPitch")
+    array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
+    if part == "microlenses":
+        return array
+    if part == "focal_lengths":
+        is_refractive = camera.microlenses is not None and camera.microlenses.model == "refractive"
+        return array.GetAttribute("plen:frontRadii" if is_refractive else "plen:focalLengths")
+    return prim

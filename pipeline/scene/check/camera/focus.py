@@ -1,0 +1,171 @@
+"""Focus that a camera is asked for: whether it can be had, and what its microlenses then see sharp."""
+
+from collections import Counter
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.camera.figures.first_order_figures import gaps_mm
+from pipeline.camera.focusing.depth_of_field import foci, focused
+from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, sensor_distance, solved
+from pipeline.camera.focusing.stop import stopped_down
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.errors import PipelineError
+from pipeline.scene.read.prims import lens_groups, read_camera
+from pipeline.scene.usd.problems import Problem, did_you_mean
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import read, target, target_paths
+
+_SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
+_GROUPS = "plen:camera:focusGroups"
+_TYPE, _MATCH = "plen:camera:focusType", "plen:camera:stopMatch"
+_F_NUMBERS = "plen:image:fNumbers"
+
+
+def check_request(camera: Usd.Prim) -> Iterator[Problem]:
+    """Attributes of a Camera with PlenCameraAPI that contradict each other, or mean nothing without another one."""
+    sensor, focus, kind, match = (camera.GetAttribute(name) for name in (_SENSOR, _FOCUS, _TYPE, _MATCH))
+    groups = camera.GetAttribute(_GROUPS)
+    if read(camera, _GROUPS):
+        yield from _check_groups(camera, groups)
+    elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
+        message = f'"{_SENSOR}" and "{_FOCUS}" both say where the sensor stands'
+        yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
+    elif not (sensor.HasAuthoredValue() or focus.HasAuthoredValue()):
+        message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
+        yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
+    has_array = bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))
+    if kind.HasAuthoredValue() and not (focus.HasAuthoredValue() and has_array):
+        other = _FOCUS if has_array else "plen:camera:microlenses"
+        yield problem(kind, "unused-value", f'"{_TYPE}" means nothing without "{other}"')
+    if read(camera, _MATCH) == "microlenses" and not has_array:
+        message = f'"{_MATCH}" = "microlenses" means nothing without "plen:camera:microlenses"'
+        yield problem(match, "unused-value", message)
+    array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    is_refractive = array and read(array, "plen:model") == "refractive"
+    by_type = "plen:frontRadii" if is_refractive else "plen:focalLengths"
+    focal_lengths, number = read(array, by_type) if array else None, read(camera, _TYPE)
+    if focal_lengths and number is not None and number >= len(focal_lengths):
+        message = f'"{_TYPE}" = {number}, but the array has {len(focal_lengths)} types, counted from 0'
+        yield problem(kind, "focus-type", message)
+
+
+def _check_groups(camera: Usd.Prim, groups: Usd.Attribute) -> Iterator[Problem]:
+    """Focusing groups that the lens does not have, or that nothing tells where to go."""
+    for name in (_SENSOR, _FOCUS):
+        if not camera.GetAttribute(name).HasAuthoredValue():
+            message = f'"{_GROUPS}" needs "{name}": groups move for a focus distance before a sensor that stays'
+            yield problem(groups, "missing-value", message, hint="write it, or leave the groups out")
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    known = [group.GetName() for group in lens_groups(lens)] if lens else []
+    for name in read(camera, _GROUPS) if lens else ():
+        if name not in known:
+            hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
+            yield problem(groups, "focus-groups", f'"{name}" is no PlenLensGroup of the lens', hint=hint)
+
+
+def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
+    """A focus out of reach; then warnings about what the microlenses see. Silent where something else is wrong."""
+    if not target(camera, "plen:camera:sensor", "PlenSensor"):
+        return
+    try:
+        record = read_camera(camera)
+    except PipelineError:
+        return  # a part is missing or wrong, and reported as that
+    both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
+    if both and not read(camera, _GROUPS):
+        return
+    if (read(camera, _GROUPS) and any(_check_groups(camera, camera.GetAttribute(_GROUPS)))) or _bad_type(record):
+        return
+    found = _out_of_reach(record)
+    if found:
+        name, error = found
+        yield problem(camera.GetAttribute(name), "out-of-reach", error.what, hint=error.hint)
+        return
+    try:
+        yield from _check_f_numbers(camera, solved(record))
+        yield from _check_microlenses(camera, solved(record))
+    except (PipelineError, ArithmeticError):
+        return  # no lens that forms an image; what does not need one is checked elsewhere
+
+
+def _bad_type(record: Camera | FocusRequest) -> bool:
+    if not isinstance(record, FocusRequest) or record.microlenses is None:
+        return False
+    return (record.focus_type or 0) not in range(len(record.microlenses.focal_lengths_mm))
+
+
+def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | None:
+    """The attribute that asks too much, and why."""
+    name = _FOCUS
+    try:
+        if isinstance(record, FocusRequest):
+            sensor_distance(record)
+            name = _GROUPS if record.focus_groups else _FOCUS
+            group_shift(record)
+            name = _MATCH
+            if record.microlenses:
+                solved(record)
+    except CameraError as error:
+        return name, error
+    except ArithmeticError:
+        return name, CameraError("the lens has no first-order figures: it bends no light")
+    return None
+
+
+def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
+    """A camera without errors from whose focus no near and far planes can be derived."""
+    try:
+        focused(read_camera(camera))
+    except CameraError as error:
+        name = _FOCUS if camera.GetAttribute(_FOCUS).HasAuthoredValue() else _SENSOR
+        yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)
+    except (PipelineError, ArithmeticError):
+        return  # a lens without power
+
+
+def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
+    """F-numbers of white images that stand twice, or that the lens cannot open to."""
+    attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
+    for f_number in dict.fromkeys(f_numbers):
+        try:
+            stopped_down(record, f_number)
+        except CameraError as error:
+            yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
+    repeated = [f_number for f_number, count in Counter(f_numbers).items() if count > 1]
+    if repeated:
+        message = f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once'
+        yield problem(attribute, "repeated-f-number", message)
+
+
+def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
+    """Warnings about the microlens types of a camera among each other."""
+    array = record.microlenses
+    if array is None or len(array.focal_lengths_mm) < 2:
+        return
+    prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    attribute = prim.GetAttribute("plen:frontRadii" if array.model == "refractive" else "plen:focalLengths")
+    if mixed := _mixed(array):
+        yield problem(attribute, "mixed-microlenses", mixed, severity="warning")
+    for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
+        circle = f"circle of confusion {record.circle_of_confusion_px:g} px"
+        message = (
+            f"no microlens type of this camera is sharp from {near:.1f} to {far:.1f} mm before the stop ({circle})"
+        )
+        hint = "bring the focal lengths closer together, or allow a larger plen:camera:circleOfConfusion"
+        yield problem(camera, "depth-gap", message, hint=hint, severity="warning")
+
+
+def _mixed(array: MicrolensArray) -> str | None:
+    placed = list(zip(array.focal_lengths_mm, array.principal_mm, strict=True))
+    longer = [focal for focal, (behind_mm, _) in placed if focal > behind_mm]
+    others = [focal for focal, (behind_mm, _) in placed if focal <= behind_mm]
+    if not longer or not others:
+        return None
+    galilean, keplerian = (", ".join(f"{focal:g}" for focal in group) for group in (longer, others))
+    return (
+        f"{array.distance_mm:g} mm before the sensor, microlenses of f = {galilean} mm are Galilean and those of"
+        f" {keplerian} mm are not: they look at images on opposite sides of the array"
+    )

@@ -1,0 +1,82 @@
+"""Glasses of a lens: known, one, and what is printed; and the light of a camera, for which they must be known."""
+
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.optics.glass.errors import GlassError
+from pipeline.optics.glass.medium import Medium
+from pipeline.optics.glass.row import names_an_entry
+from pipeline.scene.read.media import medium_behind, uses_catalogue
+from pipeline.scene.read.prims import ordered_surfaces
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import UnreadableValue, read
+
+
+def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the glasses of a PlenLens.
+
+    With printed indices a bare name is for people, because many belong to catalogues of the past. A name with its
+    vendor says which entry is meant, and is compared with what is printed in any case.
+    """
+    prims = ordered_surfaces(lens)
+    for prim in prims:
+        if _counts(prim, lens):
+            try:
+                medium_behind(prim, lens)
+            except GlassError as error:
+                yield problem(_where(prim), error.code, error.what, hint=error.hint)
+            except UnreadableValue:
+                pass  # reported as a missing value or a wrong type
+    last = _known(prims[-1], lens) if prims and _is_catalogue(lens) else None
+    if last and last.label != "air" and read(prims[-1], "plen:index") == 1:  # else check_lens has said so
+        message = f"the medium behind the last surface is {last.label}, and only air is supported yet"
+        yield problem(_where(prims[-1]), "not-yet-supported", message)
+
+
+def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
+    """The light of a camera against what its lens knows of it."""
+    attribute = camera.GetAttribute("plen:camera:wavelength")
+    camera_nm, lens_nm = read(camera, "plen:camera:wavelength"), read(lens, "plen:wavelength")
+    if None in (camera_nm, lens_nm):
+        return
+    if _is_catalogue(lens):
+        # Several elements of one glass are one problem of the camera.
+        media = {found.label: found for prim in ordered_surfaces(lens) if (found := _known(prim, lens))}
+        for medium in media.values():
+            try:
+                medium.index(camera_nm)
+            except GlassError as error:
+                hint = "choose a wavelength at which every glass of the lens is known"
+                yield problem(attribute, error.code, error.what, hint=hint)
+    elif camera_nm != lens_nm:
+        message = f"the camera sees {camera_nm} nm, but the indices of its lens are printed for {lens_nm} nm"
+        hint = 'plen:indexSource = "catalogue" on the lens computes them for any wavelength'
+        yield problem(attribute, "printed-wavelength", message, hint=hint)
+
+
+def _is_catalogue(lens: Usd.Prim) -> bool:
+    try:
+        return uses_catalogue(lens)
+    except UnreadableValue:
+        return False
+
+
+def _counts(surface: Usd.Prim, lens: Usd.Prim) -> bool:
+    return _is_catalogue(lens) or names_an_entry(read(surface, "plen:glass") or "")
+
+
+def _known(surface: Usd.Prim, lens: Usd.Prim) -> Medium | None:
+    """The medium behind a surface; None where it is wrong already, and reported as that."""
+    try:
+        return medium_behind(surface, lens)
+    except (GlassError, UnreadableValue):
+        return None
+
+
+def _where(surface: Usd.Prim) -> Usd.Property:
+    """Where a person mends a medium: its glass, or what stands in its place."""
+    names = ("plen:glass", "plen:index")
+    written = (surface.GetAttribute(name) for name in names if surface.GetAttribute(name).HasAuthoredValue())
+    return next(written, surface)

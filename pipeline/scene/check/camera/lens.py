@@ -1,0 +1,203 @@
+"""A prescription that cannot be built: its order, its stop, its surfaces against each other."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+from pxr import Usd
+
+from pipeline.errors import PipelineError
+from pipeline.optics.first_order import first_order
+from pipeline.optics.prescription import PrescriptionError, Surface, gaps_mm
+from pipeline.scene.read.prims import APERTURE_VALUES, ordered_surfaces, read_prescription, read_surface
+from pipeline.scene.usd.problems import Problem, did_you_mean
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import UnreadableValue, read
+
+# Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
+_TOUCH_MM = 1e-9
+_STEEPEST = 10.0
+"""Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
+_THIN = 1 / 200
+"""Least thickness of an element at its rim over its diameter without a warning: the thinnest of the published lenses in
+the library is 1/130."""
+_NOMINAL = 0.05
+"""Largest relative deviation from the nominal focal length without a warning: names are round numbers."""
+
+
+def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenLens as a whole."""
+    yield from _check_order(lens)
+    prims = ordered_surfaces(lens)
+    if not prims:
+        return
+    yield from _check_stop(lens, prims)
+    parts = [_part(prim) for prim in prims]
+    for part in parts:
+        yield from _check_aperture(part.prim)
+        yield from _check_shape(part)
+        yield from _check_steep(part)
+    for front, behind in pairwise(parts):
+        yield from _check_in_air(front, behind)
+        crossing = list(_check_crossing(front, behind))
+        yield from crossing or _check_rim(front, behind)
+    last = parts[-1].surface
+    if last and last.index != 1:
+        message = f"the medium behind the last surface has index {last.index}, and only air (1) is supported yet"
+        yield problem(prims[-1].GetAttribute("plen:index"), "not-yet-supported", message)
+
+
+def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
+    """A focal length far from the one by which a PlenLens without errors goes."""
+    nominal_mm = read(lens, "plen:nominalFocalLength")
+    try:
+        efl_mm = first_order(read_prescription(lens)).efl_mm if nominal_mm and nominal_mm > 0 else None
+    except (PipelineError, ArithmeticError):
+        return  # not named, or a lens without power
+    if efl_mm is None or abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
+        return
+    off = f"its focal length is {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
+    message = f"the lens goes by {nominal_mm:g} mm, but {'it has no power' if math.isinf(efl_mm) else off}"
+    hint = "is a radius, an index or a thickness mistyped, or the whole table scaled?"
+    attribute = lens.GetAttribute("plen:nominalFocalLength")
+    yield problem(attribute, "focal-length", message, hint=hint, severity="warning")
+
+
+def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
+    order = lens.GetAttribute("plen:surfaceOrder")
+    names = list(read(lens, "plen:surfaceOrder") or ())
+    children = [child.GetName() for child in lens.GetChildren() if child.IsA("PlenSurface")]
+    for name, count in Counter(names).items():
+        if count > 1:
+            yield problem(order, "surface-order", f'"{name}" stands {count} times in the order of the surfaces')
+        if name not in children:
+            hint = did_you_mean(name, children)
+            yield problem(order, "surface-order", f'"{name}" is no PlenSurface below the lens', hint=hint)
+    for name in sorted(set(children) - set(names)):
+        message = f'surface "{name}" is missing in "plen:surfaceOrder"'
+        yield problem(lens.GetChild(name), "surface-order", message)
+
+
+def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
+    stops = [prim.GetName() for prim in prims if read(prim, "plen:isStop")]
+    if not stops:
+        hint = "write uniform bool plen:isStop = 1 on one of its surfaces"
+        yield problem(lens, "no-stop", "the lens has no aperture stop", hint=hint)
+    elif len(stops) > 1:
+        yield problem(lens, "several-stops", f"the lens has {len(stops)} aperture stops: {', '.join(stops)}")
+
+
+class _Part(NamedTuple):
+    """A surface: its prim and its record, or why there is none if its values one by one are right."""
+
+    prim: Usd.Prim
+    surface: Surface | None = None
+    error: PrescriptionError | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.prim.GetName())
+
+
+def _part(prim: Usd.Prim) -> _Part:
+    try:
+        surface = read_surface(prim)
+    except UnreadableValue:
+        return _Part(prim)  # reported as a missing value or a wrong type
+    except PrescriptionError as error:
+        return _Part(prim, error=error)
+    finite = math.isfinite(surface.thickness_mm + surface.semi_diameter_mm + surface.index)
+    return _Part(prim, surface if finite else None)
+
+
+def _check_aperture(prim: Usd.Prim) -> Iterator[Problem]:
+    """Values that the shape of the aperture needs, and values that it would not read."""
+    shape = read(prim, "plen:apertureShape")
+    for other, fields in APERTURE_VALUES.items():
+        for name in fields.values():
+            written = prim.GetAttribute(name).HasAuthoredValue()
+            if other == shape and not written:
+                message = f'a surface with a {shape} aperture needs "{name}"'
+                yield problem(prim, "aperture-value", message, hint="it has no fallback: write it")
+            if other != shape and written:
+                message = f'"{name}" belongs to {other} apertures, and this one is {shape}'
+                hint = f'write uniform token plen:apertureShape = "{other}", or remove the value'
+                yield problem(prim.GetAttribute(name), "aperture-value", message, hint=hint)
+    is_turned = shape in ("rectangular", "polygonal")
+    if prim.GetAttribute("plen:apertureRotation").HasAuthoredValue() and not is_turned:
+        message = f'"plen:apertureRotation" has no meaning for a {shape} aperture'
+        yield problem(prim.GetAttribute("plen:apertureRotation"), "aperture-value", message, hint="remove it")
+
+
+def _check_shape(part: _Part) -> Iterator[Problem]:
+    prim, error = part.prim, part.error
+    if error is None:
+        return
+    if "beyond" in error.what:
+        yield problem(prim, "beyond-sphere", error.what)
+    elif "ideal thin lens" in error.what:
+        yield problem(prim.GetAttribute("plen:focalLength"), "ideal-lens", error.what, hint=error.hint)
+    elif "obstruction" in error.what:
+        yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
+
+
+def _check_steep(part: _Part) -> Iterator[Problem]:
+    """An asphere that no lens can be: at its rim it stands further from its vertex than any real one."""
+    surface = part.surface
+    if surface is None:
+        return
+    sag, most = surface.sag_mm(surface.semi_diameter_mm), _STEEPEST * surface.semi_diameter_mm
+    if not abs(sag) <= most:
+        message = (
+            f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {surface.semi_diameter_mm:g} mm"
+        )
+        hint = "are conic and coefficients those of millimetres, and in the right order?"
+        yield problem(part.prim, "sag", message, hint=hint)
+
+
+def _check_in_air(front: _Part, behind: _Part) -> Iterator[Problem]:
+    first, second = front.surface, behind.surface
+    if first and second and second.focal_length_mm is not None and first.index != 1:
+        message = f'"{behind.name}", an ideal thin lens, stands in a medium of index {first.index:g}, and not in air'
+        yield problem(behind.prim.GetAttribute("plen:focalLength"), "ideal-lens", message)
+
+
+def _check_crossing(front: _Part, behind: _Part) -> Iterator[Problem]:
+    first, second = front.surface, behind.surface
+    if not first or not second:
+        return
+    gap, height = min(gaps_mm(first, second))
+    if gap < -_TOUCH_MM:
+        message = (
+            f'surfaces "{front.name}" and "{behind.name}" cross: {first.thickness_mm:g} mm apart on the axis,'
+            f" {gap:.4g} mm at {height:g} mm from it"
+        )
+        hint = "enlarge the thickness or reduce a semi-diameter"
+        yield problem(front.prim.GetAttribute("plen:thickness"), "surfaces-cross", message, hint=hint)
+
+
+def _check_rim(front: _Part, behind: _Part) -> Iterator[Problem]:
+    """An element without glass, or with hardly any, at its rim."""
+    first, second = front.surface, behind.surface
+    if not first or not second or first.index == 1:
+        return
+    widest = max(first.semi_diameter_mm, second.semi_diameter_mm)
+    # Outside of its clear aperture a surface may go on as it is or be ground flat, whichever leaves more glass.
+    flat = first.thickness_mm + second.sag_mm(second.semi_diameter_mm) - first.sag_mm(first.semi_diameter_mm)
+    try:
+        rim = max(flat, first.thickness_mm + second.sag_mm(widest) - first.sag_mm(widest))
+    except ValueError:  # a sphere ends before
+        rim = flat
+    if rim >= 2 * widest * _THIN:
+        return
+    what = f'the element between "{front.name}" and "{behind.name}" is'
+    if rim < -_TOUCH_MM:
+        message = f"{what} {-rim:.4g} mm short of glass at its rim, {widest:g} mm from the axis"
+        severity = "error"
+    else:
+        message = f"{what} {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
+        severity = "warning"
+    hint = "enlarge the thickness or reduce a semi-diameter"
+    yield problem(front.prim.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)

@@ -1,0 +1,102 @@
+"""A dataset as a whole: its frames, its names, what it holds."""
+
+import unicodedata
+from collections import Counter
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.scene.check.occluders import check_occluders
+from pipeline.scene.check.unnamed import check_unnamed
+from pipeline.scene.read.prims import LAST_FRAME, camera_name, frame_numbers
+from pipeline.scene.usd.problems import Problem, shortened, shown_path
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.usda_lines import line_of_metadata
+from pipeline.scene.usd.values import read, targets
+
+LONGEST_NAME = 200
+"""Bytes in the name of a camera or target: file systems take 255, and suffixes are appended."""
+
+
+def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
+    """The PlenDataset that is the stage's default prim; None for a part of the library."""
+    prim = stage.GetDefaultPrim()
+    return prim if prim and prim.IsA("PlenDataset") else None
+
+
+def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenDataset, its poses left out."""
+    yield from _check_frames(root)
+    cameras = targets(root, "plen:cameras", "Camera")
+    for prim in cameras:
+        if not prim.HasAPI("PlenCameraAPI"):
+            hint = 'write prepend apiSchemas = ["PlenCameraAPI"] on it'
+            yield problem(prim, "camera-without-api", "a camera of the dataset lacks PlenCameraAPI", hint=hint)
+    parts = [*cameras, *targets(root, "plen:targets", "PlenTarget"), *targets(root, "plen:occluders", "Mesh")]
+    for prim in parts:
+        if not prim.GetPath().HasPrefix(root.GetPath()):
+            message = f"<{prim.GetPath()}> does not lie below the dataset <{root.GetPath()}>"
+            yield problem(prim, "outside-dataset", message)
+    yield from _check_names(root, cameras)
+    yield from _check_traced(root, cameras)
+    yield from check_occluders(root)
+    yield from check_unnamed(root)
+
+
+def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
+    """PlenDataset prims that nobody would build, because they are not the default prim."""
+    for prim in stage.TraverseAll():
+        if prim.IsA("PlenDataset") and prim != stage.GetDefaultPrim():
+            hint = f'write defaultPrim = "{prim.GetName()}"'
+            yield problem(prim, "default-prim", "this PlenDataset is not the default prim of the stage", hint=hint)
+
+
+def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    """Position images that would have to be traced for every point of a curved target."""
+    curved = [
+        prim.GetName()
+        for prim in targets(root, "plen:targets", "PlenTarget")
+        if prim.IsA("PlenMeshTarget") or read(prim, "plen:shape") in ("warped", "heightMap", "cylinder")
+    ]
+    for camera in cameras:
+        if curved and read(camera, "plen:truth:method") == "image":
+            message = f'"image" cannot be the method for "{curved[0]}", whose points have a tangent plane each'
+            hint = 'plen:truth:method = "direct" takes any surface'
+            yield problem(camera.GetAttribute("plen:truth:method"), "not-yet-supported", message, hint=hint)
+
+
+def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
+    repeated = [number for number, count in Counter(read(root, "plen:frames") or ()).items() if count > 1]
+    if repeated:
+        more = f", and {len(repeated) - 1} others," if len(repeated) > 1 else ""
+        message = f'"plen:frames" lists frame {repeated[0]}{more} more than once'
+        yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
+    if not frame_numbers(root):
+        stage = root.GetStage()
+        message = "the dataset has no frames"
+        both = all(stage.HasAuthoredMetadata(key) for key in ("startTimeCode", "endTimeCode"))
+        if both and not max(abs(stage.GetStartTimeCode()), abs(stage.GetEndTimeCode())) <= LAST_FRAME:
+            return  # reported as out of range
+        if both:
+            message += f": startTimeCode is {stage.GetStartTimeCode():g}, endTimeCode {stage.GetEndTimeCode():g}"
+        hint = "set startTimeCode and endTimeCode to integers, or list plen:frames"
+        file = stage.GetRootLayer().realPath
+        line, file = line_of_metadata(file, "endTimeCode"), shown_path(file)
+        yield Problem(code="no-frames", message=message, file=file, line=line, at=str(root.GetPath()), hint=hint)
+
+
+def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    named = [(camera_name(prim, root), prim, "cameras") for prim in cameras]
+    named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
+    seen: dict[tuple[str, str], str] = {}
+    for name, prim, what in named:
+        # Names become files, and some file systems do not tell Rig from rig, or one spelling of an umlaut from another.
+        key = (what, unicodedata.normalize("NFC", name).casefold())
+        if key in seen:
+            message = f'two {what} would share the name "{name}": <{seen[key]}> and <{prim.GetPath()}>'
+            yield problem(prim, "name-collision", message, hint="rename one of the prims")
+        seen.setdefault(key, str(prim.GetPath()))
+        if len(name.encode()) > LONGEST_NAME:
+            message = f"the name of one of the {what}, {shortened(name)}, has {len(name.encode())} bytes"
+            hint = f"names become files and folders: {LONGEST_NAME} bytes are the most"
+            yield problem(prim, "long-name", message, hint=hint)

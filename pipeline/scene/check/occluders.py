@@ -1,0 +1,111 @@
+"""Occluders: meshes that can be built, that keep their shape, and that leave the lens alone."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd
+
+from pipeline.frames import apply
+from pipeline.scene.check.properties import check_properties
+from pipeline.scene.read.occluders import is_visible, read_occluder
+from pipeline.scene.read.prims import camera_from_world, camera_name, read_prescription, stage_mm_per_unit
+from pipeline.scene.usd.meshes import SHAPE
+from pipeline.scene.usd.poses import product, world_from, xform_ops
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import read, target, targets
+from pipeline.targets.errors import TargetError
+
+
+def check_occluders(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the occluders of a dataset, their poses left out."""
+    meshes = {target(prim, "plen:mesh", "Mesh"): prim for prim in targets(root, "plen:targets", "PlenMeshTarget")}
+    for prim in targets(root, "plen:occluders", "Mesh"):
+        if prim in meshes:
+            message = f"<{prim.GetPath()}> is the mesh of the target <{meshes[prim].GetPath()}>"
+            hint = "targets hide each other and themselves without being named"
+            yield problem(root.GetRelationship("plen:occluders"), "occluder-is-target", message, hint=hint)
+        elif not any(one.is_error for one in check_properties(prim)):
+            yield from _check_mesh(prim)
+
+
+def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
+    moving = [name for name in SHAPE if prim.GetAttribute(name).ValueMightBeTimeVarying()]
+    if moving:
+        message = f'"{moving[0]}" of an occluder is animated, and occluders keep their shape'
+        hint = "animate its xformOps, or use one mesh per shape and make it invisible in other frames"
+        yield problem(prim.GetAttribute(moving[0]), "not-yet-supported", message, hint=hint)
+        return
+    try:
+        read_occluder(prim)
+    except TargetError as error:
+        yield problem(prim, error.code, error.what, hint=error.hint)
+    except ValueError:
+        message = "the mesh has faces that do not fit each other"
+        yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts and faceVertexIndices")
+
+
+def check_outside_lens(
+    camera: Usd.Prim, occluders: list[Usd.Prim], root: Usd.Prim, frames: tuple[int, ...]
+) -> Iterator[Problem]:
+    """No part of an occluder may stand inside the lens of a camera; beside and behind it is room."""
+    if not occluders:
+        return
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
+    ends = -prescription.vertices_from_stop_mm[-1], -prescription.vertices_from_stop_mm[0]
+    radius_mm = max(surface.semi_diameter_mm for surface in prescription.surfaces)
+    scale_mm = stage_mm_per_unit(root)
+    vision_from_world = camera_from_world(camera, frames, scale_mm)
+    for occluder in occluders:
+        corners = read_occluder(occluder).corners_mm().reshape(-1, 3)
+        poses = product(vision_from_world, world_from(occluder, frames, scale_mm))
+        for number, pose in zip(frames, poses, strict=True):
+            triangles = apply(pose, corners).reshape(-1, 3, 3)
+            if is_visible(occluder, float(number)) and meets_lens(triangles, ends, radius_mm):
+                yield _inside(occluder, camera_name(camera, root), number, ends, radius_mm)
+
+
+def _inside(occluder: Usd.Prim, camera: str, number: int, ends_mm: tuple[float, float], radius_mm: float) -> Problem:
+    message = (
+        f'"{occluder.GetName()}" reaches into the lens of "{camera}" at time code {number},'
+        f" z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
+    )
+    moving = next((op.GetAttr() for op in xform_ops(occluder) if op.GetAttr().GetTimeSamples()), None)
+    hint = "the camera looks along its -Z; its origin is the aperture stop"
+    return problem(moving or occluder, "inside-lens", message, hint=hint, time=float(number) if moving else None)
+
+
+def meets_lens(triangles_mm: np.ndarray, ends_mm: tuple[float, float], radius_mm: float) -> bool:
+    """Whether a triangle (m, 3, 3) meets the cylinder about the z axis between two ends."""
+    low, high = triangles_mm.min(axis=1), triangles_mm.max(axis=1)
+    near = (low[:, 2] <= ends_mm[1]) & (high[:, 2] >= ends_mm[0])
+    near &= (low[:, :2] <= radius_mm).all(axis=1) & (high[:, :2] >= -radius_mm).all(axis=1)
+    return any(_distance_of_axis(triangle, ends_mm) <= radius_mm for triangle in triangles_mm[near])
+
+
+def _distance_of_axis(triangle: np.ndarray, ends_mm: tuple[float, float]) -> float:
+    """Of the z axis from the part of a triangle between two heights; infinite if there is none."""
+    part = _cut(_cut(triangle, ends_mm[0], 1.0), ends_mm[1], -1.0)[:, :2]
+    if not len(part):
+        return np.inf
+    way = np.roll(part, -1, axis=0) - part
+    length = np.maximum(np.sum(way**2, axis=1), 1e-300)
+    share = np.clip(-np.sum(part * way, axis=1) / length, 0.0, 1.0)
+    side = part[:, 0] * way[:, 1] - part[:, 1] * way[:, 0]
+    if (side > 0).all() or (side < 0).all():
+        return 0.0
+    return float(np.hypot(*(part + share[:, None] * way).T).min())
+
+
+def _cut(polygon: np.ndarray, height_mm: float, sign: float) -> np.ndarray:
+    """What of a convex polygon (n, 3) lies above a height, or with sign -1 below it."""
+    kept: list[np.ndarray] = []
+    above = sign * (polygon[:, 2] - height_mm)
+    for i in range(len(polygon)):
+        j = (i + 1) % len(polygon)
+        if above[i] >= 0:
+            kept.append(polygon[i])
+        if (above[i] < 0) != (above[j] < 0):
+            kept.append(polygon[i] + above[i] / (above[i] - above[j]) * (polygon[j] - polygon[i]))
+    return np.array(kept).reshape(-1, 3)

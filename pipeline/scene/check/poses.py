@@ -1,0 +1,147 @@
+"""Poses of cameras, targets and occluders: a sample at every frame, rigid, and the board before the camera."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from pipeline.scene.check.occluders import check_outside_lens
+from pipeline.scene.read.prims import (
+    camera_from_world,
+    camera_name,
+    frame_numbers,
+    read_prescription,
+    stage_mm_per_unit,
+)
+from pipeline.scene.read.targets import read_target
+from pipeline.scene.usd.poses import ancestry, is_orient, product, quaternion, world_from, xform_ops
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import read, target, targets
+
+# How far a quaternion may be off unit length without a word: what its type resolves.
+_ROUNDING = {
+    UsdGeom.XformOp.PrecisionDouble: 1e-12,
+    UsdGeom.XformOp.PrecisionFloat: 1e-6,
+    UsdGeom.XformOp.PrecisionHalf: 1e-3,
+}
+_MENDABLE = 1e-3
+_RIGID = 1e-9
+"""Largest deviation of the columns of a rotation from orthonormal ones."""
+
+
+def check_poses(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the poses of a dataset whose prims are in order."""
+    frames = tuple(frame_numbers(root))
+    cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
+    boards = targets(root, "plen:targets", "PlenTarget")
+    occluders = targets(root, "plen:occluders", "Mesh")
+    moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders] for link in ancestry(prim)))
+    found = [bad for link in moved for bad in _check_link(link, frames)]
+    if not _has_error(found):
+        found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]
+    yield from found
+    if not _has_error(found):
+        hulls = [np.concatenate([patch.hull_mm() for patch in read_target(board).patches()]) for board in boards]
+        for camera in cameras:
+            yield from _check_before_camera(camera, boards, hulls, root, frames)
+            yield from check_outside_lens(camera, occluders, root, frames)
+
+
+def _has_error(problems: list[Problem]) -> bool:
+    return any(one.is_error for one in problems)
+
+
+def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
+    """One prim whose transform moves a camera, a target or an occluder."""
+    for op in xform_ops(prim):
+        attribute = op.GetAttr()
+        if attribute.HasSpline():
+            yield problem(attribute, "not-yet-supported", "poses as splines are not supported yet")
+            continue
+        times = set(attribute.GetTimeSamples())
+        present = [number for number in frames if not times or number in times]
+        if len(present) < len(frames):
+            missing = sorted(set(frames).difference(present))
+            message = f'"{attribute.GetName()}" has no sample at time code {_listed(missing)}'
+            hint = "USD would interpolate without a word; write one sample per frame"
+            yield problem(attribute, "no-pose-sample", message, hint=hint)
+        for number in present:
+            yield from _check_op(op, number, number if times else None)
+            if not times:
+                break
+
+
+def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterator[Problem]:
+    attribute = op.GetAttr()
+    value = attribute.Get(float(number))
+    if value is None and op.GetOpType() != UsdGeom.XformOp.TypeInvalid:
+        message = f'"{attribute.GetName()}" has no value at time code {number}'
+        yield problem(attribute, "no-pose-sample", message)
+    elif is_orient(op):
+        parts = quaternion(op, float(number)) or (math.nan,)
+        off = abs(math.sqrt(sum(part * part for part in parts)) - 1.0)
+        if math.isnan(off) or off <= _ROUNDING.get(op.GetPrecision(), 1e-12):
+            return  # NaN is reported as a value that is not finite
+        if off >= _MENDABLE:
+            message = f"the quaternion is {off:.3g} off unit length, so it is no rotation"
+            yield problem(attribute, "non-rigid", message, hint="write a unit quaternion (w, x, y, z)", time=sample)
+        else:
+            message = f"the quaternion is {off:.3g} off unit length; it is normalised"
+            yield problem(attribute, "normalised", message, severity="warning", time=sample)
+
+
+def _listed(frames: list[int]) -> str:
+    shown = ", ".join(map(str, frames[:5]))
+    return shown if len(frames) <= 5 else f"{shown} and {len(frames) - 5} more"
+
+
+def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
+    rotation = world_from(prim, frames, 1.0)[:, :3, :3]
+    off = np.abs((rotation[:, :, :, None] * rotation[:, :, None, :]).sum(axis=1) - np.eye(3)).max(axis=(1, 2))
+    mirrored = np.linalg.det(rotation) < 0
+    bad = np.flatnonzero((off > _RIGID) | mirrored)  # NaN is reported as a value that is not finite
+    if len(bad):
+        first = bad[0]
+        what = "mirrors" if mirrored[first] and off[first] <= _RIGID else "scales or shears"
+        message = f"the transform from <{prim.GetPath()}> to the world {what} at time code {frames[first]}"
+        yield problem(_scaling_link(prim), "non-rigid", message, hint="use only translations and rotations")
+
+
+def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
+    """The operation most likely to blame."""
+    for link in ancestry(prim):
+        for op in xform_ops(link):
+            if op.GetOpType() in (UsdGeom.XformOp.TypeScale, UsdGeom.XformOp.TypeTransform):
+                return op.GetAttr()
+    return prim
+
+
+def _check_before_camera(
+    camera: Usd.Prim, boards: list[Usd.Prim], hulls: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
+) -> Iterator[Problem]:
+    """All of the targets, their margins included, must lie before the first vertex of the lens."""
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
+    first_mm = -prescription.vertices_from_stop_mm[0]
+    scale_mm = stage_mm_per_unit(root)
+    vision_from_world = camera_from_world(camera, frames, scale_mm)
+    for board, corners in zip(boards, hulls, strict=True):
+        vision_from_board = product(vision_from_world, world_from(board, frames, scale_mm))
+        nearest_mm = (corners @ vision_from_board[:, 2, :3].T + vision_from_board[:, 2, 3]).min(axis=0)
+        for index in np.flatnonzero(nearest_mm <= first_mm):
+            name = camera_name(camera, root)
+            yield _too_near(board, name, frames[index], float(nearest_mm[index]), first_mm)
+
+
+def _too_near(board: Usd.Prim, camera: str, number: int, nearest_mm: float, first_mm: float) -> Problem:
+    where = "behind" if nearest_mm <= 0 else "into the lens of"
+    message = (
+        f'"{board.GetName()}" reaches {where} "{camera}" at time code {number}: its nearest'
+        f" corner lies at z = {nearest_mm:.6g} mm, the first vertex at {first_mm:.6g} mm"
+    )
+    moving = next((op.GetAttr() for op in xform_ops(board) if op.GetAttr().GetTimeSamples()), None)
+    hint = "the camera looks along its -Z"
+    code = "behind-camera" if nearest_mm <= 0 else "inside-lens"
+    return problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)

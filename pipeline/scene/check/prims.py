@@ -1,0 +1,139 @@
+"""Prims whose type, schemas, transform or variants USD takes without a word, although they mean nothing."""
+
+from collections.abc import Iterator
+
+from pxr import Plug, Tf, Usd, Vt
+
+from pipeline.scene.usd.problems import Problem, did_you_mean
+from pipeline.scene.usd.source_locations import problem
+
+_MOST_OPS = 100
+"""Operations that move one prim: real stages have fewer than ten."""
+
+
+def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Every prim that is defined, abstract ones, inactive ones and instances included, in stage order."""
+    everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
+    found = []
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
+    for prim in prims:
+        if prim.IsPseudoRoot():
+            continue
+        if _is_dangling(prim):
+            prims.PruneChildren()
+        else:
+            found.append(prim)
+    return found
+
+
+def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
+    """Overs on prims that nothing defines."""
+    everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
+    prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
+    for prim in prims:
+        if not prim.IsPseudoRoot() and _is_dangling(prim):
+            siblings = [sibling.GetName() for sibling in prim.GetParent().GetAllChildren() if sibling.IsDefined()]
+            message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
+            hint = did_you_mean(prim.GetName(), siblings) or _those_there(prim.GetParent(), siblings)
+            yield problem(prim, "over-without-def", message, hint=hint)
+            prims.PruneChildren()
+
+
+def _those_there(parent: Usd.Prim, names: list[str]) -> str | None:
+    where = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
+    return f"{where} there are {', '.join(names[:20])}{' …' if len(names) > 20 else ''}" if names else None
+
+
+def _is_dangling(prim: Usd.Prim) -> bool:
+    return not (prim.IsDefined() or prim.IsAbstract() or not prim.IsActive())
+
+
+def check_prim(prim: Usd.Prim) -> list[Problem]:
+    """Problems of one prim, its properties left out."""
+    return [*_check_type(prim), *_check_apis(prim), *_check_xform_order(prim), *_check_variants(prim)]
+
+
+def _check_type(prim: Usd.Prim) -> Iterator[Problem]:
+    name = prim.GetTypeName()
+    if name and not prim.GetPrimTypeInfo().GetSchemaTypeName():
+        hint = did_you_mean(name, _known_types())
+        yield problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint)
+
+
+def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
+    registry = Usd.SchemaRegistry()
+    for full in _authored_apis(prim):
+        name, instance = registry.GetTypeNameAndInstance(full)
+        if not registry.FindAppliedAPIPrimDefinition(name):
+            hint = did_you_mean(name, _known_apis())
+            yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
+            continue
+        # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call looks.
+        can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
+        if not can:
+            yield problem(prim, "api-not-applicable", can.whyNot)
+
+
+def _authored_apis(prim: Usd.Prim) -> list[str]:
+    """Names that somebody wrote; `GetAppliedSchemas` would add those that come with them."""
+    edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
+    return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))
+
+
+def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
+    order = prim.GetAttribute("xformOpOrder")
+    value = order.Get() if order else None
+    # What is no array of tokens is reported as a wrong type.
+    named = [token.removeprefix("!invert!") for token in value] if isinstance(value, Vt.TokenArray) else []
+    if len(named) > _MOST_OPS:
+        message = f'"xformOpOrder" has {len(named)} entries, and not 0 to {_MOST_OPS}'
+        yield problem(order, "entries", message)
+        return
+    for name in named:
+        if name != "!resetXformStack!" and not prim.HasProperty(name):
+            # USD raises later, when somebody asks for the transform.
+            hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
+            message = f'xformOpOrder names "{name}", which does not exist'
+            yield problem(order, "missing-xform-op", message, hint=hint)
+    ops = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("xformOp:")]
+    unused = [attribute for attribute in ops if attribute.GetName() not in named]
+    if unused:
+        names = ", ".join(f'"{attribute.GetName()}"' for attribute in unused)
+        whole = ", ".join(f'"{name}"' for name in [*named, *_in_usual_order(unused)])
+        stand, move = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
+        hint = f"write uniform token[] xformOpOrder = [{whole}]" + ("; the last one acts first" if len(ops) > 1 else "")
+        message = f"{names} {stand} in no xformOpOrder, so {move} nothing"
+        yield problem(unused[0], "unused-xform-op", message, hint=hint)
+
+
+def _in_usual_order(ops: list[Usd.Attribute]) -> list[str]:
+    """Names of operations with translations before rotations before scales, as most programs write them."""
+    ranks = ("xformOp:translate", "xformOp:orient", "xformOp:rotate", "xformOp:scale")
+
+    def rank(name: str) -> int:
+        return next((i for i, start in enumerate(ranks) if name.startswith(start)), len(ranks))
+
+    return sorted((op.GetName() for op in ops), key=rank)
+
+
+def _check_variants(prim: Usd.Prim) -> Iterator[Problem]:
+    sets = prim.GetVariantSets()
+    for name, choice in sorted((prim.GetMetadata("variantSelection") or {}).items()):
+        if name not in sets.GetNames():
+            hint = did_you_mean(name, sets.GetNames())
+            yield problem(prim, "unknown-variant-set", f'no variant set "{name}"', hint=hint)
+        elif choice and choice not in sets.GetVariantSet(name).GetVariantNames():
+            hint = did_you_mean(choice, sets.GetVariantSet(name).GetVariantNames())
+            yield problem(prim, "unknown-variant", f'variant set "{name}" has no variant "{choice}"', hint=hint)
+
+
+def _known_types() -> set[str]:
+    registry = Usd.SchemaRegistry()
+    types = Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName("UsdTyped"))
+    return {registry.GetConcreteSchemaTypeName(t) for t in types} - {""}
+
+
+def _known_apis() -> set[str]:
+    registry = Usd.SchemaRegistry()
+    types = Plug.Registry().GetAllDerivedTypes(Tf.Type.FindByName("UsdAPISchemaBase"))
+    return {registry.GetAPISchemaTypeName(t) for t in types} - {""}

@@ -1,0 +1,109 @@
+"""Properties by their names: misspelt ones, missing ones, and relationships that point at nothing useful."""
+
+from collections.abc import Iterator
+
+from pxr import Sdf, Usd, UsdGeom
+
+from pipeline.scene.check.values import authored_values, check_attribute, check_value
+from pipeline.scene.usd.problems import Problem, did_you_mean
+from pipeline.scene.usd.source_locations import problem, specs
+from pipeline.scene.usd.values import FOREIGN, Rule, schema_facts, target_paths
+from pipeline.spelling import nearest
+
+_MOVES = Rule(span=FOREIGN["xformOp"])
+_NAMED = 5  # of several targets of one relationship that are missing
+# Anyone may add properties here, on any prim.
+_FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
+
+
+def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the authored properties of a prim, and of those that it must have and has not."""
+    definition = prim.GetPrimDefinition()
+    known = set(definition.GetPropertyNames())
+    strange = []
+    for prop in prim.GetAuthoredProperties():
+        if prop.GetName().startswith("xformOp:") and prim.IsA(UsdGeom.Xformable):
+            for time, value in authored_values(prop):
+                yield from check_value(prop, value, time, _MOVES)
+        elif prop.GetName() not in known:
+            strange.append(prop.GetName())
+            yield from _check_unknown(prop, known)
+        elif wrong := _wrong_kind(prop, definition):
+            yield wrong
+        elif isinstance(prop, Usd.Attribute):
+            yield from check_attribute(prop, definition)
+        else:
+            yield from _check_relationship(prop)
+    yield from _check_required(prim, {nearest(name, known) for name in strange})
+
+
+def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem | None:
+    """An attribute where the schema has a relationship, or the other way round: USD believes the schema."""
+    wants_relationship = bool(definition.GetRelationshipDefinition(prop.GetName()))
+    for spec in specs(prop):
+        if isinstance(spec, Sdf.RelationshipSpec) != wants_relationship:
+            kind = "a relationship (rel)" if wants_relationship else "an attribute"
+            return problem(prop, "wrong-type", f'"{prop.GetName()}" must be written as {kind}')
+    return None
+
+
+def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
+    prim, name = prop.GetPrim(), prop.GetName()
+    is_ours = name.startswith("plen:")  # never extra data, on any prim
+    if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES)):
+        return
+    type_name = prim.GetPrimTypeInfo().GetSchemaTypeName()
+    if type_name or is_ours:
+        hint = did_you_mean(name, known) or _hint(prop, is_ours, known)
+        yield problem(prop, "unknown-property", f'{type_name or "this prim"} has no property "{name}"', hint=hint)
+
+
+def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
+    """Hint for a name that resembles no other."""
+    if not is_ours:
+        return 'write "custom" in front of it if it is meant to be extra data'
+    prim = prop.GetPrim()
+    api = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI"}.get(str(prim.GetTypeName()))
+    if api and api not in prim.GetAppliedSchemas():
+        return f'apply {api}: prepend apiSchemas = ["{api}"]'
+    namespace = prop.GetNamespace()
+    names = sorted(name for name in known if name.rpartition(":")[0] == namespace)
+    return f"remove it; there are {', '.join(names)}" if names else None
+
+
+def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
+    """Names that are missing, except those whose names were misspelt: `meant` are the right names of these."""
+    ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
+    if prim.IsAbstract() or not all(prim.CanApplyAPI(name) for name in ours):
+        return  # a misapplied schema is reported as that
+    for name in [name for names in schema_facts(prim, "plenRequired") for name in names if name not in meant]:
+        relationship = prim.GetRelationship(name)
+        if not (target_paths(relationship) if relationship else prim.GetAttribute(name).HasAuthoredValue()):
+            wanted = wanted_target(prim, name)
+            hint = f"point it at a {wanted}" if wanted else "it has no fallback: write it"
+            yield problem(prim, "missing-value", f'{prim.GetTypeName()} needs "{name}"', hint=hint)
+
+
+def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
+    stage, name = relationship.GetStage(), relationship.GetName()
+    wanted = wanted_target(relationship.GetPrim(), name)
+    missing = [path for path in target_paths(relationship) if not stage.GetObjectAtPath(path)]
+    for path in missing[:_NAMED]:
+        hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
+        message = f'"{name}" points at <{path}>, which does not exist'
+        yield problem(relationship, "missing-target", message, hint=hint)
+    if len(missing) > _NAMED:
+        message = f'"{name}" points at {len(missing) - _NAMED:,} others that do not exist'
+        yield problem(relationship, "missing-target", message)
+    for path in target_paths(relationship) if wanted else ():
+        prim = stage.GetPrimAtPath(path)
+        if stage.GetObjectAtPath(path) and not (prim and prim.IsA(wanted)):
+            got = (prim.GetTypeName() or "prim without a type") if prim else "property"
+            yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
+        elif prim and not prim.IsActive():
+            yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
+
+
+def wanted_target(prim: Usd.Prim, name: str) -> str | None:
+    """The prim type that our plugInfo.json names for a relationship."""
+    return next((found[name] for found in schema_facts(prim, "plenTargets") if name in found), None)

@@ -1,0 +1,85 @@
+"""Whether anything of a target can be seen: in which frames an image of it would be blank, and why.
+
+On records, after all other checks.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd
+
+from pipeline.camera.figures.outlook import Fate, covered_mm, widest_blur_px
+from pipeline.camera.focusing.depth_of_field import focused, middle_focus
+from pipeline.camera.parts.camera import Camera
+from pipeline.errors import PipelineError
+from pipeline.ranges import frames_in_words
+from pipeline.scene.dataset import Dataset
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.views import HIDDEN, MERGED, View, look, spacing_px
+
+
+def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
+    """A warning for each camera and target where the camera sees no point of it in some frames."""
+    for entry in dataset.cameras:
+        try:
+            camera = focused(entry.camera)
+        except (PipelineError, ArithmeticError):
+            continue  # reported as that
+        for number, target in enumerate(dataset.targets):
+            if not target.target.points().kinds:
+                continue  # there is nothing to see
+            view = look(dataset, entry.name, camera, number)
+            blank = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
+            if blank:
+                prim = stage.GetPrimAtPath(target.prim_path)
+                whom = f'no point of "{prim.GetName()}" can be made out by "{entry.name}"'
+                message = f"{whom} in {len(blank)} of {len(view.numbers)} frames: {_listed(blank)}"
+                hint = _hint(camera, view, blank)
+                yield problem(prim, "blank", message, hint=hint, severity="warning")
+
+
+def _listed(blank: dict[int, int]) -> str:
+    """Frames by the reason why they are blank."""
+    reasons = dict.fromkeys(_REASONS[fate] for fate in blank.values())
+    frames = {
+        reason: frames_in_words(number for number, fate in blank.items() if _REASONS[fate] == reason)
+        for reason in reasons
+    }
+    return "; ".join(f"{numbers} ({reason})" for reason, numbers in frames.items())
+
+
+_REASONS = {
+    Fate.AWAY: "it shows its back",
+    Fate.NO_LIGHT: "out of view",
+    Fate.BLURRED: "out of focus",
+    Fate.OUTSIDE: "out of view",
+    HIDDEN: "hidden",
+    MERGED: "too far away or too blurred to tell its points apart",
+}
+
+
+def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
+    """Hint that mends the first of the frames."""
+    number, fate = next(iter(blank.items()))
+    index = view.numbers.index(number)
+    x, y, z = view.points_mm[index].mean(axis=0)
+    if fate == Fate.AWAY:
+        return "the front of a target is its +Z: turn it by 180 degrees about its X or Y"
+    if fate == HIDDEN:
+        return "move it, or what stands before it"
+    if fate == MERGED:
+        spacing, blur = spacing_px(camera, view.points_mm[index]), np.median(view.outlook.blur_px[index])
+        return f"in frame {number}, at z = {z:.4g} mm, points stand {spacing:.2g} px apart and blur to {blur:.3g} px"
+    if fate == Fate.BLURRED:
+        blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
+        return (
+            f"in frame {number} it stands at z = {z:.4g} mm, and the focus at {middle_focus(camera):.4g} mm: its points"
+            f" blur to {blur:.3g} px, and {of} is {widest_blur_px(camera):.3g} px wide"
+        )
+    width, height = covered_mm(camera, float(z))
+    across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")
+    return (
+        f"in frame {number} it stands {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it; at its"
+        f" z = {z:.4g} mm the image covers about {width:.3g} x {height:.3g} mm"
+    )

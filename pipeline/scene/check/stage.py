@@ -1,0 +1,82 @@
+"""Say everything that is wrong with a stage, in one pass. No task runs on a stage with an error here.
+
+USD composes a stage with a typo in every attribute without a word, so the checks are strict about names, types,
+tokens and ranges, and then ask whether the parts can be built.
+"""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from pxr import Usd
+
+from pipeline.scene.check.budgets import check_budgets
+from pipeline.scene.check.camera.focus import check_planes
+from pipeline.scene.check.camera.glass import check_glass
+from pipeline.scene.check.camera.groups import check_groups, check_place
+from pipeline.scene.check.camera.lens import check_lens, check_nominal
+from pipeline.scene.check.camera.microlenses import check_microlenses
+from pipeline.scene.check.camera.parts import check_camera, check_sensor
+from pipeline.scene.check.dataset import check_dataset, check_only_dataset, find_dataset
+from pipeline.scene.check.layers import check_layers
+from pipeline.scene.check.merged import check_merged
+from pipeline.scene.check.poses import check_poses
+from pipeline.scene.check.prims import all_prims, check_dangling, check_prim
+from pipeline.scene.check.properties import check_properties
+from pipeline.scene.check.targets import check_target
+from pipeline.scene.trust.asset_roots import check_assets, check_used
+from pipeline.scene.usd.problems import Problem
+
+_WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
+    ("PlenLens", check_lens),
+    ("PlenLens", check_glass),
+    ("PlenLens", check_groups),
+    ("PlenLensGroup", check_place),
+    ("PlenMicrolensArray", check_microlenses),
+    ("PlenSensor", check_sensor),
+    ("PlenTarget", check_target),
+)
+
+
+def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+    """All problems of a composed stage: layers first, then prims in order, then the dataset.
+
+    Parameters
+    ----------
+    roots : list of Path
+        Folders that the stage may read from, as `roots.allowed_roots` gives them.
+    """
+    if outside := check_used(stage, roots):
+        return outside  # what such a layer says must not be quoted
+    found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
+    prims = all_prims(stage)
+    for prim in prims:
+        found += [*check_prim(prim), *check_properties(prim)]
+    if over := [one for prim in _parts(prims) for one in check_budgets(prim)]:
+        return list(dict.fromkeys([*found, *over]))  # what follows makes points, poses and lattices
+    for prim in _parts(prims):
+        found += _check_whole(prim)
+    found += check_only_dataset(stage)
+    if root := find_dataset(stage):
+        found += check_dataset(root)
+    if not any(one.is_error for one in found):
+        # What follows computes with values that the checks so far have vouched for.
+        for prim in _parts(prims):
+            found += check_nominal(prim) if prim.IsA("PlenLens") else []
+            found += check_planes(prim) if _is_camera(prim) else []
+        found += check_poses(root) if root else []
+    return list(dict.fromkeys(found))
+
+
+def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
+    return [prim for prim in prims if prim.IsActive() and not prim.IsAbstract()]
+
+
+def _is_camera(prim: Usd.Prim) -> bool:
+    return bool(prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"))
+
+
+def _check_whole(prim: Usd.Prim) -> list[Problem]:
+    if merged := list(check_merged(prim)):
+        return merged  # all else follows from it
+    found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
+    return found + (list(check_camera(prim)) if _is_camera(prim) else [])

@@ -1,0 +1,100 @@
+"""A target that cannot be built: values of its shape, its pattern against its surface, marked points off their mesh."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from pxr import Usd
+
+from pipeline.scene.check.properties import check_properties
+from pipeline.scene.read.targets import SHAPES, read_target
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import UnreadableValue, read, target
+from pipeline.targets.errors import TargetError
+from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.target import AnyTarget
+
+OFF_MESH_MM = 1e-3
+"""A marked point this far from its mesh is drawn elsewhere than the truth says."""
+
+
+def check_target(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenTarget whose values are right one by one."""
+    parts = filter(None, (prim, target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None))
+    if any(one.is_error for part in parts for one in check_properties(part)):
+        return  # reported as that
+    found = [*_check_shape(prim), *_check_mesh(prim)]
+    yield from found
+    if found:
+        return
+    try:
+        record = read_target(prim)
+    except UnreadableValue:
+        return  # reported: the mesh is missing
+    except (ValueError, IndexError):
+        message = "the mesh has colours or faces that do not fit its points"
+        yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts, faceVertexIndices and displayColor")
+        return
+    except TargetError as error:
+        yield problem(prim, error.code, error.what, hint=error.hint)
+        return
+    yield from _check_contrast(prim, record)
+    if isinstance(record, MeshTarget):
+        yield from _check_on_mesh(prim, record)
+
+
+def _check_contrast(prim: Usd.Prim, record: AnyTarget) -> Iterator[Problem]:
+    """A target that shines nowhere, or everywhere alike: its images show nothing of it."""
+    white = prim.GetAttribute("plen:white")
+    if isinstance(record, MeshTarget):
+        if not np.any(record.albedo):
+            message = "the mesh is dark all over: its images are black"
+            yield problem(
+                white, "no-contrast", message, hint="write a plen:white and colours above 0", severity="warning"
+            )
+    elif record.pattern.white == record.pattern.black:
+        message = f"white and black of the pattern are the same, {record.pattern.white:g}: its images show no pattern"
+        yield problem(white, "no-contrast", message, hint="the fallbacks are 1 and 0", severity="warning")
+
+
+def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
+    """Values that the shape needs, and values that it would not read."""
+    shape = read(prim, "plen:shape")
+    if prim.IsA("PlenMeshTarget") and shape != "flat":
+        message = f'a mesh has its own shape, and "plen:shape" is {shape}'
+        yield problem(prim.GetAttribute("plen:shape"), "shape-value", message, hint="remove it")
+        return
+    for other, (_, fields) in SHAPES.items():
+        for name in fields.values():
+            written = prim.GetAttribute(name).HasAuthoredValue()
+            if other == shape and not written:
+                message = f'a target of shape {shape} needs "{name}"'
+                yield problem(prim, "shape-value", message, hint="it has no fallback: write it")
+            if other != shape and written:
+                message = f'"{name}" belongs to the shape {other}, and this target is {shape}'
+                hint = f'write uniform token plen:shape = "{other}", or remove the value'
+                yield problem(prim.GetAttribute(name), "shape-value", message, hint=hint)
+
+
+def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
+    """A mesh that would not move with its target, or that would move below it."""
+    mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
+    if mesh is None:
+        return
+    relationship = prim.GetRelationship("plen:mesh")
+    if not mesh.GetPath().HasPrefix(prim.GetPath()):
+        message = f"<{mesh.GetPath()}> does not lie below its target <{prim.GetPath()}>"
+        yield problem(relationship, "bad-mesh", message, hint="a mesh moves with its target: put it below")
+    elif any(attribute.ValueMightBeTimeVarying() for attribute in mesh.GetAuthoredAttributes()):
+        yield problem(relationship, "not-yet-supported", f"<{mesh.GetPath()}> is animated, and targets are rigid")
+
+
+def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:
+    distances = record.distances_mm()
+    off = [(float(distance), index) for index, distance in enumerate(distances) if distance > OFF_MESH_MM]
+    if off:
+        distance, index = max(off)
+        which = f"{len(off)} of {len(distances)} marked points do not lie on the mesh"
+        message = f"{which}; point {index} is {distance:.4g} mm off"
+        hint = "images show the mesh, and the ground truth believes the points"
+        yield problem(prim.GetAttribute("plen:points"), "off-mesh", message, hint=hint, severity="warning")

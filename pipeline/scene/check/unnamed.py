@@ -1,0 +1,77 @@
+"""Geometry and lights that a USD viewer shows and no image has: unnamed is the one, not simulated the other."""
+
+from collections.abc import Iterator, Sequence
+
+from pxr import Sdf, Usd, UsdGeom, UsdLux
+
+from pipeline.scene.read.occluders import is_visible
+from pipeline.scene.read.prims import frame_numbers
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import target_paths
+from pipeline.scene.write.for_viewers import PREVIEW
+
+_MOST_KINDS = 8
+_MOST_PATHS = 4
+_AIDS = 'what is there for viewers alone says so with uniform token purpose = "guide"'
+
+
+def check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
+    """One warning per type of prim that stands in the stage of a dataset and leaves its images as they are.
+
+    Left out are previews of targets, prims of the purposes guide and proxy, and those that no frame shows.
+    """
+    named = _named(root.GetStage())
+    frames = frame_numbers(root)
+    kinds: dict[str, list[Usd.Prim]] = {}
+    for prim in Usd.PrimRange(root.GetStage().GetPseudoRoot(), Usd.TraverseInstanceProxies()):
+        is_left_out = _is_light(prim) or (_is_geometry(prim) and prim.GetPath() not in named and not _is_preview(prim))
+        if is_left_out and _is_shown(prim, frames):
+            kinds.setdefault(prim.GetTypeName(), []).append(prim)
+    for kind, prims in list(kinds.items())[:_MOST_KINDS]:
+        yield _left_out(kind, prims)
+
+
+def _left_out(kind: str, prims: list[Usd.Prim]) -> Problem:
+    paths = ", ".join(f"<{prim.GetPath()}>" for prim in prims[:_MOST_PATHS])
+    more = f" and {len(prims) - _MOST_PATHS} more" if len(prims) > _MOST_PATHS else ""
+    if _is_light(prims[0]):
+        message = f"lights are not simulated: {kind} {paths}{more} changes no image"
+        hint = f"a target is as bright as its plen:white and plen:black, an occluder as its plen:radiance; {_AIDS}"
+    else:
+        message = f"{kind} {paths}{more} is in no image: no relationship names it"
+        what = "name it in" if kind == "Mesh" else "make it a Mesh and name that in"
+        hint = f"{what} rel plen:occluders of the dataset, or plen:mesh of a PlenMeshTarget; {_AIDS}"
+    return problem(prims[0], "not-in-image", message, hint=hint, severity="warning")
+
+
+def _named(stage: Usd.Stage) -> set[Sdf.Path]:
+    """Everything that one of our relationships points at; what is wrong with it is said elsewhere."""
+    relationships = [
+        relationship
+        for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
+        for relationship in prim.GetAuthoredRelationships()
+        if relationship.GetName().startswith("plen:")
+    ]
+    return {path for relationship in relationships for path in target_paths(relationship)}
+
+
+def _is_light(prim: Usd.Prim) -> bool:
+    return bool(prim.HasAPI(UsdLux.LightAPI))
+
+
+def _is_geometry(prim: Usd.Prim) -> bool:
+    return bool(prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer))
+
+
+def _is_preview(prim: Usd.Prim) -> bool:
+    """Whether a prim is what viewers show of a target: of our own writing, or of the library's."""
+    return bool(prim.GetName() == PREVIEW and prim.GetParent().IsA("PlenTarget"))
+
+
+def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
+    if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
+        return False
+    above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
+    comes_and_goes = any(one.GetAttribute("visibility").ValueMightBeTimeVarying() for one in above)
+    return any(is_visible(prim, float(number)) for number in (frames if comes_and_goes else frames[:1]))

@@ -1,0 +1,288 @@
+"""Prims to records. Only stages that pass the checks are read as a whole; parts raise on values that are wrong."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.parts.camera import Camera, Sampling, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.optics.prescription import Group, Prescription, Surface
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
+from pipeline.scene.read.media import index_source, with_indices
+from pipeline.scene.read.microlenses import read_microlenses
+from pipeline.scene.read.occluders import is_visible, read_occluder_entry
+from pipeline.scene.read.targets import read_target_entry
+from pipeline.scene.usd.poses import inverse, product, world_from
+from pipeline.scene.usd.source_locations import place
+from pipeline.scene.usd.values import UnreadableValue, need, read, target, targets
+from pipeline.units import mm_per_unit
+
+LAST_FRAME = 1_000_000_000
+"""Time codes beyond this, or below its negative, are no frames."""
+
+_TRUTH = {
+    "method": "plen:truth:method",
+    "search": "plen:truth:search",
+    "filter": "plen:truth:filter",
+    "lambda_d": "plen:truth:lambdaD",
+    "lambda_alpha_deg": "plen:truth:lambdaAlpha",
+    "nearest_threshold_mm": "plen:truth:nearestThreshold",
+    "min_hit_fraction": "plen:truth:minHitFraction",
+    "columns": "plen:truth:columns",
+}
+
+APERTURE_VALUES = {
+    "annular": {"inner_semi_diameter_mm": "plen:innerSemiDiameter"},
+    "rectangular": {"half_widths_mm": "plen:halfWidths"},
+    "polygonal": {"blades": "plen:blades"},
+}
+"""Attributes that give an aperture of a shape its size, by the fields of `Surface`."""
+
+ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
+    "all": {},
+    "cosine": {"acceptance_power": "plen:acceptancePower"},
+    "cone": {
+        "acceptance_half_angle_deg": "plen:acceptanceHalfAngle",
+        "acceptance_roll_off_deg": "plen:acceptanceRollOff",
+    },
+}
+"""Attributes that give a pixel's acceptance of a shape its numbers, by the fields of `Sensor`."""
+
+
+def read_dataset(root: Usd.Prim) -> Dataset:
+    """The records of a PlenDataset whose stage passed the checks."""
+    cameras = targets(root, "plen:cameras", "Camera")
+    boards = targets(root, "plen:targets", "PlenTarget")
+    occluders = targets(root, "plen:occluders", "Mesh")
+    seed = need(root, "plen:seed")
+    return Dataset(
+        stage_name=root.GetName(),
+        seed=seed,
+        background=need(root, "plen:background"),
+        cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
+        targets=tuple(read_target_entry(prim) for prim in boards),
+        frames=_read_frames(root, cameras, boards, occluders),
+        occluders=tuple(read_occluder_entry(prim) for prim in occluders),
+    )
+
+
+def frame_numbers(root: Usd.Prim) -> Sequence[int]:
+    """Time codes of a dataset, in the order in which they are built; empty if the stage names none."""
+    frames = read(root, "plen:frames")
+    if frames:
+        return tuple(sorted(set(frames)))
+    stage = root.GetStage()
+    if not (stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")):
+        return ()
+    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    if not (start.is_integer() and end.is_integer() and max(abs(start), abs(end)) <= LAST_FRAME):
+        return ()
+    return range(int(start), int(end) + 1)  # a list would be made before anybody asks how long it is
+
+
+def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
+    """Path of a camera below the dataset with a dot for each slash."""
+    return str(prim.GetPath().MakeRelativePath(root.GetPath())).replace("/", ".")
+
+
+def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
+    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order; names count from its root."""
+    root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
+    seed = read(root, "plen:seed") or 0
+    cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
+    return tuple(read_camera_entry(prim, root, seed) for prim in cameras)
+
+
+def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
+    """The lens that is the default prim of a stage that passed the checks; None for any other stage."""
+    prim = stage.GetDefaultPrim()
+    if not prim or not prim.IsA("PlenLens"):
+        return None
+    return LensEntry(
+        name=prim.GetName(),
+        lens_name=need(prim, "plen:name") or prim.GetName(),
+        index_source=index_source(prim, ordered_surfaces(prim)),
+        wavelength_nm=need(prim, "plen:wavelength"),
+        prescription=read_prescription(prim),
+    )
+
+
+def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
+    """A camera of the dataset with its settings."""
+    lens = target(prim, "plen:camera:lens", "PlenLens")
+    file, line = place(prim)
+    return CameraEntry(
+        name=camera_name(prim, root),
+        prim_path=str(prim.GetPath()),
+        lens_name=need(lens, "plen:name") or lens.GetName(),
+        index_source=index_source(lens, ordered_surfaces(lens)),
+        wavelength_nm=need(prim, "plen:camera:wavelength"),
+        weight=need(prim, "plen:camera:weight"),
+        footprint=need(prim, "plen:truth:footprint"),
+        asked=read_camera(prim),
+        sampling=Sampling(
+            supersampling=need(prim, "plen:truth:supersampling"), samples=need(prim, "plen:truth:samples"), seed=seed
+        ),
+        truth={field: need(prim, name) for field, name in _TRUTH.items()}
+        | {"accuracy_px": read(prim, "plen:truth:accuracy")},
+        image_samples=need(prim, "plen:image:samples"),
+        extent=need(prim, "plen:truth:extent"),
+        delivers_rays=need(prim, "plen:truth:rays"),
+        f_numbers=tuple(need(prim, "plen:image:fNumbers")),
+        file=file,
+        line=line,
+    )
+
+
+def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
+    """A Camera with PlenCameraAPI; a request where it says what shall be in focus, or that the stop shall match."""
+    array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
+    parts: dict[str, Any] = {
+        "prescription": read_prescription(
+            target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
+        ),
+        "sensor": read_sensor(target(prim, "plen:camera:sensor", "PlenSensor")),
+        "microlenses": _read_microlenses(prim, array) if array else None,
+        "circle_of_confusion_px": need(prim, "plen:camera:circleOfConfusion"),
+        "near_mm": read(prim, "plen:camera:near"),
+        "far_mm": read(prim, "plen:camera:far"),
+        "weight": need(prim, "plen:camera:weight"),
+    }
+    focus_mm, match_stop = read(prim, "plen:camera:focusDistance"), need(prim, "plen:camera:stopMatch") != "none"
+    if focus_mm is None and not match_stop:
+        return Camera(sensor_distance_mm=need(prim, "plen:camera:sensorDistance"), **parts)
+    groups = need(prim, "plen:camera:focusGroups")
+    return FocusRequest(
+        sensor_distance_mm=need(prim, "plen:camera:sensorDistance") if focus_mm is None or groups else None,
+        focus_distance_mm=focus_mm,
+        focus_type=read(prim, "plen:camera:focusType"),
+        focus_groups=groups,
+        match_stop=match_stop,
+        **parts,
+    )
+
+
+def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
+    """Surfaces of a lens in the order it states; names without a prim are left out."""
+    named = [lens.GetChild(name) for name in read(lens, "plen:surfaceOrder") or () if name]
+    return [prim for prim in named if prim and prim.IsA("PlenSurface")]
+
+
+def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
+    """Groups of a lens, in stage order."""
+    return [prim for prim in lens.GetChildren() if prim.IsA("PlenLensGroup")]
+
+
+def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
+    """A PlenLens at a wavelength; without one at the wavelength of its printed indices."""
+    prims = ordered_surfaces(lens)
+    surfaces = with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm)
+    groups = [read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
+    return Prescription(surfaces=surfaces, groups=tuple(sorted(groups, key=lambda group: group.first)))
+
+
+def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
+    """A PlenLensGroup; `surfaces` are the names of those of its lens, in order."""
+    names = need(prim, "plen:surfaces")
+    first = surfaces.index(names[0]) if names and names[0] in surfaces else 0
+    if not names or list(names) != surfaces[first : first + len(names)]:
+        raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another")
+    return Group(
+        name=prim.GetName(),
+        first=first,
+        count=len(names),
+        decentre_mm=need(prim, "plen:decentre"),
+        tilt_deg=need(prim, "plen:tilt"),
+        pivot_mm=need(prim, "plen:pivot"),
+    )
+
+
+def read_surface(prim: Usd.Prim) -> Surface:
+    """A PlenSurface, its index as printed."""
+    return Surface(
+        radius_mm=need(prim, "plen:radius"),
+        thickness_mm=need(prim, "plen:thickness"),
+        semi_diameter_mm=need(prim, "plen:semiDiameter"),
+        index=need(prim, "plen:index"),
+        is_stop=need(prim, "plen:isStop"),
+        conic=need(prim, "plen:conic"),
+        even_coefficients=need(prim, "plen:evenCoefficients"),
+        odd_coefficients=need(prim, "plen:oddCoefficients"),
+        focal_length_mm=read(prim, "plen:focalLength"),
+        decentre_mm=need(prim, "plen:decentre"),
+        tilt_deg=need(prim, "plen:tilt"),
+        **_read_aperture(prim),
+    )
+
+
+def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
+    """Fields of a surface's aperture, which it cuts from the circle of its semi-diameter."""
+    shape = need(prim, "plen:apertureShape")
+    fields = {field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()}
+    if shape in ("rectangular", "polygonal"):
+        fields["aperture_rotation_deg"] = need(prim, "plen:apertureRotation")
+    return fields
+
+
+def read_sensor(prim: Usd.Prim) -> Sensor:
+    """A PlenSensor."""
+    acceptance = need(prim, "plen:acceptance")
+    width_px, height_px = need(prim, "plen:resolution")
+    offset_x_mm, offset_y_mm = need(prim, "plen:offset")
+    return Sensor(
+        width_px=width_px,
+        height_px=height_px,
+        pitch_mm=need(prim, "plen:pixelPitch"),
+        offset_x_mm=offset_x_mm,
+        offset_y_mm=offset_y_mm,
+        acceptance=acceptance,
+        **{field: need(prim, name) for field, name in ACCEPTANCE_VALUES[acceptance].items()},
+    )
+
+
+def _read_microlenses(camera: Usd.Prim, array: Usd.Prim) -> MicrolensArray:
+    """The microlenses of a camera."""
+    return read_microlenses(
+        array, need(camera, "plen:camera:microlensDistance"), need(camera, "plen:camera:wavelength")
+    )
+
+
+def camera_from_world(prim: Usd.Prim, times: Sequence[float], scale_mm: float) -> np.ndarray:
+    """Vision frame of a camera from the world at some times, (n, 4, 4) [mm]."""
+    return product(VISION_FROM_CAMERA, inverse(world_from(prim, times, scale_mm)))
+
+
+def stage_mm_per_unit(prim: Usd.Prim) -> float:
+    """Millimetres in one unit of the stage of a prim."""
+    return mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+
+
+def _read_frames(
+    root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], occluders: list[Usd.Prim]
+) -> tuple[Frame, ...]:
+    numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
+    vision = {camera_name(prim, root): _matrices(camera_from_world(prim, numbers, scale_mm)) for prim in cameras}
+    world = {prim.GetName(): _matrices(world_from(prim, numbers, scale_mm)) for prim in boards}
+    hiding = {prim: _matrices(world_from(prim, numbers, scale_mm)) for prim in occluders}
+    return tuple(
+        Frame(
+            number=number,
+            camera_from_world={name: matrices[index] for name, matrices in vision.items()},
+            world_from_target={name: matrices[index] for name, matrices in world.items()},
+            world_from_occluder={
+                str(prim.GetPath()): matrices[index]
+                for prim, matrices in hiding.items()
+                if is_visible(prim, float(number))
+            },
+        )
+        for index, number in enumerate(numbers)
+    )
+
+
+def _matrices(stack: np.ndarray) -> list[Matrix]:
+    # + 0.0: no -0.0, which products leave behind, in a key.
+    return [tuple(map(tuple, matrix)) for matrix in (stack + 0.0).tolist()]

@@ -1,0 +1,166 @@
+"""Target prims to records."""
+
+from typing import Any
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from pipeline.frames import apply
+from pipeline.scene.dataset import TargetEntry
+from pipeline.scene.usd.meshes import Fans, fans
+from pipeline.scene.usd.poses import product, world_from
+from pipeline.scene.usd.values import UnreadableValue, need, plain, target
+from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.patterns.aprilgrid import AprilGrid
+from pipeline.targets.patterns.charuco import Charuco
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.circles import CircleGrid
+from pipeline.targets.patterns.deltille import Deltille
+from pipeline.targets.patterns.lines import Lines, SlantedEdge
+from pipeline.targets.patterns.stars import SiemensStar, Stars
+from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Warped
+from pipeline.targets.target import AnyTarget, Target
+from pipeline.units import mm_per_unit
+
+_GRID = {"columns": "plen:columns", "rows": "plen:rows"}
+_STARS = {"diameter_mm": "plen:diameter", "spokes": "plen:spokes"}
+_TAGS = {"dictionary": "plen:dictionary", "first_tag": "plen:firstTag"}
+PATTERNS: dict[str, tuple[type, dict[str, str]]] = {
+    "PlenCheckerboard": (Checkerboard, {**_GRID, "square_mm": "plen:squareSize"}),
+    "PlenCharuco": (
+        Charuco,
+        {
+            **_GRID,
+            **_TAGS,
+            "square_mm": "plen:squareSize",
+            "marker_mm": "plen:markerSize",
+            "marker_corners": "plen:markerCorners",
+        },
+    ),
+    "PlenAprilGrid": (
+        AprilGrid,
+        {
+            **_GRID,
+            **_TAGS,
+            "tag_mm": "plen:tagSize",
+            "spacing": "plen:tagSpacing",
+            "border_bits": "plen:borderBits",
+        },
+    ),
+    "PlenCircleGrid": (
+        CircleGrid,
+        {
+            **_GRID,
+            "spacing_mm": "plen:spacing",
+            "diameter_mm": "plen:diameter",
+            "asymmetric": "plen:asymmetric",
+        },
+    ),
+    "PlenDeltille": (Deltille, {**_GRID, "edge_mm": "plen:edgeLength"}),
+    "PlenStars": (Stars, {**_GRID, **_STARS, "spacing_mm": "plen:spacing"}),
+    "PlenSiemensStar": (SiemensStar, {**_STARS, "hub_mm": "plen:hubDiameter"}),
+    "PlenSlantedEdge": (
+        SlantedEdge,
+        {"width_mm": "plen:width", "height_mm": "plen:height", "angle_deg": "plen:angle"},
+    ),
+    "PlenLines": (Lines, {**_GRID, "spacing_mm": "plen:spacing", "width_mm": "plen:lineWidth"}),
+}
+"""The pattern of each type of prim, and the attributes of its fields; white and black come with all of them."""
+
+SHAPES: dict[str, tuple[type, dict[str, str]]] = {
+    "flat": (Flat, {}),
+    "warped": (Warped, {"deflection_mm": "plen:shape:deflection"}),
+    "heightMap": (HeightMap, {"resolution": "plen:shape:resolution", "heights_mm": "plen:shape:heights"}),
+    "cylinder": (Cylinder, {"radius_mm": "plen:shape:radius"}),
+    "cube": (Cube, {"edge_mm": "plen:shape:edge"}),
+    "stairs": (Stairs, {"steps": "plen:shape:steps", "depth_mm": "plen:shape:depth"}),
+}
+"""The surface of each plen:shape, and the attributes of its fields."""
+
+
+def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
+    """Every target on a stage that passed the checks, in stage order."""
+    return tuple(read_target_entry(prim) for prim in stage.Traverse() if prim.IsA("PlenTarget"))
+
+
+def read_target_entry(prim: Usd.Prim) -> TargetEntry:
+    """A target with its name."""
+    return TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_target(prim))
+
+
+def read_target(prim: Usd.Prim) -> AnyTarget:
+    """A target of any type.
+
+    Raises
+    ------
+    TargetError
+        Its values do not go together.
+    """
+    if prim.IsA("PlenMeshTarget"):
+        return read_mesh_target(prim)
+    pattern, fields = PATTERNS[str(prim.GetTypeName())]
+    surface, shape = SHAPES[need(prim, "plen:shape")]
+    return Target(
+        pattern(white=need(prim, "plen:white"), black=need(prim, "plen:black"), **_values(prim, fields)),
+        surface(**_values(prim, shape)),
+    )
+
+
+def _values(prim: Usd.Prim, fields: dict[str, str]) -> dict[str, Any]:
+    return {field: need(prim, name) for field, name in fields.items()}
+
+
+def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
+    """A PlenMeshTarget: faces become triangles, corners and colours go to the target frame and to radiance."""
+    mesh_prim = target(prim, "plen:mesh", "Mesh")
+    if mesh_prim is None:
+        raise UnreadableValue(f'<{prim.GetPath()}> has no usable "plen:mesh"')
+    mesh = UsdGeom.Mesh(mesh_prim)
+    shape = fans(mesh)
+    points = np.array(shape.points, float).reshape(-1, 3)
+    colours = _colours(mesh, shape)
+    white = need(prim, "plen:white")
+    return MeshTarget(
+        vertices_mm=_triples(apply(_target_from_mesh(prim, mesh_prim), points)),
+        triangles=shape.triangles,
+        albedo=tuple(tuple(white * shade for shade in row) for row in colours),  # type: ignore[misc]
+        points_mm=need(prim, "plen:points"),
+        normals=need(prim, "plen:normals"),
+    )
+
+
+def _target_from_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> np.ndarray:
+    """Any affine transform: a mesh may be scaled below a target that is rigid. The matrix also makes millimetres."""
+    scale_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
+    first = [_first_time(prim)]
+    matrix = product(np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh, first, scale_mm))[0]
+    matrix[:3, :3] *= scale_mm
+    return matrix
+
+
+def _first_time(prim: Usd.Prim) -> float:
+    times = [t for op in UsdGeom.Xformable(prim).GetOrderedXformOps() for t in op.GetAttr().GetTimeSamples()]
+    return min(times, default=0.0)
+
+
+def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
+    """First component of the display colour at the corners of each triangle; 1 without."""
+    colour = UsdGeom.PrimvarsAPI(mesh.GetPrim()).GetPrimvar("displayColor")
+    values = plain(colour.ComputeFlattened() or ()) if colour and colour.HasValue() else ()
+    if not values:
+        return [(1.0, 1.0, 1.0)] * len(shape.corners)
+    shades = [value[0] for value in values]
+    place = {
+        UsdGeom.Tokens.constant: lambda face, corner: 0,
+        UsdGeom.Tokens.uniform: lambda face, corner: face,
+        UsdGeom.Tokens.faceVarying: lambda face, corner: corner,
+    }.get(colour.GetInterpolation(), lambda face, corner: shape.indices[corner])
+    return [
+        tuple(shades[place(face, corner)] for corner in fan)
+        for face, fan in zip(shape.faces, shape.corners, strict=True)
+    ]
+
+
+def _triples(points: np.ndarray) -> tuple[tuple[float, float, float], ...]:
+    # + 0.0: no -0.0 in a key.
+    return tuple((x + 0.0, y + 0.0, z + 0.0) for x, y, z in points.tolist())

@@ -1,0 +1,80 @@
+"""Files that a stage may read: only those below the roots that we allow.
+
+A ten-line stage can name any file of the machine, and USD resolves it. Real paths are compared, so that neither `..`
+nor a link leads out.
+"""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from pxr import Ar, Sdf, Tf, Usd
+
+from pipeline.roots import real_path
+from pipeline.scene.usd.problems import Problem, shown_path
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.usda_lines import text_map
+from pipeline.scene.usd.used_layers import used_layers
+
+HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
+
+
+def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
+    """Whether the file itself, links followed, lies below one of the roots."""
+    real = real_path(path)
+    return any(real.is_relative_to(root) for root in roots)
+
+
+def file_of(identifier: str) -> str:
+    """The file of a layer: without arguments for its format, and of a member the package. Empty if malformed."""
+    try:
+        path, _ = Sdf.Layer.SplitIdentifier(identifier)
+    except Tf.ErrorException:
+        return ""
+    return str(Ar.SplitPackageRelativePathOuter(path)[0])
+
+
+def outside(file: str, roots: list[Path], user: str, asset: str | None = None) -> Problem | None:
+    """The problem that a file lies outside of all roots, at the line of its user that mentions the asset."""
+    if is_inside(file, roots):
+        return None
+    return Problem(
+        code="asset-outside",
+        message=f"{shown_path(real_path(file))} lies outside the folders that a stage may read",
+        file=shown_path(user),
+        line=text_map(user).assets.get(asset or "", 1),
+        hint=HINT,
+    )
+
+
+def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+    """Layers of the composed stage that lie outside of all roots, however they came in."""
+    root = stage.GetRootLayer().realPath
+    found = (outside(file_of(layer.realPath), roots, root) for layer in used_layers(stage))
+    return [problem for problem in found if problem]
+
+
+def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+    """Asset values that lie outside of all roots, and asset values altogether: nothing reads them yet."""
+    prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
+    return [problem for prim in prims for problem in _check_asset_values(prim, roots)]
+
+
+def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
+    for attribute in prim.GetAuthoredAttributes():
+        values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
+        for asset in [asset for value in values for asset in _assets(value)]:
+            if asset.resolvedPath and not is_inside(file_of(asset.resolvedPath), roots):
+                message = f"@{asset.path}@ lies outside the folders that a stage may read"
+                yield problem(attribute, "asset-outside", message, hint=HINT)
+            elif asset.path and not asset.resolvedPath:
+                slashes = "asset paths use forward slashes" if "\\" in asset.path else None
+                yield problem(attribute, "asset-missing", f"cannot find file @{asset.path}@", hint=slashes)
+            elif asset.path:
+                message = f"@{asset.path}@: files other than layers are not supported yet"
+                yield problem(attribute, "not-yet-supported", message)
+
+
+def _assets(value: object) -> list[Sdf.AssetPath]:
+    if isinstance(value, Sdf.AssetPath):
+        return [value]
+    return list(value) if isinstance(value, Sdf.AssetPathArray) else []

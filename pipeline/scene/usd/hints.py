@@ -1,0 +1,112 @@
+"""One hint per mistake: what an error of USD most likely means, and no errors that only follow from another."""
+
+import re
+from pathlib import Path
+
+from pipeline.scene.usd.problems import Problem, shown_path
+from pipeline.scene.usd.register import library_path
+from pipeline.spelling import nearest
+
+_DUPLICATE = re.compile(r"Duplicate items exist for field '\w+' at '[^']*\.([^']+)'(.*)", re.DOTALL)
+_DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*$")
+_WITH_UNIT = re.compile(r"=\s*[-+]?[\d.]+\s*(?:[a-df-zµ]\w*)\s*$", re.IGNORECASE)
+_STAGES = (".usd", ".usda", ".usdc", ".usdz")
+_LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
+"""Names of files of USD, and of those that `files.lenses` reads."""
+_TOLD = 4
+_ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
+
+
+def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
+    """The message of a syntax error in our words where USD's say little, and how to mend the line."""
+    if duplicate := _DUPLICATE.match(message):
+        repeated = _repeated(re.findall(r"<[^>]*>", duplicate[2]))
+        return f'"{duplicate[1]}" names {repeated} twice', "remove one"
+    try:
+        lines = Path(file).read_text(encoding="utf-8", errors="replace").splitlines()
+        text = lines[line - 1].partition("#")[0].rstrip()
+    except (OSError, IndexError):
+        return message, None
+    if _DECIMAL_COMMA.search(text):
+        return message, "write decimals with a point, not a comma"
+    if _WITH_UNIT.search(text):
+        return message, "numbers stand without a unit: lengths in mm, wavelengths in nm, angles in degrees"
+    if _ONE_LINE.search(text):
+        return message, "give each property a line of its own, and the closing brace as well"
+    return message, None
+
+
+def of_folder(path: Path) -> str | None:
+    """Stages in the folder that was named in place of one; None if it is no folder."""
+    if not path.is_dir():
+        return None
+    names = sorted(file.name for file in path.iterdir() if file.suffix in _STAGES)
+    return (
+        f"it is a folder, in which there is {', '.join(names[:_TOLD])}" if names else "it is a folder without a stage"
+    )
+
+
+def of_format(path: Path) -> str | None:
+    """A hint for a file that USD does not take for one of its own; None if it has the name of one."""
+    if path.suffix in _STAGES:
+        return None
+    if path.suffix.lower() in _LENSES:
+        return f"`pipeline import lens {path.name}` makes a stage of a lens file"
+    return f"stages are files of USD: {', '.join(_STAGES)}"
+
+
+def _repeated(items: list[str]) -> str:
+    return next((item for item in items if items.count(item) > 1), "something")
+
+
+def of_missing_asset(asset: str, layer: str) -> str | None:
+    """Files of nearly that name, and the folders that were searched; None if it is there.
+
+    Only the folder of the layer and the library are looked into: names of other folders are not for every stage.
+    """
+    own, relative = Path(layer).parent, Path(asset)
+    inside = not relative.is_absolute() and ".." not in relative.parts
+    found = _stages_by_name((own / relative).parent if inside else own, own)
+    return None if asset in found else _meant(asset, found, "@{}@", own)
+
+
+def of_missing_stage(path: Path) -> str:
+    """Stages of nearly the name that was typed, given as an absolute path, and the folders that were searched."""
+    shown = Path(shown_path(path))
+    own = path.parent if shown.is_absolute() else Path.cwd()
+    return _meant(path.relative_to(own).as_posix(), _stages_by_name(path.parent, own), '"{}"', path.parent)
+
+
+def _stages_by_name(folder: Path, own: Path) -> set[str]:
+    """Stages in a folder, named as seen from `own`, and all of the library."""
+    library = Path(library_path())
+    try:
+        here = {path.relative_to(own).as_posix() for path in folder.iterdir() if _is_stage(path)}
+    except OSError:
+        here = set()
+    return here | {path.relative_to(library).as_posix() for path in library.rglob("*") if _is_stage(path)}
+
+
+def _is_stage(path: Path) -> bool:
+    return path.suffix.startswith(".usd")
+
+
+def _meant(name: str, found: set[str], quoted: str, folder: Path) -> str:
+    """The nearest of the names that were found, and where all of them lie."""
+    near = nearest(name, found) or nearest(Path(name).name, {one.rpartition("/")[2] for one in found})
+    whole = next((one for one in sorted(found) if one == near or one.endswith(f"/{near}")), None)
+    meant = f"did you mean {quoted.format(whole)}? " if whole else ""
+    return f"{meant}searched: {shown_path(folder)}, {shown_path(library_path())}"
+
+
+def without_followers(problems: list[Problem]) -> list[Problem]:
+    """Problems without those that a reference to a missing file brings about at its prim and below."""
+    broken = {one.at for one in problems if one.code == "usd-invalid-asset-path" and one.at}
+
+    def follows(one: Problem) -> bool:
+        if one.code.startswith("usd-"):
+            return False
+        named = [one.at or "", *re.findall(r"<([^>]*)>", one.message)]
+        return any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
+
+    return [one for one in problems if not follows(one)]

@@ -1,0 +1,59 @@
+"""Instances: prims that share their children in USD, and here stand for themselves."""
+
+from collections.abc import Iterator
+
+from pxr import Sdf, Usd
+
+from pipeline.scene.usd.problems import Problem, shown_path
+from pipeline.scene.usd.usda_lines import line_of
+
+
+def write_out_instances(stage: Usd.Stage) -> None:
+    """Let every prim stand for itself, by the session layer, which is no file."""
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        while instances := [prim for prim in stage.TraverseAll() if prim.IsInstance()]:
+            for prim in instances:
+                prim.SetInstanceable(False)
+
+
+def check_instances(stage: Usd.Stage) -> list[Problem]:
+    """Write the instances out, and tell where something is said of prims below them: USD takes no notice of it.
+
+    From then on it counts, so such a stage must not be read.
+    """
+    everything = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
+    before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
+    tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
+    write_out_instances(stage)
+    found = []
+    for top in reversed(tops):  # instances in instances first
+        if ignored := list(_ignored(stage.GetPrimAtPath(top), before)):
+            found.append(_problem(top, ignored))
+        before |= {prim.GetPath(): prim.GetPrimStack() for prim in _range(stage.GetPrimAtPath(top))}
+    return found[::-1]
+
+
+def _ignored(top: Usd.Prim, before: dict[Sdf.Path, list[Sdf.PrimSpec]]) -> Iterator[Sdf.PrimSpec]:
+    """Opinions on prims below an instance that count since it is none, strongest first of each prim."""
+    session = top.GetStage().GetSessionLayer()
+    for prim in _range(top):
+        known = before.get(prim.GetPath(), [])
+        yield from (spec for spec in prim.GetPrimStack() if prim != top and spec.layer != session and spec not in known)
+
+
+def _range(top: Usd.Prim) -> Iterator[Usd.Prim]:
+    return iter(Usd.PrimRange(top, Usd.PrimAllPrimsPredicate))
+
+
+def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
+    first = ignored[0]
+    names = list(dict.fromkeys(spec.name for spec in ignored if spec.layer == first.layer))
+    file = first.layer.realPath
+    return Problem(
+        code="below-instance",
+        message=f"USD takes no notice of what is said of {', '.join(names[:4])}, because <{top}> is an instance",
+        file=shown_path(file) if file else None,
+        line=line_of(file, str(first.path)) if file else None,
+        at=str(top),
+        hint=f"remove instanceable = true from <{top}>, or say it in the file that it refers to",
+    )

@@ -1,0 +1,64 @@
+"""Meshes of USD as triangles."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from pxr import Usd, UsdGeom
+
+from pipeline.scene.usd.values import plain
+
+SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
+"""Attributes that say which triangles a mesh has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fans:
+    """Faces as fans of triangles, as viewers of USD draw them.
+
+    Attributes
+    ----------
+    points : tuple of triples
+        Vertices in the frame of the mesh, in the unit of the stage.
+    indices : tuple of int
+        Vertex of every face corner.
+    corners : list of triples of int
+        Per triangle the places of its corners in the list of face corners, anticlockwise from the front.
+    faces : list of int
+        Per triangle the face that it is a part of.
+    """
+
+    points: tuple[tuple[float, float, float], ...]
+    indices: tuple[int, ...]
+    corners: list[tuple[int, int, int]]
+    faces: list[int]
+
+    @property
+    def triangles(self) -> tuple[tuple[int, int, int], ...]:
+        """Vertices of the triangles."""
+        return tuple((self.indices[a], self.indices[b], self.indices[c]) for a, b, c in self.corners)
+
+
+def fans(mesh: UsdGeom.Mesh) -> Fans:
+    """The triangles of a mesh; a face of n corners gives n - 2, one that is a hole gives none.
+
+    Raises
+    ------
+    ValueError
+        Counts and indices of the faces do not fit each other.
+    """
+    points, counts, indices, holes = (_value(mesh, name) for name in SHAPE)
+    if sum(counts) != len(indices) or min(counts, default=3) < 3:
+        raise ValueError("faceVertexCounts do not fit faceVertexIndices")
+    holes, corners, faces, start = frozenset(holes), [], [], 0
+    for face, count in enumerate(counts):
+        if face not in holes:
+            corners += [(start, start + i, start + i + 1) for i in range(1, count - 1)]
+            faces += [face] * (count - 2)
+        start += count
+    if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
+        corners = [(a, c, b) for a, b, c in corners]
+    return Fans(points, indices, corners, faces)
+
+
+def _value(mesh: UsdGeom.Mesh, name: str) -> Any:
+    return plain(mesh.GetPrim().GetAttribute(name).Get(Usd.TimeCode.EarliestTime()) or ())

@@ -1,0 +1,105 @@
+"""Rigid transforms of prims, computed the same on every machine.
+
+USD's own matrices would take a quaternion off unit length as it is; here it is normalised first. Products are summed
+in a fixed order instead of by BLAS, whose sums depend on the processor.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from pxr import Usd, UsdGeom
+
+from pipeline.frames import rigid
+from pipeline.scene.usd.values import plain
+
+
+def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """The prim and its ancestors, as far up as their transforms count."""
+    while prim and not prim.IsPseudoRoot():
+        if prim.IsA(UsdGeom.Xformable):
+            yield prim
+            if UsdGeom.Xformable(prim).GetResetXformStack():
+                return
+        prim = prim.GetParent()
+
+
+def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
+    """Operations of a prim's own transform, the one applied last first."""
+    return list(UsdGeom.Xformable(prim).GetOrderedXformOps())
+
+
+def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
+    """Transforms from the frame of a prim to the world.
+
+    Returns
+    -------
+    (n, 4, 4) float64
+        One per time. Each acts on column vectors [mm]. Rigid only if the stage is.
+    """
+    world_from_prim = np.eye(4)
+    for link in ancestry(prim):
+        parent_from_link = np.eye(4)
+        for op in xform_ops(link):
+            parent_from_link = product(parent_from_link, _op_matrices(op, times, mm_per_unit))
+        world_from_prim = product(parent_from_link, world_from_prim)
+    return np.broadcast_to(world_from_prim, (len(times), 4, 4))
+
+
+def product(a_from_b: np.ndarray, b_from_c: np.ndarray) -> np.ndarray:
+    """a_from_b @ b_from_c, summed in a fixed order; (..., 4, 4) both."""
+    products: np.ndarray = (a_from_b[..., :, :, None] * b_from_c[..., None, :, :]).sum(axis=-2)
+    return products
+
+
+def inverse(a_from_b: np.ndarray) -> np.ndarray:
+    """b_from_a of rigid transforms, summed in a fixed order; (..., 4, 4)."""
+    rotation = np.swapaxes(a_from_b[..., :3, :3], -1, -2)
+    b_from_a = np.zeros_like(a_from_b)
+    b_from_a[..., :3, :3] = rotation
+    b_from_a[..., :3, 3] = -(rotation * a_from_b[..., None, :3, 3]).sum(axis=-1)
+    b_from_a[..., 3, 3] = 1.0
+    return b_from_a
+
+
+def quaternion(op: UsdGeom.XformOp, time: float) -> tuple[float, float, float, float] | None:
+    """Real part and imaginary parts of an orient operation; None if it has no value."""
+    # Of the attribute: the operation itself would give an inverse one already turned round.
+    value = op.GetAttr().Get(time)
+    return None if value is None else plain(value)
+
+
+def is_orient(op: UsdGeom.XformOp) -> bool:
+    """Whether an operation is a rotation by a quaternion."""
+    return op.GetOpType() == UsdGeom.XformOp.TypeOrient
+
+
+def _op_matrices(op: UsdGeom.XformOp, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
+    """An operation at some times, (n, 4, 4); (4, 4) where it never moves."""
+    if not op.MightBeTimeVarying():
+        return _op_matrix(op, float(times[0]), mm_per_unit)
+    return np.array([_op_matrix(op, float(time), mm_per_unit) for time in times])
+
+
+def _op_matrix(op: UsdGeom.XformOp, time: float, mm_per_unit: float) -> np.ndarray:
+    if not is_orient(op):
+        # USD's matrices act on row vectors. Only their translation has a unit.
+        matrix = np.array(op.GetOpTransform(time), dtype=np.float64).T
+        matrix[:3, 3] *= mm_per_unit
+        return matrix
+    real, *imaginary = quaternion(op, time) or (1.0, 0.0, 0.0, 0.0)
+    sign = -1.0 if op.IsInverseOp() else 1.0
+    return rigid(_rotation(real, *(sign * part for part in imaginary)), np.zeros(3))
+
+
+def _rotation(w: float, x: float, y: float, z: float) -> np.ndarray:
+    """Rotation matrix of a quaternion, normalised, (3, 3)."""
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w / length, x / length, y / length, z / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,50 @@
+"""From a prim or property to the file and line of its strongest opinion."""
+
+from pxr import Sdf, Usd
+
+from pipeline.scene.usd.problems import Problem, shown_path
+from pipeline.scene.usd.usda_lines import line_of, sample_key
+
+
+def problem(
+    thing: Usd.Prim | Usd.Property,
+    code: str,
+    message: str,
+    *,
+    hint: str | None = None,
+    severity: str = "error",
+    time: float | None = None,
+) -> Problem:
+    """A problem at a prim, a property or, with `time`, one of its time samples."""
+    file, line = place(thing, time)
+    return Problem(
+        severity=severity, code=code, message=message, file=file, line=line, at=str(thing.GetPath()), hint=hint
+    )
+
+
+def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[str | None, int | None]:
+    """File as messages show it, and line, of the strongest authored opinion."""
+    stack = specs(thing)
+    if not stack:
+        # Nobody wrote it: a fallback, or something missing. Its prim is the place to write it.
+        return place(thing.GetPrim()) if isinstance(thing, Usd.Property) else (None, None)
+    file = stack[0].layer.realPath
+    if not file:
+        return None, None
+    path = str(stack[0].path) + ("" if time is None else sample_key(_time_in_layer(thing, time)))
+    return shown_path(file), line_of(file, path)
+
+
+def _time_in_layer(thing: Usd.Prim | Usd.Property, time: float) -> float:
+    """A time of the stage as the file of the strongest opinion writes it: a reference may shift and stretch times."""
+    if not isinstance(thing, Usd.Property):
+        return time
+    _, layer_to_stage = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())[0]
+    return float(layer_to_stage.GetInverse() * time)
+
+
+def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:
+    """Opinions on a prim or property, strongest first."""
+    if isinstance(thing, Usd.Prim):
+        return list(thing.GetPrimStack())
+    return list(thing.GetPropertyStack(Usd.TimeCode.Default()))

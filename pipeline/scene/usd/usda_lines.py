@@ -1,0 +1,288 @@
+"""Find things in .usda text: the line of a prim, a property, a time sample, an asset.
+
+Sdf forgets line numbers, and the first of two equal statements, while it parses. To show where a valid but wrong
+value stands, the text is scanned once more: names, brackets and strings are enough.
+"""
+
+import re
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from pxr import Ar
+
+from pipeline.scene.usd.whole_numbers import SUFFIX, CutNumbers
+
+# What is opened and not closed goes on to the end, of the line or of all: else each of a million would look for it.
+_TOKEN = re.compile(
+    r"""(?P<string>\"{3}(?:\\.|[^\\])*?(?:\"{3}|\Z)|'{3}(?:\\.|[^\\])*?(?:'{3}|\Z)
+                  |"(?:\\.|[^"\\\n])*"?|'(?:\\.|[^'\\\n])*'?)
+      | (?P<comment>\#[^\n]*|//[^\n]*|/\*.*?(?:\*/|\Z))
+      | (?P<asset>@@@.*?(?:@@@|\Z)|@[^@\n]*@?)
+      | (?P<path><[^>\n]*>?)
+      | (?P<word>[A-Za-z_][\w:.]*(?:\[\])?)
+      | (?P<number>[-+]?[\d.][\w.+-]*)
+      | (?P<numbers>\[(?=[\s(]*+[\d.+-])[\s\d,().eE+-]++\])
+      | (?P<punct>[{}()\[\]=,;:])
+      | (?P<newline>\n)""",
+    re.VERBOSE | re.DOTALL,
+)
+"""Most of a large mesh is arrays of numbers: each is one token, `numbers`."""
+MOST_NESTED = 200
+"""Brackets in brackets: USD and its parser call themselves once for each, until their stack is full."""
+_PRIM_WORDS = ("def", "over", "class", "variantSet")
+_LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
+
+
+@dataclass(slots=True)
+class TextMap:
+    """Lines of statements in one file.
+
+    Attributes
+    ----------
+    lines : dict
+        Line of `/A`, `/A.x`, `/A.x[3]` (the time sample at 3) and, for paths inside variants, `/A{set=name}B`.
+    repeated : list
+        (path, what, line) of statements that overwrite an earlier one: USD keeps the last without a word.
+    assets : dict
+        Line of the first mention of each asset path.
+    bodies : dict
+        Where in the text, as a number of characters, the "{" of each prim ends; of "" the "(" of the layer's metadata.
+    metadata : dict
+        Line of what is set for the whole layer.
+    cut : list
+        (path, what, what USD would take, line) of numbers that USD would cut to whole ones.
+    too_deep : int or None
+        Line from which on brackets are nested deeper than `MOST_NESTED`; nothing behind it is in the map.
+    """
+
+    lines: dict[str, int] = field(default_factory=dict)
+    repeated: list[tuple[str, str, int]] = field(default_factory=list)
+    assets: dict[str, int] = field(default_factory=dict)
+    bodies: dict[str, int] = field(default_factory=dict)
+    metadata: dict[str, int] = field(default_factory=dict)
+    cut: list[tuple[str, str, str, int]] = field(default_factory=list)
+    too_deep: int | None = None
+
+
+_KNOWN: ContextVar[dict[str, TextMap]] = ContextVar("maps of the texts that were read for a stage")
+
+
+def line_of(file: str | Path, spec_path: str) -> int | None:
+    """1-based line of a spec; the line of its property or prim if it is not found itself."""
+    lines = text_map(file).lines
+    without_sample = re.sub(r"\[[^\]]*\]$", "", spec_path)
+    return lines.get(spec_path) or lines.get(without_sample) or lines.get(without_sample.split(".")[0])
+
+
+def line_of_metadata(file: str | Path, key: str) -> int:
+    """1-based line where a .usda file sets something for the whole layer; 1 if it is not found."""
+    return text_map(file).metadata.get(key, 1)
+
+
+def sample_key(time: float) -> str:
+    """A time as `TextMap.lines` writes it."""
+    return f"[{float(time)!r}]"
+
+
+@contextmanager
+def knowing() -> Iterator[dict[str, TextMap]]:
+    """While a stage is read: `text_map` answers with these maps and does not look into the files again."""
+    token = _KNOWN.set({})
+    try:
+        yield _KNOWN.get()
+    finally:
+        _KNOWN.reset(token)
+
+
+def text_map(file: str | Path) -> TextMap:
+    """Map of a .usda file, or of a member of a package; empty for what is not text."""
+    if (known := _KNOWN.get({}).get(str(file))) is not None:
+        return known
+    # USD means a member of a package by package.usdz[member], whatever file may have that name.
+    path = Path(Ar.SplitPackageRelativePathOuter(str(file))[0] if Ar.IsPackageRelativePath(str(file)) else file)
+    return _scanned(str(file), path.stat().st_mtime_ns) if path.is_file() else TextMap()
+
+
+def map_of(data: bytes) -> TextMap:
+    """Map of the bytes of a layer; empty for what is not text."""
+    return _Scanner().scan(data.decode("utf-8", errors="replace")) if data.startswith(b"#usda") else TextMap()
+
+
+@lru_cache(maxsize=64)
+def _scanned(path: str, _mtime_ns: int) -> TextMap:
+    return map_of(_member(path) if Ar.IsPackageRelativePath(path) else _content(Path(path)))
+
+
+def _content(path: Path) -> bytes:
+    """Bytes of a file that is text; of a package those of its first member, which is what the package stands for."""
+    with path.open("rb") as stream:
+        head = stream.read(5)
+    if head == b"#usda":
+        return path.read_bytes()
+    if head[:2] == b"PK" and (names := _members(path)):
+        return _member(Ar.JoinPackageRelativePath([str(path), names[0]]))
+    return b""
+
+
+def _members(path: Path) -> list[str]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.namelist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return []
+
+
+def _member(path: str) -> bytes:
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path))
+    return bytes(asset.GetBuffer()) if asset else b""
+
+
+class _Scanner:
+    """One pass over the tokens, with a stack of open brackets.
+
+    An entry of the stack is ("prim" | "set" | "variant", name), ("samples", property path) inside `timeSamples`, or
+    None for a bracket that does not change the path: metadata, values, dictionaries.
+    """
+
+    def __init__(self) -> None:
+        self.map = TextMap()
+        self.seen: set[str] = set()
+        self.stack: list[tuple[str, str] | None] = []
+        self.words: list[tuple[str, int]] = []  # of the statement so far
+        self.opening: tuple[str, str, int, int] | None = None  # a prim or variant that waits for its "{"
+        self.samples: str | None = None  # a property whose timeSamples wait for their "{"
+        self.number: tuple[str, int] | None = None  # the number before a ":"
+        self.end = 0  # of the token, in the text
+        self.values = CutNumbers(self.map.cut)
+
+    def scan(self, text: str) -> TextMap:
+        line, position = 1, 0
+        for match in _TOKEN.finditer(text):
+            line += text.count("\n", position, match.start())
+            position, self.end = match.start(), match.end()
+            self._token(match.lastgroup or "", match.group(), line)
+            within = _depth(match.group()) if match.lastgroup == "numbers" else 0
+            if len(self.stack) + within > MOST_NESTED:
+                self.map.too_deep = line
+                break
+        return self.map
+
+    def _token(self, kind: str, token: str, line: int) -> None:
+        self.values.token(kind, token, line, len(self.stack))
+        if kind == "word":
+            self.words.append((token, line))
+        elif kind == "number":
+            self.number = (token, line)
+        elif kind == "numbers":
+            self.words = []
+        elif kind == "string":
+            self._string(token.strip("\"'"), line)
+        elif kind == "punct":
+            self._punctuation(token)
+        else:
+            if kind == "asset":
+                self.map.assets.setdefault(token.strip("@"), line)
+            # Comment, asset, path, end of line: the name before it is complete.
+            if self.words and self.words[0][0] not in _PRIM_WORDS:
+                self._property()
+                self.words = []
+
+    def _string(self, name: str, line: int) -> None:
+        depth = len(self.stack)
+        if self.words and self.words[0][0] in _PRIM_WORDS:
+            word, line = self.words[0]
+            self.opening = ("set" if word == "variantSet" else "prim", name, line, depth)
+            self.words = []
+        elif not self.words and self.stack and (self.stack[-1] or "")[:1] == ("set",):
+            self.opening = ("variant", name, line, depth)
+
+    def _punctuation(self, token: str) -> None:
+        if token == "{":
+            self._open_brace()
+        elif token in "([":
+            if token == "(" and not self.stack and not self.map.lines and not self.opening:
+                self.map.bodies.setdefault("", self.end)
+            if self.words and token == "(":
+                self._property()
+            self.stack.append(None)
+        elif token in "})]":
+            if self.stack:
+                self.stack.pop()
+        elif token == "=":
+            self._property()
+            self.values.begin(self._path(), len(self.stack))
+        elif token == ":":
+            self._sample()
+        else:
+            return
+        self.words = []
+
+    def _open_brace(self) -> None:
+        # The depth tells the body of a prim from a dictionary inside ( ... ).
+        if self.opening and len(self.stack) == self.opening[3]:
+            kind, name, line, _ = self.opening
+            self.stack.append((kind, name))
+            self.map.lines.setdefault(self._path(), line)
+            self.map.bodies.setdefault(self._path(), self.end)
+            self.opening = None
+        elif self.samples:
+            self.stack.append(("samples", self.samples))
+            self.samples = None
+        else:
+            self.stack.append(None)
+
+    def _property(self) -> None:
+        path = self._path()
+        if self.stack == [None] and self.words:
+            self.map.metadata.setdefault(*self.words[-1])
+        if len(self.words) < 2 or not path:
+            return
+        name, line = self.words[-1]
+        bare = SUFFIX.sub("", name)
+        self.map.lines.setdefault(f"{path}.{bare}", line)
+        edit = next((word for word, _ in self.words if word in _LIST_EDITS), "")
+        self._note(f"{path}.{bare}", f"{edit} {name}".strip(), f'"{name}" is written twice', line)
+        self.samples = f"{path}.{bare}" if name.endswith(".timeSamples") else None
+
+    def _sample(self) -> None:
+        top = self.stack[-1] if self.stack else None
+        if top and top[0] == "samples" and self.number:
+            token, line = self.number
+            try:
+                key = sample_key(float(token))
+            except ValueError:
+                return  # USD will say so
+            self.map.lines.setdefault(top[1] + key, line)
+            self._note(top[1], key, f"the time sample at {token} is written twice", line)
+
+    def _note(self, path: str, key: str, what: str, line: int) -> None:
+        full = f"{path} {key}"
+        if full in self.seen:
+            self.map.repeated.append((path, what, line))
+        self.seen.add(full)
+
+    def _path(self) -> str:
+        path = set_name = ""
+        for entry in self.stack:
+            if entry is None:
+                return ""
+            kind, name = entry
+            if kind == "set":
+                set_name = name
+            elif kind == "variant":
+                path += f"{{{set_name}={name}}}"
+            elif kind == "prim":
+                path += name if path.endswith("}") else "/" + name
+        return path
+
+
+def _depth(numbers: str) -> int:
+    """Most brackets in each other in an array of numbers."""
+    letters = np.frombuffer(numbers.encode(), np.uint8)
+    return 1 + int(np.cumsum((letters == ord("(")).astype(np.int64) - (letters == ord(")"))).max())

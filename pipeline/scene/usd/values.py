@@ -1,0 +1,270 @@
+"""Values of prims as Python's own, and what the schemas say about them."""
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
+
+from pipeline.errors import PipelineError
+from pipeline.scene.usd.register import PLUGIN_NAME
+
+_RANGE = re.compile(
+    r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
+)
+_ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
+# All our attributes are uniform, and time samples on them are errors: every time gives the same value.
+_ANY_TIME = 0.0
+
+
+class UnreadableValue(PipelineError):
+    """A value that is missing or of a wrong type; the checks of values have said so already."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """An interval, as the line `Range:` of an attribute's documentation says it.
+
+    Attributes
+    ----------
+    low, high : float
+        Its ends.
+    low_open, high_open : bool
+        Whether an end itself is outside.
+    or_inf : bool
+        Whether infinity is allowed, besides.
+    gap : float
+        Numbers nearer to zero than this are outside.
+    """
+
+    low: float
+    high: float
+    low_open: bool = False
+    high_open: bool = False
+    or_inf: bool = False
+    gap: float = 0.0
+
+    def holds(self, number: Any) -> Any:
+        """Whether a number lies inside, or each of an array; NaN never does."""
+        above = number > self.low if self.low_open else number >= self.low
+        below = number < self.high if self.high_open else number <= self.high
+        inside = above & below & (abs(number) >= self.gap)
+        return inside | (number == math.inf) if self.or_inf else inside
+
+    def __str__(self) -> str:
+        brackets = "[("[self.low_open], "])"[self.high_open]
+        or_inf = " or inf" if self.or_inf else ""
+        gap = f", not in (-{self.gap:g}, {self.gap:g})" if self.gap else ""
+        return f"{brackets[0]}{self.low:.10g}, {self.high:.10g}{brackets[1]}{or_inf}{gap}"
+
+
+FOREIGN = {
+    "points": Range(low=-1e9, high=1e9),
+    "primvars:displayColor": Range(low=0.0, high=1e6),
+    "xformOp": Range(low=-1e9, high=1e9),
+}
+"""Ranges of attributes of USD that are read: vertices in the unit of the stage, and everything that moves a prim."""
+
+
+def range_of(documentation: str) -> Range | None:
+    """The range that a documentation states; None if it states none."""
+    match = _RANGE.search(documentation)
+    if not match:
+        return None
+    opening, low, high, closing, or_inf, gap = match.groups()
+    return Range(
+        low=float(low),
+        high=float(high),
+        low_open=opening == "(",
+        high_open=closing == ")",
+        or_inf=bool(or_inf),
+        gap=float(gap or 0),
+    )
+
+
+def entries_of(documentation: str) -> tuple[int, int] | None:
+    """Least and largest number of entries of an array, as its documentation states; None if it states nothing."""
+    match = _ENTRIES.search(documentation)
+    return (int(match[1]), int(match[2])) if match else None
+
+
+_MANY = 100
+"""Entries from which on NumPy is faster: meshes have thousands."""
+
+
+def plain(value: Any) -> Any:
+    """A value of USD as Python's own, and -0.0 as 0.0.
+
+    Task and key see the same number this way: 1 / -0.0 is not 1 / 0.0.
+    """
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value + 0.0
+    if isinstance(value, Sdf.AssetPath):
+        return value.path
+    if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
+        return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
+    if len(value) > _MANY and isinstance(value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d):
+        found = np.asarray(value)
+        if found.dtype.kind in "if":
+            rows = (found if found.dtype.kind == "i" else found.astype(np.float64) + 0.0).tolist()
+            return tuple(map(tuple, rows)) if found.ndim == 2 else tuple(rows)
+    return tuple(plain(item) for item in value)
+
+
+def numbers(value: Any) -> np.ndarray:
+    """All numbers in a value of USD in one row, (n,); none for tokens, strings, flags and assets."""
+    if value is None or isinstance(value, bool | str | Sdf.AssetPath | Sdf.AssetPathArray):
+        return np.zeros(0)
+    if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
+        return np.array(plain(value))
+    try:
+        found = np.asarray(value)
+        return np.asarray(found if found.dtype.kind in "iuf" else plain(value), dtype=np.float64).ravel()
+    except (TypeError, ValueError):  # an array of texts, or what has no numbers at all
+        return np.zeros(0)
+
+
+LONGEST_TEXT = 1000
+
+
+def bad_text(value: Any) -> str | None:
+    """The first text of a value that is too long or cannot be printed: it would end up in tables and terminals."""
+    texts = [value] if isinstance(value, str) else value if isinstance(value, Vt.TokenArray | Vt.StringArray) else ()
+    return next((text for text in texts if len(text) > LONGEST_TEXT or not text.isprintable()), None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """Rules of the schemas about the values of an attribute.
+
+    Attributes
+    ----------
+    kind : type or None
+        Python's type of a value as USD gives it; None: any.
+    span : Range or None
+        Of every number.
+    entries : (int, int) or None
+        Fewest and most entries of an array.
+    tokens : frozenset of str
+        Allowed ones; empty: all.
+    fallback : Any
+        The schema's value where none is written, as Python's own.
+    """
+
+    kind: type | None = None
+    span: Range | None = None
+    entries: tuple[int, int] | None = None
+    tokens: frozenset[str] = frozenset()
+    fallback: Any = None
+
+    def holds(self, value: Any) -> bool:
+        """Whether a value of USD is of the type, of the length, in the range, and its texts are fit to be shown."""
+        if self.kind and type(value) is not self.kind:
+            return False
+        if isinstance(value, float | int):  # most are: a plain comparison takes no array
+            return isinstance(value, bool) or bool(self.span.holds(value) if self.span else math.isfinite(value))
+        if self.entries and not self.entries[0] <= len(value) <= self.entries[1]:
+            return False
+        if self.tokens and not self.tokens.issuperset([value] if isinstance(value, str) else value):
+            return False
+        if bad_text(value) is not None:
+            return False
+        found = numbers(value)
+        return bool(np.all(self.span.holds(found) if self.span else np.isfinite(found)))
+
+
+_RULES: dict[tuple[str, tuple[str, ...], str], Rule | None] = {}
+
+
+def rule_of(prim: Usd.Prim, name: str) -> Rule | None:
+    """The rule of an attribute; None if no schema of the prim has it."""
+    key = (str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas()), name)
+    if key not in _RULES:
+        _RULES[key] = _rule(prim.GetPrimDefinition(), name)
+    return _RULES[key]
+
+
+def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
+    attribute = definition.GetAttributeDefinition(name)
+    if not attribute:
+        return None
+    text = definition.GetPropertyMetadata(name, "documentation") or ""
+    is_ours = name.startswith("plen:")
+    tokens = definition.GetPropertyMetadata(name, "allowedTokens") or []
+    rule = Rule(
+        kind=type(attribute.GetTypeName().defaultValue),
+        span=range_of(text) if is_ours else FOREIGN.get(name),
+        entries=entries_of(text) if is_ours else None,
+        tokens=frozenset(tokens),
+    )
+    fallback = attribute.GetFallbackValue()
+    return replace(rule, fallback=plain(fallback)) if fallback is not None and rule.holds(fallback) else rule
+
+
+def read(prim: Usd.Prim, name: str) -> Any:
+    """Value of an attribute, fallback included; None without one, or with one that the rule of its schema excludes.
+
+    Nothing that computes meets a value that is not finite, out of range, or no token of its list: the checks of
+    values name it, and all else takes it as missing.
+    """
+    attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
+    if not attribute or not rule:
+        return None
+    if not attribute.HasAuthoredValue():
+        return rule.fallback
+    value = attribute.Get(_ANY_TIME)
+    # A wrongly typed opinion wins in USD, although the attribute claims the type of the schema.
+    return plain(value) if value is not None and rule.holds(value) else None
+
+
+def need(prim: Usd.Prim, name: str) -> Any:
+    """Value of one of our attributes, fallback included.
+
+    Raises
+    ------
+    UnreadableValue
+        There is none, or one of a wrong type.
+    """
+    value = read(prim, name)
+    if value is None:
+        raise UnreadableValue(f'<{prim.GetPath()}> has no usable "{name}"')
+    return value
+
+
+def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
+    """Entry of our plugInfo.json under `key` of the type and the applied schemas of a prim."""
+    registry = Usd.SchemaRegistry()
+    found = []
+    for schema in [prim.GetPrimTypeInfo().GetSchemaTypeName(), *prim.GetAppliedSchemas()]:
+        identifier, _ = registry.GetTypeNameAndInstance(schema)
+        tf_type = registry.GetTypeFromSchemaTypeName(identifier)
+        plugin = None if tf_type == Tf.Type.Unknown else Plug.Registry().GetPluginForType(tf_type)
+        if plugin and plugin.name == PLUGIN_NAME:
+            fact = plugin.GetMetadataForType(tf_type).get(key)
+            found += [fact] if fact is not None else []
+    return found
+
+
+def target(prim: Usd.Prim, name: str, wanted: str) -> Any:
+    """The one prim of a type that a relationship points at; None if it does not."""
+    found = targets(prim, name, wanted)
+    return found[0] if len(found) == 1 else None
+
+
+def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
+    """Prims of a type that a relationship points at, in its order."""
+    stage = prim.GetStage()
+    prims = [stage.GetPrimAtPath(path) for path in target_paths(prim.GetRelationship(name))]
+    return [found for found in prims if found and found.IsA(wanted)]
+
+
+def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:
+    """Paths that a relationship points at; none where an attribute was written in its place."""
+    try:
+        return list(relationship.GetTargets()) if relationship else []
+    except Tf.ErrorException:
+        return []

@@ -1,0 +1,152 @@
+"""Additions to a flattened stage, so that any USD viewer shows the scene, without our plug-in, too.
+
+Types that USD shall take ours for, the view of each Camera as USD's own pinhole, a mesh for each target. No build reads
+any of it: a stage with and without is the same dataset. What a lens or a target decides is written over what was there.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
+
+from pipeline.camera.figures.viewfinder import Viewfinder, viewfinder
+from pipeline.camera.focusing.focus_request import solved
+from pipeline.errors import PipelineError
+from pipeline.scene.dataset import CameraEntry, TargetEntry
+from pipeline.targets.preview import preview_faces
+from pipeline.targets.target import Target
+from pipeline.units import mm_per_unit
+
+PREVIEW = "Preview"
+"""Name of the mesh below a target."""
+_TENTHS = 10.0
+"""USD counts film backs and focal lengths of a Camera in tenths of the stage's unit."""
+_FARTHEST_MM, _LEAST_MM = 1e6, 1.0
+"""Ends of the clipping range: the far end, and the least near end, where the stop is the first thing of the lens."""
+_LARGEST = 1e30
+"""USD keeps these values in single precision."""
+
+Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
+
+
+def show_in_viewers(
+    layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], kept: Iterable[str] = ()
+) -> None:
+    """Complete a flattened layer; to do so twice changes nothing.
+
+    Parameters
+    ----------
+    kept : iterable of str
+        Paths of prims that a dataset reads (occluders): none of them is written over.
+    """
+    add_fallback_types(layer)
+    unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
+    for camera in cameras:
+        _write_camera(layer.GetPrimAtPath(camera.prim_path), camera, unit_mm)
+    for target in targets:
+        if f"{target.prim_path}/{PREVIEW}" not in kept and isinstance(target.target, Target):
+            _write_preview(layer.GetPrimAtPath(target.prim_path), target.target, unit_mm)
+
+
+def add_fallback_types(layer: Sdf.Layer) -> None:
+    """Say of every type of ours in a layer what USD shall take it for; what is said already stays."""
+    said = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
+    if wanted := {**fallback_types(types_in(layer)), **said}:
+        layer.pseudoRoot.SetInfo("fallbackPrimTypes", wanted)
+
+
+def fallback_types(names: Iterable[str]) -> dict[str, Vt.TokenArray]:
+    """Types that USD shall take for those of ours that it does not know, in the order of the names."""
+    known = Usd.SchemaRegistry().GetFallbackPrimTypes()
+    return {name: known[name] for name in sorted(names) if name in known}
+
+
+def types_in(layer: Sdf.Layer) -> list[str]:
+    """Names of the types of all prims of a layer, sorted."""
+    found = set[str]()
+
+    def note(path: Sdf.Path) -> None:
+        if path.IsPrimPath():
+            found.add(layer.GetPrimAtPath(path).typeName)
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, note)
+    return sorted(found - {""})
+
+
+def view_of(camera: CameraEntry) -> Viewfinder | None:
+    """Field of view of a camera; None of one that cannot be built: to say so is the business of others."""
+    try:
+        return viewfinder(solved(camera.camera))
+    except PipelineError:
+        return None
+
+
+def pinhole(found: Viewfinder | None, unit_mm: float) -> Attributes:
+    """USD's attributes of the pinhole that sees what a camera sees; empty where single precision cannot hold it."""
+    if found is None:
+        return {}
+    film = _TENTHS / unit_mm
+    in_focus = math.isfinite(found.focus_mm)
+    values = {
+        "fStop": found.f_number if in_focus else 0.0,
+        "focalLength": film * found.principal_mm,
+        "focusDistance": found.focus_mm / unit_mm if in_focus else 0.0,
+        "horizontalAperture": film * found.size_mm[0],
+        "horizontalApertureOffset": film * found.offset_mm[0],
+        "verticalAperture": film * found.size_mm[1],
+        "verticalApertureOffset": film * found.offset_mm[1],
+    }
+    if not (found.principal_mm > 0 and all(abs(value) < _LARGEST for value in values.values())):
+        return {}
+    return {name: (Sdf.ValueTypeNames.Float, value) for name, value in values.items()}
+
+
+def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> None:
+    found = view_of(camera)
+    attributes = pinhole(found, unit_mm)
+    if found and "clippingRange" not in prim.attributes:
+        ends = Gf.Vec2f(max(found.nearest_mm, _LEAST_MM) / unit_mm, _FARTHEST_MM / unit_mm)
+        attributes["clippingRange"] = Sdf.ValueTypeNames.Float2, ends
+    _write(prim, attributes)
+
+
+def _write_preview(prim: Sdf.PrimSpec, target: Target, unit_mm: float) -> None:
+    """The mesh of a target in the place of one of that name; anything else that has its name stays."""
+    faces = preview_faces(target)
+    points = faces.points_mm / unit_mm
+    if not np.abs(points).max() < _LARGEST:
+        return
+    if PREVIEW in prim.nameChildren:
+        if prim.nameChildren[PREVIEW].typeName != "Mesh":
+            return
+        del prim.nameChildren[PREVIEW]
+    mesh = Sdf.PrimSpec(prim, PREVIEW, Sdf.SpecifierDef, "Mesh")
+    grey = np.clip(faces.radiance, 0, 1)[:, None]
+    points = points.astype(np.float32)
+    uniform = Sdf.VariabilityUniform
+    _write(
+        mesh,
+        {
+            "extent": (Sdf.ValueTypeNames.Float3Array, _vectors(np.stack([points.min(axis=0), points.max(axis=0)]))),
+            "faceVertexCounts": (Sdf.ValueTypeNames.IntArray, Vt.IntArray([4] * len(faces.faces))),
+            "faceVertexIndices": (Sdf.ValueTypeNames.IntArray, Vt.IntArray(faces.faces.ravel().tolist())),
+            "points": (Sdf.ValueTypeNames.Point3fArray, _vectors(points)),
+            "primvars:displayColor": (Sdf.ValueTypeNames.Color3fArray, _vectors(np.repeat(grey, 3, axis=1))),
+        },
+    )
+    mesh.attributes["primvars:displayColor"].SetInfo("interpolation", UsdGeom.Tokens.uniform)
+    Sdf.AttributeSpec(mesh, "subdivisionScheme", Sdf.ValueTypeNames.Token, uniform).default = UsdGeom.Tokens.none
+
+
+def _vectors(rows: np.ndarray) -> Vt.Vec3fArray:
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows + 0.0, np.float32))
+
+
+def _write(prim: Sdf.PrimSpec, attributes: Attributes) -> None:
+    """Set attributes, whatever they were. (Text has properties in the order of their names, however they came.)"""
+    for name, (kind, value) in attributes.items():
+        if name in prim.properties:
+            del prim.properties[name]
+        Sdf.AttributeSpec(prim, name, kind).default = value

@@ -1,0 +1,164 @@
+"""The artwork of a target: shapes painted on a white sheet, one after the other. Exact, and without a resolution.
+
+A drawing is the one definition of what a pattern looks like: kernels ask it for the colour of a point, and
+`report/artwork` prints the same shapes. It lies in the chart: x right, y up, origin at the centre of the sheet [mm].
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from pipeline.targets import kernels
+
+Points = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Polygon:
+    """A simple polygon; points on its edge belong to one side of the edge only (even-odd rule)."""
+
+    corners: Points
+    is_black: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disc:
+    """A disc."""
+
+    x: float
+    y: float
+    radius: float
+    is_black: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spokes:
+    """Black sectors of a ring, as wide as the gaps between them; the first begins at `phase` from +x towards +y."""
+
+    x: float
+    y: float
+    inner: float
+    outer: float
+    count: int
+    phase: float = 0.0
+
+    @property
+    def sectors(self) -> list[tuple[float, float]]:
+        """First and last angle of each sector [rad]."""
+        step = math.pi / self.count
+        return [(self.phase + 2 * i * step, self.phase + (2 * i + 1) * step) for i in range(self.count)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checks:
+    """Squares about the centre of the sheet, black and white in turn; the top-left one is black.
+
+    `columns` and `rows` count inner corners, so there is one square more.
+    """
+
+    columns: int
+    rows: int
+    square: float
+
+    @property
+    def squares(self) -> list[Points]:
+        """Corners of the black squares, anticlockwise from the bottom left."""
+        left, top, a = -self.square * (self.columns + 1) / 2, self.square * (self.rows + 1) / 2, self.square
+        cells = [(c, r) for r in range(self.rows + 1) for c in range(self.columns + 1) if (c + r) % 2 == 0]
+        return [rectangle(left + c * a, top - (r + 1) * a, left + (c + 1) * a, top - r * a) for c, r in cells]
+
+
+Shape = Polygon | Disc | Spokes | Checks
+
+
+def rectangle(left: float, bottom: float, right: float, top: float) -> Points:
+    """Corners of an upright rectangle, anticlockwise from the bottom left."""
+    return ((left, bottom), (right, bottom), (right, top), (left, top))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A white sheet with shapes; of two that overlap the later one is seen.
+
+    Attributes
+    ----------
+    half_x_mm, half_y_mm : float
+        Half the width and half the height of the sheet.
+    shapes : sequence of Shape
+    """
+
+    half_x_mm: float
+    half_y_mm: float
+    shapes: Sequence[Shape] = ()
+
+    def on_sheet(self, half_x_mm: float, half_y_mm: float) -> "Drawing":
+        """The same shapes on a sheet of another size."""
+        return replace(self, half_x_mm=half_x_mm, half_y_mm=half_y_mm)
+
+    def whiteness(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """1 on white, 0 on black, NaN beside the sheet, (n,)."""
+        value = np.empty(len(x_mm))
+        kernels.whiteness_at_points(*self.arrays, np.ascontiguousarray(x_mm), np.ascontiguousarray(y_mm), value)
+        return value
+
+    @cached_property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """The drawing for the kernels: sheet, kinds, numbers, first corners, corners, bins, their starts and items."""
+        kinds = np.array([kernels.KINDS.index(type(shape).__name__) for shape in self.shapes], np.int64)
+        numbers = np.zeros((len(self.shapes), 6))
+        corners: list[tuple[float, float]] = []
+        first = np.zeros(len(self.shapes) + 1, np.int64)
+        for i, shape in enumerate(self.shapes):
+            own = shape.corners if isinstance(shape, Polygon) else ()
+            corners += own
+            first[i + 1] = len(corners)
+            numbers[i] = _numbers(shape)
+        sheet = np.array([self.half_x_mm, self.half_y_mm])
+        bins, starts, items = _bins(sheet, [_bounds(shape) for shape in self.shapes])
+        return sheet, kinds, numbers, first, np.array(corners, float).reshape(-1, 2), bins, starts, items
+
+
+def _numbers(shape: Shape) -> tuple[float, ...]:
+    if isinstance(shape, Polygon):
+        return (0.0 if shape.is_black else 1.0, *_bounds(shape), 0)
+    if isinstance(shape, Disc):
+        return (0.0 if shape.is_black else 1.0, shape.x, shape.y, shape.radius, 0, 0)
+    if isinstance(shape, Spokes):
+        return (shape.count, shape.x, shape.y, shape.inner, shape.outer, shape.phase)
+    return (shape.columns, shape.rows, shape.square, 0, 0, 0)
+
+
+def _bounds(shape: Shape) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top."""
+    if isinstance(shape, Polygon):
+        x, y = np.array(shape.corners).T
+        return x.min(), x.max(), y.min(), y.max()
+    if isinstance(shape, Checks):
+        half_x, half_y = (shape.columns + 1) * shape.square / 2, (shape.rows + 1) * shape.square / 2
+        return -half_x, half_x, -half_y, half_y
+    reach = shape.radius if isinstance(shape, Disc) else shape.outer
+    return shape.x - reach, shape.x + reach, shape.y - reach, shape.y + reach
+
+
+def _bins(sheet: np.ndarray, bounds: list[tuple[float, float, float, float]]) -> tuple[np.ndarray, ...]:
+    """Which shapes may be seen in which bin of a grid over the sheet: number of bins, starts and items, last first."""
+    count = math.ceil(2 * math.sqrt(len(bounds))) if len(bounds) > 3 else 1
+    lists: list[list[int]] = [[] for _ in range(count * count)]
+    for item in reversed(range(len(bounds))):
+        left, right, bottom, top = bounds[item]
+        # A little beyond its bounds: how a quotient rounds must not matter.
+        (i0, i1), (j0, j1) = (
+            (
+                max(0, math.floor((low + half) / (2 * half) * count - 1e-6)),
+                min(count - 1, math.floor((high + half) / (2 * half) * count + 1e-6)),
+            )
+            for low, high, half in ((left, right, sheet[0]), (bottom, top, sheet[1]))
+        )
+        for j in range(j0, j1 + 1):
+            for i in range(i0, i1 + 1):
+                lists[j * count + i].append(item)
+    starts = np.concatenate([[0], np.cumsum([len(one) for one in lists])]).astype(np.int64)
+    return np.array([count], np.int64), starts, np.array([item for one in lists for item in one], np.int64)

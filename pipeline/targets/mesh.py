@@ -1,0 +1,116 @@
+"""Any mesh with marked points."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pipeline.targets.drawing import Drawing
+from pipeline.targets.errors import TargetError
+from pipeline.targets.patches import MESH, Patch
+from pipeline.targets.points import TargetPoints, frames_at
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeshTarget:
+    """Flat triangles, and points on them; anything whose shape is known. Target frame throughout.
+
+    Attributes
+    ----------
+    vertices_mm : tuple of triples
+    triangles : tuple of triples of int
+        Corners anticlockwise as seen from the front.
+    albedo : tuple of triples
+        Radiance at the corners of each triangle, relative; between them it is interpolated.
+    points_mm, normals : tuple of triples
+        The marked points in the order of their ids, and the normals of their tangent planes (any length).
+    """
+
+    KIND: ClassVar[str] = "mesh"
+    ORDER: ClassVar[str] = "id: place in the list of marked points of the stage"
+
+    vertices_mm: tuple[Triple, ...]
+    triangles: tuple[tuple[int, int, int], ...]
+    albedo: tuple[Triple, ...]
+    points_mm: tuple[Triple, ...]
+    normals: tuple[Triple, ...]
+
+    def __post_init__(self) -> None:
+        if not self.triangles:
+            raise TargetError("the mesh has no faces", code="bad-mesh")
+        if not 0 <= min(map(min, self.triangles)) <= max(map(max, self.triangles)) < len(self.vertices_mm):
+            raise TargetError(f"a face names a vertex beyond the {len(self.vertices_mm)} of the mesh", code="bad-mesh")
+        if len(self.points_mm) != len(self.normals):
+            raise TargetError(
+                f"{len(self.points_mm)} marked points and {len(self.normals)} normals", hint="one normal per point"
+            )
+        if not self.points_mm or not np.linalg.norm(np.array(self.normals), axis=1).all():
+            raise TargetError("there are no marked points, or one has a normal of no length")
+
+    @property
+    def kind(self) -> str:
+        """As of any other target."""
+        return self.KIND
+
+    def corners_mm(self) -> np.ndarray:
+        """Corners of the triangles, (m, 3, 3)."""
+        return np.array(self.vertices_mm, float)[np.array(self.triangles)]
+
+    def patches(self) -> list[Patch]:
+        """The mesh as one piece."""
+        blank = Drawing(0.0, 0.0)
+        corners, albedo = self.corners_mm(), np.array(self.albedo, float)
+        return [Patch(MESH, np.eye(4), blank, (0.0, 1.0), triangles=corners, albedo=albedo)]
+
+    def points(self) -> TargetPoints:
+        """The marked points, each with a plane of its own."""
+        position, normal = np.array(self.points_mm, float), np.array(self.normals, float)
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        # x is level where it can be: y of the target crossed with the normal.
+        level = np.cross([0.0, 1.0, 0.0], normal)
+        steep = np.linalg.norm(level, axis=1) < 1e-6
+        level[steep] = np.cross(normal[steep], [0.0, 0.0, 1.0])
+        x = level / np.linalg.norm(level, axis=1)[:, None]
+        axes = np.stack([x, np.cross(normal, x), normal], axis=2)
+        n = len(position)
+        return TargetPoints(
+            position_mm=position,
+            nominal_mm=position,
+            axes=axes,
+            curvature_per_mm=np.zeros(n),
+            kinds=["marked"] * n,
+            radius_mm=np.full(n, np.nan),
+            plane=np.arange(n),
+            frames=frames_at(position, axes),
+        )
+
+    def distances_mm(self) -> np.ndarray:
+        """Distance of each marked point from the mesh, (n,)."""
+        corners = self.corners_mm()
+        return np.array([_distances(np.array(point), corners).min() for point in self.points_mm])
+
+    def title(self) -> str:
+        """One line for messages."""
+        return f"mesh of {len(self.triangles)} triangles with {len(self.points_mm)} marked points"
+
+
+def _distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """From a point to triangles, (m,): to the plane where the foot lies inside, else to the nearest edge."""
+    a = corners[:, 0]
+    e1, e2 = corners[:, 1] - a, corners[:, 2] - a
+    normal = np.cross(e1, e2)
+    area = np.maximum(np.sum(normal**2, axis=1), 1e-300)
+    q = point - a
+    b1 = np.sum(np.cross(q, e2) * normal, axis=1) / area
+    b2 = np.sum(np.cross(e1, q) * normal, axis=1) / area
+    flat = np.abs(np.sum(q * normal, axis=1)) / np.sqrt(area)
+    inside = (b1 >= 0) & (b2 >= 0) & (b1 + b2 <= 1)
+    edges = np.full(len(a), np.inf)
+    for i in range(3):
+        start, way = corners[:, i], corners[:, (i + 1) % 3] - corners[:, i]
+        length = np.maximum(np.sum(way**2, axis=1), 1e-300)
+        t = np.clip(np.sum((point - start) * way, axis=1) / length, 0, 1)
+        edges = np.minimum(edges, np.linalg.norm(point - start - t[:, None] * way, axis=1))
+    return np.where(inside, flat, edges)

@@ -1,0 +1,41 @@
+"""What may stand before a target and is none: opaque triangles of one radiance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.targets.errors import TargetError
+from pipeline.targets.mesh import Triple
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Occluder:
+    """A mesh that takes light away, opaque from both sides.
+
+    Attributes
+    ----------
+    vertices_mm : tuple of triples
+        In the mesh's own frame.
+    triangles : tuple of triples of int
+    radiance : float
+        Relative, the same everywhere and on both sides.
+
+    Raises
+    ------
+    TargetError
+        It has no faces, or a face names a vertex that it does not have.
+    """
+
+    vertices_mm: tuple[Triple, ...]
+    triangles: tuple[tuple[int, int, int], ...]
+    radiance: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.triangles:
+            raise TargetError("the mesh has no faces", code="bad-mesh")
+        if not 0 <= min(map(min, self.triangles)) <= max(map(max, self.triangles)) < len(self.vertices_mm):
+            raise TargetError(f"a face names a vertex beyond the {len(self.vertices_mm)} of the mesh", code="bad-mesh")
+
+    def corners_mm(self) -> np.ndarray:
+        """Corners of the triangles, (m, 3, 3)."""
+        return np.array(self.vertices_mm, float)[np.array(self.triangles)]

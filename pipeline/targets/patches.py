@@ -1,0 +1,155 @@
+"""Pieces of a target's surface, each with its own chart: what images are made of, and where marks lie in space."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.targets import kernels
+from pipeline.targets.drawing import Drawing
+
+SAG_MM = 1e-4
+"""How far a mesh may stay from a curved surface. It matters at silhouettes only: hits are refined to the surface."""
+_MOST_CELLS = 600
+"""Of a mesh along an axis; a surface that is bent more gets a coarser mesh, and says so."""
+
+Kind = Literal["plane", "heights", "cylinder", "mesh"]
+PLANE: Kind = "plane"
+HEIGHTS: Kind = "heights"
+CYLINDER: Kind = "cylinder"
+MESH: Kind = "mesh"
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A piece of a surface. Patch frame: chart x right and y up, z out of the front, origin at the middle of the chart.
+
+    Attributes
+    ----------
+    kind : str
+        `plane`, `heights` (z is a function of the chart), `cylinder` (chart x is rolled up) or `mesh`.
+    target_from_patch : (4, 4) float64
+    drawing : Drawing
+        Its sheet is the extent of the patch.
+    colours : (float, float)
+        Radiance of black and of white.
+    shape : (k,) float64
+        Numbers of a curved surface, see `surface_kernels`; of a cylinder the radius.
+    triangles, albedo : (m, 3, 3), (m, 3) float64
+        Of a mesh: corners in the patch frame, and radiance at them.
+    """
+
+    kind: Kind
+    target_from_patch: np.ndarray
+    drawing: Drawing
+    colours: tuple[float, float]
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    triangles: np.ndarray | None = None
+    albedo: np.ndarray | None = None
+
+    def mesh(self) -> np.ndarray:
+        """Triangles near the surface, their fronts anticlockwise, patch frame (m, 3, 3) [mm]."""
+        if self.triangles is not None:
+            return self.triangles
+        nx, ny = self._cells()
+        x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
+        u, v = np.meshgrid(np.linspace(-x, x, nx + 1), np.linspace(y, -y, ny + 1))
+        points, _, _ = self.place(np.stack([u.ravel(), v.ravel()], axis=1))
+        corner = np.arange(points.shape[0]).reshape(ny + 1, nx + 1)
+        a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+        # Top left, bottom left, bottom right; top left, bottom right, top right.
+        triangles = np.stack([np.stack([a, d, c], axis=-1), np.stack([a, c, b], axis=-1)], axis=2)
+        return points[triangles.reshape(-1, 3)]
+
+    def mesh_sag_mm(self) -> float:
+        """Largest distance of the mesh from the surface, to second order."""
+        if self.kind in (PLANE, MESH):
+            return 0.0
+        nx, ny = self._cells()
+        x, y = 2 * self.drawing.half_x_mm / nx, 2 * self.drawing.half_y_mm / ny
+        return self._curvature() * (x**2 if self.kind == CYLINDER else x**2 + y**2) / 8
+
+    def _cells(self) -> tuple[int, int]:
+        if self.kind == PLANE:
+            return 1, 1
+        # The sag of a chord of length s is curvature * s^2 / 8; the diagonal of a cell is the longest one.
+        step = math.sqrt(8 * SAG_MM / max(self._curvature(), 1e-12))
+        if self.kind == CYLINDER:
+            return self._count(self.drawing.half_x_mm, step), 1
+        step /= math.sqrt(2)
+        return self._count(self.drawing.half_x_mm, step), self._count(self.drawing.half_y_mm, step)
+
+    def _count(self, half_mm: float, step_mm: float) -> int:
+        limit = 10 * _MOST_CELLS if self.kind == CYLINDER else _MOST_CELLS
+        return max(1, min(limit, math.ceil(2 * half_mm / step_mm)))
+
+    def _curvature(self) -> float:
+        """A bound of the curvature over the patch, from samples [1/mm]."""
+        if self.kind == CYLINDER:
+            return 1 / abs(float(self.shape[0]))
+        x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
+        u, v = np.meshgrid(np.linspace(-x, x, 101), np.linspace(-y, y, 101))
+        _, _, bent = self.place(np.stack([u.ravel(), v.ravel()], axis=1))
+        return float(np.max(bent))
+
+    def place(self, xy_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of the chart on the surface.
+
+        Returns
+        -------
+        points : (n, 3) float64
+            Patch frame [mm].
+        axes : (n, 3, 3) float64
+            Columns: the chart's x and y on the surface made orthonormal, and the normal.
+        curvature : (n,) float64
+            Largest curvature, without sign [1/mm].
+        """
+        n = len(xy_mm)
+        if self.kind == PLANE:
+            return np.pad(xy_mm, ((0, 0), (0, 1))), np.tile(np.eye(3), (n, 1, 1)), np.zeros(n)
+        if self.kind == CYLINDER:
+            radius = float(self.shape[0])
+            s, c = np.sin(xy_mm[:, 0] / radius), np.cos(xy_mm[:, 0] / radius)
+            zero, one = np.zeros(n), np.ones(n)
+            axes = np.stack([np.stack(t, axis=1) for t in ((c, zero, -s), (zero, one, zero), (s, zero, c))], axis=2)
+            return np.stack([radius * s, xy_mm[:, 1], radius * (c - 1)], axis=1), axes, one / abs(radius)
+        found = np.empty((n, 6))
+        kernels.heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), found)
+        return np.column_stack([xy_mm, found[:, 0]]), *_bent(found)
+
+    def along(self, direction_rad: np.ndarray, axes: np.ndarray) -> np.ndarray:
+        """Unit vectors along the surface of directions (n, k) of the chart at points with `axes` of `place`, (n, k, 3).
+
+        Patch frame. A cylinder is rolled without stretching; heights keep the chart's x and y.
+        """
+        flat = np.stack([np.cos(direction_rad), np.sin(direction_rad)], axis=-1)
+        if self.kind != HEIGHTS:
+            return flat @ axes[:, :, :2].transpose(0, 2, 1)
+        normal = axes[:, :, 2]
+        rise = -np.einsum("nki,ni->nk", flat, normal[:, :2]) / normal[:, 2:]
+        raised = np.concatenate([flat, rise[..., None]], axis=-1)
+        return raised / np.linalg.norm(raised, axis=-1, keepdims=True)
+
+    def hull_mm(self) -> np.ndarray:
+        """Points of the target frame around the patch, (n, 3) [mm]."""
+        return apply(self.target_from_patch, self.mesh().reshape(-1, 3))
+
+
+def _bent(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axes (n, 3, 3) and largest curvature (n,) of a surface z(x, y) from z, zx, zy, zxx, zxy, zyy."""
+    _, zx, zy, zxx, zxy, zyy = heights.T
+    zero, one = np.zeros(len(zx)), np.ones(len(zx))
+    normal = np.stack([-zx, -zy, one], axis=1)
+    length = np.linalg.norm(normal, axis=1)
+    normal /= length[:, None]
+    along = np.stack([one, zero, zx], axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    axes = np.stack([along, np.cross(normal, along), normal], axis=2)
+    # Eigenvalues of the second fundamental form by the first: their mean and their product.
+    e, f, g = 1 + zx**2, zx * zy, 1 + zy**2
+    l, m, n = zxx / length, zxy / length, zyy / length
+    mean = (e * n - 2 * f * m + g * l) / (2 * (e * g - f**2))
+    product = (l * n - m**2) / (e * g - f**2)
+    return axes, np.abs(mean) + np.sqrt(np.maximum(mean**2 - product, 0))

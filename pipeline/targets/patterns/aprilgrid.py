@@ -1,0 +1,108 @@
+"""An AprilGrid as Kalibr prints and counts it.
+
+Source of layout, orientation of the tags and order: ethz-asl/kalibr, GridCalibrationTargetAprilgrid.cpp and
+kalibr_create_target_pdf.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from pipeline.targets.drawing import Drawing, Polygon, rectangle
+from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.dictionaries import bits_of, require_tags
+from pipeline.targets.patterns.pattern import Base, Marks
+from pipeline.targets.patterns.tags import tag_shapes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AprilGrid(Base):
+    """A grid of AprilTags with black squares between their corners, and a white margin twice as wide as the gaps.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Tags along x and y.
+    tag_mm : float
+        Edge of a tag, black border included.
+    spacing : float
+        Gap between tags over `tag_mm`: Kalibr's tagSpacing.
+    dictionary : str
+        See `dictionaries.DICTIONARIES`.
+    border_bits : int
+        Width of a tag's black border in its cells: 2 in Kalibr, 1 elsewhere.
+    first_tag : int
+        Number of the tag at the bottom left.
+    """
+
+    KIND: ClassVar[str] = "aprilgrid"
+    ORDER: ClassVar[str] = (
+        "corners of all tags as one grid: id = row * 2 columns + column, row 0 at the bottom, column 0 at the left, as"
+        " Kalibr; tags are counted alike"
+    )
+
+    columns: int
+    rows: int
+    tag_mm: float
+    spacing: float = 0.3
+    dictionary: str = "apriltag_36h11"
+    border_bits: int = 2
+    first_tag: int = 0
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows, self.border_bits) < 1 or not self.tag_mm > 0 or not 0 < self.spacing <= 1:
+            raise TargetError(
+                f"an AprilGrid of {self.rows} x {self.columns} tags of {self.tag_mm} mm, spacing {self.spacing},"
+                f" border {self.border_bits}"
+            )
+        require_tags(self.dictionary, self.first_tag, self.columns * self.rows)
+
+    @property
+    def _gap_mm(self) -> float:
+        return self.spacing * self.tag_mm
+
+    def _corners(self, count: int) -> np.ndarray:
+        """Left ends (or bottoms) of tags, and after each its right end (or top), about 0."""
+        start = np.arange(count) * (self.tag_mm + self._gap_mm)
+        both = np.stack([start, start + self.tag_mm], axis=1).ravel()
+        return both - both[-1] / 2
+
+    @property
+    def drawing(self) -> Drawing:
+        """Tags, and squares in the corners of the gaps."""
+        x, y, gap = self._corners(self.columns), self._corners(self.rows), self._gap_mm
+        squares = [
+            Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
+            for bottom in (y[0] - gap, *y[1::2])
+            for left in (x[0] - gap, *x[1::2])
+        ]
+        tags = [
+            shape
+            for row, bottom in enumerate(y[::2])
+            for column, left in enumerate(x[::2])
+            for shape in self._tag(row * self.columns + column, float(left), float(bottom))
+        ]
+        return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))
+
+    def _tag(self, number: int, left: float, bottom: float) -> list[Polygon]:
+        # What Kalibr and the AprilTag library print upright, OpenCV stores upside down.
+        bits = np.rot90(bits_of(self.dictionary, self.first_tag + number), 2)
+        return tag_shapes(bits, left, bottom, self.tag_mm, self.border_bits)
+
+    def marks(self) -> Marks:
+        """Corners of the tags."""
+        x, y = np.meshgrid(self._corners(self.columns), self._corners(self.rows))
+        return Marks.of(("corner", np.stack([x.ravel(), y.ravel()], axis=1)))
+
+    def for_face(self, number: int) -> "AprilGrid":
+        """The same grid with the next tags."""
+        return replace(self, first_tag=self.first_tag + number * self.columns * self.rows)
+
+    def title(self) -> str:
+        """One line for a print."""
+        return (
+            f"AprilGrid {self.dictionary}, {self.columns} x {self.rows} tags of {self.tag_mm:g} mm,"
+            f" {self.first_tag} to {self.first_tag + self.columns * self.rows - 1} from the bottom left,"
+            f" spacing {self.spacing:g}, border {self.border_bits} cells"
+        )

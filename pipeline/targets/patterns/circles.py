@@ -1,0 +1,80 @@
+"""Grids of discs, symmetric and asymmetric, as OpenCV's findCirclesGrid counts them."""
+
+import functools
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pipeline.targets.drawing import Disc, Drawing
+from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.pattern import Base, Marks, grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CircleGrid(Base):
+    """Black discs whose centres are the target points.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Discs in a row, and rows.
+    spacing_mm : float
+        Distance of neighbouring rows. In a symmetric grid that of neighbouring discs of a row, too; in an asymmetric
+        one half of it, and every other row is shifted by it.
+    diameter_mm : float
+        Of a disc.
+    asymmetric : bool
+    """
+
+    KIND: ClassVar[str] = "circle-grid"
+    ORDER: ClassVar[str] = "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it"
+
+    columns: int
+    rows: int
+    spacing_mm: float
+    diameter_mm: float
+    asymmetric: bool = False
+
+    def __post_init__(self) -> None:
+        nearest = self.spacing_mm * (2**0.5 if self.asymmetric else 1)
+        if self.columns < 1 or self.rows < 1 or not 0 < self.diameter_mm < nearest:
+            raise TargetError(
+                f"a grid of {self.rows} x {self.columns} discs of {self.diameter_mm} mm, {nearest:.6g} mm apart",
+                hint="discs must not touch",
+            )
+        if self.asymmetric and self.rows % 2 == 0:
+            raise TargetError(
+                f"an asymmetric grid of {self.rows} rows looks the same upside down",
+                hint="make the number of rows odd",
+                code="ambiguous-board",
+            )
+
+    def marks(self) -> Marks:
+        """Centres, each with the radius of its disc."""
+        centres = grid(self.columns, self.rows, self.spacing_mm)
+        if self.asymmetric:
+            row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
+            centres[:, 0] = (2 * column + row % 2 - (2 * self.columns - 1) / 2) * self.spacing_mm
+        return Marks.of(("disc", centres), radius_mm=self.diameter_mm / 2)
+
+    @property
+    def drawing(self) -> Drawing:
+        """Discs on a sheet with a margin of one spacing around the outermost centres, a radius added."""
+        return _discs(self)
+
+    def title(self) -> str:
+        """One line for a print."""
+        kind = "asymmetric" if self.asymmetric else "symmetric"
+        return (
+            f"{kind} circle grid, {self.columns} x {self.rows} discs of {self.diameter_mm:g} mm, spacing"
+            f" {self.spacing_mm:g} mm, ids 0 to {self.columns * self.rows - 1} from the top left"
+        )
+
+
+@functools.lru_cache(maxsize=4)
+def _discs(grid: CircleGrid) -> Drawing:
+    """The drawing of a grid, made once: a large one has ten thousands of discs."""
+    marks, radius = grid.marks().xy_mm, grid.diameter_mm / 2
+    half_x, half_y = np.abs(marks).max(axis=0) + grid.spacing_mm + radius
+    return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])

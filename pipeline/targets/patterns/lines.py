@@ -1,0 +1,124 @@
+"""Straight edges and lines."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pipeline.targets.drawing import Drawing, Polygon, rectangle
+from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.pattern import Base, Marks, grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlantedEdge(Base):
+    """A sheet, white to the left of an edge through its centre and black to the right of it, for ISO 12233.
+
+    Attributes
+    ----------
+    width_mm, height_mm : float
+        Of the sheet.
+    angle_deg : float
+        Of the edge from the vertical, clockwise as the viewer sees it.
+    """
+
+    KIND: ClassVar[str] = "slanted-edge"
+    ORDER: ClassVar[str] = "0 the centre of the edge, 1 its upper end, 2 its lower end"
+
+    width_mm: float
+    height_mm: float
+    angle_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not (self.width_mm > 0 and self.height_mm > 0 and abs(self.angle_deg) < 45) or self._lean >= self.width_mm:
+            raise TargetError(
+                f"an edge at {self.angle_deg} degrees on a sheet of {self.width_mm} x {self.height_mm} mm",
+                hint="the edge must run from the upper to the lower side of the sheet, within 45 degrees",
+            )
+
+    @property
+    def _lean(self) -> float:
+        """How far the upper end lies to the right of the lower one, as a length."""
+        return abs(self.height_mm * math.tan(math.radians(self.angle_deg)))
+
+    def marks(self) -> Marks:
+        """Centre and ends."""
+        x = self.height_mm / 2 * math.tan(math.radians(self.angle_deg))
+        ends = np.array([[x, self.height_mm / 2], [-x, -self.height_mm / 2]])
+        return Marks.of(("centre", np.zeros((1, 2))), ("end", ends))
+
+    @property
+    def drawing(self) -> Drawing:
+        """One polygon to the right of the edge."""
+        (_, (top, y), (bottom, _)), right = self.marks().xy_mm, self.width_mm / 2
+        corners = ((float(bottom), -float(y)), (right, -float(y)), (right, float(y)), (float(top), float(y)))
+        return Drawing(right, self.height_mm / 2, (Polygon(corners=corners),))
+
+    def title(self) -> str:
+        """One line for a print."""
+        return f"slanted edge, {self.angle_deg:g} degrees from the vertical, {self.width_mm:g} x {self.height_mm:g} mm"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lines(Base):
+    """Black lines, upright, level or both. Each reaches half a spacing beyond the outermost lines that it may cross.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Upright and level lines; one of them may be 0. Lines of one direction alone are as long as they are wide apart
+        in all.
+    spacing_mm, width_mm : float
+        Distance of the centres of neighbouring lines; thickness of a line.
+    """
+
+    KIND: ClassVar[str] = "lines"
+    ORDER: ClassVar[str] = (
+        "crossings of the centres of lines: id = row * columns + column, row 0 at the top, column 0 at the left; of"
+        " lines of one direction their ends: 2 n the upper or left end of line n, 2 n + 1 the other one"
+    )
+
+    columns: int
+    rows: int
+    spacing_mm: float
+    width_mm: float
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < 0 or max(self.columns, self.rows) < 1:
+            raise TargetError(f"{self.columns} upright and {self.rows} level lines")
+        if not 0 < self.width_mm < self.spacing_mm:
+            raise TargetError(
+                f"lines of {self.width_mm} mm, {self.spacing_mm} mm apart", hint="lines must not touch one another"
+            )
+
+    @property
+    def _half_mm(self) -> tuple[float, float]:
+        """Half the length of the level and of the upright lines."""
+        across, down = self.columns or self.rows, self.rows or self.columns
+        return across * self.spacing_mm / 2, down * self.spacing_mm / 2
+
+    def marks(self) -> Marks:
+        """Crossings, or ends."""
+        half_x, half_y = self._half_mm
+        if self.columns and self.rows:
+            return Marks.of(("crossing", grid(self.columns, self.rows, self.spacing_mm)))
+        lines = grid(self.columns or 1, self.rows or 1, self.spacing_mm)
+        away = np.array([[0.0, half_y]]) if self.columns else np.array([[-half_x, 0.0]])
+        return Marks.of(("end", np.stack([lines + away, lines - away], axis=1).reshape(-1, 2)))
+
+    @property
+    def drawing(self) -> Drawing:
+        """A rectangle per line, on a sheet with a margin of half a spacing."""
+        (half_x, half_y), w = self._half_mm, self.width_mm / 2
+        upright, level = grid(self.columns, 1, self.spacing_mm)[:, 0], grid(1, self.rows, self.spacing_mm)[:, 1]
+        shapes = [Polygon(corners=rectangle(float(x) - w, -half_y, float(x) + w, half_y)) for x in upright]
+        shapes += [Polygon(corners=rectangle(-half_x, float(y) - w, half_x, float(y) + w)) for y in level]
+        return Drawing(half_x + self.spacing_mm / 2, half_y + self.spacing_mm / 2, shapes)
+
+    def title(self) -> str:
+        """One line for a print."""
+        return (
+            f"{self.columns} upright and {self.rows} level lines, width {self.width_mm:g} mm,"
+            f" spacing {self.spacing_mm:g} mm"
+        )

@@ -1,0 +1,114 @@
+"""What all patterns have in common: a drawing, marks with ids, and the radiance of black and white."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from pipeline.targets.drawing import Drawing
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Points of a pattern whose image positions are wanted, in the order of their ids, in the chart [mm].
+
+    Attributes
+    ----------
+    xy_mm : (n, 2) float64
+    kinds : list of str
+        `corner`, `marker-corner`, `disc`, `centre`, `rim`, `crossing` or `end`.
+    radius_mm : (n,) float64
+        Radius of the disc about a mark; NaN where there is none.
+    """
+
+    xy_mm: np.ndarray
+    kinds: list[str]
+    radius_mm: np.ndarray
+
+    @staticmethod
+    def of(*groups: tuple[str, np.ndarray], radius_mm: float = np.nan) -> "Marks":
+        """Marks of one kind after the other."""
+        xy = np.concatenate([np.asarray(points, float).reshape(-1, 2) for _, points in groups])
+        kinds = [kind for kind, points in groups for _ in range(len(points))]
+        return Marks(xy, kinds, np.full(len(xy), radius_mm))
+
+
+class Pattern(Protocol):
+    """A flat pattern about the origin of the chart: x right, y up."""
+
+    KIND: ClassVar[str]
+    ORDER: ClassVar[str]
+
+    @property
+    def white(self) -> float:
+        """Radiance of white, relative."""
+        ...
+
+    @property
+    def black(self) -> float:
+        """Radiance of black, relative."""
+        ...
+
+    @property
+    def drawing(self) -> Drawing:
+        """What it looks like."""
+        ...
+
+    def marks(self) -> Marks:
+        """Its points."""
+        ...
+
+    def for_face(self, number: int) -> "Pattern":
+        """The pattern of another face of the same target: tags go on counting, all else is the same."""
+        ...
+
+    def title(self) -> str:
+        """One line for a print: what it is, its size, its ids."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Base:
+    """Colours, and no tags.
+
+    Attributes
+    ----------
+    white, black : float
+        Radiance of the two colours, relative.
+    """
+
+    white: float = 1.0
+    black: float = 0.0
+
+    @property
+    def drawing(self) -> Drawing:
+        """What it looks like."""
+        raise NotImplementedError
+
+    def for_face(self, number: int) -> "Pattern":
+        """The same pattern: it has no tags."""
+        return self  # type: ignore[return-value]
+
+    def radiance(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Radiance at points of the chart, (n,); NaN beside the sheet."""
+        whiteness = self.drawing.whiteness(x_mm, y_mm)
+        return np.where(np.isnan(whiteness), np.nan, np.where(whiteness == 1, self.white, self.black))
+
+
+def grid(columns: int, rows: int, spacing_x: float, spacing_y: float | None = None) -> np.ndarray:
+    """Points of a grid about the origin, rows from the top, each from the left, (rows * columns, 2)."""
+    column, row = np.meshgrid(np.arange(columns), np.arange(rows))
+    x = (column - (columns - 1) / 2) * spacing_x
+    y = ((rows - 1) / 2 - row) * (spacing_x if spacing_y is None else spacing_y)
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def points_of(array: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """An (n, 2) array as the corners of a polygon."""
+    return tuple((float(x), float(y)) for x, y in array)
+
+
+def counted(names: Sequence[tuple[str, float]]) -> str:
+    """Names and numbers for a title: `square 3 mm, spoke 4 mm`."""
+    return ", ".join(f"{name} {value:g} mm" for name, value in names)

@@ -1,0 +1,109 @@
+"""Stars: grids of them for calibration, and a single Siemens star for resolution."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pipeline.targets.drawing import Drawing, Spokes
+from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.pattern import Base, Marks, grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stars(Base):
+    """A grid of stars whose centres are the target points, on a sheet with a margin of one spacing.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Stars along x and y.
+    spacing_mm, diameter_mm : float
+        Distance of neighbouring centres; diameter of a star.
+    spokes : int
+        Black sectors of a star.
+    """
+
+    KIND: ClassVar[str] = "stars"
+    ORDER: ClassVar[str] = "id = row * columns + column, row 0 at the top, column 0 at the left as the viewer sees it"
+
+    columns: int
+    rows: int
+    spacing_mm: float
+    diameter_mm: float
+    spokes: int = 8
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows, self.spokes) < 1 or not 0 < self.diameter_mm <= self.spacing_mm:
+            raise TargetError(
+                f"{self.rows} x {self.columns} stars of {self.spokes} spokes and {self.diameter_mm} mm,"
+                f" {self.spacing_mm} mm apart",
+                hint="stars must not overlap",
+            )
+
+    def marks(self) -> Marks:
+        """Centres."""
+        return Marks.of(("centre", grid(self.columns, self.rows, self.spacing_mm)))
+
+    @property
+    def drawing(self) -> Drawing:
+        """A star at every mark; its first spoke is centred on +x."""
+        marks, phase = self.marks().xy_mm, -np.pi / self.spokes / 2
+        half_x, half_y = np.abs(marks).max(axis=0) + self.spacing_mm
+        stars = [
+            Spokes(x=x, y=y, inner=0.0, outer=self.diameter_mm / 2, count=self.spokes, phase=phase) for x, y in marks
+        ]
+        return Drawing(float(half_x), float(half_y), stars)
+
+    def title(self) -> str:
+        """One line for a print."""
+        return (
+            f"{self.columns} x {self.rows} stars of {self.spokes} spokes and {self.diameter_mm:g} mm, spacing"
+            f" {self.spacing_mm:g} mm, ids 0 to {self.columns * self.rows - 1} from the top left"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SiemensStar(Base):
+    """One star with many spokes around a white hub: the spatial frequency rises towards the centre.
+
+    Attributes
+    ----------
+    spokes : int
+        Black sectors: cycles around the star.
+    diameter_mm, hub_mm : float
+        Diameters of the star and of its white hub.
+    """
+
+    KIND: ClassVar[str] = "siemens-star"
+    ORDER: ClassVar[str] = (
+        "0 the centre; 1 + n the end of edge n on the rim, at n * 180 / spokes degrees from +x towards +y"
+    )
+
+    spokes: int
+    diameter_mm: float
+    hub_mm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.spokes < 2 or not 0 <= self.hub_mm < self.diameter_mm:
+            raise TargetError(
+                f"a Siemens star of {self.spokes} spokes from {self.hub_mm} to {self.diameter_mm} mm",
+                hint="the hub is smaller than the star",
+            )
+
+    def marks(self) -> Marks:
+        """Centre and rim."""
+        angle = np.arange(2 * self.spokes) * np.pi / self.spokes
+        rim = self.diameter_mm / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return Marks.of(("centre", np.zeros((1, 2))), ("rim", rim))
+
+    @property
+    def drawing(self) -> Drawing:
+        """The star on a square with a margin of a tenth of its diameter."""
+        half = 0.6 * self.diameter_mm
+        star = Spokes(x=0.0, y=0.0, inner=self.hub_mm / 2, outer=self.diameter_mm / 2, count=self.spokes)
+        return Drawing(half, half, (star,))
+
+    def title(self) -> str:
+        """One line for a print."""
+        return f"Siemens star, {self.spokes} cycles, diameter {self.diameter_mm:g} mm, hub {self.hub_mm:g} mm"

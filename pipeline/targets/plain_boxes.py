@@ -1,0 +1,87 @@
+"""Boxes of a chart in which a drawing has one colour. Kernels only; chart, mm.
+
+An answer of one colour is always right; where shapes are many or round, a box of one colour may pass for a mixed one.
+"""
+
+import math
+
+from pipeline.jit.decorators import inline
+from pipeline.targets.kernels import CHECKS, DISC, POLYGON, whiteness
+
+BESIDE, MIXED = -1.0, -2.0
+"""What a box may be besides 0, black, and 1, white: off the sheet; of several colours, or perhaps so."""
+_MOST_BINS = 16
+
+
+@inline
+def colour_of_box(drawing, left, right, bottom, top):
+    """1 where all of a box is white, 0 where all is black, `BESIDE` or `MIXED`; `drawing`: `Drawing.arrays`."""
+    sheet, kinds, numbers, first, corners, bins, starts, items = drawing
+    if not (left <= right and bottom <= top):  # NaN
+        return MIXED
+    if right < -sheet[0] or left > sheet[0] or top < -sheet[1] or bottom > sheet[1]:
+        return BESIDE
+    if left < -sheet[0] or right > sheet[0] or bottom < -sheet[1] or top > sheet[1]:
+        return MIXED
+    n = bins[0]
+    i0, i1 = _bin(left, sheet[0], n), _bin(right, sheet[0], n)
+    j0, j1 = _bin(bottom, sheet[1], n), _bin(top, sheet[1], n)
+    if (i1 - i0 + 1) * (j1 - j0 + 1) > _MOST_BINS:
+        return MIXED
+    for j in range(j0, j1 + 1):
+        for i in range(i0, i1 + 1):
+            own = j * n + i
+            for place in range(starts[own], starts[own + 1]):
+                if _has_edge_in(kinds, numbers, first, corners, items[place], left, right, bottom, top):
+                    return MIXED
+    x, y = 0.5 * (left + right), 0.5 * (bottom + top)
+    return whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x, y)
+
+
+@inline
+def _bin(x, half, n):
+    return min(int((x + half) / (2.0 * half) * n), n - 1)
+
+
+@inline
+def _has_edge_in(kinds, numbers, first, corners, s, left, right, bottom, top):
+    """Whether the outline of shape number s may pass through a box."""
+    kind = kinds[s]
+    if kind == CHECKS:
+        return _checks_change(numbers[s, 0], numbers[s, 1], numbers[s, 2], left, right, bottom, top)
+    if kind == POLYGON:
+        if right < numbers[s, 1] or left > numbers[s, 2] or top < numbers[s, 3] or bottom > numbers[s, 4]:
+            return False
+        j = first[s + 1] - 1
+        for i in range(first[s], first[s + 1]):
+            ax, ay, bx, by = corners[j, 0], corners[j, 1], corners[i, 0], corners[i, 1]
+            if _may_cross(ax, ay, bx, by, left, right, bottom, top):
+                return True
+            j = i
+        return False
+    x, y = numbers[s, 1], numbers[s, 2]
+    near_x, near_y = max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0)
+    far_x, far_y = max(right - x, x - left), max(top - y, y - bottom)
+    near, far = near_x * near_x + near_y * near_y, far_x * far_x + far_y * far_y
+    inner, outer = (numbers[s, 3], numbers[s, 3]) if kind == DISC else (numbers[s, 3], numbers[s, 4])
+    return near <= outer * outer and far >= inner * inner
+
+
+@inline
+def _checks_change(columns, rows, square, left, right, bottom, top):
+    """Whether a box meets several squares of a checkerboard, or its rim."""
+    i0, i1 = math.floor(left / square + 0.5 * (columns + 1)), math.floor(right / square + 0.5 * (columns + 1))
+    j0, j1 = math.floor(0.5 * (rows + 1) - top / square), math.floor(0.5 * (rows + 1) - bottom / square)
+    if i1 < 0 or i0 > columns or j1 < 0 or j0 > rows:
+        return False
+    return i0 != i1 or j0 != j1
+
+
+@inline
+def _may_cross(ax, ay, bx, by, left, right, bottom, top):
+    """Whether a segment meets a box: neither the box's sides nor the line through the segment separate them."""
+    if max(ax, bx) < left or min(ax, bx) > right or max(ay, by) < bottom or min(ay, by) > top:
+        return False
+    ex, ey = bx - ax, by - ay
+    middle = ex * (0.5 * (bottom + top) - ay) - ey * (0.5 * (left + right) - ax)
+    return abs(middle) <= 0.5 * (abs(ex) * (top - bottom) + abs(ey) * (right - left)) * (1.0 + 1e-12)

@@ -1,0 +1,215 @@
+"""A target as coloured faces for viewers: its sheet in true size, cut where its drawing changes colour.
+
+Upright rectangles and checks are exact. Round and slanted shapes are made of small upright rectangles, curved surfaces
+of small flat ones whose corners lie on the surface (between the heights of a height map: on straight lines).
+Nothing is compiled and no library is loaded: a plan does this, too.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
+from pipeline.targets.patches import CYLINDER, PLANE, Patch
+from pipeline.targets.target import Target
+
+_DISC_STEPS, _SIDE_STEPS = 16, 10
+"""Rectangles across a disc, and along a slanted side of a polygon."""
+_SPOKE_STEPS, _MOST_SPOKE_STEPS = 4, 160
+"""Rectangles per spoke across a star."""
+_AROUND, _ACROSS = 64, 24
+"""Faces around a cylinder, and along each direction of a bent board, at least."""
+_MOST_CELLS, _MOST_SHAPES = 100_000, 20_000
+"""Limits of a piece of a target; what has more is shown as a blank sheet of the mean of its two colours."""
+_SAME = 7
+"""Digits, relative to the half sheet, to which lines of different shapes are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class PreviewFaces:
+    """Quadrilaterals in the target frame.
+
+    Attributes
+    ----------
+    points_mm : (n, 3) float64
+    faces : (m, 4) int64
+        Corners, anticlockwise as seen from the front.
+    radiance : (m,) float64
+        Of each face, relative.
+    """
+
+    points_mm: np.ndarray
+    faces: np.ndarray
+    radiance: np.ndarray
+
+
+def preview_faces(target: Target) -> PreviewFaces:
+    """All pieces of a target."""
+    points, faces, radiance, count = list[np.ndarray](), list[np.ndarray](), list[np.ndarray](), 0
+    for patch in target.patches():
+        own = _faces(patch)
+        points.append(apply(patch.target_from_patch, own.points_mm))
+        faces.append(own.faces + count)
+        radiance.append(own.radiance)
+        count += len(own.points_mm)
+    return PreviewFaces(np.concatenate(points), np.concatenate(faces), np.concatenate(radiance))
+
+
+def _faces(patch: Patch) -> PreviewFaces:
+    """One piece, in its own frame."""
+    black, white = patch.colours
+    too_fine = _is_too_fine(patch.drawing)
+    if not too_fine:
+        x, y = _lines(patch.drawing, 0), _lines(patch.drawing, 1)
+        too_fine = len(x) * len(y) > _MOST_CELLS
+    if too_fine:
+        x, y = (half * np.array([-1.0, 1.0]) for half in (patch.drawing.half_x_mm, patch.drawing.half_y_mm))
+        light = np.full((1, 1), (black + white) / 2)
+    else:
+        light = np.where(_is_black(patch.drawing, _middles(x), _middles(y)), black, white)
+    if patch.kind == PLANE:
+        rectangles, colours = _merged(light)
+    else:
+        is_cylinder = patch.kind == CYLINDER
+        x, columns = _finer(x, _AROUND if is_cylinder else _ACROSS)
+        y, rows = _finer(y, 1 if is_cylinder else _ACROSS)
+        light = light[np.ix_(rows, columns)]
+        row, column = np.indices(light.shape).reshape(2, -1)
+        rectangles, colours = np.stack([column, row, column + 1, row + 1], axis=1), light.ravel()
+    left, bottom, right, top = rectangles.T
+    corners = np.stack([bottom, bottom, top, top], axis=1) * len(x) + np.stack([left, right, right, left], axis=1)
+    used, faces = np.unique(corners, return_inverse=True)
+    xy = np.stack([x[used % len(x)], y[used // len(x)]], axis=1)
+    return PreviewFaces(_placed(patch, xy), faces.reshape(-1, 4), colours)
+
+
+def _is_too_fine(drawing: Drawing) -> bool:
+    """Whether a drawing certainly has more than is shown."""
+    checks = sum((one.columns + 1) * (one.rows + 1) for one in drawing.shapes if isinstance(one, Checks))
+    return checks > _MOST_CELLS or len(drawing.shapes) > _MOST_SHAPES
+
+
+def _lines(drawing: Drawing, axis: int) -> np.ndarray:
+    """Borders of cells along x (0) or y (1), both edges of the sheet included, (n,)."""
+    half = (drawing.half_x_mm, drawing.half_y_mm)[axis]
+    found = [np.array([-half, half]), *(_lines_of(shape, axis) for shape in drawing.shapes)]
+    lines = np.clip(np.concatenate(found), -half, half)
+    _, first = np.unique((lines / half).round(_SAME), return_index=True)
+    return np.asarray(lines[first])
+
+
+def _lines_of(shape: Shape, axis: int) -> np.ndarray:
+    if isinstance(shape, Checks):
+        count = (shape.columns, shape.rows)[axis] + 2
+        return (np.arange(count) - (count - 1) / 2) * shape.square
+    if isinstance(shape, Polygon):
+        own = np.array(shape.corners)
+        ends = np.roll(own, 1, axis=0)
+        sides = np.abs(own - ends)
+        is_slanted = sides.min(axis=1) > 1e-9 * sides.max()
+        between = np.linspace(own[is_slanted, axis], ends[is_slanted, axis], _SIDE_STEPS + 1)
+        return np.concatenate([own[:, axis], between.ravel()])
+    centre = (shape.x, shape.y)[axis]
+    reach, steps = (shape.radius, _DISC_STEPS) if isinstance(shape, Disc) else (shape.outer, _star_steps(shape))
+    return centre + reach * np.linspace(-1, 1, steps + 1)
+
+
+def _star_steps(shape: Spokes) -> int:
+    return min(max(2 * _DISC_STEPS, _SPOKE_STEPS * shape.count), _MOST_SPOKE_STEPS)
+
+
+def _middles(lines: np.ndarray) -> np.ndarray:
+    return (lines[1:] + lines[:-1]) / 2
+
+
+def _is_black(drawing: Drawing, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Whether the drawing is black at the points of a grid, (len(y), len(x)) bool: shapes painted one by one."""
+    black = np.zeros((len(y), len(x)), bool)
+    for shape in drawing.shapes:
+        left, right, bottom, top = _bounds(shape)
+        columns = slice(*np.searchsorted(x, (left, right)))
+        rows = slice(*np.searchsorted(y, (bottom, top)))
+        u, v = np.meshgrid(x[columns], y[rows])
+        if isinstance(shape, Checks):
+            number = np.floor((u - left) / shape.square) + np.floor((top - v) / shape.square)
+            black[rows, columns] = number % 2 == 0
+        elif u.size:
+            inside = _is_inside(shape, u, v)
+            black[rows, columns][inside] = isinstance(shape, Spokes) or shape.is_black
+    return black
+
+
+def _bounds(shape: Shape) -> tuple[float, float, float, float]:
+    """Left, right, bottom, top."""
+    x, y = _lines_of(shape, 0), _lines_of(shape, 1)
+    return float(x.min()), float(x.max()), float(y.min()), float(y.max())
+
+
+def _is_inside(shape: Polygon | Disc | Spokes, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    if isinstance(shape, Polygon):
+        inside = np.zeros(u.shape, bool)
+        corners = np.array(shape.corners)
+        for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            if y0 != y1:  # the even-odd rule, along a ray to the left
+                inside ^= ((y0 > v) != (y1 > v)) & (u > x0 + (v - y0) * (x1 - x0) / (y1 - y0))
+        return inside
+    radius = np.hypot(u - shape.x, v - shape.y)
+    if isinstance(shape, Disc):
+        return radius < shape.radius
+    sector = np.floor((np.arctan2(v - shape.y, u - shape.x) - shape.phase) * shape.count / math.pi)
+    return (radius >= shape.inner) & (radius < shape.outer) & (sector % 2 == 0)
+
+
+def _merged(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cells of one colour as few rectangles (left, bottom, right, top) of lines, (m, 4), and their colours, (m,)."""
+    open_, found = dict[tuple[int, int, float], int](), list[tuple[int, int, int, int, float]]()
+    for row in range(len(light) + 1):
+        runs = _runs(light[row]) if row < len(light) else set()
+        for run in [run for run in open_ if run not in runs]:
+            left, right, colour = run
+            found.append((left, open_.pop(run), right, row, colour))
+        for run in sorted(runs):
+            open_.setdefault(run, row)
+    table = np.array(sorted(found))
+    return table[:, :4].astype(int), table[:, 4]
+
+
+def _runs(row: np.ndarray) -> set[tuple[int, int, float]]:
+    """First cell, end and colour of each stretch of one colour."""
+    ends = [0, *(np.flatnonzero(np.diff(row)) + 1).tolist(), len(row)]
+    return {(a, b, float(row[a])) for a, b in pairwise(ends)}
+
+
+def _finer(lines: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lines with more between them, for a curved surface, and which cell of before each new one lies in."""
+    parts = np.maximum(1, np.ceil(steps * np.diff(lines) / (lines[-1] - lines[0]))).astype(int)
+    fine = [np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(pairwise(lines), parts, strict=True)]
+    return np.append(np.concatenate(fine), lines[-1]), np.repeat(np.arange(len(parts)), parts)
+
+
+def _placed(patch: Patch, xy: np.ndarray) -> np.ndarray:
+    """Points of the chart on the surface, patch frame (n, 3)."""
+    if patch.kind in (PLANE, CYLINDER):
+        return patch.place(xy)[0]
+    # `place` would compile a kernel for heights.
+    across, down, half_x, half_y, *rest = patch.shape.tolist()
+    x, y = xy.T
+    if across == 0:
+        z = rest[0] * (1 - (x / half_x) ** 2) + rest[1] * (1 - (y / half_y) ** 2)
+    else:
+        z = _between(np.array(rest).reshape(int(down), int(across)), 0.5 + 0.5 * x / half_x, 0.5 - 0.5 * y / half_y)
+    return np.column_stack([xy, z])
+
+
+def _between(heights: np.ndarray, along: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """Heights, rows from the top, at shares of the width and of the height, between neighbours on straight lines."""
+    rows, columns = heights.shape
+    i = np.clip(np.floor(along * (columns - 1)), 0, columns - 2).astype(int)
+    j = np.clip(np.floor(below * (rows - 1)), 0, rows - 2).astype(int)
+    s, t = along * (columns - 1) - i, below * (rows - 1) - j
+    upper = (1 - s) * heights[j, i] + s * heights[j, i + 1]
+    lower = (1 - s) * heights[j + 1, i] + s * heights[j + 1, i + 1]
+    return np.asarray((1 - t) * upper + t * lower)

@@ -1,0 +1,115 @@
+"""Where rays meet warped boards and cylinders, in the frame of the patch [mm].
+
+`shape` of a board over the chart: number of heights along x and y, half width, half height, then the heights, rows from
+the top, each from the left; 0 heights along x stand for a parabolic warp, whose two deflections follow instead.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.jit.decorators import buffers, inline
+
+_STEPS = 20
+_PRECISION = 1e-12
+"""Of a Newton step [mm]; the last one taken is some digits smaller yet."""
+
+
+@inline
+def _weights(t):
+    """Catmull-Rom weights of four neighbouring heights at a fraction t between the middle two, and two derivatives."""
+    return (
+        (
+            0.5 * t * ((2.0 - t) * t - 1.0),
+            0.5 * (t * t * (3.0 * t - 5.0) + 2.0),
+            0.5 * t * ((4.0 - 3.0 * t) * t + 1.0),
+            0.5 * t * t * (t - 1.0),
+        ),
+        (
+            0.5 * ((4.0 - 3.0 * t) * t - 1.0),
+            0.5 * t * (9.0 * t - 10.0),
+            0.5 * ((8.0 - 9.0 * t) * t + 1.0),
+            0.5 * t * (3.0 * t - 2.0),
+        ),
+        (2.0 - 3.0 * t, 9.0 * t - 5.0, 4.0 - 9.0 * t, 3.0 * t - 1.0),
+    )
+
+
+@inline
+def _node(shape, i, j):
+    """A height, or beyond the edge of the map the one that goes on straight."""
+    nx, ny = int(shape[0]), int(shape[1])
+    if i < 0:
+        return 2.0 * _row_node(shape, 0, j, nx, ny) - _row_node(shape, 1, j, nx, ny)
+    if i >= nx:
+        return 2.0 * _row_node(shape, nx - 1, j, nx, ny) - _row_node(shape, nx - 2, j, nx, ny)
+    return _row_node(shape, i, j, nx, ny)
+
+
+@inline
+def _row_node(shape, i, j, nx, ny):
+    if j < 0:
+        return 2.0 * shape[4 + i] - shape[4 + nx + i]
+    if j >= ny:
+        return 2.0 * shape[4 + (ny - 1) * nx + i] - shape[4 + (ny - 2) * nx + i]
+    return shape[4 + j * nx + i]
+
+
+@inline
+def height_into(shape, u, v, result):
+    """Height z and its derivatives by u, v, uu, uv, vv at a point of the chart; `result` (6,) is written."""
+    half_x, half_y = shape[2], shape[3]
+    if shape[0] == 0.0:
+        a, b, x, y = shape[4], shape[5], u / half_x, v / half_y
+        result[0] = a * (1.0 - x * x) + b * (1.0 - y * y)
+        result[1], result[2] = -2.0 * a * x / half_x, -2.0 * b * y / half_y
+        result[3], result[4], result[5] = -2.0 * a / (half_x * half_x), 0.0, -2.0 * b / (half_y * half_y)
+        return
+    per_x, per_y = 0.5 * (shape[0] - 1.0) / half_x, -0.5 * (shape[1] - 1.0) / half_y
+    along, down = (u + half_x) * per_x, (v - half_y) * per_y
+    i, j = min(max(math.floor(along), 0.0), shape[0] - 2.0), min(max(math.floor(down), 0.0), shape[1] - 2.0)
+    wx, wy = _weights(along - i), _weights(down - j)
+    for k in range(6):
+        result[k] = 0.0
+    for b in range(4):
+        for a in range(4):
+            h = _node(shape, int(i) + a - 1, int(j) + b - 1)
+            result[0] += h * wx[0][a] * wy[0][b]
+            result[1] += h * wx[1][a] * wy[0][b] * per_x
+            result[2] += h * wx[0][a] * wy[1][b] * per_y
+            result[3] += h * wx[2][a] * wy[0][b] * per_x * per_x
+            result[4] += h * wx[1][a] * wy[1][b] * per_x * per_y
+            result[5] += h * wx[0][a] * wy[2][b] * per_y * per_y
+
+
+@buffers
+def height_hit(shape, o, d, t):
+    """Newton's method from a path t: u, v and the normal (not of unit length) where the ray meets the board."""
+    found = np.empty(6)
+    u, v, nx, ny = math.nan, math.nan, 0.0, 0.0
+    for _ in range(_STEPS):
+        u, v = o[0] + t * d[0], o[1] + t * d[1]
+        height_into(shape, u, v, found)
+        nx, ny = -found[1], -found[2]
+        step = (o[2] + t * d[2] - found[0]) / (d[2] + nx * d[0] + ny * d[1])
+        t -= step
+        if not abs(step) > _PRECISION:
+            break
+    return o[0] + t * d[0], o[1] + t * d[1], nx, ny, 1.0
+
+
+@inline
+def cylinder_hit(radius, o, d, start):
+    """Of the two crossings of a ray with a cylinder about the line x = 0, z = -radius the one nearer to a path.
+
+    u is the length of the arc from the line x = 0, z = 0; a negative radius is a hollow seen from inside.
+    """
+    cx, cz = o[0], o[2] + radius
+    a, b = d[0] * d[0] + d[2] * d[2], cx * d[0] + cz * d[2]
+    root = math.sqrt(b * b - a * (cx * cx + cz * cz - radius * radius))
+    # The two roots of a quadratic without cancelling digits.
+    q = -(b + math.copysign(root, b))
+    one, other = q / a, (cx * cx + cz * cz - radius * radius) / q
+    t = one if abs(one - start) < abs(other - start) else other
+    x, z = (cx + t * d[0]) / radius, (cz + t * d[2]) / radius
+    return radius * math.atan2(x, z), o[1] + t * d[1], x, 0.0, z

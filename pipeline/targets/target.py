@@ -1,0 +1,115 @@
+"""A calibration target: a pattern on a surface, or a mesh with marked points."""
+
+import dataclasses
+import reprlib
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.records.plain import from_plain, to_plain
+from pipeline.targets.errors import TargetError
+from pipeline.targets.mesh import MeshTarget
+from pipeline.targets.patches import PLANE, Patch
+from pipeline.targets.patterns.aprilgrid import AprilGrid
+from pipeline.targets.patterns.charuco import Charuco
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.circles import CircleGrid
+from pipeline.targets.patterns.deltille import Deltille
+from pipeline.targets.patterns.lines import Lines, SlantedEdge
+from pipeline.targets.patterns.pattern import Pattern
+from pipeline.targets.patterns.stars import SiemensStar, Stars
+from pipeline.targets.points import TargetPoints, frames_at
+from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, Surface, Warped
+
+PATTERNS: dict[str, type] = {
+    kind.KIND: kind
+    for kind in (Checkerboard, Charuco, AprilGrid, CircleGrid, Deltille, Stars, SiemensStar, SlantedEdge, Lines)
+}
+SURFACES: dict[str, type] = {kind.KIND: kind for kind in (Flat, Warped, HeightMap, Cylinder, Cube, Stairs)}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A pattern on a surface. Target frame: x right, y up, z towards the viewer.
+
+    Raises
+    ------
+    TargetError
+        The pattern does not fit on the surface.
+    """
+
+    pattern: Pattern
+    surface: Surface = field(default_factory=Flat)
+
+    def __post_init__(self) -> None:
+        for name, value, kinds in (("pattern", self.pattern, PATTERNS), ("surface", self.surface, SURFACES)):
+            if not isinstance(value, tuple(kinds.values())):
+                names = ", ".join(kind.__name__ for kind in kinds.values())
+                raise TargetError(f"Target: {name} is {reprlib.repr(value)}", hint=f"it has to be one of: {names}")
+        self.surface.patches(self.pattern)
+
+    @property
+    def kind(self) -> str:
+        """Name of the pattern."""
+        return self.pattern.KIND
+
+    def patches(self) -> list[Patch]:
+        """The surface in pieces, for images."""
+        return [patch for patch, _ in self.surface.patches(self.pattern)]
+
+    def points(self) -> TargetPoints:
+        """All points, of one patch after the other."""
+        pieces = [(patch, pattern) for patch, pattern in self.surface.patches(self.pattern) if pattern]
+        return TargetPoints.joined([_points_on(patch, pattern) for patch, pattern in pieces])
+
+
+AnyTarget = Target | MeshTarget
+
+
+def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
+    marks = pattern.marks()
+    n, turn = len(marks.xy_mm), patch.target_from_patch[:3, :3]
+    points, axes, curvature = patch.place(marks.xy_mm)
+    is_flat = patch.kind == PLANE
+    position, own = apply(patch.target_from_patch, points), turn @ axes
+    # A cylinder is what it was meant to be; a board with a height map was meant to be flat.
+    nominal = np.pad(marks.xy_mm, ((0, 0), (0, 1))) if patch.kind == "heights" else position
+    return TargetPoints(
+        position_mm=position,
+        nominal_mm=nominal,
+        axes=own,
+        curvature_per_mm=curvature,
+        kinds=marks.kinds,
+        radius_mm=marks.radius_mm,
+        plane=np.zeros(n, int) if is_flat else np.arange(n),
+        frames=patch.target_from_patch[None] if is_flat else frames_at(position, own),
+    )
+
+
+def bare(target: AnyTarget) -> AnyTarget:
+    """The same shape with the same drawing and points; its light is 1 and its dark is 0, a mesh is light all over."""
+    if isinstance(target, MeshTarget):
+        return dataclasses.replace(target, albedo=((1.0, 1.0, 1.0),) * len(target.triangles))
+    return Target(dataclasses.replace(target.pattern, white=1.0, black=0.0), target.surface)  # type: ignore[type-var]
+
+
+def plain_from_target(target: AnyTarget) -> dict[str, Any]:
+    """A target as JSON values."""
+    if isinstance(target, MeshTarget):
+        return {"kind": target.KIND, "mesh": to_plain(target)}
+    return {
+        "kind": target.kind,
+        "pattern": to_plain(target.pattern),
+        "surface": {"kind": target.surface.KIND, **to_plain(target.surface)},
+    }
+
+
+def target_from_plain(plain: dict[str, Any]) -> AnyTarget:
+    """The target that `plain_from_target` wrote."""
+    if plain["kind"] == MeshTarget.KIND:
+        return from_plain(MeshTarget, plain["mesh"])
+    surface = dict(plain["surface"])
+    kind = SURFACES[surface.pop("kind")]
+    return Target(from_plain(PATTERNS[plain["kind"]], plain["pattern"]), from_plain(kind, surface))

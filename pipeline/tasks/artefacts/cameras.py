@@ -1,0 +1,102 @@
+"""Common parts of several task kinds: reading a focused camera and making its tracer."""
+
+import dataclasses
+import functools
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.camera.figures.equivalent_pinhole import Pinhole
+from pipeline.camera.micro_images.centres import MicroImages, micro_images, owners
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.tracer import Tracer
+from pipeline.files.jsonfile import read_json
+from pipeline.files.npy import StackedRows
+from pipeline.records.plain import from_plain, to_plain
+from pipeline.truth.grid.ray_grid import image_from_fine
+
+Inputs = dict[str, dict[str, Path]]
+"""Role -> output name -> file in the store."""
+
+FOCUSED, PLANES, PINHOLE = "focused.json", "planes.json", "pinhole.json"
+_POSITIONS_AT_ONCE = 1 << 16
+_KEPT = 4
+"""Cameras that a process keeps ready: tasks of one camera share its outlines, microlenses and reference bundle."""
+
+
+def focused_camera(inputs: Inputs) -> Camera:
+    """The camera that the task `focus` wrote; with near and far planes, if the task reads those of `planes`."""
+    camera = from_plain(Camera, read_json(inputs["camera"][FOCUSED]))
+    return dataclasses.replace(camera, **read_json(inputs["planes"][PLANES])) if "planes" in inputs else camera
+
+
+def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
+    """The pinhole that the task `pinhole` wrote; None where there is none."""
+    plain = read_json(inputs[role][PINHOLE])
+    return None if plain is None else from_plain(Pinhole, plain)
+
+
+def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
+    """Tracer of the focused camera."""
+    return _tracer(json.dumps(to_plain(focused_camera(inputs))), seed)
+
+
+def tracer_of(inputs: Inputs, seed: int) -> tuple[Tracer, MicroImages | None]:
+    """Tracer and micro-images (None for a conventional camera) of the focused camera."""
+    tracer = tracer_alone(inputs, seed)
+    return tracer, _images(json.dumps(to_plain(tracer.camera)), seed) if tracer.camera.microlenses else None
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _tracer(camera: str, seed: int) -> Tracer:
+    """The tracer of a camera as text: two texts are equal only if all of their numbers are."""
+    return Tracer(from_plain(Camera, json.loads(camera)), seed)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _images(camera: str, seed: int) -> MicroImages:
+    return micro_images(_tracer(camera, seed))
+
+
+def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
+    """Arrays that tiles wrote, one below the other."""
+    rows = StackedRows([inputs[f"tile{number}"][name] for number in range(tiles)])
+    return rows.rows(0, rows.shape[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Some positions of the fine grid, row by row.
+
+    Attributes
+    ----------
+    index : (n,) int64
+        Which ones, counted from the first position of the band.
+    pixels : (n, 2) int64
+        Column and row in the whole grid.
+    positions_mm : (n, 2) float64
+        On the sensor, vision frame.
+    lens : (n,) int64
+        Microlens whose cell each position lies in.
+    """
+
+    index: np.ndarray
+    pixels: np.ndarray
+    positions_mm: np.ndarray
+    lens: np.ndarray
+
+
+def stretches(
+    tracer: Tracer, images: MicroImages | None, supersampling: int, first_row: int, end_row: int
+) -> Iterator[Stretch]:
+    """A band of rows of the fine grid, in pieces that fit into memory."""
+    width = tracer.camera.sensor.width_px * supersampling
+    count = (end_row - first_row) * width
+    for first in range(0, count, _POSITIONS_AT_ONCE):
+        index = np.arange(first, min(first + _POSITIONS_AT_ONCE, count))
+        pixels = np.stack([index % width, index // width + first_row], axis=1)
+        positions = tracer.positions_mm(*image_from_fine(pixels.T, supersampling))
+        yield Stretch(index, pixels, positions, owners(images, positions))

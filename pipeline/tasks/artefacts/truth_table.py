@@ -1,0 +1,164 @@
+"""The table of correspondences: its header and notes, and the columns of one target."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.frames import apply
+from pipeline.targets.points import TargetPoints
+from pipeline.tasks.params.truth import TruthTable
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
+from pipeline.truth.settings import TruthSettings
+from pipeline.truth.visibility import METHOD
+
+COLUMNS = (
+    "frame",
+    "camera",
+    "target",
+    "point_id",
+    "microlens_k",
+    "microlens_l",
+    "microlens_type",
+    "x_px",
+    "y_px",
+    "sigma_x_px",
+    "sigma_y_px",
+    "target_x_mm",
+    "target_y_mm",
+    "target_z_mm",
+    "camera_x_mm",
+    "camera_y_mm",
+    "camera_z_mm",
+    "hit_fraction",
+    "visibility",
+    "blur_xx_px2",
+    "blur_xy_px2",
+    "blur_yy_px2",
+    "rho_px",
+    "method",
+)
+
+
+def column_order(settings: TruthSettings) -> list[str]:
+    """Names of all columns that the stage asks for."""
+    return [*COLUMNS, *(name for column_set in settings.column_sets for name in column_names(column_set))]
+
+
+def columns_of(
+    table: TruthTable,
+    target: str,
+    points: TargetPoints,
+    pose: np.ndarray,
+    rig: Rig,
+    truth: Correspondences,
+    visibility: np.ndarray,
+) -> dict[str, Any]:
+    """Columns of one target, in the order of COLUMNS."""
+    found, lattice = truth.found, rig.tracer.lattice
+    rows = len(found.point)
+    microlens = [[None] * rows] * 3
+    if lattice is not None:
+        microlens = [column[found.cell] for column in (lattice.k, lattice.l, lattice.type)]
+    point = points.position_mm[found.point]
+    blur = truth.blur_px2
+    values = (
+        [table.frame] * rows,
+        [table.camera] * rows,
+        [target] * rows,
+        found.point,
+        *microlens,
+        found.x_px,
+        found.y_px,
+        *truth.sigma_px.T,
+        *point.T,
+        *apply(pose, point).T,
+        truth.hit_fraction,
+        visibility,
+        blur[:, 0, 0],
+        blur[:, 0, 1],
+        blur[:, 1, 1],
+        truth.rho_px,
+        truth.method.tolist(),
+    )
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetNote:
+    """What became of the points of a target, or of some of them.
+
+    Attributes
+    ----------
+    counts : dict or None
+        Rows by reason; None if the camera sees the target's back.
+    away : int
+        Points that face away.
+    sag_mm : float
+        Largest distance of the surface from its tangent plane over the blur of a row.
+    sets : tuple of SetNote
+        Of the further columns.
+    """
+
+    target: str
+    counts: dict[str, int] | None
+    away: int = 0
+    sag_mm: float = 0.0
+    sets: tuple[SetNote, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """For the header of a table."""
+        if self.counts is None:
+            return f"{self.target}: no rows, because the camera sees its back"
+        said = [f"{name} {count}" for name, count in self.counts.items()]
+        if self.away:
+            said.append(f"points_facing_away {self.away}")
+        if self.sag_mm:
+            said.append(f"largest sag of the surface from its tangent plane over the blur {self.sag_mm:.2g} mm")
+        return "; ".join([f"{self.target}: {', '.join(said)}", *(one.text for one in self.sets)])
+
+    def joined(self, other: "TargetNote") -> "TargetNote":
+        """Of the points of both, which are others."""
+        if self.counts is None or other.counts is None:
+            return self
+        return TargetNote(
+            target=self.target,
+            counts={name: count + other.counts[name] for name, count in self.counts.items()},
+            away=self.away + other.away,
+            sag_mm=max(self.sag_mm, other.sag_mm),
+            sets=tuple(mine.joined(theirs) for mine, theirs in zip(self.sets, other.sets, strict=True)),
+        )
+
+
+def header_of(table: TruthTable, supersampling: int | None, *, is_plenoptic: bool) -> list[str]:
+    """Comment lines of a table, what became of its targets left out; no supersampling K without position images."""
+    settings, labels, light = table.settings, table.labels, table.labels.light
+    empty = "" if is_plenoptic else "microlens_k, microlens_l, microlens_type (a conventional camera); "
+    claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
+    return [
+        f"exact image positions of target points: camera {table.camera}, frame {table.frame}",
+        "pixel convention: (0, 0) is the centre of the top-left pixel, x right, y down",
+        "units: px in the image, mm in space; target frame x right, y up, z to the viewer;"
+        " camera = vision frame x right, y down, z forward, origin at the aperture stop",
+        f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
+        f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
+        f"weight: {light.weight}; wavelengths: {light.wavelength_nm} nm; indices: {labels.index_source};"
+        f" stop: {labels.stop}; footprint: {light.footprint}",
+        f"seed: {labels.seed}" + (f"; K: {supersampling}; samples: {labels.samples}" if supersampling else ""),
+        f"visibility: {METHOD}; hidden points and points that face away have no rows",
+        f"empty: {empty}single empty cells of blur and rho: no bundle of the micro-image at the pixel",
+        *(SETS[name] for name in settings.column_sets),
+    ]
+
+
+def _search(settings: TruthSettings) -> str:
+    if not settings.searches:
+        return "J(x) = p solved at every point, no position image"
+    if settings.search == "nearest":
+        return f"search: nearest, threshold {settings.nearest_threshold_mm} mm"
+    filtered = f"{settings.filter}, lambda_d {settings.lambda_d}, lambda_alpha {settings.lambda_alpha_deg} deg"
+    surface = ", quadratic in 4 x 4 values, doubtful rows by direct" if settings.method == "moments" else ""
+    return f"search: quad, filter {filtered}{surface}"

@@ -1,0 +1,42 @@
+"""Parameters of the tasks that settle a camera: `focus`, `planes`, `stop`, `pinhole`."""
+
+from dataclasses import dataclass
+
+from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.parts.camera import Camera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nothing:
+    """Of a kind that reads other tasks alone."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Focus:
+    """A camera, or what it shall have in focus; without near and far planes and names."""
+
+    camera: Camera | None
+    request: FocusRequest | None
+
+    @property
+    def asked(self) -> Camera | FocusRequest:
+        """The one that is there."""
+        asked = self.camera or self.request
+        assert asked is not None
+        return asked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Planes:
+    """Planes of J_near and J_far as authored, None: derived from the depth of field."""
+
+    near_mm: float | None
+    far_mm: float | None
+    circle_of_confusion_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """Another F-number of the same camera."""
+
+    f_number: float

@@ -1,0 +1,23 @@
+"""Parameters of the task `certificate`."""
+
+from dataclasses import dataclass
+
+from pipeline.tasks.params.placed import PlacedTarget
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedFrame:
+    """Targets of a frame."""
+
+    number: int
+    targets: tuple[PlacedTarget, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Certificate:
+    """The tables of all frames of a camera; no claim where the method promises nothing."""
+
+    frames: tuple[JudgedFrame, ...]
+    claim_px: float | None
+    square_px: float
+    seed: int

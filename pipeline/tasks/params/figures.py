@@ -1,0 +1,34 @@
+"""Parameters of the task `first_order`, and the labels of camera.json."""
+
+from dataclasses import dataclass
+
+from pipeline.tasks.params.rays import Light
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FocusLabels:
+    """A focus request, as camera.json tells it."""
+
+    focus_distance_mm: float | None
+    focus_type: int | None
+    focus_groups: tuple[str, ...]
+    group_shift_mm: float | None
+    stop_match: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraLabels:
+    """Labels of a camera in camera.json, besides its figures."""
+
+    lens_name: str
+    index_source: str
+    light: Light
+    focus_request: FocusLabels | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirstOrder:
+    """What camera.json says besides figures."""
+
+    labels: CameraLabels
+    circle_of_confusion_px: float

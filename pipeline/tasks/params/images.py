@@ -1,0 +1,49 @@
+"""Parameters of the tasks `white`, `image` and their tiles."""
+
+from dataclasses import dataclass
+
+from pipeline.tasks.params.placed import PaintedView
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exposure:
+    """The rays of an image: samples of a pixel, their random numbers, measure and wavelength."""
+
+    samples: int
+    seed: int
+    weight: str
+    wavelength_nm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class White:
+    """The image of a white scene."""
+
+    exposure: Exposure
+    tiles: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WhiteTile:
+    """First and end row of a tile of the image of a white scene."""
+
+    exposure: Exposure
+    rows: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageTile:
+    """Some rows of an image: first and end."""
+
+    exposure: Exposure
+    view: PaintedView
+    rows: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Image:
+    """An image, from so many tiles; without tiles of this view."""
+
+    exposure: Exposure
+    tiles: int
+    view: PaintedView | None

@@ -1,0 +1,39 @@
+"""Targets and occluders in a frame, as parameters of the tasks that see them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+Matrix = list[list[float]]
+"""A transform a_from_b, row by row, (4, 4) [mm]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedTarget:
+    """A target in a frame, as `target_from_plain` reads it; its name is empty where the task does not know it."""
+
+    name: str
+    target: dict[str, Any]
+    vision_from_target: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedOccluder:
+    """An occluder in a frame; `occluder` is a plain `targets.occluder.Occluder`."""
+
+    occluder: dict[str, Any]
+    vision_from_occluder: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """Everything in a frame, as a camera has it before it."""
+
+    targets: tuple[PlacedTarget, ...]
+    occluders: tuple[PlacedOccluder, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaintedView(View):
+    """With the radiance of everything, and that of what is behind it all."""
+
+    background: float

@@ -1,0 +1,38 @@
+"""Parameters of the tasks `frame_poses` and `baselines`."""
+
+from dataclasses import dataclass
+
+from pipeline.tasks.params.placed import Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosedFrame:
+    """Poses in a frame; camera_from_target by the name of the target."""
+
+    number: int
+    camera_from_world: Matrix
+    targets: dict[str, Matrix]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FramePoses:
+    """Poses of a camera, which is named, in all frames."""
+
+    camera: str
+    frames: tuple[PosedFrame, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigFrame:
+    """camera_from_world of all cameras in a frame, in the order of their names."""
+
+    number: int
+    camera_from_world: tuple[Matrix, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Baselines:
+    """All cameras of a dataset, by name."""
+
+    cameras: tuple[str, ...]
+    frames: tuple[RigFrame, ...]

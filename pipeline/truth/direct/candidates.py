@@ -1,0 +1,131 @@
+"""Microlenses that may see a target point, and about where: from tracing the point forward through the pupil.
+
+Points are in the vision frame. The forward trace runs in the lens frame moved to the stop: x, -y, -z of the former.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.camera.micro_images.centres import MicroImages, tree_of
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.optics.first_order import first_order
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+_FLIP = np.array([1.0, -1.0, -1.0])
+_FAN, _WIDE_FAN = 16, 96
+_PUPIL_SLACK = 1.3
+_REACH_PX, _BLUR_SHARE = 4.0, 0.25
+"""Guesses behind microlenses were seen to miss by up to 1.5 px; without them by a tenth of the blur's width."""
+_CELL_SLACK = 0.3
+"""A guess may lie so many pitches farther from its own micro-image's centre than from the nearest one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Pairs of a point and a microlens, or of a point and NO_MICROLENS.
+
+    Attributes
+    ----------
+    point, lens : (n,) int64
+    x_px : (n, 2) float64
+        Where the image of the point may lie.
+    reach_px : (n,) float64
+        How far from there it may lie.
+    rays : int
+        Traced for it.
+    """
+
+    point: np.ndarray
+    lens: np.ndarray
+    x_px: np.ndarray
+    reach_px: np.ndarray
+    rays: int
+
+
+def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray) -> Candidates:
+    """All candidates of points (p, 3); points whose light does not get through have none."""
+    point, lens, guess, reach, rays = [], [], [], [], 0
+    vertices = None if images is None else tree_of(tracer.vertices_mm)
+    table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
+    for number, p in enumerate(points_mm):
+        crossing, slope, traced = _footprint(tracer, table, fans, p)
+        rays += traced
+        if not len(crossing):
+            continue
+        if images is None or vertices is None:
+            seen, x = np.array([NO_MICROLENS]), crossing.mean(axis=0, keepdims=True)
+            blur_px = np.ptp(crossing, axis=0).max() / tracer.camera.sensor.pitch_mm
+        else:
+            blur_px = 0.0
+            seen, x = _through_microlenses(tracer, images, vertices, crossing, slope)
+        point.append(np.full(len(seen), number))
+        lens.append(seen)
+        guess.append(tracer.pixels_at(x))
+        reach.append(np.full(len(seen), _REACH_PX + _BLUR_SHARE * blur_px))
+    if not point:
+        return Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), rays)
+    return Candidates(np.concatenate(point), np.concatenate(lens), np.concatenate(guess), np.concatenate(reach), rays)
+
+
+def _fans(tracer: Tracer) -> list[np.ndarray]:
+    """Points that rays are aimed at, (n, 3) each: the paraxial entrance pupil; then the whole front surface."""
+    table, pupil = towards_sensor(tracer.camera.prescription), first_order(tracer.camera.prescription).entrance_pupil
+    fans = []
+    for z, reach, count in (
+        (-pupil.z_mm, _PUPIL_SLACK * pupil.diameter_mm / 2, _FAN),
+        (table[0, 0], np.sqrt(table[0, SEMI_DIAMETER_SQUARED]), _WIDE_FAN),
+    ):
+        u = np.linspace(-reach, reach, count)
+        aim = np.stack([*(axis.ravel() for axis in np.meshgrid(u, u)), np.full(count * count, z)], axis=1)
+        fans.append(aim[np.hypot(aim[:, 0], aim[:, 1]) <= reach])
+    return fans
+
+
+def _footprint(
+    tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Crossings of a point's rays with the plane of sensor or array, and slopes there; vision x and y, (n, 2) each.
+
+    Of the first fan of which a ray comes through.
+    """
+    rays = 0
+    for aim in fans:
+        position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
+        direction = aim - position
+        direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
+        alive = np.ones(len(aim))
+        trace_rays(table, position, direction, alive)
+        rays += len(aim)
+        passed = alive > 0
+        if passed.any():
+            slope = direction[passed, :2] / direction[passed, 2:]
+            crossing = position[passed, :2] + (-tracer.film_z_mm - position[passed, 2:]) * slope
+            return crossing * _FLIP[:2], slope * _FLIP[:2], rays
+    return np.zeros((0, 2)), np.zeros((0, 2)), rays
+
+
+def _through_microlenses(
+    tracer: Tracer, images: MicroImages, vertices: "cKDTree", crossing: np.ndarray, slope: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Microlenses that a footprint lights, and where the rays through their vertices meet the sensor."""
+    array = tracer.camera.microlenses
+    assert array is not None
+    spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
+    reached = vertices.query_ball_point(crossing, array.pitch_mm + spacing)
+    seen = np.unique(np.concatenate([np.asarray(rows, np.int64) for rows in reached]))
+    # Slopes are nearly linear in the crossing; where the rays meet in a point, their mean has to do.
+    q, s = crossing - crossing.mean(axis=0), slope - slope.mean(axis=0)
+    soft = np.eye(2) * len(q) * (0.1 * array.pitch_mm) ** 2
+    along = np.linalg.solve(q.T @ q + soft, q.T @ s)
+    vertex = tracer.vertices_mm[seen]
+    x = vertex + array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ along)
+    farther = np.hypot(*(x - images.centre_mm[seen]).T) - images.tree.query(x)[0]
+    near = farther <= _CELL_SLACK * array.pitch_mm
+    return seen[near], x[near]

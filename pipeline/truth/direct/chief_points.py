@@ -1,0 +1,71 @@
+"""Image positions by the chief ray: where one ray alone puts a point that its bundle sees elsewhere.
+
+Without microlenses it is the ray through the centre of the stop; behind microlenses, where a bundle is a thin one, the
+ray through the vertex of its microlens, or of that face of it which has the aperture. Apertures do not block it.
+"""
+
+import numpy as np
+
+from pipeline.camera.integrating.polar_bundle import single_hits
+from pipeline.camera.micro_images.centres import vertex_aims
+from pipeline.camera.pupil.chief_ray import chief_crossings
+from pipeline.camera.tracer import Tracer
+from pipeline.optics.table import unbounded
+
+_STEPS = 20
+_DONE_PX, _ACCEPTED_PX = 1e-10, 1e-7
+_DIFFERENCE_PX = 0.05
+
+
+def chief_points(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """Positions whose chief ray meets the origin of a plane, (n, 2) [px]; NaN where there is none.
+
+    Parameters
+    ----------
+    lens : (n,) int64
+    x_px : (n, 2) float64
+        Where to begin.
+    planes : (n, 4, 3) float64
+        Tangent planes with their target points as origins.
+    """
+    x = x_px.copy()
+    miss = _chief_hits(tracer, lens, x, planes)
+    jacobian = chief_jacobian(tracer, lens, x, planes)
+    with np.errstate(invalid="ignore"):
+        regular = np.abs(np.linalg.det(jacobian)) > 0
+    inverse = np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))
+    step = np.full(x.shape, np.nan)
+    for _ in range(_STEPS):
+        # The derivative hardly changes between two positions of one point.
+        step = -np.einsum("nij,nj->ni", inverse, miss)
+        x = x + step
+        if not (np.abs(step) > _DONE_PX).any():
+            break
+        miss = _chief_hits(tracer, lens, x, planes)
+    return np.where((np.abs(step) < _ACCEPTED_PX).all(axis=1)[:, None], x, np.nan)
+
+
+def chief_jacobian(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN where there are none."""
+    change = [
+        _chief_hits(tracer, lens, x_px + step, planes) - _chief_hits(tracer, lens, x_px - step, planes)
+        for step in _DIFFERENCE_PX * np.eye(2)
+    ]
+    return np.stack(change, axis=2) / (2 * _DIFFERENCE_PX)
+
+
+def _chief_hits(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """Hits of the chief rays of image positions on their planes, (n, 2) [mm]."""
+    hits = np.full(x_px.shape, np.nan)
+    known = np.flatnonzero(np.isfinite(x_px).all(axis=1))
+    positions = tracer.positions_mm(*x_px[known].T)
+    if tracer.lattice is None:
+        aims = chief_crossings(tracer.table, tracer.stop_row, tracer.on_film(positions))
+    else:
+        aims = vertex_aims(tracer, lens[known], positions)
+    aimed = np.isfinite(aims).all(axis=1)
+    known, positions, aims = known[aimed], positions[aimed], aims[aimed]
+    optics, table, *others = tracer.arrays
+    if len(known):
+        hits[known] = single_hits((optics, unbounded(table), *others), positions, lens[known], aims, planes[known])
+    return hits

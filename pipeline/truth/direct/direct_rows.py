@@ -1,0 +1,207 @@
+"""Correspondences by method `direct`: candidates from forward tracing, solutions, and the rules of which rows exist."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.integrals import integrals
+from pipeline.camera.micro_images.centres import MicroImages
+from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
+from pipeline.truth import blur
+from pipeline.truth.direct.candidates import candidates
+from pipeline.truth.direct.newton import Search
+from pipeline.truth.grid.correspond import Correspondences, Found
+from pipeline.truth.grid.ray_grid import matrix_4
+
+_GRACE_PX = 1.0
+"""Rough solutions so far outside of their cell or of the image may still turn out to lie inside."""
+_APART_MM = 10.0
+_BLUR_LEVEL = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """Pairs to solve, of point and micro-image with a first guess, (n,), (n,) and (n, 2)."""
+
+    point: np.ndarray
+    cell: np.ndarray
+    x_px: np.ndarray
+
+    def only(self, kept: np.ndarray) -> "Guess":
+        """The pairs where `kept` is true."""
+        return Guess(self.point[kept], self.cell[kept], self.x_px[kept])
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A camera made ready, and what J means.
+
+    Attributes
+    ----------
+    images : MicroImages or None
+        None for a conventional camera.
+    square_px : float
+        Edge of the square around a position that the rays of J start on; 0: the position itself.
+    """
+
+    tracer: Tracer
+    images: MicroImages | None
+    square_px: float = 0.0
+
+    @property
+    def axial(self) -> np.ndarray:
+        """k and l of every cell, (m, 2); zeros for a conventional camera."""
+        grid = self.tracer.lattice
+        return np.zeros((1, 2), np.int64) if grid is None else np.stack([grid.k, grid.l], axis=1)
+
+    def lens(self, cell: np.ndarray) -> np.ndarray:
+        """Row of the microlens of each cell, or NO_MICROLENS."""
+        return cell if self.images is not None else np.full(len(cell), -1)
+
+    def home_px(self, cell: np.ndarray) -> np.ndarray:
+        """Position in each cell where light arrives for certain: its centre, or that of the image."""
+        sensor = self.tracer.camera.sensor
+        if self.images is not None:
+            return self.tracer.pixels_at(self.images.centre_mm[cell])
+        return np.broadcast_to((np.array([sensor.width_px, sensor.height_px]) - 1) / 2, (len(cell), 2)).copy()
+
+    def in_image(self, x_px: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
+        """Whether positions lie in the image."""
+        size = np.array([self.tracer.camera.sensor.width_px, self.tracer.camera.sensor.height_px])
+        return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2 + grace_px, axis=1)
+
+    def in_cell(self, x_px: np.ndarray, cell: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
+        """Whether positions lie in their own cell."""
+        if self.images is None:
+            return np.ones(len(cell), bool)
+        x = self.tracer.positions_mm(*x_px.T)
+        if grace_px == 0:
+            return self.images.owner(x) == cell
+        farther = np.hypot(*(x - self.images.centre_mm[cell]).T) - self.images.tree.query(x)[0]
+        return farther <= grace_px * self.tracer.camera.sensor.pitch_mm
+
+    def hit_fraction(self, moments: np.ndarray) -> np.ndarray:
+        """Weight that leaves over that of the free bundle."""
+        free = moments[:, FREE_WEIGHT] if self.images is not None else self.tracer.reference_weight_sr
+        return moments[:, WEIGHT] / free
+
+
+def guesses(rig: Rig, planes: np.ndarray) -> tuple[Guess, int]:
+    """All pairs of a target point that faces the camera and a micro-image that may see it; the rays traced for it."""
+    facing = np.flatnonzero(faces_camera(planes))
+    found = candidates(rig.tracer, rig.images, planes[facing, 0])
+    return Guess(facing[found.point], np.maximum(found.lens, 0), found.x_px), found.rays
+
+
+def faces_camera(planes: np.ndarray) -> np.ndarray:
+    """Whether the front of planes (p, 4, 3) is turned to the centre of the aperture stop, (p,) bool."""
+    return np.einsum("pi,pi->p", planes[:, 0], planes[:, 3]) < 0
+
+
+def solve(
+    rig: Rig,
+    guess: Guess,
+    planes: np.ndarray,
+    accuracy_px: float,
+    min_hit_fraction: float,
+    jacobian: np.ndarray | None = None,
+) -> Correspondences:
+    """Solve J(x) = p for pairs, and keep those that exist.
+
+    Parameters
+    ----------
+    jacobian : (n, 2, 2) float64, optional
+        Derivatives of J at guesses that are solutions already, roughly.
+    planes : (p, 4, 3) float64
+        Per target point the tangent plane there, vision frame: rows point, first axis, second axis, normal.
+    """
+    where = guess.x_px, rig.home_px(guess.cell)
+    search = Search(rig.tracer, rig.lens(guess.cell), planes[guess.point], *where, rig.square_px)
+
+    def may_exist(x_px: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return rig.in_image(x_px, _GRACE_PX) & rig.in_cell(x_px, guess.cell[rows], _GRACE_PX)
+
+    if jacobian is None:
+        search.approach(may_exist)
+    else:
+        search.begin_at(jacobian)
+    known = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.inverse).all(axis=(1, 2))
+    somewhere = np.where(known[:, None], search.x_px, 0.0)
+    near = known & may_exist(somewhere, np.arange(len(known)))
+    search.refine(np.flatnonzero(near), accuracy_px)
+    rows = np.flatnonzero(near & np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1))
+    counts = {"candidates": len(known), "unsolved": int(np.sum(~known)) + int(near.sum()) - len(rows)}
+    tests = {
+        "dropped_outside_image": lambda: rig.in_image(search.x_px[rows]),
+        "dropped_outside_cell": lambda: rig.in_cell(search.x_px[rows], guess.cell[rows]),
+        "dropped_hit_fraction": lambda: rig.hit_fraction(search.moments[rows]) >= min_hit_fraction,
+    }
+    for name, test in tests.items():
+        kept = test()
+        counts[name], rows = int(np.sum(~kept)), rows[kept]
+    counts["dropped_outside_cell"] += int(np.sum(known & ~near))
+    counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
+    return _with_blur(rig, search, guess, rows, planes, {**counts, "rows": len(rows), "rays": search.rays})
+
+
+def _with_blur(
+    rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: np.ndarray, counts: dict[str, int]
+) -> Correspondences:
+    point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
+    blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], planes[point], jacobian, moments)
+    error = np.hypot(*search.sigma_px[rows].T)
+    x, y = search.x_px[rows].T
+    found = Found(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)), error)
+    solved = Correspondences(
+        found,
+        search.sigma_px[rows],
+        rig.hit_fraction(moments),
+        blurred,
+        rho,
+        {**counts, "rays": search.rays + rays},
+        np.full(len(rows), "direct"),
+    )
+    return solved.sorted_by(rig.axial)
+
+
+def blur_of(
+    rig: Rig, cell: np.ndarray, x_px: np.ndarray, planes: np.ndarray, jacobian: np.ndarray, moments: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] of the bundles of rows themselves, and the rays traced.
+
+    Parameters
+    ----------
+    planes : (n, 4, 3) float64
+        Tangent planes at the target point of each row.
+    jacobian : (n, 2, 2) float64
+        Derivative of J there [mm per px].
+    moments : (n, COLUMNS) float64
+        Of the bundles on those planes; those that start on squares are traced again from the positions.
+    """
+    lens, rays = rig.lens(cell), 0
+    if rig.square_px:
+        of_points = integrals(rig.tracer, x_px, lens, np.stack([planes, planes], axis=1), _BLUR_LEVEL)
+        moments, rays = of_points.moments, of_points.rays
+    blurred = blur.in_image(matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2], jacobian)
+    z = planes[:, 0, 2]
+    upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
+    upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
+    across = integrals(rig.tracer, x_px, lens, upright, 0)
+    _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
+    return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
+
+
+def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: np.ndarray | None = None) -> np.ndarray:
+    """Tangent planes at points of a target (p, 3), for the kernels, (p, 4, 3).
+
+    Parameters
+    ----------
+    axes : (p, 3, 3) float64, optional
+        Columns: x and y of each plane and its normal, target frame; those of the target where it is flat.
+    """
+    planes = np.empty((len(points_mm), 4, 3))
+    planes[:, 0] = points_mm @ vision_from_target[:3, :3].T + vision_from_target[:3, 3]
+    turn = vision_from_target[:3, :3]
+    planes[:, 1:] = turn.T if axes is None else (turn @ axes).transpose(0, 2, 1)
+    return planes

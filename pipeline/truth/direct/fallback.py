@@ -1,0 +1,44 @@
+"""Rows that a position image cannot answer well enough, solved directly: uncertain ones, and those it lacks."""
+
+import dataclasses
+
+import numpy as np
+
+from pipeline.truth.direct.direct_rows import Guess, Rig, guesses, solve
+from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.settings import TruthSettings
+
+_SIGMAS = 2.0
+"""A row is trusted if so many of its expected errors stay below the claim."""
+
+
+def polished(rig: Rig, found: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
+    """Rows of `moments` that keep the claimed accuracy, and all others by `direct`.
+
+    Parameters
+    ----------
+    planes : (p, 4, 3) float64
+        Tangent planes at the target points, as in `solve.solve`.
+    """
+    assert settings.claim_px is not None
+    rows = found.found
+    trusted = _SIGMAS * rows.error_px <= settings.claim_px
+    doubtful = rows.only(~trusted)
+    seeds = Guess(doubtful.point, doubtful.cell, np.stack([doubtful.x_px, doubtful.y_px], axis=1))
+    limits = settings.claim_px / 4, settings.min_hit_fraction
+    mended = solve(rig, seeds, planes, *limits, doubtful.jacobian)
+    everywhere, rays = guesses(rig, planes)
+    width = int(max(everywhere.cell.max(initial=0), rows.cell.max(initial=0))) + 1
+    new = ~np.isin(everywhere.point * width + everywhere.cell, rows.point * width + rows.cell)
+    added = solve(rig, everywhere.only(new), planes, *limits)
+    whole = found.only(trusted).joined(mended).joined(added)
+    counts = {name: count for name, count in found.counts.items() if name != "rows"}
+    counts |= {
+        "kept": int(trusted.sum()),
+        "polished": len(mended.found.point),
+        "added": len(added.found.point),
+        "inaccurate": mended.counts["inaccurate"] + added.counts["inaccurate"],
+        "rows": len(whole.found.point),
+        "rays_of_direct": mended.counts["rays"] + added.counts["rays"] + rays,
+    }
+    return dataclasses.replace(whole, counts=counts).sorted_by(rig.axial)

@@ -1,0 +1,230 @@
+"""Method `direct`: J(x) = p solved for every target point and microlens, J being integrated at x itself.
+
+No position image, no interpolation, no K. x is continuous, so J's derivatives come from differences of J, and Newton's
+method with Broyden's updates converges in a few steps.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from pipeline.camera.integrals import LEVELS, Integral, integrals, pooled
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.moments import COLUMNS
+from pipeline.truth.direct.chief_points import chief_jacobian
+
+_STEPS, _RETREATS = 14, 8
+_DIFFERENCE_PX = 0.25
+_ROUGH_PX = 0.05
+_LONGEST_STEP_PX = 8.0
+_FINE_STEPS = 3
+_TRUST = 0.1
+"""Near a solution the derivative holds to a tenth, mostly to far less, and so does a step. With random rays it is
+noisy, and what the step before has left says how far it holds."""
+
+
+MayExist = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Image positions (m, 2) and their rows (m,) to bool (m,): whether a solution there might exist."""
+
+
+class Search:
+    """Newton's method for many candidates at once; rows drop out as they are done.
+
+    Parameters
+    ----------
+    lens : (n,) int64
+    planes : (n, 4, 3) float64
+        Tangent planes whose origins are the target points: J(x) = 0 is solved.
+    x_px, home_px : (n, 2) float64
+        First guesses, and where light arrives for certain: a guess in the dark moves there.
+    square_px : float
+        Edge of the square around a position that its rays start on; 0: the position itself.
+
+    Attributes
+    ----------
+    x_px : (n, 2) float64
+        Solutions, once approached and refined; NaN where there is none.
+    jacobian : (n, 2, 2) float64
+        Derivative of J by image position [mm per px]; columns are x and y.
+    sigma_px : (n, 2) float64
+        Error of the integral and of what Newton's method left, mapped to the image.
+    moments : (n, COLUMNS) float64
+        Of the bundle at the solution, on the tangent plane.
+    is_random, reached : (n,) bool
+        Whether random rays had to replace the quadrature; whether the wanted accuracy was reached.
+    anchor_px : (n, 2) float64
+        Positions whose random rays those next to them have, too: with others J would jump.
+    left_over : (n,) float64
+        Share of a step that is still to be made after it, as last seen; infinite before.
+    random_mm : (n, 2) float64
+        Standard error of J by the random rays traced last; NaN where there were none.
+    rays : int
+        Traced so far.
+    """
+
+    def __init__(
+        self,
+        tracer: Tracer,
+        lens: np.ndarray,
+        planes: np.ndarray,
+        x_px: np.ndarray,
+        home_px: np.ndarray,
+        square_px: float = 0.0,
+    ) -> None:
+        self.tracer, self.lens, self.home_px, self.square_px = tracer, lens, home_px, square_px
+        self.planes = np.stack([planes, planes], axis=1)
+        self.x_px, self.anchor_px, self.rays = x_px.copy(), x_px.copy(), 0
+        n = len(x_px)
+        self.is_random, self.reached = np.zeros(n, bool), np.zeros(n, bool)
+        self.residual, self.sigma_px = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+        self.jacobian, self.inverse = np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan)
+        self.moments, self.left_over = np.full((n, COLUMNS), np.nan), np.full(n, np.inf)
+        self.random_mm = np.full((n, 2), np.nan)
+
+    def approach(self, may_exist: MayExist) -> None:
+        """Newton's method with rough integrals, until steps are short; rows that leave where they may exist stop.
+
+        Chief rays say nearly how bundles move, at a fraction of the price: their derivative begins.
+        """
+        rows = self._leave_the_dark()
+        self.jacobian[rows] = chief_jacobian(self.tracer, self.lens[rows], self.x_px[rows], self.planes[rows, 0])
+        self.inverse[rows] = _inverse(self.jacobian[rows])
+        self._derive(rows[np.isnan(self.inverse[rows]).any(axis=(1, 2))])
+        for _ in range(_STEPS):
+            step = self._newton_step(rows)
+            rows = rows[np.hypot(*step.T) > _ROUGH_PX]
+            rows = rows[may_exist(self.x_px[rows], rows)]
+            if not len(rows):
+                break
+        rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
+        rows = rows[may_exist(self.x_px[rows], rows)]
+        self._derive(rows)
+
+    def look(self) -> None:
+        """Derivatives of J at the first guesses, which stay where they are."""
+        rows = np.arange(len(self.x_px))
+        self.residual[rows] = self._j(rows, self.x_px)
+        self._derive(rows[~np.isnan(self.residual[:, 0])])
+
+    def begin_at(self, jacobian: np.ndarray) -> None:
+        """Take the guesses for rough solutions, with derivatives (n, 2, 2) known from elsewhere."""
+        self.jacobian, self.inverse = jacobian.copy(), _inverse(jacobian)
+
+    def refine(self, rows: np.ndarray, accuracy_px: float) -> None:
+        """Finer integrals, level by level, until their error and the step that they ask for are below the accuracy."""
+        for level in range(1, LEVELS):
+            self._settle(rows, level, accuracy_px)
+            self.reached[rows] = np.hypot(*self.sigma_px[rows].T) < accuracy_px
+            rows = rows[~self.reached[rows] & np.isfinite(self.x_px[rows, 0])]
+            if not len(rows):
+                break
+
+    def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
+        """Steps of Newton's method with integrals of one level; rows that are near enough stay where they are."""
+        step, coarser = np.zeros_like(self.x_px), self.random_mm.copy()
+        self.anchor_px[rows] = self.x_px[rows]
+        for turn in range(_FINE_STEPS):
+            found = pooled(self._integral(rows, self.x_px[rows], level), coarser[rows])
+            self.moments[rows] = found.moments
+            if turn:
+                self._measure(rows, step[rows], found.moments[:, :2])
+                self._update(rows, step[rows], found.moments[:, :2])
+            self.residual[rows] = found.moments[:, :2]
+            step[rows] = -_times(self.inverse[rows], found.moments[:, :2])
+            self.x_px[rows] += step[rows]
+            left = self._left(rows, step[rows])
+            self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], found), left)
+            # Every row ends by itself: a row solved in another company is the same row.
+            rows = rows[~(left.max(axis=1, initial=0.0) < accuracy_px / 4)]
+            if not len(rows):
+                break
+
+    def _measure(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
+        """Share of a step that J says is still to be made after it: what is wrong with the derivative."""
+        with np.errstate(divide="ignore", invalid="ignore"):  # rows that stand still
+            share = np.hypot(*_times(self.inverse[rows], j).T) / np.hypot(*step.T)
+        self.left_over[rows] = np.fmax(share, _TRUST)
+
+    def _left(self, rows: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Bound of what Newton's method leaves after a step, (n, 2) [px]."""
+        measured = (self.left_over[rows] * np.hypot(*step.T))[:, None]
+        return np.where(self.is_random[rows, None], measured, _TRUST * np.abs(step))
+
+    def _leave_the_dark(self) -> np.ndarray:
+        """J at the first guesses; those without light move towards home. Rows that have light."""
+        dark = np.arange(len(self.x_px))
+        for _ in range(_RETREATS):
+            self.residual[dark] = self._j(dark, self.x_px[dark])
+            dark = dark[np.isnan(self.residual[dark, 0])]
+            if not len(dark):
+                break
+            self.x_px[dark] = (self.x_px[dark] + self.home_px[dark]) / 2
+        return np.flatnonzero(~np.isnan(self.residual[:, 0]))
+
+    def _derive(self, rows: np.ndarray) -> None:
+        """Derivatives of J by central differences, one-sided where light ends."""
+        here, self.anchor_px[rows] = self.residual[rows], self.x_px[rows]
+        for i, axis in enumerate(np.eye(2) * _DIFFERENCE_PX):
+            plus, minus = (self._j(rows, self.x_px[rows] + sign * axis) for sign in (1, -1))
+            change = (plus - minus) / 2
+            change = np.where(np.isnan(plus), here - minus, change)
+            change = np.where(np.isnan(minus), plus - here, change)
+            self.jacobian[rows, :, i] = change / _DIFFERENCE_PX
+        self.inverse[rows] = _inverse(self.jacobian[rows])
+
+    def _newton_step(self, rows: np.ndarray) -> np.ndarray:
+        """One step with Broyden's update; a step into the dark is halved. Returns the steps, (n, 2); NaN: lost."""
+        step = -_times(self.inverse[rows], self.residual[rows])
+        step *= np.minimum(1.0, _LONGEST_STEP_PX / np.maximum(np.hypot(*step.T), 1e-300))[:, None]
+        j = self._j(rows, self.x_px[rows] + step)
+        for _ in range(_RETREATS):
+            dark = np.flatnonzero(np.isnan(j[:, 0]) & ~np.isnan(step[:, 0]))
+            if not len(dark):
+                break
+            step[dark] /= 2
+            j[dark] = self._j(rows[dark], self.x_px[rows[dark]] + step[dark])
+        self.x_px[rows] += step
+        self._update(rows, step, j)
+        return step
+
+    def _update(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
+        """Broyden's update of the inverse derivative, in the form that changes it least."""
+        inverse = self.inverse[rows]
+        moved = _times(inverse, j - self.residual[rows])
+        scale = np.einsum("ni,ni->n", step, moved)
+        row = np.einsum("ni,nij->nj", step, inverse)
+        with np.errstate(divide="ignore", invalid="ignore"):  # rows that stand still
+            update = np.einsum("ni,nj->nij", step - moved, row) / scale[:, None, None]
+        self.inverse[rows] = np.where(np.isfinite(update), inverse + update, inverse)
+        self.residual[rows] = j
+
+    def _j(self, rows: np.ndarray, x_px: np.ndarray) -> np.ndarray:
+        """J relative to the target point, roughly (level 0), (n, 2) [mm]."""
+        return self._integral(rows, x_px, 0).moments[:, :2]
+
+    def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
+        bundles = x_px, self.lens[rows], self.planes[rows], level, self.square_px, self.anchor_px[rows]
+        found = integrals(self.tracer, *bundles)
+        self.rays += found.rays
+        self.is_random[rows] = found.is_random
+        self.random_mm[rows] = np.where(found.is_random[:, None], found.error_mm, np.nan)
+        return found
+
+
+def errors_px(inverse: np.ndarray, found: Integral) -> np.ndarray:
+    """Error of J in the image [px]: random errors add in squares, differences of two levels at worst directly."""
+    in_squares = np.sqrt(np.einsum("nij,nj->ni", inverse**2, found.error_mm**2))
+    directly = np.einsum("nij,nj->ni", np.abs(inverse), found.error_mm)
+    return np.where(found.is_random[:, None], in_squares, directly)
+
+
+def _inverse(jacobian: np.ndarray) -> np.ndarray:
+    """Inverses, NaN where there is none."""
+    with np.errstate(invalid="ignore"):
+        regular = np.abs(np.linalg.det(jacobian)) > 0
+    return np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Row by row product, (n, 2)."""
+    return np.einsum("nij,nj->ni", matrices, vectors)

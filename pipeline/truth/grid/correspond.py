@@ -1,0 +1,359 @@
+"""Correspondences of points of one plane in one frame: search, half-pixel rule, blur, and which rows exist."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.micro_images.centres import tree_of
+from pipeline.truth import blur
+from pipeline.truth.grid import quad_search, quadratic
+from pipeline.truth.grid.position_image import crossing_share
+from pipeline.truth.grid.ray_grid import RayGrid, Rays, fine_from_image, image_from_fine, matrix_4
+from pipeline.truth.settings import TruthSettings
+from pipeline.units import DEGREE_RAD
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Raw solutions of a search, one row each.
+
+    Attributes
+    ----------
+    point, cell : (n,) int64
+    x_px, y_px : (n,) float64
+    jacobian : (n, 2, 2) float64
+        Derivative of J by image position: mm on the target per px; columns are x and y.
+    noise_gain : (n,) float64
+        Standard error of the solution over that of a single position of the grid.
+    error_px : (n,) float64
+        Expected error from noise and from what the search assumes; NaN where it cannot tell.
+    """
+
+    point: np.ndarray
+    cell: np.ndarray
+    x_px: np.ndarray
+    y_px: np.ndarray
+    jacobian: np.ndarray
+    noise_gain: np.ndarray
+    error_px: np.ndarray
+
+    def only(self, kept: np.ndarray) -> "Found":
+        """The rows where `kept` is true, or those that it numbers."""
+        return Found(*(getattr(self, name)[kept] for name in self.__slots__))
+
+    def joined(self, other: "Found") -> "Found":
+        """These rows and those of another."""
+        return Found(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """What a search met, before the best solution of each point and cell is chosen.
+
+    Attributes
+    ----------
+    found : Found
+        In the order of the grid.
+    nearest_mm : (n,) float64
+        Distance of the nearest value from the point: the smallest is the best.
+    counts : dict
+        Of candidates, and of rejections by reason.
+    """
+
+    found: Found
+    nearest_mm: np.ndarray
+    counts: dict[str, int]
+
+
+def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+    """Search target points in a position image.
+
+    Parameters
+    ----------
+    image : (K h, K w, 2) float64
+        J in the target frame.
+    points_mm : (p, 3) float64
+        Target points; flat targets have z = 0.
+
+    Returns
+    -------
+    Found
+        At most one row per point and cell.
+    dict
+        Counts of candidates, rejections by reason, and ambiguous rows.
+    """
+    seen = sightings(image, points_mm, grid, settings, slice(0, len(image)))
+    best, ambiguous = best_of(seen.found, seen.nearest_mm, settings)
+    return seen.found.only(best), {**seen.counts, "ambiguous": ambiguous}
+
+
+def sightings(
+    image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice
+) -> Sightings:
+    """All solutions that begin in the rows `own` of a position image; those around are there to be looked at."""
+    image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
+    search_for = _nearest if settings.search == "nearest" else _in_quads
+    return search_for(image, points, grid, settings, own)
+
+
+def best_of(found: Found, nearest_mm: np.ndarray, settings: TruthSettings) -> tuple[np.ndarray, int]:
+    """Numbers of the best solutions, by point and cell, and how many others there are."""
+    # The quad whose nearest value lies closest to the point wins its (point, cell); of equal ones the first.
+    order = np.lexsort((nearest_mm, found.cell, found.point))
+    pair = np.stack([found.point[order], found.cell[order]], axis=1)
+    first = np.ones(len(order), bool)
+    first[1:] = (pair[1:] != pair[:-1]).any(axis=1)
+    return order[first], int(np.sum(~first)) if settings.search == "quad" else 0
+
+
+def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> Sightings:
+    none = np.empty((0, 3), np.int64)
+    quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
+    quad_search.quads_that_hold(image, grid.cell, points, quads)
+    quads = np.ascontiguousarray(quads[(quads[:, 2] >= own.start) & (quads[:, 2] < own.stop)])
+    status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), 9), np.nan)
+    use_filter = settings.filter != "none"
+    limits = settings.lambda_d, settings.lambda_alpha_deg * DEGREE_RAD
+    quad_search.solve_quads(image, grid.cell, points, quads, use_filter, *limits, status, solutions)
+    counts = {
+        "quads": len(quads),
+        "rejected_window": int(np.sum(status == quad_search.WINDOW)),
+        "rejected_lengths": int(np.sum(status == quad_search.LENGTHS)),
+        "rejected_angles": int(np.sum(status == quad_search.ANGLES)),
+    }
+    accepted = status == quad_search.ACCEPTED
+    quads, best = quads[accepted], solutions[accepted]
+    s, t = best[:, 7], best[:, 8]
+    corner = quads[:, 1:] + np.array(grid.first_px) * grid.supersampling
+    column, row = corner.T + [_from_corner(best[:, i], quads[:, 1 + i], share) for i, share in ((0, s), (1, t))]
+    gain = np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
+    jacobian, error = best[:, 3:7].reshape(-1, 2, 2).transpose(0, 2, 1), np.full(len(best), np.nan)
+    if settings.method == "moments":
+        fit = quadratic.solve(image, grid.cell, quads[:, 1:], points[quads[:, 0]])
+        known = ~np.isnan(fit.error)
+        column, row = (
+            np.where(known, first + 0.5 + x, linear)
+            for first, x, linear in zip(corner.T, fit.x.T, (column, row), strict=True)
+        )
+        gain, error = np.where(known, fit.noise_gain, gain), fit.error
+        jacobian = np.where(known[:, None, None], fit.jacobian, jacobian)
+    k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
+    x, y = image_from_fine(column, k), image_from_fine(row, k)
+    return Sightings(Found(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, 2], counts)
+
+
+def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Distances of solutions from the first corners of their quads: a share of a step on, or back from the other one.
+
+    The digits of the differences themselves depend on where the window begins.
+    """
+    apart = solution - corner
+    return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
+
+
+def _nearest(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice) -> Sightings:
+    shape = (len(points), len(grid.microlenses))
+    best, where = np.full(shape, settings.nearest_threshold_mm), np.full((*shape, 2), -1)
+    quad_search.nearest_positions(image[own], grid.cell[own], points, best, where)
+    point, cell = np.nonzero(where[..., 0] >= 0)
+    column, row = where[point, cell].T
+    row = row + own.start
+    first = np.array(grid.first_px) * grid.supersampling
+    found = Found(
+        point,
+        cell,
+        image_from_fine(column + first[0], grid.supersampling),
+        image_from_fine(row + first[1], grid.supersampling),
+        _central_jacobian(image, column, row) * grid.supersampling,
+        np.ones(len(point)),
+        np.full(len(point), np.nan),
+    )
+    return Sightings(found, best[point, cell], {"quads": 0})
+
+
+def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Derivative of J per step of the grid by central differences, (n, 2, 2); NaN at the edge of a bundle."""
+    height, width = image.shape[:2]
+    left, right = np.maximum(column - 1, 0), np.minimum(column + 1, width - 1)
+    above, below = np.maximum(row - 1, 0), np.minimum(row + 1, height - 1)
+    along_x = (image[row, right] - image[row, left]) / (right - left)[:, None]
+    along_y = (image[below, column] - image[above, column]) / (below - above)[:, None]
+    return np.stack([along_x, along_y], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Correspondences:
+    """Rows of correspondences.csv that depend on optics, sorted by point, l, k.
+
+    Attributes
+    ----------
+    found : Found
+    sigma_px : (n, 2) float64
+        Standard error from the ray sampling.
+    hit_fraction, rho_px : (n,) float64
+    blur_px2 : (n, 2, 2) float64
+        NaN where the second moments are not known.
+    counts : dict
+        What was found, rejected and dropped, by reason.
+    method : (n,) str
+        How each row was found.
+    """
+
+    found: Found
+    sigma_px: np.ndarray
+    hit_fraction: np.ndarray
+    blur_px2: np.ndarray
+    rho_px: np.ndarray
+    counts: dict[str, int]
+    method: np.ndarray
+
+    def only(self, kept: np.ndarray) -> "Correspondences":
+        """The rows where `kept` is true, or those that it numbers; counts stay."""
+        columns = (getattr(self, name)[kept] for name in _PER_ROW)
+        return dataclasses.replace(self, found=self.found.only(kept), **dict(zip(_PER_ROW, columns, strict=True)))
+
+    def joined(self, other: "Correspondences") -> "Correspondences":
+        """These rows and those of another; counts stay these."""
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
+        }
+        return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
+
+    def moved(self, by_px: np.ndarray) -> "Correspondences":
+        """The same rows with their image positions moved by (2,) [px]."""
+        x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
+        return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
+
+    def sorted_by(self, axial: np.ndarray) -> "Correspondences":
+        """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
+        return self.only(np.lexsort((*axial[self.found.cell].T, self.found.point)))
+
+
+_PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
+
+
+def correspond(
+    image: np.ndarray,
+    points_mm: np.ndarray,
+    grid: RayGrid,
+    vision_from_target: np.ndarray,
+    settings: TruthSettings,
+) -> Correspondences:
+    """Ground truth of points of one plane, in its frame: all rows that exist, with their blur and error."""
+    return completed(*find(image, points_mm, grid, settings), grid, vision_from_target, settings)
+
+
+def completed(
+    found: Found, counts: dict, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings
+) -> Correspondences:
+    """The rows that exist among what a search found, sorted by point, l, k, with their blur and error."""
+    rows = with_light(found, grid, vision_from_target, settings)
+    return existing(dataclasses.replace(rows, counts=counts), grid, settings)
+
+
+def with_light(found: Found, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings) -> Correspondences:
+    """All that a search found, with light, blur and error; nothing is counted."""
+    covariance, ray_near, ray_far = _bundle_at(found, grid)
+    share, _, way = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
+    uu, uv = blur.deviations(covariance, share)
+    blurred = blur.in_image(blur.on_plane(uu, way, vision_from_target), found.jacobian)
+    return Correspondences(
+        found,
+        _sigma(found, grid, blurred, covariance),
+        _sampled(grid.hit_fraction, found, grid),
+        blurred,
+        blur.signed_radius_px(blurred, uv),
+        {},
+        np.full(len(found.point), settings.method),
+    )
+
+
+def existing(rows: Correspondences, rays: Rays, settings: TruthSettings) -> Correspondences:
+    """Rows inside the image and their own cell that have light enough, sorted; the others are counted by reason."""
+    width, height = rays.size_px
+    found, counts = rows.found, dict(rows.counts)
+    inside = (np.abs(found.x_px - (width - 1) / 2) <= width / 2) & (np.abs(found.y_px - (height - 1) / 2) <= height / 2)
+    counts["dropped_outside_image"], rows = int(np.sum(~inside)), rows.only(inside)
+    if rays.centres_px is not None:
+        x = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
+        own = tree_of(rays.centres_px).query(x)[1] == rows.found.cell
+        counts["dropped_outside_cell"], rows = int(np.sum(~own)), rows.only(own)
+    lit = rows.hit_fraction >= settings.min_hit_fraction
+    counts["dropped_hit_fraction"], rows = int(np.sum(~lit)), rows.only(lit)
+    rows = dataclasses.replace(rows, counts={**counts, "rows": len(rows.found.point)})
+    return rows.sorted_by(rays.microlenses[:, :2])
+
+
+def _nearest_fine(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the fine position nearest to each solution."""
+    k, (height, width) = grid.supersampling, grid.cell.shape
+    column, row = (
+        np.rint(fine_from_image(np.nan_to_num(x), k)) - first * k
+        for x, first in zip((found.x_px, found.y_px), grid.first_px, strict=True)
+    )
+    return row.clip(0, height - 1).astype(int), column.clip(0, width - 1).astype(int)
+
+
+def _sampled(values: np.ndarray, found: Found, grid: RayGrid) -> np.ndarray:
+    return values[_nearest_fine(found, grid)]
+
+
+def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Covariance (n, 4, 4) and mean crossings (n, 2) of the whole pixel nearest to each row, in the row's own cell.
+
+    NaN where none of the nine pixels around belongs to the cell.
+    """
+    (width, height), (left, above) = grid.size_px, grid.first_px
+    k, n = grid.supersampling, len(found.point)
+    covariance, near, far = np.full((n, 10), np.nan), np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+    closest = np.full(n, np.inf)
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            x = (np.rint(np.nan_to_num(found.x_px)) - left + dx).clip(0, width - 1).astype(int)
+            y = (np.rint(np.nan_to_num(found.y_px)) - above + dy).clip(0, height - 1).astype(int)
+            # The fine position next to the pixel's centre tells whose bundle the pixel kept.
+            fine = y * k + k // 2, x * k + k // 2
+            distance = np.hypot(x + left - found.x_px, y + above - found.y_px)
+            usable = (grid.cell[fine] == found.cell) & (distance < closest) & ~np.isnan(grid.covariance[y, x, 0])
+            closest = np.where(usable, distance, closest)
+            covariance[usable] = grid.covariance[y, x][usable]
+            near[usable], far[usable] = grid.near[fine][usable], grid.far[fine][usable]
+    return matrix_4(covariance), near, far
+
+
+def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard error of each row: that of the worse plane, scaled by the blur.
+
+    The mean of a bundle errs in proportion to the bundle's width, because both are linear in where rays cross the
+    pupil; so the error at the target is that at the near or far plane times the ratio of the blurs. Blur and error are
+    those of the positions around, not of the row's own bundle: the row is made of them and errs as they do.
+    """
+    row, column = _nearest_fine(found, grid)
+    widths, square_px2 = [], (grid.square_steps / grid.supersampling) ** 2 / 12
+    for image, block in ((grid.near, covariance[:, :2, :2]), (grid.far, covariance[:, 2:, 2:])):
+        jacobian = _central_jacobian(image, column, row) * grid.supersampling
+        known = np.isfinite(jacobian).all(axis=(1, 2))
+        regular = known & (np.abs(np.linalg.det(np.where(known[:, None, None], jacobian, 0.0))) > 0)
+        jacobian = np.where(regular[:, None, None], jacobian, np.nan)
+        widths.append(np.diagonal(blur.in_image(block, jacobian), axis1=1, axis2=2))
+    worst = np.fmax(*widths) + square_px2
+    here = np.diagonal(blurred, axis1=1, axis2=2) + square_px2
+    return _pooled_error(grid, row, column, found.cell) * np.sqrt(here / worst) * found.noise_gain[:, None]
+
+
+def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    """Root mean square of the errors of the up to nine positions around, in the same cell, (n, 2) [px].
+
+    The error of a single position comes from four replicas and is itself uncertain by 40 %.
+    """
+    total, count = np.zeros((len(row), 2)), np.zeros((len(row), 1))
+    for j in (-1, 0, 1):
+        for i in (-1, 0, 1):
+            y, x = (row + j).clip(0, grid.cell.shape[0] - 1), (column + i).clip(0, grid.cell.shape[1] - 1)
+            error = grid.error_px[y, x]
+            usable = (grid.cell[y, x] == cell) & ~np.isnan(error).any(axis=1)
+            total[usable] += error[usable] ** 2
+            count[usable] += 1
+    return np.sqrt(np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0))

@@ -1,0 +1,182 @@
+"""Finding target points in a position image: the paper's quad search with its two filters, and its naive search.
+
+Kernels work on position images in the target frame. `cell` labels the micro-image of every position; a conventional
+image is one cell. Positions are indices (column, row) of the fine grid.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.jit.decorators import inline, kernel
+
+ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
+"""Outcomes of a quad that holds a point. WINDOW: the 16 values are not all there, or not in one micro-image."""
+
+
+@inline
+def _holds(a, b, c, d, px, py):
+    """Whether the quadrilateral a b c d holds the point; of two quads that share an edge only one does (even-odd)."""
+    inside = False
+    for p, q in ((a, b), (b, c), (c, d), (d, a)):
+        if (p[1] > py) != (q[1] > py) and px < (q[0] - p[0]) * (py - p[1]) / (q[1] - p[1]) + p[0]:
+            inside = not inside
+    return inside
+
+
+@inline
+def _window_in_cell(image, cell, column, row):
+    """Whether the 4 x 4 positions around the quad at (column, row) exist, are filled and lie in one cell."""
+    if column < 1 or row < 1 or column + 2 >= image.shape[1] or row + 2 >= image.shape[0]:
+        return False
+    for j in range(row - 1, row + 3):
+        for i in range(column - 1, column + 3):
+            if cell[j, i] != cell[row, column] or math.isnan(image[j, i, 0]):
+                return False
+    return True
+
+
+@inline
+def _lengths_ok(image, oi, oj, ei, ej, limit):
+    """All 12 neighbour distances of each direction within `limit` of their mean, relatively."""
+    for along_i in (True, False):
+        total = 0.0
+        for attempt in range(2):
+            mean = total / 12.0
+            for a in range(-1, 2):
+                for b in range(-1, 3):
+                    i, j = (a, b) if along_i else (b, a)
+                    k, l = (a + 1, b) if along_i else (b, a + 1)
+                    p, q = image[oj + j * ej, oi + i * ei], image[oj + l * ej, oi + k * ei]
+                    length = math.hypot(p[0] - q[0], p[1] - q[1])
+                    if attempt == 0:
+                        total += length
+                    elif not abs(1.0 - length / mean) < limit:
+                        return False
+    return True
+
+
+@inline
+def _angles_ok(image, oi, oj, ei, ej, limit):
+    """All 9 angles between the two steps within `limit` [rad] of their mean."""
+    total = 0.0
+    for attempt in range(2):
+        mean = total / 9.0
+        for a in range(-1, 2):
+            for b in range(-1, 2):
+                p = image[oj + b * ej, oi + a * ei]
+                q = image[oj + b * ej, oi + (a + 1) * ei]
+                r = image[oj + (b + 1) * ej, oi + a * ei]
+                ux, uy, vx, vy = q[0] - p[0], q[1] - p[1], r[0] - p[0], r[1] - p[1]
+                angle = abs(math.atan2(ux * vy - uy * vx, ux * vx + uy * vy))
+                if attempt == 0:
+                    total += angle
+                elif not abs(angle - mean) < limit:
+                    return False
+    return True
+
+
+@kernel
+def quads_that_hold(image, cell, points, quads):
+    """List the quads that hold a point; returns their number, and fills `quads` as far as it reaches.
+
+    Parameters
+    ----------
+    image : (h, w, 2) float64
+        Position image in the target frame.
+    cell : (h, w) int64
+        Label of the micro-image; negative: none.
+    points : (p, 2) float64
+        Target points.
+    quads : (n, 3) int64
+        Written: point, column and row of the quad's top-left position.
+    """
+    found = 0
+    for j in range(image.shape[0] - 1):
+        for i in range(image.shape[1] - 1):
+            own = cell[j, i]
+            if own < 0 or cell[j, i + 1] != own or cell[j + 1, i] != own or cell[j + 1, i + 1] != own:
+                continue
+            a, b, c, d = image[j, i], image[j, i + 1], image[j + 1, i + 1], image[j + 1, i]
+            low_x, high_x = min(a[0], b[0], c[0], d[0]), max(a[0], b[0], c[0], d[0])
+            low_y, high_y = min(a[1], b[1], c[1], d[1]), max(a[1], b[1], c[1], d[1])
+            if math.isnan(a[0] + b[0] + c[0] + d[0]):
+                continue
+            for p in range(points.shape[0]):
+                x, y = points[p, 0], points[p, 1]
+                if x < low_x or x > high_x or y < low_y or y > high_y or not _holds(a, b, c, d, x, y):
+                    continue
+                if found < quads.shape[0]:
+                    quads[found, 0], quads[found, 1], quads[found, 2] = p, i, j
+                found += 1
+    return found
+
+
+@kernel
+def solve_quads(image, cell, points, quads, use_filter, lambda_d, lambda_alpha, status, solutions):
+    """Filter quads and solve p = J(o) + s (J(o + e_i) - J(o)) + t (J(o + e_j) - J(o)) in each.
+
+    Parameters
+    ----------
+    quads : (n, 3) int64
+        From `quads_that_hold`.
+    status : (n,) int64
+        Written: ACCEPTED or the reason against it.
+    solutions : (n, 9) float64
+        Written: column and row of the solution; distance of J(o) from the point; derivative of J along column (2) and
+        row (2); s and t.
+    """
+    for n in range(quads.shape[0]):
+        p, i, j = quads[n]
+        x, y = points[p, 0], points[p, 1]
+        oi, oj, best = i, j, np.inf
+        for dj in range(2):
+            for di in range(2):
+                q = image[j + dj, i + di]
+                distance = math.hypot(q[0] - x, q[1] - y)
+                if distance < best:
+                    oi, oj, best = i + di, j + dj, distance
+        ei, ej = (1 if oi == i else -1), (1 if oj == j else -1)
+        status[n] = ACCEPTED
+        if use_filter:
+            if not _window_in_cell(image, cell, i, j):
+                status[n] = WINDOW
+                continue
+            if not _lengths_ok(image, oi, oj, ei, ej, lambda_d):
+                status[n] = LENGTHS
+                continue
+            if not _angles_ok(image, oi, oj, ei, ej, lambda_alpha):
+                status[n] = ANGLES
+                continue
+        o, a, b = image[oj, oi], image[oj, oi + ei], image[oj + ej, oi]
+        ax, ay, bx, by = a[0] - o[0], a[1] - o[1], b[0] - o[0], b[1] - o[1]
+        determinant = ax * by - ay * bx
+        s = ((x - o[0]) * by - (y - o[1]) * bx) / determinant
+        t = (ax * (y - o[1]) - ay * (x - o[0])) / determinant
+        solutions[n, 0], solutions[n, 1], solutions[n, 2] = oi + s * ei, oj + t * ej, best
+        solutions[n, 3], solutions[n, 4] = ax * ei, ay * ei
+        solutions[n, 5], solutions[n, 6] = bx * ej, by * ej
+        solutions[n, 7], solutions[n, 8] = s, t
+
+
+@kernel
+def nearest_positions(image, cell, points, best, where):
+    """The paper's naive search: per point and cell the position whose value lies nearest.
+
+    Parameters
+    ----------
+    best : (p, c) float64
+        In and out: distance of the nearest value so far [mm].
+    where : (p, c, 2) int64
+        Written: its column and row.
+    """
+    for j in range(image.shape[0]):
+        for i in range(image.shape[1]):
+            own = cell[j, i]
+            if own < 0 or math.isnan(image[j, i, 0]):
+                continue
+            for p in range(points.shape[0]):
+                distance = math.hypot(image[j, i, 0] - points[p, 0], image[j, i, 1] - points[p, 1])
+                if distance < best[p, own]:
+                    best[p, own] = distance
+                    where[p, own, 0], where[p, own, 1] = i, j

@@ -1,0 +1,150 @@
+"""The certificate of a table: a sample of rows of either kind, solved again with the other rule and more rays.
+
+Rows of position images and their moments come from random rays: quadrature judges them. Rows by `direct` come from
+quadrature: random rays judge them. Both rules share the trace, which published rays judge.
+"""
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.judging.judged import Rows
+from pipeline.truth.judging.judges import SHARPER, differences, rms
+
+WITHIN = 0.95
+"""Share of the rows of a table that must lie within the claim."""
+WORST = 5.0
+"""No row may differ by more than so many claims."""
+NOTHING = "nothing to certify: the tables have no row"
+"""Why there is no verdict where no point was seen."""
+NO_CLAIM_PX = 1e-3
+"""Accuracy that is aimed at where nothing is claimed."""
+KINDS = ("position images", "direct")
+"""Kinds of rows: how one was found says by which rule it is judged."""
+
+_BINS_PX = (0.0, 1.0, 2.0, 4.0)
+
+
+def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, Any]:
+    """Solve rows again and state the differences; plain data for the manifest.
+
+    Parameters
+    ----------
+    of : int
+        Rows that the sample was drawn from.
+    claim_px : float or None
+        None: no claim, no verdict.
+    """
+    apart, sigma = differences(rig, rows, NO_CLAIM_PX if claim_px is None else claim_px)
+    length, own = np.hypot(*apart.T), np.hypot(*sigma.T)
+    document = {
+        "claim_px": claim_px,
+        "rows": len(length),
+        "of": of,
+        "by_quadrature": int(np.sum(~rows.is_direct)),
+        "by_random_rays": int(np.sum(rows.is_direct)),
+        **_figures(length),
+        "own_sigma_px": _plain(rms(own)) if len(own) else None,
+        "by_kind": [_of_kind(kind, rows.weights[here], length[here], claim_px) for kind, here in _kinds(rows)],
+        "by_distance_from_cell_edge": [
+            {
+                "from_px": low,
+                "to_px": high,
+                "rows": int(here.sum()),
+                **_figures(length[here]),
+            }
+            for low, high, here in _bins(edge_distance_px(rig, rows))
+        ],
+    }
+    if not of:
+        return {**document, "passed": None, "reason": NOTHING}
+    if claim_px is None:
+        return {**document, "passed": None, "reason": "the method makes no claim"}
+    passed, reason = _verdict(length, own, rows.weights, claim_px)
+    return {**document, "passed": passed, "reason": reason}
+
+
+def _kinds(rows: Rows) -> list[tuple[str, np.ndarray]]:
+    return [(kind, rows.is_direct == is_direct) for kind, is_direct in zip(KINDS, (False, True), strict=True)]
+
+
+def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float | None) -> dict[str, Any]:
+    within = None if claim_px is None else int(np.sum(length <= claim_px))
+    return {"kind": kind, "rows": len(length), "of": round(weights.sum()), "within_claim": within, **_figures(length)}
+
+
+def _verdict(
+    length: np.ndarray, own: np.ndarray, weights: np.ndarray, claim_px: float
+) -> tuple[bool | None, str | None]:
+    """Whether a sample keeps a claim, and what speaks against it; None where the judge's own error leaves it open.
+
+    Parameters
+    ----------
+    length, own, weights : (n,) float64
+        Differences, their standard errors, and rows of the table that each stands for.
+    """
+    if not len(length):
+        return None, NOTHING
+    if not np.isfinite(length).all():
+        return False, f"{int(np.sum(~np.isfinite(length)))} rows have no light where the table puts them"
+    blunt = own >= claim_px / SHARPER if rms(own) >= claim_px / SHARPER else np.zeros(len(own), bool)
+    slack = np.where(blunt, SHARPER * own, 0.0)
+    reason = _against(length - slack, weights, claim_px)
+    if reason is not None:
+        return False, reason
+    reason = _against(length + slack, weights, claim_px)
+    if reason is None:
+        return True, None
+    return None, f"undecided: its own standard error {rms(own):.1e} px is not under a third of the claim"
+
+
+def _against(length: np.ndarray, weights: np.ndarray, claim_px: float) -> str | None:
+    """The reason why a sample speaks against a claim, None where it does not."""
+    within = float(np.average(length <= claim_px, weights=weights))
+    if within < WITHIN:
+        return f"only {within:.1%} of the rows lie within the claim"
+    if length.max() > WORST * claim_px:
+        return f"a row differs by {length.max():.1e} px, more than {WORST:g} claims"
+    return None
+
+
+def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
+    """Distance of rows from the edge of their cell, or from the border of the image, (n,)."""
+    sensor, pitch = rig.tracer.camera.sensor, rig.tracer.camera.sensor.pitch_mm
+    border = np.array([sensor.width_px, sensor.height_px]) / 2 - np.abs(
+        rows.x_px - (np.array([sensor.width_px, sensor.height_px]) - 1) / 2
+    )
+    if rig.images is None or len(rig.images.centre_mm) < 2:
+        return border.min(axis=1)
+    centre = rig.images.centre_mm
+    x = rig.tracer.positions_mm(*rows.x_px.T)
+    nearest = rig.images.tree.query(x, k=2)[1]
+    other = np.where(nearest[:, 0] == rows.cell, nearest[:, 1], nearest[:, 0])
+    between = centre[other] - centre[rows.cell]
+    middle = (centre[other] + centre[rows.cell]) / 2
+    inward = np.einsum("ni,ni->n", middle - x, between) / np.linalg.norm(between, axis=1)
+    return np.minimum(inward / pitch, border.min(axis=1))
+
+
+def _bins(distance_px: np.ndarray) -> list[tuple[float, float | None, np.ndarray]]:
+    pairs = itertools.pairwise((*_BINS_PX, math.inf))
+    return [(low, _finite(high), (distance_px >= low) & (distance_px < high)) for low, high in pairs]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _figures(length: np.ndarray) -> dict[str, float | None]:
+    if not len(length):
+        return {"mean_px": None, "rms_px": None, "max_px": None}
+    values = length.mean(), np.sqrt(np.mean(length**2)), length.max()
+    return dict(zip(("mean_px", "rms_px", "max_px"), map(_plain, values), strict=True))
+
+
+def _plain(value: float) -> float | None:
+    """Two significant digits more than anybody reads; None for what is not known."""
+    return float(f"{value:.4g}") if math.isfinite(value) else None

@@ -1,0 +1,117 @@
+"""Rows solved again: those of position images by quadrature, those by quadrature with random rays."""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.integrals import pooled, random_integrals
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.direct.newton import Search, errors_px
+from pipeline.truth.judging.judged import Rows
+
+SHARPER = 3.0
+"""A judge is believed whose standard error is so many times smaller than the claim. Of a row judged less sharply the
+difference counts with so many standard errors less to refute a claim, and with so many more to confirm it."""
+
+_RANDOM_RAYS = tuple(1 << power for power in range(14, 23, 2))
+"""Rays of a row, level by level: more of them only where a row is not yet known to keep the claim, by `SHARPER`
+standard errors, and its own is not below half of what is believed."""
+_TURNS, _ROUGH_PX = 3, 0.01
+_BATCHES = 6
+"""Batches of the most rays, in all: for rows that keep the judge from a decision."""
+
+
+def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Shifts of rows by the other rule, and their standard errors, (n, 2) each [px]; NaN where there is no light."""
+    apart, sigma = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
+    for kind, judge in ((False, _by_quadrature), (True, _by_random_rays)):
+        here = np.flatnonzero(rows.is_direct == kind)
+        if len(here):
+            apart[here], sigma[here] = judge(rig, rows.only(here), claim_px)
+    return apart, sigma
+
+
+def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
+    search = Search(rig.tracer, rig.lens(rows.cell), rows.planes, rows.x_px, rows.x_px, rig.square_px)
+    search.look()
+    return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
+
+
+def _by_quadrature(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
+    search, lit = _search(rig, rows)
+    search.refine(lit, claim_px / 10)
+    apart = np.full(rows.x_px.shape, np.nan)
+    apart[lit] = search.x_px[lit] - rows.x_px[lit]
+    return apart, search.sigma_px
+
+
+def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
+    judge = _RandomRays(rig, rows)
+    judge.approach(claim_px)
+    judge.average(claim_px / SHARPER)
+    return judge.apart_px, judge.sigma_px
+
+
+class _RandomRays:
+    """Rows on their way to where random rays say that J is right.
+
+    Attributes
+    ----------
+    apart_px, sigma_px : (n, 2) float64
+        How far each has come, and the standard error of that; NaN where there is no light.
+    """
+
+    def __init__(self, rig: Rig, rows: Rows) -> None:
+        self.rig, self.rows = rig, rows
+        search, self.lit = _search(rig, rows)
+        self.inverse = search.inverse
+        self.apart_px, self.sigma_px = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
+        self.apart_px[self.lit] = 0.0
+        self._error_mm, self._coarser_mm = np.full_like(self.apart_px, np.nan), np.full_like(self.apart_px, np.nan)
+
+    def approach(self, claim_px: float) -> None:
+        """Newton's method with more and more rays, until rows are known sharply."""
+        doubtful = self.lit
+        for rays in _RANDOM_RAYS:
+            self._coarser_mm[doubtful] = self._error_mm[doubtful]
+            for _ in range(_TURNS):
+                step, self.sigma_px[doubtful] = self._step(doubtful, rays)
+                self.apart_px[doubtful] += step
+                if not (np.abs(step) > _ROUGH_PX).any():
+                    break
+            length, own = np.hypot(*self.apart_px[doubtful].T), np.hypot(*self.sigma_px[doubtful].T)
+            doubtful = doubtful[(length + SHARPER * own > claim_px) & (own > claim_px / SHARPER / 2)]
+            if not len(doubtful):
+                break
+
+    def average(self, wanted_px: float) -> None:
+        """The mean of independent batches of the most rays, for rows that keep the judge from a decision."""
+        batches = np.ones((len(self.lit), 1))
+        for stream in range(1, _BATCHES):
+            own = np.hypot(*self.sigma_px[self.lit].T)
+            if not wanted_px <= rms(own) < wanted_px * math.sqrt(_BATCHES / stream):  # sharp enough, or beyond hope
+                break
+            blunt = np.flatnonzero(own >= wanted_px)
+            here = self.lit[blunt]
+            step, error = self._step(here, _RANDOM_RAYS[-1], stream)
+            # The mean of independent estimates, each as good as the others.
+            before, batches[blunt] = batches[blunt], batches[blunt] + 1
+            self.apart_px[here] += step / batches[blunt]
+            self.sigma_px[here] = np.hypot(before * self.sigma_px[here], error) / batches[blunt]
+
+    def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """The step that is left from where rows are now, and its standard error.
+
+        Random numbers are those of the row's pixel, wherever it goes: at a border with others J would jump.
+        """
+        planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
+        bundles = x, self.rig.lens(self.rows.cell[here]), planes, rays, self.rig.square_px, stream, self.rows.x_px[here]
+        found = random_integrals(self.rig.tracer, *bundles)
+        self._error_mm[here] = found.error_mm
+        sigma = errors_px(self.inverse[here], pooled(found, self._coarser_mm[here]))
+        return -np.einsum("nij,nj->ni", self.inverse[here], found.moments[:, :2]), sigma
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square; 0 of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -1,0 +1,79 @@
+"""A bundle as a function of the image position: hits and weights of its nodes, interpolated between positions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.integrating.polar_bundle import bundle_hits
+from pipeline.camera.tracer import Tracer
+
+
+@dataclass(frozen=True, slots=True)
+class BundleMap:
+    """Polynomials of the image position for each node, through a grid of traced positions.
+
+    Attributes
+    ----------
+    x_px : (2,) float64
+        Middle of the grid.
+    half_px : (2,) float64
+        Half its size.
+    offsets : (k,) float64
+        Grid lines along each axis, from -1 to 1.
+    fields : (k k, a, r, 3) float64
+        Per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and weight per
+        area of the unit disc [sr].
+    """
+
+    x_px: np.ndarray
+    half_px: np.ndarray
+    offsets: np.ndarray
+    fields: np.ndarray
+
+    def basis(self, x_px: np.ndarray) -> np.ndarray:
+        """Lagrange's polynomials of the grid at positions (..., 2): the weights of `fields`, (..., k k)."""
+        t = (x_px - self.x_px) / self.half_px
+        x, y = self._lagrange(t[..., 0]), self._lagrange(t[..., 1])
+        return (x[..., :, None] * y[..., None, :]).reshape(*t.shape[:-1], -1)
+
+    def at(self, x_px: np.ndarray) -> np.ndarray:
+        """Coordinates and density of every node at one position, (a, r, 3)."""
+        return np.einsum("k,karc->arc", self.basis(x_px), self.fields)
+
+    def _lagrange(self, t: np.ndarray) -> np.ndarray:
+        result = np.ones((*t.shape, len(self.offsets)))
+        for i, here in enumerate(self.offsets):
+            for other in np.delete(self.offsets, i):
+                result[..., i] *= (t - other) / (here - other)
+        return result
+
+
+def bundle_map(
+    tracer: Tracer,
+    lens: int,
+    x_px: np.ndarray,
+    half_px: np.ndarray,
+    plane: np.ndarray,
+    order: int,
+    shares: np.ndarray,
+    directions: int,
+) -> BundleMap | None:
+    """Trace bundles at `order` squared positions; None where one of them is cut, dark or not star-shaped.
+
+    Parameters
+    ----------
+    lens : int
+        Row of the microlens, or NO_MICROLENS.
+    plane : (4, 3) float64
+        Rows origin, first axis, second axis, normal; vision frame.
+    shares, directions
+        Of the nodes, see `camera.integrating.polar_bundle.bundle_hits`.
+    """
+    offsets = -np.cos(np.pi * np.arange(order) / (order - 1))
+    grid = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
+    positions = tracer.positions_mm(*(x_px + half_px * grid).T)
+    found = bundle_hits(tracer.arrays, positions, lens, plane, shares, directions, about=len(grid) // 2)
+    if not found.whole.all():
+        return None
+    fields = np.concatenate([found.on_plane, found.density_sr[..., None]], axis=-1)
+    return BundleMap(x_px, half_px, offsets, fields)

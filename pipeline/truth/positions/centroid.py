@@ -1,0 +1,123 @@
+"""The centroid of a disc's noise-free image: what detectors of dots look for.
+
+A disc lies about the target point in its tangent plane. With h(x, q) the hit of node q of the bundle at x, and D its
+weight, the image of the disc is E(x) = integral of D over the nodes whose hit lies on the disc. For each node the
+image positions that see the disc are found by turning h round, so the integrals of E and of x E become smooth ones over
+the disc y:
+
+    integral over q and y of D(x, q) / |det dh/dx| (and of x times that), x being where h(x, q) = y.
+
+Sharp edges of image and disc are gone, and few points suffice. A dark disc on white has the same centroid of what is
+missing, as far as the white around it does not count.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
+
+_ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
+"""Traced positions along an axis, rings and directions of the bundle, rings and directions of the disc."""
+_LOOK_PX, _SLACK, _LARGER = 0.5, 1.05, 1.1
+_BOXES, _STEPS, _DONE_PX = 4, 12, 1e-7
+_DIFFERENCE = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Centroid:
+    """Centroid of a disc's image; NaN where the disc is not seen as a whole.
+
+    Attributes
+    ----------
+    x_px : (2,) float64
+    error_px : float
+        Difference of two integrals.
+    """
+
+    x_px: np.ndarray
+    error_px: float
+
+
+def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float) -> Centroid:
+    """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
+    lens, found = int(rig.lens(np.array([cell]))[0]), np.full((2, 2), np.nan)
+    lost = Centroid(np.full(2, np.nan), np.nan)
+    look = bundle_map(rig.tracer, lens, x_px, np.full(2, _LOOK_PX), plane, 3, np.array([0.5, 1.0]), 16)
+    if look is None:
+        return lost
+    seen = _linear(look, radius_mm * _circle(16))
+    for number, (order, rings, directions, *disc) in enumerate((_ROUGH, _FINE)):
+        shares, weight = _gauss(rings)
+        for _ in range(_BOXES):
+            low, high = seen.min(axis=(0, 1, 2)), seen.max(axis=(0, 1, 2))
+            half = (high - low) / 2
+            around = bundle_map(rig.tracer, lens, (low + high) / 2, _SLACK * half, plane, order, shares, directions)
+            if around is None:
+                return lost
+            seen = _seen(around, radius_mm * _circle(64))[0]
+            # The box was guessed; polynomials hold little beyond it.
+            if (np.abs(seen - around.x_px) <= _LARGER * half).all():
+                break
+        else:
+            return lost
+        rim = seen.reshape(-1, 2)
+        if not (rig.in_image(rim) & rig.in_cell(rim, np.full(len(rim), cell))).all():
+            return lost
+        found[number] = _centroid(around, shares * weight, radius_mm, disc)
+    return Centroid(found[1], float(np.hypot(*(found[1] - found[0]))))
+
+
+def _centroid(around: BundleMap, measure: np.ndarray, radius_mm: float, disc: list[int]) -> np.ndarray:
+    shares, weight = _gauss(disc[0])
+    points = radius_mm * (shares[:, None, None] * _circle(disc[1])).reshape(-1, 2)
+    x, density, area = _seen(around, points)
+    light = density * area * np.repeat(shares * weight, disc[1]) * measure[:, None]
+    return np.einsum("arm,armi->i", light, x) / light.sum()
+
+
+def _linear(look: BundleMap, points_mm: np.ndarray) -> np.ndarray:
+    """Image positions (a, r, m, 2) where nodes see points (m, 2) of the plane, by derivatives in a map's middle."""
+    middle = np.broadcast_to(look.x_px, (*look.fields.shape[1:3], 1, 2))
+    apart = points_mm - _fields(look, middle)[..., :2]
+    return look.x_px + np.einsum("armij,armj->armi", np.linalg.inv(_jacobian(look, middle)), apart)
+
+
+def _seen(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Image positions (a, r, m, 2) [px] where nodes see points (m, 2) of the plane, density and px^2 per mm^2 there."""
+    middle = np.broadcast_to(around.x_px, (*around.fields.shape[1:3], 1, 2))
+    inverse = np.linalg.inv(_jacobian(around, middle))
+    x = _linear(around, points_mm)
+    for _ in range(_STEPS):
+        step = np.einsum("armij,armj->armi", inverse, points_mm - _fields(around, x)[..., :2])
+        x = x + step
+        if not np.abs(step).max() > _DONE_PX:
+            break
+    area = 1 / np.abs(np.linalg.det(_jacobian(around, x)))
+    return x, _fields(around, x)[..., 2], area
+
+
+def _fields(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
+    """Coordinates and density of nodes at positions of their own (a, r, m, 2), (a, r, m, 3)."""
+    return around.basis(x_px) @ around.fields.transpose(1, 2, 0, 3)
+
+
+def _jacobian(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
+    """Derivative of the coordinates by the position, (a, r, m, 2, 2) [mm per px]."""
+    columns = []
+    for axis in np.eye(2) * _DIFFERENCE * around.half_px:
+        change = _fields(around, x_px + axis) - _fields(around, x_px - axis)
+        columns.append(change[..., :2] / (2 * np.hypot(*axis)))
+    return np.stack(columns, axis=-1)
+
+
+def _circle(count: int) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of Gauss and Legendre on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (nodes + 1) / 2, weights / 2

@@ -1,0 +1,135 @@
+"""Optional columns of a table of correspondences: other image positions of the same points, see CONVENTIONS.md.
+
+x_px, y_px is J's. Detectors of corners and dots look for something else, and a lens with coma sets all of them apart.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.targets.corners import corners_of
+from pipeline.targets.target import AnyTarget
+from pipeline.truth.direct.chief_points import chief_points
+from pipeline.truth.direct.direct_rows import Rig
+from pipeline.truth.grid.correspond import Found
+from pipeline.truth.positions.centroid import centroid
+from pipeline.truth.positions.saddle import corner_plane, saddle
+
+SETS = {
+    "chief": "chief: where the ray through the centre of the stop sees the point; behind a microlens, that through its"
+    " vertex",
+    "saddle": "saddle: where the noise-free image of an infinite corner, with the point's edges in its tangent plane,"
+    " integrated over a pixel, is stationary",
+    "centroid": "centroid: of the noise-free image of the disc about the point in its tangent plane",
+}
+"""The sets in the order of their columns, and what each is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetNote:
+    """What became of a set.
+
+    Attributes
+    ----------
+    rows : int
+        That have a position.
+    empty : dict
+        Rows without one, by reason.
+    error_px : float or None
+        Largest error of the computation; None where it knows none.
+    """
+
+    name: str
+    rows: int
+    empty: dict[str, int]
+    error_px: float | None
+
+    @property
+    def text(self) -> str:
+        """For the header of a table."""
+        empty = [f"{why} {count}" for why, count in self.empty.items() if count]
+        note = f"{self.name} {self.rows}" + (f" (empty: {', '.join(empty)})" if empty else "")
+        return note if self.error_px is None else f"{note}, its largest error {self.error_px:.1g} px"
+
+    def joined(self, other: "SetNote") -> "SetNote":
+        """Of the rows of both."""
+        errors = [note.error_px for note in (self, other) if note.error_px is not None]
+        return SetNote(
+            name=self.name,
+            rows=self.rows + other.rows,
+            empty={why: count + other.empty[why] for why, count in self.empty.items()},
+            error_px=max(errors, default=None),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnSet:
+    """One position per row of a target.
+
+    Attributes
+    ----------
+    x_px : (n, 2) float64
+        NaN where there is none.
+    note : SetNote
+    """
+
+    x_px: np.ndarray
+    note: SetNote
+
+
+def column_names(name: str) -> tuple[str, str]:
+    """Names of the columns of a set."""
+    return f"{name}_x_px", f"{name}_y_px"
+
+
+def column_set(name: str, rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+    """The positions of one set.
+
+    Parameters
+    ----------
+    pose : (4, 4) float64
+        vision_from_target.
+    planes : (p, 4, 3) float64
+        Tangent planes at the points of the target, vision frame.
+    """
+    make = {"chief": _chief, "saddle": _saddles, "centroid": _centroids}[name]
+    return make(rig, target, pose, planes[rows.point], rows)
+
+
+def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+    x = chief_points(rig.tracer, rig.lens(rows.cell), _positions(rows), planes)
+    return _noted("chief", x, {"no such ray": np.isnan(x[:, 0])}, None)
+
+
+def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+    around, lens, start = corners_of(target), rig.lens(rows.cell), _positions(rows)
+    edges = around.edges[rows.point] @ pose[:3, :3].T
+    is_corner = np.isfinite(edges).all(axis=(1, 2))
+    x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
+    for i in np.flatnonzero(is_corner):
+        plane, ratio = corner_plane(planes[i], edges[i]), float(around.mean_over_contrast[rows.point[i]])
+        found = saddle(rig.tracer, int(lens[i]), start[i], plane, ratio)
+        x[i], error[i] = found.x_px, found.error_px
+    lost = is_corner & np.isnan(x[:, 0])
+    return _noted("saddle", x, {"not a corner of four sectors": ~is_corner, "none in the own micro-image": lost}, error)
+
+
+def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+    radius, start = target.points().radius_mm[rows.point], _positions(rows)
+    x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
+    for i in np.flatnonzero(~np.isnan(radius)):
+        found = centroid(rig, int(rows.cell[i]), start[i], planes[i], float(radius[i]))
+        x[i], error[i] = found.x_px, found.error_px
+    lost = ~np.isnan(radius) & np.isnan(x[:, 0])
+    return _noted("centroid", x, {"not a disc": np.isnan(radius), "disc not whole in image or cell": lost}, error)
+
+
+def _positions(rows: Found) -> np.ndarray:
+    return np.stack([rows.x_px, rows.y_px], axis=1)
+
+
+def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px: np.ndarray | None) -> ColumnSet:
+    found = ~np.isnan(x_px[:, 0])
+    largest = float(error_px[found].max()) if error_px is not None and found.any() else None
+    empty = {why: int(here.sum()) for why, here in reasons.items()}
+    return ColumnSet(x_px, SetNote(name=name, rows=int(found.sum()), empty=empty, error_px=largest))

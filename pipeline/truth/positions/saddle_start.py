@@ -1,0 +1,86 @@
+"""First guess of a saddle: coma moves J far off, and gives a wide image other stationary points."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from pipeline.camera.tracer import Tracer
+from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
+from pipeline.truth.positions.corner_image import CornerImage
+
+_RINGS, _DIRECTIONS, _ORDER, _HALF_PX = 16, 64, 3, 0.75
+_DIFFERENCE_PX = 0.25
+_WIDE_PX, _SWEEPS, _ROUGH = 1.0, 3, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """A position from which Newton's method finds the saddle.
+
+    Attributes
+    ----------
+    x_px : (2,) float64
+    spread_px : float
+        Standard deviation of the bundle in the image.
+    """
+
+    x_px: np.ndarray
+    spread_px: float
+
+
+def start_of(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Start | None:
+    """The position where both edges halve the bundle; of a wide one that where each edge halves it on the other.
+
+    None where bundles around J's position are cut. Parameters are those of `saddle.saddle`.
+    """
+    half, shares = np.full(2, _HALF_PX), np.arange(_RINGS + 1) / _RINGS
+    around = bundle_map(tracer, lens, x_px, half, plane, _ORDER, shares, _DIRECTIONS)
+    if around is None:
+        return None
+    weight = _weights(around.at(x_px))
+    px_per_mm = np.linalg.inv(_jacobian(around, weight))
+    hits = around.at(x_px)[..., :2].reshape(-1, 2)
+    x_px = x_px - px_per_mm @ [_median(values, weight) for values in hits.T]
+    spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
+    if spread < _WIDE_PX:
+        return Start(x_px, spread)
+    wide = bundle_map(tracer, lens, x_px, half + spread, plane, _ORDER, shares, _DIRECTIONS)
+    if wide is None:
+        return None
+    x_px = _halved(CornerImage(wide, ratio), x_px, px_per_mm, spread)
+    return Start(x_px, spread)
+
+
+def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_px: float) -> np.ndarray:
+    """Move along either edge in turn to where the derivative along the other vanishes: in that direction it grows."""
+    first, second = (px_per_mm / np.linalg.norm(px_per_mm, axis=0)).T
+    for along, across in ((first, second), (second, first)) * _SWEEPS:
+
+        def slope(s: float, x: np.ndarray = x_px, along: np.ndarray = along, across: np.ndarray = across) -> float:
+            return float(image.gradient(x + s * along) @ across)
+
+        reach = 2 * spread_px
+        if slope(-reach) * slope(reach) < 0:
+            x_px = x_px + brentq(slope, -reach, reach, xtol=_ROUGH * spread_px) * along
+    return x_px
+
+
+def _weights(nodes: np.ndarray) -> np.ndarray:
+    """Shares of the bundle, of all nodes (a, r, 3) in a row."""
+    weight = (nodes[..., 2] * np.linspace(0, 1, nodes.shape[1])).ravel()
+    return weight / weight.sum()
+
+
+def _median(values: np.ndarray, weight: np.ndarray) -> float:
+    order = np.argsort(values)
+    return float(np.interp(0.5, np.cumsum(weight[order]) - weight[order] / 2, values[order]))
+
+
+def _jacobian(around: BundleMap, weight: np.ndarray) -> np.ndarray:
+    """Derivative of the mean hit by the position, (2, 2) [mm per px]."""
+    steps = _DIFFERENCE_PX * np.eye(2)
+    means = [
+        [weight @ around.at(around.x_px + sign * step)[..., :2].reshape(-1, 2) for sign in (1, -1)] for step in steps
+    ]
+    return np.stack([plus - minus for plus, minus in means], axis=1) / (2 * _DIFFERENCE_PX)

@@ -1,0 +1,151 @@
+"""Claim: what is painted around a target point is what its kind promises, in every pattern."""
+
+import numpy as np
+import pytest
+
+from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Spokes
+from pipeline.targets.errors import TargetError
+from pipeline.targets.patterns.aprilgrid import AprilGrid
+from pipeline.targets.patterns.charuco import Charuco
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.patterns.circles import CircleGrid
+from pipeline.targets.patterns.deltille import Deltille
+from pipeline.targets.patterns.lines import Lines, SlantedEdge
+from pipeline.targets.patterns.stars import SiemensStar, Stars
+from pipeline.targets.target import PATTERNS, SURFACES, Target, plain_from_target, target_from_plain
+
+EXAMPLES = [
+    Checkerboard(columns=4, rows=3, square_mm=3.7),
+    Charuco(columns=4, rows=3, square_mm=5.0, marker_mm=3.5, marker_corners=True),
+    AprilGrid(columns=3, rows=2, tag_mm=8.0),
+    AprilGrid(columns=2, rows=2, tag_mm=8.0, dictionary="apriltag_16h5", border_bits=1),
+    CircleGrid(columns=4, rows=3, spacing_mm=5.0, diameter_mm=3.0),
+    CircleGrid(columns=4, rows=5, spacing_mm=5.0, diameter_mm=3.0, asymmetric=True),
+    Deltille(columns=4, rows=3, edge_mm=4.0),
+    Stars(columns=3, rows=2, spacing_mm=9.0, diameter_mm=8.0, spokes=7),
+    SiemensStar(spokes=36, diameter_mm=30.0),
+    SiemensStar(spokes=24, diameter_mm=30.0, hub_mm=5.0),
+    SlantedEdge(width_mm=20.0, height_mm=30.0, angle_deg=-7.0),
+    Lines(columns=3, rows=2, spacing_mm=6.0, width_mm=0.5),
+    Lines(columns=0, rows=4, spacing_mm=6.0, width_mm=0.5),
+    Lines(columns=3, rows=0, spacing_mm=6.0, width_mm=0.5),
+]
+
+
+def name_of(pattern) -> str:
+    """A test id."""
+    return pattern.KIND
+
+
+def around(pattern, xy_mm: np.ndarray, radius_mm: float, count: int = 7200) -> np.ndarray:
+    """Colours on a small circle around a point, in order."""
+    angle = (np.arange(count) + 0.5) * 2 * np.pi / count
+    return pattern.drawing.whiteness(xy_mm[0] + radius_mm * np.cos(angle), xy_mm[1] + radius_mm * np.sin(angle))
+
+
+def changes(colours: np.ndarray) -> int:
+    """How often black and white change once around; a sheet's end counts as white."""
+    colours = np.nan_to_num(colours, nan=1.0)
+    return int(np.sum(colours != np.roll(colours, 1)))
+
+
+@pytest.mark.parametrize("pattern", EXAMPLES, ids=name_of)
+def test_edges_meet_in_every_point(pattern) -> None:
+    """Checkers four, triangles six, a star two per spoke, a tag's corner four with the black square beside it."""
+    marks = pattern.marks()
+    expected = {
+        "checkerboard": {"corner": 4},
+        "charuco": {"corner": 4, "marker-corner": 2},
+        "aprilgrid": {"corner": 4},
+        "circle-grid": {"disc": 0},
+        "deltille": {"corner": 6},
+        "stars": {"centre": 2 * getattr(pattern, "spokes", 0)},
+        "siemens-star": {"centre": 0 if getattr(pattern, "hub_mm", 0) else 2 * getattr(pattern, "spokes", 0), "rim": 2},
+        "slanted-edge": {"centre": 2, "end": 2},
+        "lines": {"crossing": 0, "end": 2},
+    }[pattern.KIND]
+    assert {changes(around(pattern, xy, 0.01)) for xy in marks.xy_mm} <= set(expected.values())
+    for kind, xy in zip(marks.kinds, marks.xy_mm, strict=True):
+        assert changes(around(pattern, xy, 0.01)) == expected[kind]
+
+
+def test_a_disc_is_black_up_to_its_radius() -> None:
+    for pattern in EXAMPLES[4:6]:
+        marks = pattern.marks()
+        for xy, radius in zip(marks.xy_mm, marks.radius_mm, strict=True):
+            assert not around(pattern, xy, radius - 1e-9).any()
+            assert around(pattern, xy, radius + 1e-9).all()
+
+
+def test_edges_are_exact_to_rounding() -> None:
+    """A picometre to either side of an edge of a square, a tag and a triangle the colour is that of the side."""
+    for pattern, (x, y) in ((EXAMPLES[0], (0.0, 5.0)), (EXAMPLES[2], (-12.4 + 8.0, -8.0))):
+        xy = pattern.marks().xy_mm
+        edge = xy[np.argmin(np.linalg.norm(xy - [x, y], axis=1)), 0]
+        sides = pattern.drawing.whiteness(np.array([edge - 1e-9, edge + 1e-9]), np.full(2, y + 0.3))
+        assert set(sides) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("pattern", EXAMPLES, ids=name_of)
+def test_a_sheet_ends_where_it_says_and_all_points_lie_on_it(pattern) -> None:
+    drawing = pattern.drawing
+    x, y = drawing.half_x_mm, drawing.half_y_mm
+    inside = drawing.whiteness(np.array([x, -x]) * (1 - 1e-12), np.array([-y, y]) * (1 - 1e-12))
+    outside = drawing.whiteness(np.array([x * (1 + 1e-12), 0.0]), np.array([0.0, -y * (1 + 1e-12)]))
+    assert not np.isnan(inside).any()
+    assert np.isnan(outside).all()
+    assert (np.abs(pattern.marks().xy_mm) <= np.array([x, y]) * (1 + 1e-12)).all()
+
+
+@pytest.mark.parametrize("pattern", EXAMPLES, ids=name_of)
+def test_targets_cross_a_process_border_unchanged(pattern) -> None:
+    assert target_from_plain(plain_from_target(Target(pattern))) == Target(pattern)
+    assert {type(example) for example in EXAMPLES} == set(PATTERNS.values())
+    assert len(SURFACES) == 6
+
+
+def test_ids_go_from_the_top_left_to_the_right_except_kalibrs_that_go_up() -> None:
+    for pattern in (EXAMPLES[0], EXAMPLES[4], EXAMPLES[5], EXAMPLES[6], EXAMPLES[7], EXAMPLES[11]):
+        xy = pattern.marks().xy_mm
+        rows = xy[:: pattern.columns, 1]
+        assert (np.diff(rows) < 0).all()
+        assert (np.diff(xy[: pattern.columns, 0]) > 0).all()
+    assert (np.diff(EXAMPLES[2].marks().xy_mm[::6, 1]) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Charuco(columns=9, rows=9, square_mm=5.0, marker_mm=4.0, first_tag=1), "tags 1 to 50"),
+        (lambda: Charuco(columns=4, rows=3, square_mm=5.0, marker_mm=5.0), "smaller than squares"),
+        (lambda: AprilGrid(columns=4, rows=3, tag_mm=5.0, spacing=0.0), "spacing 0"),
+        (lambda: AprilGrid(columns=4, rows=3, tag_mm=5.0, dictionary="36h11"), "no dictionary"),
+        (lambda: Stars(columns=4, rows=3, spacing_mm=5.0, diameter_mm=6.0), "overlap"),
+        (lambda: SiemensStar(spokes=20, diameter_mm=5.0, hub_mm=5.0), "hub"),
+        (lambda: SlantedEdge(width_mm=5.0, height_mm=200.0), "upper to the lower"),
+        (lambda: Lines(columns=0, rows=0, spacing_mm=5.0, width_mm=1.0), "0 upright"),
+        (lambda: Deltille(columns=0, rows=1, edge_mm=5.0), "1 x 0 corners"),
+    ],
+)
+def test_what_cannot_be_is_refused(make, words) -> None:
+    with pytest.raises(TargetError, match=words):
+        make()
+
+
+SHAPES = {
+    "polygon": Polygon(corners=((-8.0, -3.0), (7.5, -11.0), (2.0, 14.0))),
+    "disc": Disc(x=1.0, y=-2.0, radius=8.5),
+    "spokes": Spokes(x=-1.0, y=3.0, inner=1.0, outer=9.0, count=5, phase=0.2),
+    "checks, high": Checks(columns=1, rows=6, square=4.3),
+    "checks, wide": Checks(columns=5, rows=2, square=3.1),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_shape_looks_the_same_alone_and_among_many(shape: str) -> None:
+    """On a sheet with forty specks in its corner, whose grid of bins is finer than the shape: up to its last edge."""
+    specks = [Disc(x=-18.0 + 0.05 * i, y=19.0, radius=0.01) for i in range(40)]
+    x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-19.7, 19.7, 301), np.linspace(-18.7, 18.3, 301)))
+    alone, among = (Drawing(20.0, 20.0, shapes) for shapes in ([SHAPES[shape]], [*specks, SHAPES[shape]]))
+    assert 0.02 < np.mean(alone.whiteness(x, y) == 0) < 0.6
+    np.testing.assert_array_equal(among.whiteness(x, y), alone.whiteness(x, y))
