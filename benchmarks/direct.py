@@ -16,12 +16,13 @@ import numpy as np
 from kept import keeping
 
 import pipeline
-from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
+from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid import quad_search
 from pipeline.truth.grid.ray_grid import fine_from_image, image_from_fine
+from pipeline.truth.planes import tangent_planes
 from pipeline.units import DEGREE_RAD
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/02_plenoptic/dataset.usda"
@@ -36,7 +37,7 @@ def main() -> None:
     entry = pipeline.open_dataset(STAGE).cameras[0]
     tracer = Tracer(entry.camera)
     rig, board, pose = (
-        Rig(tracer, micro_images(tracer)),
+        Rig.of(tracer),
         Checkerboard(columns=7, rows=4, square_mm=2.0),
         facing(420.0, 20.0),
     )
@@ -81,7 +82,7 @@ def tile_errors(
     offsets = np.stack(np.meshgrid(np.arange(4), np.arange(4)), axis=-1)
     fine = (corner[:, None, None] + offsets).reshape(-1, 2)
     x = image_from_fine(fine.astype(float), k)
-    lens = np.repeat(rig.lens(rows.cell), 16)
+    lens = np.repeat(rig.microlens(rows.cell), 16)
     own = rig.in_cell(x, lens)
     two = np.stack([target_plane(pose), parallel_planes(1.0, 2.0)[0]])
     image = tracer.moments(tracer.positions_mm(*x.T), lens, two, samples, fine)[:, :2].reshape(-1, 4, 4, 2)

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 
 import pipeline
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.poses import vision_from_target
-from pipeline.truth.direct.direct_rows import Guess, Rig, guesses, solve, tangent_planes
+from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.judging.judged import Rows
 from pipeline.truth.judging.judges import differences
+from pipeline.truth.planes import tangent_planes
 
 STAGE = Path(__file__).resolve().parent / "dataset.usda"
 ROUGH_PX, ACCURACY_PX = 1e-2, 1e-5
@@ -98,7 +99,7 @@ def draw(count: int, frames: slice = slice(None), points: slice = slice(None)) -
     """
     camera, seed, poses, corners_mm = camera_and_boards()
     tracer = Tracer(camera, seed)
-    rig = Rig(tracer, micro_images(tracer))
+    rig = Rig.of(tracer)
     poses, corners_mm = poses[frames], corners_mm[points]
     pose = np.repeat(poses, len(corners_mm), axis=0)
     point = np.tile(corners_mm, (len(poses), 1))

@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import Table, read_table
 from pipeline.targets.target import target_from_plain
-from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.params.certificate import Certificate as Params
 from pipeline.tasks.params.placed import PlacedTarget
-from pipeline.truth.direct.direct_rows import Rig, tangent_planes
 from pipeline.truth.judging.certificate import certify
 from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build
+from pipeline.truth.planes import tangent_planes
 
 _STREAM = 0x5EA1
 """Random numbers of the judge are none of those that it judges."""
@@ -25,11 +26,10 @@ _STREAM = 0x5EA1
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write certificate.json and points.json."""
-    tracer, images = tracer_of(inputs, params.seed ^ _STREAM)
     tables = [
         (frame.targets, read_table(inputs[f"frame{frame.number}"]["correspondences.csv"])) for frame in params.frames
     ]
-    rig = Rig(tracer, images, params.square_px)
+    rig = rig_of(inputs, params.seed ^ _STREAM, params.square_px)
     of = sum(len(table.columns["x_px"]) for _, table in tables)
     found = certificate(rig, tables, params.claim_px, params.seed, rows_of_build(of))
     write_json(out / "certificate.json", found)

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.render.imaging import pictures
 from pipeline.render.light import TargetLight
-from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import ImageTile as Params
@@ -34,10 +34,10 @@ def image_rows(
     exposure: Exposure, views: Sequence[PaintedView], inputs: Inputs, rows: tuple[int, int] | None = None
 ) -> np.ndarray:
     """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
-    tracer, images = tracer_of(inputs, exposure.seed)
+    rig = rig_of(inputs, exposure.seed)
     white, foreign = (read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN))
     parts = np.array([white - foreign, foreign])
-    return pictures(tracer, images, exposure.samples, list(map(_scene, views)), parts, rows)
+    return pictures(rig.tracer, rig.images, exposure.samples, list(map(_scene, views)), parts, rows)
 
 
 def _scene(view: PaintedView) -> TargetLight:

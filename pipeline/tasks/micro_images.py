@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.camera.micro_images.light import OUTLINE_DEG, MicroLight, micro_light
 from pipeline.camera.tracer import Tracer
 from pipeline.files.tables import write_table
-from pipeline.tasks.artefacts.cameras import Inputs, stacked, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stacked
 from pipeline.tasks.params.micro_images import MicroImages as Params
 
 _PIXELS = "positions in px: (0, 0) is the centre of the top-left pixel, x right, y down"
@@ -40,7 +40,8 @@ _DECIMALS = 6
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write both tables."""
-    tracer, images = tracer_of(inputs, 0)
+    rig = rig_of(inputs, 0)
+    tracer, images = rig.tracer, rig.images
     grid, array = tracer.lattice, tracer.camera.microlenses
     assert images is not None and grid is not None and array is not None
     found = _joined(inputs, params.tiles) if params.tiles else micro_light(tracer, images)

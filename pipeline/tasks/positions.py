@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.micro_images.centres import MicroImages
 from pipeline.camera.parts.camera import Sampling
-from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.files.exr_bands import BandedPart, write_bands
-from pipeline.tasks.artefacts.cameras import Inputs, stretches, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stretches
 from pipeline.tasks.params.truth import Positions as Params
 from pipeline.truth.direct.candidates import candidates
-from pipeline.truth.direct.direct_rows import Rig
 from pipeline.truth.grid.ray_grid import fine_from_image
 
 Tile = tuple[slice, slice]
@@ -25,19 +24,19 @@ Tile = tuple[slice, slice]
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write positions.exr."""
-    tracer, images = tracer_of(inputs, params.sampling.seed)
+    rig = rig_of(inputs, params.sampling.seed, params.square_px)
     head: dict[str, str | float | int] = {
         "frame": "frame of the tangent plane, mm: x right, y up, z = 0",
         "extent": params.extent,
     }
     head |= {**dataclasses.asdict(params.sampling), **dataclasses.asdict(params.light)}
-    sensor, k = tracer.camera.sensor, params.sampling.supersampling
+    sensor, k = rig.tracer.camera.sensor, params.sampling.supersampling
     shape = sensor.height_px * k, sensor.width_px * k
     parts = []
     for plane in params.planes:
-        wanted = tiles(tracer, images, np.array(plane.points_mm), k) if params.extent == "tiles" else None
+        wanted = tiles(rig, np.array(plane.points_mm), k) if params.extent == "tiles" else None
         pose = np.array(plane.vision_from_target)
-        rows = functools.partial(_rows, Rig(tracer, images, params.square_px), pose, params.sampling, wanted)
+        rows = functools.partial(_rows, rig, pose, params.sampling, wanted)
         parts.append(BandedPart(name=plane.name, shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
     write_bands(out / "positions.exr", parts)
 
@@ -55,9 +54,9 @@ def _rows(
     return {"X": pixels[..., 0], "Y": pixels[..., 1]}
 
 
-def tiles(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
+def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
     """Parts of the fine grid where images of points (p, 3) may lie, with room for the search."""
-    found = candidates(tracer, images, points_mm)
+    found = candidates(rig.tracer, rig.images, points_mm)
     centre = np.rint(fine_from_image(found.x_px, supersampling)).astype(int)
     room = np.ceil(found.reach_px * supersampling).astype(int) + 2
     return [
@@ -87,7 +86,7 @@ def position_image(
         here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
     result = np.full((here.size, 2), np.nan, np.float32)
-    for piece in stretches(rig.tracer, rig.images, k, first, end) if here.any() else ():
+    for piece in stretches(rig, k, first, end) if here.any() else ():
         some = here.ravel()[piece.index]
         arguments = piece.positions_mm[some], piece.lens[some], planes, sampling.samples, piece.pixels[some]
         result[piece.index[some]] = rig.tracer.moments(*arguments, rig.square_px)[:, :2]

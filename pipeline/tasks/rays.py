@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.npy import StackedRows
-from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, tracer_alone
 from pipeline.tasks.params.rays import Rays as Params
 from pipeline.tasks.rays_tile import ERROR_SQUARED, FAR, HIT_FRACTION, NEAR
 from pipeline.truth.grid.sampling_error import in_pixels, jacobian
@@ -21,7 +21,7 @@ MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write rays.exr."""
-    tracer, _ = tracer_of(inputs, params.sampling.seed)
+    tracer = tracer_alone(inputs, params.sampling.seed)
     camera, tiles = tracer.camera, _Tiles(inputs, params.tiles, params.sampling.supersampling)
     head: dict[str, Any] = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",

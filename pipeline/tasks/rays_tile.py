@@ -9,7 +9,7 @@ from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.files.npy import write_npy
-from pipeline.tasks.artefacts.cameras import Inputs, Stretch, stretches, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches
 from pipeline.tasks.params.rays import RaysTile as Params
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
@@ -18,16 +18,16 @@ NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, sli
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write three arrays."""
-    tracer, images = tracer_of(inputs, params.sampling.seed)
-    tracer = dataclasses.replace(tracer, device=params.device)
+    rig = rig_of(inputs, params.sampling.seed)
+    tracer = dataclasses.replace(rig.tracer, device=params.device)
     k = params.sampling.supersampling
     height, width = (params.end_row - params.first_row) * k, tracer.camera.sensor.width_px * k
     bundles = np.empty((height * width, WIDTH), np.float32)
     cells = np.empty(height * width, np.int32)
     covariance = np.empty((height * width, 10), np.float32)
-    for piece in stretches(tracer, images, k, params.first_row * k, params.end_row * k):
+    for piece in stretches(rig, k, params.first_row * k, params.end_row * k):
         bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params.sampling, params.square_px)
-        cells[piece.index] = piece.lens if images else 0
+        cells[piece.index] = piece.lens if rig.images else 0
     # Of every pixel the bundle next to its centre keeps its second moments.
     small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
     write_npy(out / "bundles.npy", bundles.reshape(height, width, WIDTH))

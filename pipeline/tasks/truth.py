@@ -8,27 +8,29 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.camera.rig import Rig
 from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table, write_table
 from pipeline.records.plain import from_plain
 from pipeline.targets.points import TargetPoints
-from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
 from pipeline.tasks.artefacts.ray_grid import RayFile, rows_of
 from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
 from pipeline.tasks.artefacts.truth_table import TargetNote, column_order, columns_of, header_of
 from pipeline.tasks.params.placed import View
 from pipeline.tasks.params.truth import Truth as Params
 from pipeline.tasks.params.truth import TruthTable
-from pipeline.truth.direct.direct_rows import Rig, faces_camera, guesses, solve, tangent_planes
+from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.direct.fallback import polished
 from pipeline.truth.direct.own_bundle import with_own_bundles
-from pipeline.truth.grid.correspond import Correspondences
 from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm, plane_name
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, Rays
 from pipeline.truth.grid.second_order import corrected
+from pipeline.truth.planes import faces_camera, tangent_planes
 from pipeline.truth.positions.column_sets import column_names, column_set
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.visibility import seen
 
@@ -44,7 +46,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     if params.view is None:
         notes, columns = joined(inputs, params.tiles)
     else:
-        rig = Rig(*tracer_of(inputs, table.labels.seed), params.square_px)
+        rig = rig_of(inputs, table.labels.seed, params.square_px)
         notes, columns = target_rows(table, params.view, rig, inputs)
     k = RayFile(inputs).supersampling if table.settings.searches else None
     head = header_of(table, k, is_plenoptic=focused_camera(inputs).microlenses is not None)

@@ -5,15 +5,14 @@ from pathlib import Path
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import write_table
 from pipeline.records.plain import to_plain
-from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.params.truth import TruthTile as Params
 from pipeline.tasks.truth import NOTES, ROWS, target_rows
-from pipeline.truth.direct.direct_rows import Rig
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write the rows and what is told of the targets."""
-    rig = Rig(*tracer_of(inputs, params.table.labels.seed), params.square_px)
+    rig = rig_of(inputs, params.table.labels.seed, params.square_px)
     notes, columns = target_rows(params.table, params.view, rig, inputs, params.points)
     write_table(out / ROWS, [], columns)
     write_json(out / NOTES, {"targets": to_plain(notes)})

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.files.npy import write_npy
 from pipeline.render.imaging import irradiance_and_crosstalk
-from pipeline.tasks.artefacts.cameras import Inputs, tracer_of
+from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import WhiteTile as Params
 
@@ -23,8 +23,8 @@ def white_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows from the first to an end, by default all, (h, w) float64 each, written for images: the white image, and its
     part through other microlenses than that of the pixel's cell."""
-    tracer, images = tracer_of(inputs, exposure.seed)
-    parts = irradiance_and_crosstalk(tracer, images, exposure.samples, None, rows)
+    rig = rig_of(inputs, exposure.seed)
+    parts = irradiance_and_crosstalk(rig.tracer, rig.images, exposure.samples, None, rows)
     for name, pixels in zip((WHITE, FOREIGN), parts, strict=True):
         write_npy(out / name, pixels)
     return parts

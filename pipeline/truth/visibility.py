@@ -8,12 +8,12 @@ import dataclasses
 import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Samples, Squares, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.render.surroundings import Surroundings
-from pipeline.truth.direct.direct_rows import Rig
-from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.rows import Correspondences
 
 LOOK_RAYS, RAYS = 1 << 10, 1 << 14
 """Random rays of a row that something may hide, and of one that is partly hidden; over all replicas."""
@@ -45,7 +45,7 @@ def seen(
     """
     found = rows.found
     x_px = np.stack([found.x_px, found.y_px], axis=1)
-    share, _ = visibility(rig, surroundings, target, rig.lens(found.cell), x_px, planes[found.point])
+    share, _ = visibility(rig, surroundings, target, rig.microlens(found.cell), x_px, planes[found.point])
     kept = share != 0  # not known (NaN) is not hidden
     counts = {name: count for name, count in rows.counts.items() if name != "rows"}
     counts |= {

@@ -9,6 +9,7 @@ from laws import rigs
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import rigid
@@ -17,7 +18,6 @@ from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.patterns.deltille import Deltille
 from pipeline.targets.surfaces import Cylinder, Flat, Stairs, Warped
 from pipeline.targets.target import Target
-from pipeline.truth.direct.direct_rows import Rig
 
 GLASS = {"model": "refractive", "index": 1.52, "thickness_mm": 0.6, "front_radii_mm": (1.1,)}
 MODELS = (

@@ -10,10 +10,10 @@ from laws.test_direct import rig_of, solved
 
 from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.direct.direct_rows import tangent_planes
 from pipeline.truth.judging import judges
 from pipeline.truth.judging.certificate import _verdict, certify
 from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build, sample
+from pipeline.truth.planes import tangent_planes
 
 CLAIM_PX = 1e-4
 

@@ -17,8 +17,8 @@ from tolerances import (
     TEXTBOOK_MM,
 )
 
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply, inverse
 from pipeline.optics.kernels import trace_rays
@@ -29,11 +29,12 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
 from pipeline.truth.direct.chief_points import chief_points
-from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
-from pipeline.truth.grid.correspond import Found
+from pipeline.truth.direct.direct_rows import guesses, solve
+from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.column_sets import column_set
 from pipeline.truth.positions.saddle import corner_plane, saddle
+from pipeline.truth.rows import Found
 
 FLIP = np.array([1.0, -1.0, -1.0])
 
@@ -55,7 +56,7 @@ class Case:
 
 def case_of(camera: Camera, target: Target, pose: np.ndarray) -> Case:
     tracer = Tracer(camera)
-    rig = Rig(tracer, micro_images(tracer) if camera.microlenses else None)
+    rig = Rig.of(tracer)
     points = target.points()
     planes = tangent_planes(pose, points.position_mm, points.plane_axes)
     solved = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05)
@@ -82,7 +83,9 @@ def test_chief_positions_are_where_forward_chief_rays_land(is_displaced: bool) -
     camera = off_axis(8.0)
     camera = rigs.displaced(camera) if is_displaced else camera
     case = case_of(camera, board(), rigs.facing(440.0, 20.0, 27.0, 5.0))
-    positions = chief_points(case.rig.tracer, case.rig.lens(case.found.cell), case.j_px, case.planes[case.found.point])
+    positions = chief_points(
+        case.rig.tracer, case.rig.microlens(case.found.cell), case.j_px, case.planes[case.found.point]
+    )
     table, stop = unbounded(towards_sensor(camera.prescription)), camera.prescription.stop_index
 
     def ray(rows: np.ndarray, start: np.ndarray, aim: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +110,7 @@ def test_chief_positions_are_where_forward_chief_rays_land(is_displaced: bool) -
 def test_behind_a_thin_microlens_the_ray_through_its_vertex_meets_the_point() -> None:
     camera = rigs.plenoptic(1.0, 64, 64)
     case = case_of(camera, board(0.5), rigs.facing(420.0, 20.0))
-    lens = case.rig.lens(case.found.cell)
+    lens = case.rig.microlens(case.found.cell)
     x = chief_points(case.rig.tracer, lens, case.j_px, case.planes[case.found.point])
     assert len(x) > 10
     start, vertex = case.rig.tracer.positions_mm(*x.T), case.rig.tracer.vertices_mm[lens]

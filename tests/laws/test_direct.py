@@ -16,26 +16,27 @@ from tolerances import CLOSED_FORM, DIRECT_PX, RULE_OF_BIAS
 
 from pipeline.camera.integrals import NODES, integrals
 from pipeline.camera.integrating.quadrature import INTEGRATED, NOT_STAR_SHAPED, edges
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sampling, Sensor
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, VARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply
 from pipeline.report.certificate import failed, lines
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
-from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.position_image import crossing_share, on_target
 from pipeline.truth.grid.second_order import correction
 from pipeline.truth.judging.certificate import Rows, certify
+from pipeline.truth.planes import tangent_planes
+from pipeline.truth.rows import Correspondences
 
 STEPS = np.array([[0.0, 0.0], [0.05, 0.0], [-0.05, 0.0], [0.0, 0.05], [0.0, -0.05]])
 
 
 def rig_of(camera: Camera, seed: int = 0) -> Rig:
     tracer = Tracer(camera, seed)
-    return Rig(tracer, micro_images(tracer) if camera.microlenses else None)
+    return Rig.of(tracer)
 
 
 def solved(rig: Rig, board: Checkerboard, pose: np.ndarray, accuracy_px: float = 1e-4) -> Correspondences:

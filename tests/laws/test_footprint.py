@@ -13,16 +13,18 @@ from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 from pipeline.camera.integrals import integrals
 from pipeline.camera.integrating import footprint
 from pipeline.camera.parts.camera import Sampling
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.tasks.positions import position_image
-from pipeline.truth.direct.direct_rows import Rig, tangent_planes
 from pipeline.truth.direct.fallback import polished
-from pipeline.truth.grid.correspond import Correspondences, correspond
+from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.second_order import corrected
 from pipeline.truth.judging.certificate import Rows, certify
+from pipeline.truth.planes import tangent_planes
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
 BOARD, POSE = Checkerboard(columns=2, rows=1, square_mm=1.0), rigs.facing(420.0, 40.0)

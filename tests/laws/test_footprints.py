@@ -10,6 +10,7 @@ from laws.random_scenes import random_camera, random_pose, random_target
 from pipeline.camera.micro_images.centres import MicroImages, micro_images, strata
 from pipeline.camera.micro_images.strata import pixel_strata, positions_of
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.render import imaging
@@ -19,7 +20,6 @@ from pipeline.render.light import TargetLight
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
-from pipeline.truth.direct.direct_rows import Rig
 
 ROWS = (24, 40)
 """In the middle of all cameras here."""

@@ -12,11 +12,10 @@ from naive import slow_microlens, textbook
 from tolerances import MEAN_SHARE, SAMPLED_SHARE, SIGMAS
 
 from pipeline.camera.integrals import integrals
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.truth.direct.direct_rows import Rig
 from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine
@@ -80,7 +79,7 @@ def test_behind_microlenses_it_is_the_share_that_the_main_lens_lets_through(tmp_
     """Rays of the slow twin through the whole aperture of a microlens: how many of them the main lens lets through."""
     camera, rng, groups, rays = rigs.plenoptic(1.0, 32, 24), np.random.default_rng(9), 8, 4_000
     tracer, grid = Tracer(camera), rigs.ray_grid(tmp_path, camera, 1, 1024)
-    rig, partly = Rig(tracer, micro_images(tracer)), 0
+    rig, partly = Rig.of(tracer), 0
     for row, column in ((3, 5), (12, 16), (9, 27), (20, 11), (6, 22), (17, 30)):
         cell, x = int(grid.cell[row, column]), np.array([[column, row]], float)
         k, l, kind = grid.microlenses[cell].tolist()

@@ -25,8 +25,8 @@ from pipeline.camera.tracing.acceptance import BY_AREA, region_weight
 from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
 from pipeline.render.imaging import irradiance
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.direct.direct_rows import tangent_planes
 from pipeline.truth.judging.certificate import Rows, certify
+from pipeline.truth.planes import tangent_planes
 
 ODD = {"irradiance": "area", "area": "irradiance"}
 

@@ -13,19 +13,19 @@ from scipy import stats
 from tolerances import ONCE_IN_A_MILLION
 
 from pipeline.camera.integrals import integrals
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Sampling
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import correspondences
-from pipeline.truth.direct.direct_rows import Rig, tangent_planes
-from pipeline.truth.grid.correspond import Correspondences
 from pipeline.truth.grid.per_plane import correspond_points
 from pipeline.truth.grid.position_image import crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.grid.second_order import corrected, correction
 from pipeline.truth.judging.certificate import WITHIN, WORST, Rows, certify
+from pipeline.truth.planes import tangent_planes
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
 K = 2
@@ -44,7 +44,7 @@ class Scene:
         camera, target, self.seed = random_camera(rng), random_target(rng), number
         self.samples = SAMPLES[camera.microlenses is not None]
         tracer = Tracer(camera, number)
-        self.rig = Rig(tracer, micro_images(tracer) if camera.microlenses else None)
+        self.rig = Rig.of(tracer)
         self.points, self.pose = target.points(), random_pose(rng, self.rig)
         self.grid = rigs.ray_grid(folder / "rays", camera, K, self.samples, number)
         self.direct = self.rows(EXACT)
@@ -112,7 +112,7 @@ def second_order_px(scene: Scene, rows: Correspondences) -> np.ndarray:
     x = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
     near_far = scene.grid.near_mm, scene.grid.far_mm
     planes = np.repeat(parallel_planes(*near_far)[None], len(x), axis=0)
-    flat = integrals(scene.rig.tracer, x, scene.rig.lens(rows.found.cell), planes, 2).moments
+    flat = integrals(scene.rig.tracer, x, scene.rig.microlens(rows.found.cell), planes, 2).moments
     shift = np.empty((len(x), 2))
     for row, (moments, point) in enumerate(zip(flat, rows.found.point, strict=True)):
         pose = scene.pose @ scene.points.frames[scene.points.plane[point]]

@@ -11,7 +11,7 @@ from pipeline.camera.tracing.moments import COVARIANCE
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 from pipeline.tasks.truth import correspondences
-from pipeline.truth.direct.direct_rows import tangent_planes
+from pipeline.truth.planes import tangent_planes
 from pipeline.truth.settings import TruthSettings
 
 RAYS = 1 << 16
@@ -32,7 +32,7 @@ def test_rows_of_position_images_have_the_light_and_blur_of_their_own_bundle(met
     found = traced.found
     assert len(found.point) > 20 and traced.hit_fraction.min() < 0.6
     x, planes = np.stack([found.x_px, found.y_px], axis=1), tangent_planes(pose, points.position_mm)[found.point]
-    both, lens = np.stack([planes, planes], axis=1), rig.lens(found.cell)
+    both, lens = np.stack([planes, planes], axis=1), rig.microlens(found.cell)
     moments = rig.tracer.moments(rig.tracer.positions_mm(*x.T), lens, both, RAYS, np.rint(x).astype(np.int64))
     assert np.abs(traced.hit_fraction - rig.hit_fraction(moments)).max() < SHARE
     on_plane = found.jacobian @ traced.blur_px2 @ found.jacobian.transpose(0, 2, 1)

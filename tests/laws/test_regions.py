@@ -15,10 +15,12 @@ from tolerances import SIGMAS
 from pipeline.camera.integrals import integrals
 from pipeline.camera.integrating.polar_bundle import bundle_hits
 from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
+from pipeline.truth.direct.direct_rows import guesses, solve
+from pipeline.truth.planes import tangent_planes
 
 SENSOR_MM, TARGET_MM, PITCH_MM, RADIUS_MM = 60.0, 900.0, 0.1, 5.0
 LENS_MM, FOCAL_MM = 2.0, 300.0

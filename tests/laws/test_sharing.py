@@ -18,7 +18,7 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.surfaces import Cylinder
 from pipeline.targets.target import Target
-from pipeline.tasks.artefacts.cameras import FOCUSED, tracer_alone, tracer_of
+from pipeline.tasks.artefacts.cameras import FOCUSED, rig_of, tracer_alone
 
 SQUARES = Checkerboard(columns=6, rows=3, square_mm=3.0)
 POSE = rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.3, -0.2, 430.0]))
@@ -57,7 +57,7 @@ def test_tasks_of_a_camera_share_what_makes_it_ready_and_no_other_camera_or_seed
         (tmp_path / name).mkdir()
         write_json(tmp_path / name / FOCUSED, to_plain(camera))
         inputs = {"camera": {FOCUSED: tmp_path / name / FOCUSED}}
-        ready[name] = (tracer_alone(inputs, seed), *tracer_of(inputs, seed))
+        ready[name] = (tracer_alone(inputs, seed), rig_of(inputs, seed).tracer, rig_of(inputs, seed).images)
         assert (ready[name][0].camera, ready[name][0].seed) == (camera, seed)
     assert all(one is two for one, two in zip(ready["one"], ready["two"], strict=True))
     assert ready["one"][0] is ready["one"][1]

@@ -20,9 +20,10 @@ from pipeline.camera.tracing.moments import MEAN, VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.truth.grid.correspond import Correspondences, correspond
+from pipeline.truth.grid.correspond import correspond
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
 NEAR_MM, FAR_MM, PIXEL_MM = 374.36, 494.36, 0.005

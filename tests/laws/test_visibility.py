@@ -16,6 +16,7 @@ from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE
 
 from pipeline.camera.micro_images.centres import owners
 from pipeline.camera.parts.camera import Sensor
+from pipeline.camera.rig import Rig
 from pipeline.frames import apply
 from pipeline.render.imaging import irradiance_and_crosstalk
 from pipeline.render.light import TargetLight
@@ -26,7 +27,8 @@ from pipeline.targets.patterns.charuco import Charuco
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target
-from pipeline.truth.direct.direct_rows import Rig, faces_camera, guesses, solve, tangent_planes
+from pipeline.truth.direct.direct_rows import guesses, solve
+from pipeline.truth.planes import faces_camera, tangent_planes
 from pipeline.truth.visibility import LOOK_RAYS, RAYS, seen, shares, visibility
 
 RADIUS_MM, FOCAL_MM, BEHIND_MM = 6.0, 14.9, 15.9
@@ -374,7 +376,7 @@ def test_behind_microlenses_the_share_is_that_of_textbook_rays() -> None:
     walls = [(half_plane(*wall), HERE) for wall in WALLS]
     x_px = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
     around = Surroundings([(target, pose)], walls)
-    share, sigma = visibility(rig, around, 0, rig.lens(rows.found.cell), x_px, planes[rows.found.point])
+    share, sigma = visibility(rig, around, 0, rig.microlens(rows.found.cell), x_px, planes[rows.found.point])
     partly = np.flatnonzero((share > 0.02) & (share < 0.98))
     types = rig.tracer.lattice.type[rows.found.cell]
     assert set(types[partly]) == {0, 1, 2} and len(partly) > 9

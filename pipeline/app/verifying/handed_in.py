@@ -14,8 +14,8 @@ from pipeline.app.sandbox import project_of_untrusted
 from pipeline.app.verifying.readable import unreadable
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sampling
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.engine.output.foreign import ForeignFolder, Unfit
 from pipeline.engine.output.manifest import Manifest
@@ -31,7 +31,6 @@ from pipeline.tasks.params.cameras import Focus, Planes
 from pipeline.tasks.params.placed import View
 from pipeline.tasks.params.rays import Rays
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
-from pipeline.truth.direct.direct_rows import Rig
 from pipeline.truth.settings import TruthSettings
 
 STAGE = "dataset.usda"
@@ -86,7 +85,7 @@ class JudgedCamera:
     def rig(self, stream: int = 0) -> Rig:
         """The camera ready to trace, with the random numbers of the build, or with others."""
         tracer = Tracer(self.camera, self.seed ^ stream)
-        return Rig(tracer, micro_images(tracer) if self.camera.microlenses else None, self.square_px)
+        return Rig.of(tracer, self.square_px)
 
 
 @dataclass(slots=True)

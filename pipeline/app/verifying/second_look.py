@@ -9,16 +9,18 @@ import numpy as np
 
 from pipeline.app.verifying.handed_in import JudgedCamera, Scene
 from pipeline.app.verifying.table_rules import Rows
+from pipeline.camera.rig import Rig
 from pipeline.targets.points import TargetPoints
 from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.ray_window import rows_near, window_around
 from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
 from pipeline.tasks.truth import finished, solved, unfiltered
-from pipeline.truth.direct.direct_rows import Rig, guesses, solve, tangent_planes
-from pipeline.truth.grid.correspond import Correspondences
+from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.judging import judged
 from pipeline.truth.judging.certificate import NO_CLAIM_PX, edge_distance_px
+from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.column_sets import column_names, column_set
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.visibility import seen
 
 ROWS = 64

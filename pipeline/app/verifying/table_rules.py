@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from pipeline.app.verifying.handed_in import JudgedCamera, Scene
+from pipeline.camera.rig import Rig
 from pipeline.errors import PipelineError
 from pipeline.frames import apply
 from pipeline.targets.points import TargetPoints
 from pipeline.targets.target import target_from_plain
 from pipeline.tasks.artefacts.truth_table import column_order, header_of
 from pipeline.tasks.params.placed import PlacedTarget
-from pipeline.truth.direct.direct_rows import Rig
 from pipeline.truth.settings import TruthSettings
 
 _TEXT = ("camera", "target", "method")

@@ -3,9 +3,9 @@
 import numpy as np
 
 from pipeline.app.verifying.handed_in import Scene
+from pipeline.camera.rig import Rig
 from pipeline.tasks.artefacts.surroundings import surroundings_of
 from pipeline.tasks.certificate import rows_of
-from pipeline.truth.direct.direct_rows import Rig
 from pipeline.truth.judging.judged import sample
 from pipeline.truth.visibility import visibility
 
@@ -25,7 +25,7 @@ def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
             here = drawn[(drawn >= first) & (drawn < first + len(cell))] - first
             first += len(cell)
             stated = table.numbers("visibility")[names == targets[number].name][here]
-            share, _ = visibility(rig, surroundings, number, rig.lens(cell[here]), x_px[here], planes[here])
+            share, _ = visibility(rig, surroundings, number, rig.microlens(cell[here]), x_px[here], planes[here])
             wrong = ~np.isclose(share, stated, rtol=0, atol=_SAME_SHARE, equal_nan=True)
             if wrong.any():
                 worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"

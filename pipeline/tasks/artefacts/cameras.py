@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.camera.figures.equivalent_pinhole import Pinhole
 from pipeline.camera.micro_images.centres import MicroImages, micro_images, owners
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
 from pipeline.files.npy import StackedRows
@@ -44,10 +45,11 @@ def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
     return _tracer(json.dumps(to_plain(focused_camera(inputs))), seed)
 
 
-def tracer_of(inputs: Inputs, seed: int) -> tuple[Tracer, MicroImages | None]:
-    """Tracer and micro-images (None for a conventional camera) of the focused camera."""
+def rig_of(inputs: Inputs, seed: int, square_px: float = 0.0) -> Rig:
+    """The focused camera made ready."""
     tracer = tracer_alone(inputs, seed)
-    return tracer, _images(json.dumps(to_plain(tracer.camera)), seed) if tracer.camera.microlenses else None
+    images = _images(json.dumps(to_plain(tracer.camera)), seed) if tracer.camera.microlenses else None
+    return Rig(tracer, images, square_px)
 
 
 @functools.lru_cache(maxsize=_KEPT)
@@ -89,14 +91,12 @@ class Stretch:
     lens: np.ndarray
 
 
-def stretches(
-    tracer: Tracer, images: MicroImages | None, supersampling: int, first_row: int, end_row: int
-) -> Iterator[Stretch]:
+def stretches(rig: Rig, supersampling: int, first_row: int, end_row: int) -> Iterator[Stretch]:
     """A band of rows of the fine grid, in pieces that fit into memory."""
-    width = tracer.camera.sensor.width_px * supersampling
+    width = rig.tracer.camera.sensor.width_px * supersampling
     count = (end_row - first_row) * width
     for first in range(0, count, _POSITIONS_AT_ONCE):
         index = np.arange(first, min(first + _POSITIONS_AT_ONCE, count))
         pixels = np.stack([index % width, index // width + first_row], axis=1)
-        positions = tracer.positions_mm(*image_from_fine(pixels.T, supersampling))
-        yield Stretch(index, pixels, positions, owners(images, positions))
+        positions = rig.tracer.positions_mm(*image_from_fine(pixels.T, supersampling))
+        yield Stretch(index, pixels, positions, owners(rig.images, positions))

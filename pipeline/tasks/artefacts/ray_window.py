@@ -10,16 +10,17 @@ import numpy as np
 
 from pipeline.camera.micro_images.centres import owners
 from pipeline.camera.parts.camera import Sampling
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes, target_plane
 from pipeline.tasks.artefacts.cameras import Stretch
 from pipeline.tasks.rays import error_of
 from pipeline.tasks.rays_tile import FAR, HIT_FRACTION, NEAR, WIDTH, traced
-from pipeline.truth.direct.direct_rows import Rig
-from pipeline.truth.grid.correspond import Correspondences, completed, find
+from pipeline.truth.grid.correspond import completed, find
 from pipeline.truth.grid.per_plane import REACH_PX, REACH_STEPS
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, image_from_fine
 from pipeline.truth.grid.second_order import corrected
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
 

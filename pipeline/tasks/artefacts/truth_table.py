@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.camera.rig import Rig
 from pipeline.frames import apply
 from pipeline.targets.points import TargetPoints
 from pipeline.tasks.params.truth import TruthTable
-from pipeline.truth.direct.direct_rows import Rig
-from pipeline.truth.grid.correspond import Correspondences
 from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.visibility import METHOD
 

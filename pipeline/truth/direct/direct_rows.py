@@ -5,14 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.integrals import integrals
-from pipeline.camera.micro_images.centres import MicroImages
-from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import parallel_planes
+from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates
 from pipeline.truth.direct.newton import Search
-from pipeline.truth.grid.correspond import Correspondences, Found
 from pipeline.truth.grid.ray_grid import matrix_4
+from pipeline.truth.planes import faces_camera
+from pipeline.truth.rows import Correspondences, Found, which_exist
 
 _GRACE_PX = 1.0
 """Rough solutions so far outside of their cell or of the image may still turn out to lie inside."""
@@ -33,70 +34,11 @@ class Guess:
         return Guess(self.point[kept], self.cell[kept], self.x_px[kept])
 
 
-@dataclass(frozen=True, slots=True)
-class Rig:
-    """A camera made ready, and what J means.
-
-    Attributes
-    ----------
-    images : MicroImages or None
-        None for a conventional camera.
-    square_px : float
-        Edge of the square around a position that the rays of J start on; 0: the position itself.
-    """
-
-    tracer: Tracer
-    images: MicroImages | None
-    square_px: float = 0.0
-
-    @property
-    def axial(self) -> np.ndarray:
-        """k and l of every cell, (m, 2); zeros for a conventional camera."""
-        grid = self.tracer.lattice
-        return np.zeros((1, 2), np.int64) if grid is None else np.stack([grid.k, grid.l], axis=1)
-
-    def lens(self, cell: np.ndarray) -> np.ndarray:
-        """Row of the microlens of each cell, or NO_MICROLENS."""
-        return cell if self.images is not None else np.full(len(cell), -1)
-
-    def home_px(self, cell: np.ndarray) -> np.ndarray:
-        """Position in each cell where light arrives for certain: its centre, or that of the image."""
-        sensor = self.tracer.camera.sensor
-        if self.images is not None:
-            return self.tracer.pixels_at(self.images.centre_mm[cell])
-        return np.broadcast_to((np.array([sensor.width_px, sensor.height_px]) - 1) / 2, (len(cell), 2)).copy()
-
-    def in_image(self, x_px: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
-        """Whether positions lie in the image."""
-        size = np.array([self.tracer.camera.sensor.width_px, self.tracer.camera.sensor.height_px])
-        return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2 + grace_px, axis=1)
-
-    def in_cell(self, x_px: np.ndarray, cell: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
-        """Whether positions lie in their own cell."""
-        if self.images is None:
-            return np.ones(len(cell), bool)
-        x = self.tracer.positions_mm(*x_px.T)
-        if grace_px == 0:
-            return self.images.owner(x) == cell
-        farther = np.hypot(*(x - self.images.centre_mm[cell]).T) - self.images.tree.query(x)[0]
-        return farther <= grace_px * self.tracer.camera.sensor.pitch_mm
-
-    def hit_fraction(self, moments: np.ndarray) -> np.ndarray:
-        """Weight that leaves over that of the free bundle."""
-        free = moments[:, FREE_WEIGHT] if self.images is not None else self.tracer.reference_weight_sr
-        return moments[:, WEIGHT] / free
-
-
 def guesses(rig: Rig, planes: np.ndarray) -> tuple[Guess, int]:
     """All pairs of a target point that faces the camera and a micro-image that may see it; the rays traced for it."""
     facing = np.flatnonzero(faces_camera(planes))
     found = candidates(rig.tracer, rig.images, planes[facing, 0])
     return Guess(facing[found.point], np.maximum(found.lens, 0), found.x_px), found.rays
-
-
-def faces_camera(planes: np.ndarray) -> np.ndarray:
-    """Whether the front of planes (p, 4, 3) is turned to the centre of the aperture stop, (p,) bool."""
-    return np.einsum("pi,pi->p", planes[:, 0], planes[:, 3]) < 0
 
 
 def solve(
@@ -117,7 +59,7 @@ def solve(
         Per target point the tangent plane there, vision frame: rows point, first axis, second axis, normal.
     """
     where = guess.x_px, rig.home_px(guess.cell)
-    search = Search(rig.tracer, rig.lens(guess.cell), planes[guess.point], *where, rig.square_px)
+    search = Search(rig.tracer, rig.microlens(guess.cell), planes[guess.point], *where, rig.square_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray) -> np.ndarray:
         return rig.in_image(x_px, _GRACE_PX) & rig.in_cell(x_px, guess.cell[rows], _GRACE_PX)
@@ -132,14 +74,11 @@ def solve(
     search.refine(np.flatnonzero(near), accuracy_px)
     rows = np.flatnonzero(near & np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1))
     counts = {"candidates": len(known), "unsolved": int(np.sum(~known)) + int(near.sum()) - len(rows)}
-    tests = {
-        "dropped_outside_image": lambda: rig.in_image(search.x_px[rows]),
-        "dropped_outside_cell": lambda: rig.in_cell(search.x_px[rows], guess.cell[rows]),
-        "dropped_hit_fraction": lambda: rig.hit_fraction(search.moments[rows]) >= min_hit_fraction,
-    }
-    for name, test in tests.items():
-        kept = test()
-        counts[name], rows = int(np.sum(~kept)), rows[kept]
+    x_px, moments = search.x_px[rows], search.moments[rows]
+    kept, dropped = which_exist(
+        rig, x_px, guess.cell[rows], lambda some: rig.hit_fraction(moments[some]) >= min_hit_fraction
+    )
+    rows, counts = rows[kept], {**counts, **dropped}
     counts["dropped_outside_cell"] += int(np.sum(known & ~near))
     counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
     return _with_blur(rig, search, guess, rows, planes, {**counts, "rows": len(rows), "rays": search.rays})
@@ -179,7 +118,7 @@ def blur_of(
     moments : (n, COLUMNS) float64
         Of the bundles on those planes; those that start on squares are traced again from the positions.
     """
-    lens, rays = rig.lens(cell), 0
+    lens, rays = rig.microlens(cell), 0
     if rig.square_px:
         of_points = integrals(rig.tracer, x_px, lens, np.stack([planes, planes], axis=1), _BLUR_LEVEL)
         moments, rays = of_points.moments, of_points.rays
@@ -190,18 +129,3 @@ def blur_of(
     across = integrals(rig.tracer, x_px, lens, upright, 0)
     _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
     return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
-
-
-def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: np.ndarray | None = None) -> np.ndarray:
-    """Tangent planes at points of a target (p, 3), for the kernels, (p, 4, 3).
-
-    Parameters
-    ----------
-    axes : (p, 3, 3) float64, optional
-        Columns: x and y of each plane and its normal, target frame; those of the target where it is flat.
-    """
-    planes = np.empty((len(points_mm), 4, 3))
-    planes[:, 0] = points_mm @ vision_from_target[:3, :3].T + vision_from_target[:3, 3]
-    turn = vision_from_target[:3, :3]
-    planes[:, 1:] = turn.T if axes is None else (turn @ axes).transpose(0, 2, 1)
-    return planes

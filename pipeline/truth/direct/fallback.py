@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.truth.direct.direct_rows import Guess, Rig, guesses, solve
-from pipeline.truth.grid.correspond import Correspondences
+from pipeline.camera.rig import Rig
+from pipeline.truth.direct.direct_rows import Guess, guesses, solve
+from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
 _SIGMAS = 2.0

@@ -2,50 +2,16 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from pipeline.camera.micro_images.centres import tree_of
 from pipeline.truth import blur
 from pipeline.truth.grid import quad_search, quadratic
 from pipeline.truth.grid.position_image import crossing_share
-from pipeline.truth.grid.ray_grid import RayGrid, Rays, fine_from_image, image_from_fine, matrix_4
+from pipeline.truth.grid.ray_grid import RayGrid, fine_from_image, image_from_fine, matrix_4
+from pipeline.truth.rows import Correspondences, Found, existing
 from pipeline.truth.settings import TruthSettings
 from pipeline.units import DEGREE_RAD
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """Raw solutions of a search, one row each.
-
-    Attributes
-    ----------
-    point, cell : (n,) int64
-    x_px, y_px : (n,) float64
-    jacobian : (n, 2, 2) float64
-        Derivative of J by image position: mm on the target per px; columns are x and y.
-    noise_gain : (n,) float64
-        Standard error of the solution over that of a single position of the grid.
-    error_px : (n,) float64
-        Expected error from noise and from what the search assumes; NaN where it cannot tell.
-    """
-
-    point: np.ndarray
-    cell: np.ndarray
-    x_px: np.ndarray
-    y_px: np.ndarray
-    jacobian: np.ndarray
-    noise_gain: np.ndarray
-    error_px: np.ndarray
-
-    def only(self, kept: np.ndarray) -> "Found":
-        """The rows where `kept` is true, or those that it numbers."""
-        return Found(*(getattr(self, name)[kept] for name in self.__slots__))
-
-    def joined(self, other: "Found") -> "Found":
-        """These rows and those of another."""
-        return Found(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,57 +149,6 @@ def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) ->
     return np.stack([along_x, along_y], axis=-1)
 
 
-@dataclass(frozen=True, slots=True)
-class Correspondences:
-    """Rows of correspondences.csv that depend on optics, sorted by point, l, k.
-
-    Attributes
-    ----------
-    found : Found
-    sigma_px : (n, 2) float64
-        Standard error from the ray sampling.
-    hit_fraction, rho_px : (n,) float64
-    blur_px2 : (n, 2, 2) float64
-        NaN where the second moments are not known.
-    counts : dict
-        What was found, rejected and dropped, by reason.
-    method : (n,) str
-        How each row was found.
-    """
-
-    found: Found
-    sigma_px: np.ndarray
-    hit_fraction: np.ndarray
-    blur_px2: np.ndarray
-    rho_px: np.ndarray
-    counts: dict[str, int]
-    method: np.ndarray
-
-    def only(self, kept: np.ndarray) -> "Correspondences":
-        """The rows where `kept` is true, or those that it numbers; counts stay."""
-        columns = (getattr(self, name)[kept] for name in _PER_ROW)
-        return dataclasses.replace(self, found=self.found.only(kept), **dict(zip(_PER_ROW, columns, strict=True)))
-
-    def joined(self, other: "Correspondences") -> "Correspondences":
-        """These rows and those of another; counts stay these."""
-        columns: dict[str, Any] = {
-            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
-        }
-        return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
-
-    def moved(self, by_px: np.ndarray) -> "Correspondences":
-        """The same rows with their image positions moved by (2,) [px]."""
-        x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
-        return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
-
-    def sorted_by(self, axial: np.ndarray) -> "Correspondences":
-        """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
-        return self.only(np.lexsort((*axial[self.found.cell].T, self.found.point)))
-
-
-_PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
-
-
 def correspond(
     image: np.ndarray,
     points_mm: np.ndarray,
@@ -250,7 +165,7 @@ def completed(
 ) -> Correspondences:
     """The rows that exist among what a search found, sorted by point, l, k, with their blur and error."""
     rows = with_light(found, grid, vision_from_target, settings)
-    return existing(dataclasses.replace(rows, counts=counts), grid, settings)
+    return existing(dataclasses.replace(rows, counts=counts), grid, settings.min_hit_fraction)
 
 
 def with_light(found: Found, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings) -> Correspondences:
@@ -268,22 +183,6 @@ def with_light(found: Found, grid: RayGrid, vision_from_target: np.ndarray, sett
         {},
         np.full(len(found.point), settings.method),
     )
-
-
-def existing(rows: Correspondences, rays: Rays, settings: TruthSettings) -> Correspondences:
-    """Rows inside the image and their own cell that have light enough, sorted; the others are counted by reason."""
-    width, height = rays.size_px
-    found, counts = rows.found, dict(rows.counts)
-    inside = (np.abs(found.x_px - (width - 1) / 2) <= width / 2) & (np.abs(found.y_px - (height - 1) / 2) <= height / 2)
-    counts["dropped_outside_image"], rows = int(np.sum(~inside)), rows.only(inside)
-    if rays.centres_px is not None:
-        x = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
-        own = tree_of(rays.centres_px).query(x)[1] == rows.found.cell
-        counts["dropped_outside_cell"], rows = int(np.sum(~own)), rows.only(own)
-    lit = rows.hit_fraction >= settings.min_hit_fraction
-    counts["dropped_hit_fraction"], rows = int(np.sum(~lit)), rows.only(lit)
-    rows = dataclasses.replace(rows, counts={**counts, "rows": len(rows.found.point)})
-    return rows.sorted_by(rays.microlenses[:, :2])
 
 
 def _nearest_fine(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,9 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.targets.points import TangentPlane, TargetPoints
-from pipeline.truth.grid.correspond import Correspondences, best_of, existing, sightings, with_light
+from pipeline.truth.grid.correspond import best_of, sightings, with_light
 from pipeline.truth.grid.ray_grid import RayGrid, Rays
+from pipeline.truth.rows import Correspondences, existing
 from pipeline.truth.settings import TruthSettings
 
 REACH_PX, REACH_STEPS = 2, 4
@@ -59,7 +60,7 @@ def correspond_points(
     parts = [_best(plane, seen[plane.number], rays, settings) for plane in planes]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     joined = functools.reduce(Correspondences.joined, parts)
-    return replace(joined, counts=counts).sorted_by(rays.microlenses[:, :2])
+    return replace(joined, counts=counts).sorted_by(rays.axial)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +114,7 @@ def _best(
     rows = functools.reduce(Correspondences.joined, parts)
     best, ambiguous = best_of(rows.found, np.concatenate([nearest for _, nearest in seen]), settings)
     chosen = replace(rows.only(best), counts={**counts, "ambiguous": ambiguous})
-    kept = existing(chosen, rays, settings)
+    kept = existing(chosen, rays, settings.min_hit_fraction)
     return replace(kept, found=replace(kept.found, point=plane.plane.members[kept.found.point]))
 
 

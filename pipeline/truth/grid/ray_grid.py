@@ -5,8 +5,46 @@ from typing import Protocol
 
 import numpy as np
 
+from pipeline.camera.micro_images.centres import tree_of
+from pipeline.truth.rows import Whereabouts
 
-class Rays(Protocol):
+
+class Cells:
+    """Cells of an image by the centres of its micro-images: `truth.rows.Whereabouts` of what knows these.
+
+    Attributes
+    ----------
+    size_px, microlenses, centres_px
+        As of `RayGrid`.
+    """
+
+    __slots__ = ()
+    microlenses: np.ndarray
+    centres_px: np.ndarray | None
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the image."""
+        raise NotImplementedError
+
+    @property
+    def axial(self) -> np.ndarray:
+        """k and l of every cell, (m, 2)."""
+        return self.microlenses[:, :2]
+
+    def in_image(self, x_px: np.ndarray) -> np.ndarray:
+        """Whether positions (n, 2) lie in the image."""
+        size = np.array(self.size_px)
+        return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2, axis=1)
+
+    def in_cell(self, x_px: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """Whether positions lie in their own cell."""
+        if self.centres_px is None:
+            return np.ones(len(cell), bool)
+        return tree_of(self.centres_px).query(x_px)[1] == cell
+
+
+class Rays(Whereabouts, Protocol):
     """The bundles of a camera, in memory or in a file that is read by windows; attributes as of `RayGrid`."""
 
     @property
@@ -30,7 +68,7 @@ class Rays(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class RayGrid:
+class RayGrid(Cells):
     """Bundles of a camera as the task `rays` keeps them, on a grid K times finer than the image.
 
     Attributes

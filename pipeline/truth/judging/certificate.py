@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.truth.direct.direct_rows import Rig
+from pipeline.camera.rig import Rig
 from pipeline.truth.judging.judged import Rows
 from pipeline.truth.judging.judges import SHARPER, differences, rms
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pipeline.camera.integrals import pooled, random_integrals
-from pipeline.truth.direct.direct_rows import Rig
+from pipeline.camera.rig import Rig
 from pipeline.truth.direct.newton import Search, errors_px
 from pipeline.truth.judging.judged import Rows
 
@@ -32,7 +32,7 @@ def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.n
 
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
-    search = Search(rig.tracer, rig.lens(rows.cell), rows.planes, rows.x_px, rows.x_px, rig.square_px)
+    search = Search(rig.tracer, rig.microlens(rows.cell), rows.planes, rows.x_px, rows.x_px, rig.square_px)
     search.look()
     return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
 
@@ -105,7 +105,15 @@ class _RandomRays:
         Random numbers are those of the row's pixel, wherever it goes: at a border with others J would jump.
         """
         planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
-        bundles = x, self.rig.lens(self.rows.cell[here]), planes, rays, self.rig.square_px, stream, self.rows.x_px[here]
+        bundles = (
+            x,
+            self.rig.microlens(self.rows.cell[here]),
+            planes,
+            rays,
+            self.rig.square_px,
+            stream,
+            self.rows.x_px[here],
+        )
         found = random_integrals(self.rig.tracer, *bundles)
         self._error_mm[here] = found.error_mm
         sigma = errors_px(self.inverse[here], pooled(found, self._coarser_mm[here]))

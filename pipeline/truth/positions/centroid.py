@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.truth.direct.direct_rows import Rig
+from pipeline.camera.rig import Rig
 from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
@@ -42,7 +42,7 @@ class Centroid:
 
 def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float) -> Centroid:
     """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
-    lens, found = int(rig.lens(np.array([cell]))[0]), np.full((2, 2), np.nan)
+    lens, found = int(rig.microlens(np.array([cell]))[0]), np.full((2, 2), np.nan)
     lost = Centroid(np.full(2, np.nan), np.nan)
     look = bundle_map(rig.tracer, lens, x_px, np.full(2, _LOOK_PX), plane, 3, np.array([0.5, 1.0]), 16)
     if look is None:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.rig import Rig
 from pipeline.targets.corners import corners_of
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.chief_points import chief_points
-from pipeline.truth.direct.direct_rows import Rig
-from pipeline.truth.grid.correspond import Found
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.saddle import corner_plane, saddle
+from pipeline.truth.rows import Found
 
 SETS = {
     "chief": "chief: where the ray through the centre of the stop sees the point; behind a microlens, that through its"
@@ -97,12 +97,12 @@ def column_set(name: str, rig: Rig, target: AnyTarget, pose: np.ndarray, planes:
 
 
 def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
-    x = chief_points(rig.tracer, rig.lens(rows.cell), _positions(rows), planes)
+    x = chief_points(rig.tracer, rig.microlens(rows.cell), _positions(rows), planes)
     return _noted("chief", x, {"no such ray": np.isnan(x[:, 0])}, None)
 
 
 def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
-    around, lens, start = corners_of(target), rig.lens(rows.cell), _positions(rows)
+    around, lens, start = corners_of(target), rig.microlens(rows.cell), _positions(rows)
     edges = around.edges[rows.point] @ pose[:3, :3].T
     is_corner = np.isfinite(edges).all(axis=(1, 2))
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)

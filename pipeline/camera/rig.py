@@ -1,0 +1,70 @@
+"""A camera made ready for whoever asks where things are in its image: tracer, micro-images, and what J means."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.micro_images.centres import MicroImages, micro_images
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A camera made ready, and what J means.
+
+    Attributes
+    ----------
+    tracer : Tracer
+    images : MicroImages or None
+        None for a conventional camera.
+    square_px : float
+        Edge of the square around a position that the rays of J start on; 0: the position itself.
+    """
+
+    tracer: Tracer
+    images: MicroImages | None
+    square_px: float = 0.0
+
+    @staticmethod
+    def of(tracer: Tracer, square_px: float = 0.0) -> "Rig":
+        """The rig of a tracer, with the micro-images that it has."""
+        return Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, square_px)
+
+    @property
+    def axial(self) -> np.ndarray:
+        """k and l of every cell, (m, 2); zeros for a conventional camera."""
+        lattice = self.tracer.lattice
+        return np.zeros((1, 2), np.int64) if lattice is None else np.stack([lattice.k, lattice.l], axis=1)
+
+    def microlens(self, cell: np.ndarray) -> np.ndarray:
+        """Row of the microlens of each cell, or NO_MICROLENS."""
+        return cell if self.images is not None else np.full(len(cell), NO_MICROLENS)
+
+    def home_px(self, cell: np.ndarray) -> np.ndarray:
+        """Position in each cell where light arrives for certain: its centre, or that of the image."""
+        sensor = self.tracer.camera.sensor
+        if self.images is not None:
+            return self.tracer.pixels_at(self.images.centre_mm[cell])
+        return np.broadcast_to((np.array([sensor.width_px, sensor.height_px]) - 1) / 2, (len(cell), 2)).copy()
+
+    def in_image(self, x_px: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
+        """Whether positions lie in the image, or at most so far outside."""
+        size = np.array([self.tracer.camera.sensor.width_px, self.tracer.camera.sensor.height_px])
+        return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2 + grace_px, axis=1)
+
+    def in_cell(self, x_px: np.ndarray, cell: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
+        """Whether positions lie in their own cell, or at most so much nearer to another centre."""
+        if self.images is None:
+            return np.ones(len(cell), bool)
+        x = self.tracer.positions_mm(*x_px.T)
+        if grace_px == 0:
+            return self.images.owner(x) == cell
+        farther = np.hypot(*(x - self.images.centre_mm[cell]).T) - self.images.tree.query(x)[0]
+        return farther <= grace_px * self.tracer.camera.sensor.pitch_mm
+
+    def hit_fraction(self, moments: np.ndarray) -> np.ndarray:
+        """Weight that leaves over that of the free bundle."""
+        free = moments[:, FREE_WEIGHT] if self.images is not None else self.tracer.reference_weight_sr
+        return moments[:, WEIGHT] / free

@@ -1,0 +1,23 @@
+"""Tangent planes at target points, vision frame: rows point, first axis, second axis, normal, as kernels read them."""
+
+import numpy as np
+
+
+def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: np.ndarray | None = None) -> np.ndarray:
+    """Tangent planes at points of a target (p, 3), for the kernels, (p, 4, 3).
+
+    Parameters
+    ----------
+    axes : (p, 3, 3) float64, optional
+        Columns: x and y of each plane and its normal, target frame; those of the target where it is flat.
+    """
+    planes = np.empty((len(points_mm), 4, 3))
+    planes[:, 0] = points_mm @ vision_from_target[:3, :3].T + vision_from_target[:3, 3]
+    turn = vision_from_target[:3, :3]
+    planes[:, 1:] = turn.T if axes is None else (turn @ axes).transpose(0, 2, 1)
+    return planes
+
+
+def faces_camera(planes: np.ndarray) -> np.ndarray:
+    """Whether the front of planes (p, 4, 3) is turned to the centre of the aperture stop, (p,) bool."""
+    return np.einsum("pi,pi->p", planes[:, 0], planes[:, 3]) < 0

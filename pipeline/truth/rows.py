@@ -1,0 +1,138 @@
+"""Rows of correspondences, and the rule of which exist: the same for every method."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Raw solutions of a search, one row each.
+
+    Attributes
+    ----------
+    point, cell : (n,) int64
+    x_px, y_px : (n,) float64
+    jacobian : (n, 2, 2) float64
+        Derivative of J by image position: mm on the target per px; columns are x and y.
+    noise_gain : (n,) float64
+        Standard error of the solution over that of a single position of the grid.
+    error_px : (n,) float64
+        Expected error from noise and from what the search assumes; NaN where it cannot tell.
+    """
+
+    point: np.ndarray
+    cell: np.ndarray
+    x_px: np.ndarray
+    y_px: np.ndarray
+    jacobian: np.ndarray
+    noise_gain: np.ndarray
+    error_px: np.ndarray
+
+    def only(self, kept: np.ndarray) -> "Found":
+        """The rows where `kept` is true, or those that it numbers."""
+        return Found(*(getattr(self, name)[kept] for name in self.__slots__))
+
+    def joined(self, other: "Found") -> "Found":
+        """These rows and those of another."""
+        return Found(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__slots__))
+
+
+@dataclass(frozen=True, slots=True)
+class Correspondences:
+    """Rows of correspondences.csv that depend on optics, sorted by point, l, k.
+
+    Attributes
+    ----------
+    found : Found
+    sigma_px : (n, 2) float64
+        Standard error from the ray sampling.
+    hit_fraction, rho_px : (n,) float64
+    blur_px2 : (n, 2, 2) float64
+        NaN where the second moments are not known.
+    counts : dict
+        What was found, rejected and dropped, by reason.
+    method : (n,) str
+        How each row was found.
+    """
+
+    found: Found
+    sigma_px: np.ndarray
+    hit_fraction: np.ndarray
+    blur_px2: np.ndarray
+    rho_px: np.ndarray
+    counts: dict[str, int]
+    method: np.ndarray
+
+    def only(self, kept: np.ndarray) -> "Correspondences":
+        """The rows where `kept` is true, or those that it numbers; counts stay."""
+        columns = (getattr(self, name)[kept] for name in _PER_ROW)
+        return dataclasses.replace(self, found=self.found.only(kept), **dict(zip(_PER_ROW, columns, strict=True)))
+
+    def joined(self, other: "Correspondences") -> "Correspondences":
+        """These rows and those of another; counts stay these."""
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
+        }
+        return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
+
+    def moved(self, by_px: np.ndarray) -> "Correspondences":
+        """The same rows with their image positions moved by (2,) [px]."""
+        x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
+        return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
+
+    def sorted_by(self, axial: np.ndarray) -> "Correspondences":
+        """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
+        return self.only(np.lexsort((*axial[self.found.cell].T, self.found.point)))
+
+
+_PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
+
+
+class Whereabouts(Protocol):
+    """An image and its cells, of a camera that is made ready (`camera.rig.Rig`) or of its position images."""
+
+    @property
+    def axial(self) -> np.ndarray:
+        """k and l of every cell, (m, 2)."""
+
+    def in_image(self, x_px: np.ndarray) -> np.ndarray:
+        """Whether positions (n, 2) lie in the image."""
+
+    def in_cell(self, x_px: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """Whether positions lie in their own cell."""
+
+
+def which_exist(
+    image: Whereabouts, x_px: np.ndarray, cell: np.ndarray, is_lit: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, dict[str, int]]:
+    """Numbers of the rows inside the image and their own cell that have light enough; the others by reason.
+
+    Parameters
+    ----------
+    x_px : (n, 2) float64
+    cell : (n,) int64
+    is_lit : callable
+        Whether rows, by their numbers, have light enough; asked of the others alone.
+    """
+    counts, rows = {}, np.arange(len(cell))
+    tests: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+        "dropped_outside_image": lambda rows: image.in_image(x_px[rows]),
+        "dropped_outside_cell": lambda rows: image.in_cell(x_px[rows], cell[rows]),
+        "dropped_hit_fraction": is_lit,
+    }
+    for name, test in tests.items():
+        kept = test(rows)
+        counts[name], rows = int(np.sum(~kept)), rows[kept]
+    return rows, counts
+
+
+def existing(rows: Correspondences, image: Whereabouts, min_hit_fraction: float) -> Correspondences:
+    """The rows that exist, sorted by point, l, k; the others are counted by reason."""
+    x_px = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
+    kept, dropped = which_exist(image, x_px, rows.found.cell, lambda some: rows.hit_fraction[some] >= min_hit_fraction)
+    counts = {**rows.counts, **dropped, "rows": len(kept)}
+    return dataclasses.replace(rows.only(kept), counts=counts).sorted_by(image.axial)
