@@ -89,6 +89,7 @@ def _libm() -> str:
 
 @functools.cache
 def _numpy_and_blas() -> dict[str, str]:
+    pin()  # what follows loads NumPy
     from pipeline.machine.numerics import of_blas, of_loops
 
     return {"numpy": of_loops(), "blas": of_blas()}

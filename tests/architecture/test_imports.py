@@ -37,6 +37,15 @@ def test_importing_a_module_does_not_load(module, absent):
     assert done.stdout.strip() == "[]"
 
 
+def test_importing_the_package_changes_nothing_in_the_process():
+    """A notebook's NumPy keeps its threads."""
+    code = "import os, signal; before = dict(os.environ), signal.getsignal(signal.SIGINT); import pipeline;"
+    code += "pipeline.Camera, pipeline.open_dataset, pipeline.bundle;"
+    code += "print(before == (dict(os.environ), signal.getsignal(signal.SIGINT)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "True"
+
+
 def test_no_module_is_long_and_no_function_very_long():
     import ast
 
