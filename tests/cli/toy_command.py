@@ -79,7 +79,7 @@ def compiling():
 def fakes() -> dict[str, types.ModuleType]:
     """What the command imports of other rooms."""
     modules = {}
-    rooms = {"tasks.build": (project, build_with), "scene.load": (load,), "scene.fix": (said_of,)}
+    rooms = {"app.build": (project, build_with), "scene.load": (load,), "scene.fix": (said_of,)}
     for name, functions in {f"pipeline.{room}": functions for room, functions in rooms.items()}.items():
         modules[name] = types.ModuleType(name)
         modules[name].TASKS = ("toykit.tasks",)
