@@ -15,7 +15,7 @@ from pipeline.camera.pupil.outlines import MARGIN, Outlines, outlines
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.microlens_tables import Microlenses, is_plain, microlenses
 from pipeline.camera.tracing.moments import COLUMNS, WEIGHT
-from pipeline.camera.tracing.records import CameraArrays
+from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.optics.table import is_centred, towards_scene
@@ -160,13 +160,13 @@ class Tracer:
         anchors = positions if anchors_mm is None else np.ascontiguousarray(anchors_mm, float)
         seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF
         square, lens = square_px * self.camera.sensor.pitch_mm, np.ascontiguousarray(lens, np.int64)
-        rows = pixels, anchors, positions, lens
+        draws, starts = Samples(bits, seed, square), Starts(pixels, anchors, positions, lens)
         if self.device is not None:
             from pipeline.camera.tracing.device_moments import moments_on_device
 
-            moments_on_device(self.arrays, planes, (bits, seed), square, rows, result)
+            moments_on_device(self.arrays, planes, draws, starts, result)
         else:
-            bundle_kernels.bundle_moments(*self.arrays, planes, bits, seed, square, *rows, result)
+            bundle_kernels.bundle_moments(self.arrays, planes, draws, starts, result)
         bundle_kernels.bundle_moments.count(int(np.count_nonzero(lens != SKIP)) * samples, len(self.table))
         return result
 

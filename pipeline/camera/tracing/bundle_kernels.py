@@ -38,62 +38,24 @@ def mean_free_weight(optics, lenses, aperture, mosaic, lens, x, y, square, polyg
 
 
 @kernel
-def bundle_moments(
-    optics,
-    table,
-    outlines,
-    lenses,
-    aperture,
-    mosaic,
-    planes,
-    bits,
-    seed,
-    square,
-    pixels,
-    anchors,
-    positions,
-    lens,
-    moments,
-):
-    """Moments of the bundles of many sensor positions on two planes.
+def bundle_moments(camera, planes, samples, starts, moments):
+    """Moments of the bundles of many sensor positions on two planes: `camera.tracing.records` names the other arguments.
 
     Parameters
     ----------
-    optics : (5,) float64
-        See `camera.tracing.sampling_bounds`.
-    table : (s, columns) float64
-        Surfaces, from `optics.table.towards_scene`.
-    outlines : (rows, columns, d, 2) float64
-        From `camera.pupil.outlines`.
-    lenses : (m, columns) float64
-        Vertex x, y and focal length of every microlens, and more of those that are not plain:
-        `camera.tracing.microlens_kernels`.
-    aperture : (c, 2) float64
-        Polygon around a microlens aperture about its vertex, counter-clockwise; of a cell it is the aperture itself.
-    mosaic : tuple
-        From `camera.tracing.microlens_tables`.
     planes : (n or 1, 2, 4, 3) float64
         Two planes of each position, or of all, as rows origin, first axis, second axis, normal.
-    bits : (DIMENSIONS, samples / REPLICAS) uint32
-        From `camera.tracing.sobol`.
-    square : float
-        Rays start anywhere on a square of this edge around their position; 0: at the position itself.
-    pixels : (n, 2) int64
-        What random numbers depend on besides the seed.
-    anchors : (n, 2) float64
-        Positions next to those below, for which the region is bound that rays go through.
-    positions : (n, 2) float64
-        On the sensor.
-    lens : (n,) int64
-        Microlens of each position.
     moments : (n, COLUMNS) float64
         Written, see `camera.tracing.moments`; NaN where the bundle is empty.
     """
+    optics, table, outlines, lenses, aperture, mosaic = camera
+    bits, seed, square = samples
+    pixels, anchors, positions, lens = starts
     region, packet, crossing = new_region(), new_packet(), np.empty((4, PACKET))
     x, y, alive, weight = packet[0], packet[1], packet[6], packet[8]
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
-    samples = bits.shape[1]
+    count = bits.shape[1]
     for n in range(positions.shape[0]):
         for k in range(moments.shape[1]):
             moments[n, k] = np.nan
@@ -117,8 +79,8 @@ def bundle_moments(
             start_x[i], start_y[i] = sx, sy
         started = False
         # A packet holds samples of all replicas: short packets are slow ones.
-        for first in range(0, samples, _SHARE):
-            size = min(_SHARE, samples - first)
+        for first in range(0, count, _SHARE):
+            size = min(_SHARE, count - first)
             for r in range(REPLICAS):
                 here = slice(r * size, (r + 1) * size)
                 draw(bits[0], first, size, hash32(base, 2 * r), x[here])
@@ -140,7 +102,7 @@ def bundle_moments(
                 for r in range(REPLICAS):
                     accumulate(crossing, weight, alive, r * size, (r + 1) * size, pivot, sums[r], total)
         if started:
-            finish(sums, total, pivot, fan_of[3] / (samples * REPLICAS), moments[n])
+            finish(sums, total, pivot, fan_of[3] / (count * REPLICAS), moments[n])
 
 
 @kernel

@@ -7,7 +7,7 @@ of processors, and more differ by the order of sums alone.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from pipeline.camera.tracing.bundle_kernels import CIRCUMRADIUS, START_STREAM, m
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT, cross, finish
 from pipeline.camera.tracing.one_ray import send_ray
 from pipeline.camera.tracing.packets import region_drift
+from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
 from pipeline.camera.tracing.sampling_bounds import SKIP, bound
 from pipeline.camera.tracing.sobol import hash32, scrambled
 from pipeline.jit.decorators import inline
@@ -55,12 +56,12 @@ def block_size(samples: int) -> int:
 
 
 @DeviceKernel
-def bind_bundles(camera, square, rows, regions, moments):
+def bind_bundles(camera, samples, starts, regions, moments):
     """Bound what passes of every bundle, one by each thread, and clear its moments but for the free weight.
 
     Parameters
     ----------
-    camera, square, rows, moments
+    camera, samples, starts, moments
         As in `sum_bundles`.
     regions : ((n, MAX_VERTICES, 2) float64, (n, MAX_VERTICES) float64, (n, 4) float64)
         Written: polygons, cumulative areas of their fans, and the fans, of area 0 where nothing passes.
@@ -71,7 +72,8 @@ def bind_bundles(camera, square, rows, regions, moments):
     if n >= moments.shape[0]:
         return
     optics, _, outlines, lenses, aperture, mosaic = camera
-    _, anchors, positions, lens_of = rows
+    _, anchors, positions, lens_of = starts
+    square = samples.edge_mm
     sx, sy, ax, ay, lens = positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1], lens_of[n]
     row, fan, region = moments[n], regions[2][n], (regions[0][n], outline, scratch, regions[1][n])
     for k in range(row.shape[0]):
@@ -86,20 +88,13 @@ def bind_bundles(camera, square, rows, regions, moments):
 
 
 @DeviceKernel
-def sum_bundles(camera, planes, draws, square, rows, regions, moments):
+def sum_bundles(camera, planes, samples, starts, regions, moments):
     """Moments of the bundle of one sensor position, by one block of `block_size` threads.
 
     Parameters
     ----------
-    camera : tuple
-        As `Tracer.arrays`.
-    planes : (n or 1, 2, 4, 3) float64
-    draws : ((DIMENSIONS, samples / REPLICAS) uint32, int)
-        From `camera.tracing.sobol`, and the seed.
-    square : float
-        Edge of the square that rays start from [mm].
-    rows : ((n, 2) int64, (n, 2) float64, (n, 2) float64, (n,) int64)
-        Pixels, anchors, positions and microlens of each bundle.
+    camera, planes, samples, starts
+        As in `camera.tracing.bundle_kernels.bundle_moments`.
     regions : tuple
         From `bind_bundles`.
     moments : (n, COLUMNS) float64
@@ -111,7 +106,7 @@ def sum_bundles(camera, planes, draws, square, rows, regions, moments):
     second_sums = cuda.shared.array(_SECOND, np.float64)
     pivot = cuda.shared.array(5, np.float64)
     n, thread, threads = cuda.blockIdx.x, cuda.threadIdx.x, cuda.blockDim.x
-    area, share, samples = regions[2][n, 3], threads // REPLICAS, draws[0].shape[1]
+    area, share, count = regions[2][n, 3], threads // REPLICAS, samples.bits.shape[1]
     if not area > 0.0:
         return
     if thread == 0:
@@ -119,10 +114,10 @@ def sum_bundles(camera, planes, draws, square, rows, regions, moments):
     cuda.syncthreads()
     own = n if planes.shape[0] > 1 else 0
     sums = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for first in range(0, samples, share):
+    for first in range(0, count, share):
         index, alive, weight, a, b, c, d = first + thread % share, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        if index < samples:
-            ray, weight = _sent(camera, draws, square, rows, regions, n, index, thread // share)
+        if index < count:
+            ray, weight = _sent(camera, samples, starts, regions, n, index, thread // share)
             alive = ray.alive
             a, b = cross(planes[own, 0], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
             c, d = cross(planes[own, 1], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
@@ -146,14 +141,14 @@ def sum_bundles(camera, planes, draws, square, rows, regions, moments):
                 first_sums[r, k] = ends[k, r]
         for k in range(_SECOND):
             second_sums[k] = _sum_of(ends, _FIRST + k, 0, REPLICAS)
-        finish(first_sums, second_sums, pivot, area / (samples * REPLICAS), moments[n])
+        finish(first_sums, second_sums, pivot, area / (count * REPLICAS), moments[n])
 
 
 @inline
-def _sent(camera, draws, square, rows, regions, n, index, replica):
+def _sent(camera, samples, starts, regions, n, index, replica):
     """The ray of one sample of a bundle, and its weight."""
-    bits, seed = draws
-    pixels, anchors, positions, lens_of = rows
+    bits, seed, square = samples
+    pixels, anchors, positions, lens_of = starts
     base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
     u = scrambled(bits[0, index], hash32(base, 2 * replica))
     v = scrambled(bits[1, index], hash32(base, 2 * replica + 1))
@@ -218,7 +213,7 @@ def _sum_of(values, row, first, count):
 
 
 def moments_on_device(
-    camera: Any, planes: np.ndarray, draws: tuple[np.ndarray, int], square_mm: float, rows: Any, moments: np.ndarray
+    camera: CameraArrays, planes: np.ndarray, samples: Samples, starts: Starts, moments: np.ndarray
 ) -> None:
     """Moments of many bundles, written; parameters as of `sum_bundles`.
 
@@ -227,11 +222,11 @@ def moments_on_device(
     EnvironmentFault
         No device can be used.
     """
-    threads = block_size(draws[0].shape[1])
+    threads = block_size(samples.bits.shape[1])
     for first in range(0, len(moments), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        here, part, own = tuple(row[some] for row in rows), moments[some], planes[some] if len(planes) > 1 else planes
+        here, part, own = starts.part(some), moments[some], planes[some] if len(planes) > 1 else planes
         count = len(part)
         regions = np.empty((count, MAX_VERTICES, 2)), np.empty((count, MAX_VERTICES)), np.zeros((count, 4))
-        bind_bundles(-(-count // _BINDING), _BINDING, camera, square_mm, here, regions, part)
-        sum_bundles(count, threads, camera, own, draws, square_mm, here, regions, part)
+        bind_bundles(-(-count // _BINDING), _BINDING, camera, samples, here, regions, part)
+        sum_bundles(count, threads, camera, own, samples, here, regions, part)

@@ -34,20 +34,45 @@ class CameraArrays(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Random numbers of pixels.
+    """Random numbers of rays.
 
     Attributes
     ----------
     bits : (DIMENSIONS, samples) uint32
-        From `camera.tracing.sobol`.
+        From `camera.tracing.sobol`; of bundles, samples of one replica.
     seed : int
     edge_mm : float
-        Of a pixel; rays start anywhere on it.
+        Edge of the square that rays start anywhere on; 0: from its centre alone.
     """
 
     bits: np.ndarray
     seed: int
     edge_mm: float
+
+
+class Starts(NamedTuple):
+    """Sensor positions from which bundles start.
+
+    Attributes
+    ----------
+    pixels : (n, 2) int64
+        What random numbers depend on besides the seed.
+    anchors : (n, 2) float64
+        Positions next to those below, for which the region is bound that rays go through, vision frame [mm].
+    positions : (n, 2) float64
+        On the sensor.
+    lens : (n,) int64
+        Microlens of each position.
+    """
+
+    pixels: np.ndarray
+    anchors: np.ndarray
+    positions: np.ndarray
+    lens: np.ndarray
+
+    def part(self, some: slice) -> "Starts":
+        """Some of them."""
+        return Starts(*(array[some] for array in self))
 
 
 class Squares(NamedTuple):
