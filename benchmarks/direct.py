@@ -90,8 +90,8 @@ def tile_errors(
     errors = []
     for tile, label, point, first, truth in zip(image, own.reshape(-1, 4, 4), points, corner, exact, strict=True):
         quads, status, solution = np.array([[0, 1, 1]]), np.zeros(1, np.int64), np.full((1, 9), np.nan)
-        cell = np.where(label, 0, -1)
-        quad_search.solve_quads(tile, cell, point[None], quads, True, 0.15, 10 * DEGREE_RAD, status, solution)
+        cell, limits = np.where(label, 0, -1), quad_search.Filter(True, 0.15, 10 * DEGREE_RAD)
+        quad_search.solve_quads(tile, cell, point[None], quads, limits, status, solution)
         if status[0] == quad_search.ACCEPTED:
             errors.append(np.hypot(*(image_from_fine(solution[0, :2] + first, k) - truth)))
     return np.array(errors), len(errors) / len(drawn)

@@ -11,9 +11,11 @@ import numpy as np
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.parts.polygon import fan
 from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.microlens_kernels import X, Y
 from pipeline.camera.tracing.moments import cross
-from pipeline.camera.tracing.packets import aim_into, draw, region_drift, send_packet
-from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
+from pipeline.camera.tracing.packets import Anchor, aim_into, draw, region_drift, send_packet
+from pipeline.camera.tracing.records import Samples, SensorPoints, Starts
+from pipeline.camera.tracing.sampling_bounds import SKIP, Fan, bound, new_region
 from pipeline.camera.tracing.sobol import hash32, sobol_bits
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
@@ -64,55 +66,33 @@ def means(
     if (stops % PACKET).any() or (np.diff(stops) <= 0).any():
         raise ValueError(f"samples must ascend in multiples of {REPLICAS * PACKET}, not {samples}")
     result = np.full((len(positions_mm), len(samples), len(planes), 2), np.nan)
-    bits, seed = sobol_bits(int(stops[-1])), tracer.seed if seed is None else seed
-    _means(
-        *tracer.arrays,
-        np.ascontiguousarray(planes),
-        bits,
-        seed & 0xFFFFFFFF ^ seed >> 32 & 0xFFFFFFFF,
-        sampling == "independent",
-        width_mm,
-        stops,
-        np.ascontiguousarray(fine, np.int64),
-        np.ascontiguousarray(positions_mm, float),
-        np.ascontiguousarray(lens, np.int64),
-        result,
-    )
+    seed = tracer.seed if seed is None else seed
+    samples = Samples(sobol_bits(int(stops[-1])), seed & 0xFFFFFFFF ^ seed >> 32 & 0xFFFFFFFF, width_mm)
+    positions = np.ascontiguousarray(positions_mm, float)
+    starts = Starts(np.ascontiguousarray(fine, np.int64), positions, positions, np.ascontiguousarray(lens, np.int64))
+    planes = np.ascontiguousarray(planes)
+    _means(tracer.arrays, planes, samples, starts, sampling == "independent", stops, result)
     return result
 
 
 @kernel
-def _means(
-    optics,
-    table,
-    outlines,
-    lenses,
-    aperture,
-    mosaic,
-    planes,
-    bits,
-    seed,
-    independent,
-    width,
-    stops,
-    fine,
-    positions,
-    lens,
-    result,
-):
+def _means(camera, planes, samples, starts, independent, stops, result):
+    bits, seed, width = samples
+    fine, _, positions, microlens = starts
     region, packet = new_region(), new_packet()
-    x, y = packet[0], packet[1]
+    x, y = packet.x, packet.y
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    start = SensorPoints(start_x, start_y)
     pivot, sums = np.zeros((planes.shape[0], 2)), np.zeros((planes.shape[0], 3))
     for n in range(positions.shape[0]):
-        if lens[n] == SKIP:
+        if microlens[n] == SKIP:
             continue
         sx, sy = positions[n]
         if independent:
-            fan_of = _whole_aperture(lenses, aperture, lens[n], region)
+            fan_of = _whole_aperture(camera, microlens[n], region)
         else:
-            fan_of = bound(optics, outlines, lenses, aperture, lens[n], sx, sy, _CIRCUMRADIUS * width, region)
-        if not fan_of[3] > 0.0:
+            fan_of = bound(camera, microlens[n], sx, sy, _CIRCUMRADIUS * width, region)
+        if not fan_of.area > 0.0:
             continue
         base = hash32(hash32(seed, fine[n, 0]), fine[n, 1])
         started, stop = False, 0
@@ -129,8 +109,9 @@ def _means(
             for i in range(PACKET):
                 start_x[i] = sx + width * (start_x[i] - 0.5)
                 start_y[i] = sy + width * (start_y[i] - 0.5)
-            aim_into(region, fan_of, region_drift(optics, lens[n]), sx, sy, start_x, start_y, x, y)
-            send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, PACKET, packet)
+            anchor = Anchor(sx, sy, region_drift(camera, microlens[n]))
+            aim_into(region, fan_of, anchor, start, packet, 0, PACKET)
+            send_packet(camera, microlens[n], start, PACKET, packet)
             for p in range(planes.shape[0]):
                 started_here = _add(planes[p], packet, started, pivot[p], sums[p])
             started = started_here
@@ -169,13 +150,14 @@ def _add(plane, packet, started, pivot, sums):
 
 
 @inline
-def _whole_aperture(lenses, aperture, lens, region):
-    """The aperture of a microlens as a fan, as `regions.bound` gives it."""
-    polygon, count = region[0], aperture.shape[0]
+def _whole_aperture(camera, microlens, region):
+    """The aperture of a microlens as a fan, as `regions.bound` returns it."""
+    aperture, polygon, count = camera.aperture, region.polygon, camera.aperture.shape[0]
+    x, y = camera.lenses[microlens, X], camera.lenses[microlens, Y]
     for i in range(count):
-        polygon[i, 0], polygon[i, 1] = aperture[i, 0] + lenses[lens, 0], aperture[i, 1] + lenses[lens, 1]
-    cx, cy, area = fan(polygon, count, region[3])
-    return count, cx, cy, area
+        polygon[i, 0], polygon[i, 1] = aperture[i, 0] + x, aperture[i, 1] + y
+    cx, cy, area = fan(polygon, count, region.cumulative)
+    return Fan(count, cx, cy, area)
 
 
 @inline

@@ -146,9 +146,8 @@ def _shine(target: AnyTarget) -> None:
 def _search() -> None:
     image, cell, quads = np.zeros((2, 2, 2)), np.zeros((2, 2), np.int64), np.zeros((1, 3), np.int64)
     quad_search.quads_that_hold(image, cell, np.zeros((1, 2)), quads)
-    quad_search.solve_quads(
-        image, cell, np.zeros((1, 2)), quads, True, 0.1, 0.1, np.zeros(1, np.int64), np.zeros((1, 9))
-    )
+    limits = quad_search.Filter(True, 0.1, 0.1)
+    quad_search.solve_quads(image, cell, np.zeros((1, 2)), quads, limits, np.zeros(1, np.int64), np.zeros((1, 9)))
     quad_search.nearest_positions(image, cell, np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1, 2), np.int64))
 
 

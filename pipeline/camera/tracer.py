@@ -15,10 +15,10 @@ from pipeline.camera.pupil.outlines import MARGIN, Outlines, outlines
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.microlens_tables import Microlenses, is_plain, microlenses
 from pipeline.camera.tracing.moments import COLUMNS, WEIGHT
-from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
+from pipeline.camera.tracing.records import CameraArrays, Optics, Samples, Starts
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
-from pipeline.optics.table import is_centred, towards_scene
+from pipeline.optics.table import VERTEX, is_centred, towards_scene
 
 _REFERENCE_NODES, _REFERENCE_RAYS = (24, 256), 1 << 20
 """Nodes of the quadrature that integrates the reference bundle, and random rays where that is not star-shaped."""
@@ -116,11 +116,9 @@ class Tracer:
     @cached_property
     def arrays(self) -> CameraArrays:
         """The camera for the kernels."""
-        bounds, parts = self.bounds, self.microlenses
-        sampling_plane = self.film_z_mm if self.camera.microlenses else float(self.table[0, 0])
-        optics = np.array(
-            [self.sensor_z_mm, sampling_plane, self.table[0, 0], bounds.step_mm, bounds.drift],
-        )
+        bounds, parts, rear_mm = self.bounds, self.microlenses, float(self.table[0, VERTEX])
+        sampling_mm = self.film_z_mm if self.camera.microlenses else rear_mm
+        optics = Optics(self.sensor_z_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
         return CameraArrays(optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic)
 
     def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:

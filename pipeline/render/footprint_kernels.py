@@ -6,6 +6,7 @@ pixel's square adds; and by what the cubics may miss.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,15 @@ _SQUARE = 0.6
 """Of a pixel's edge: half of it, and more because blocks are not quite linear."""
 _LAST_TERM = 0.25
 """Of the last term of a cubic: what the next one may add, also two thirds of a step beyond the nodes."""
+
+
+class Box(NamedTuple):
+    """A box across the axis or in a plane [mm]."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
 
 
 @kernel
@@ -123,8 +133,7 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
 
     Parameters
     ----------
-    drawing : tuple
-        `Drawing.arrays`.
+    drawing : target.kernels.DrawingArrays
     colours : (2,) float64
         Radiance of black and of white.
     places : Places
@@ -196,8 +205,8 @@ def look_past_solid(bounds, places, near, far, verdict):
 
     Parameters
     ----------
-    bounds : (4,) float64
-        Left, right, bottom, top of the thing, vision frame.
+    bounds : Box
+        Around the thing, vision frame.
     near, far : Meeting
         With the planes across the axis where it begins and ends.
     """
@@ -214,5 +223,5 @@ def look_past_solid(bounds, places, near, far, verdict):
             a, c, d, e = _footprint(far, b, places, n, u, v)
             left, right, bottom, top = min(left, a), max(right, c), min(bottom, d), max(top, e)
             # Not beside: also where a bound is NaN.
-            if not (right < bounds[0] or left > bounds[1] or top < bounds[2] or bottom > bounds[3]):
+            if not (right < bounds.left or left > bounds.right or top < bounds.bottom or bottom > bounds.top):
                 verdict[n] = UNDECIDED

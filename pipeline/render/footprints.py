@@ -104,8 +104,9 @@ class Sight:
         verdict, light = np.full(shape, kernels.NOTHING, np.int8), np.full(shape, background)
         for points in solids:
             low, high = points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM
-            near, far = (self._meeting(_across(z)) for z in (low[2], high[2]))
-            bounds = np.array([low[0], high[0], low[1], high[1]])
+            (left, bottom, front), (right, top, back) = low.tolist(), high.tolist()
+            bounds = kernels.Box(left, right, bottom, top)
+            near, far = (self._meeting(_across(z)) for z in (front, back))
             for part, judged in zip(self._parts, verdict, strict=True):
                 kernels.look_past_solid(bounds, part, near, far, judged)
         for patch, pose in sheets:

@@ -138,7 +138,7 @@ class _PatchLight:
     def __init__(self, patch: Patch, vision_from_patch: np.ndarray) -> None:
         self._patch, self._pose = patch, np.ascontiguousarray(vision_from_patch)
         self._triangles = np.ascontiguousarray(patch.mesh())
-        self._art = (*patch.drawing.arrays, np.array(patch.colours))
+        self._artwork = kernels.Artwork(patch.drawing.arrays, np.array(patch.colours), self._pose)
 
     def mesh_in_vision(self) -> np.ndarray:
         """Triangles, vision frame."""
@@ -151,17 +151,15 @@ class _PatchLight:
 
     def add(self, background: float, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
         """Add the light of a flat patch that nothing hides, and of what is beside it: see `TargetLight.add`."""
-        *drawing, colours = self._art
-        scene = sheet_image.Sheet(tuple(drawing), colours, self._pose, background)
-        sheet_image.add_light(scene, rays, pixels, wanted, image)
+        sheet_image.add_light(sheet_image.Sheet(self._artwork, background), rays, pixels, wanted, image)
 
     def shine(self, triangle: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
         """Write the light of the rays that meet a triangle of this patch first; -1 stands for the others."""
         kind = self._patch.kind
         if kind == PLANE:
-            kernels.plane_light(*self._art, self._pose, triangle >= 0, origin, direction, light)
+            kernels.plane_light(self._artwork, triangle >= 0, origin, direction, light)
         elif kind == MESH:
             kernels.mesh_light(self._patch.albedo, self._triangles, self._pose, triangle, origin, direction, light)
         else:
-            own = self._pose, triangle, self._triangles, kind == CYLINDER, self._patch.shape
-            kernels.curved_light(*self._art, *own, origin, direction, light)
+            surface = kernels.Curved(kind == CYLINDER, self._patch.shape, self._triangles)
+            kernels.curved_light(self._artwork, surface, triangle, origin, direction, light)

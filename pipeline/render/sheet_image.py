@@ -3,10 +3,8 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from pipeline.jit.decorators import kernel
-from pipeline.targets.kernels import CHECKS, check_colour, on_plane, whiteness
+from pipeline.targets.kernels import Artwork, check_colour, on_plane, only_checks, whiteness
 
 
 class Sheet(NamedTuple):
@@ -14,19 +12,12 @@ class Sheet(NamedTuple):
 
     Attributes
     ----------
-    drawing : tuple
-        `Drawing.arrays`.
-    colours : (2,) float64
-        Radiance of black and of white.
-    pose : (4, 4) float64
-        vision_from_patch.
+    artwork : Artwork
     background : float
         Radiance beside the sheet.
     """
 
-    drawing: tuple[np.ndarray, ...]
-    colours: np.ndarray
-    pose: np.ndarray
+    artwork: Artwork
     background: float
 
 
@@ -43,23 +34,22 @@ def add_light(sheet, rays, pixels, wanted, image):
         Pixels that are added to, and their sums.
     """
     # Plain numbers stay in registers; the arrays of a drawing would be handed on at every ray.
-    extent, kinds, numbers, first, corners, bins, starts, items = sheet.drawing
+    drawing, colours, pose = sheet.artwork
     origin, direction, share, _ = rays
-    pose, background, black, white = sheet.pose, sheet.background, sheet.colours[0], sheet.colours[1]
-    is_checks = kinds.size == 1 and kinds[0] == CHECKS
-    columns, rows, square = (numbers[0, 0], numbers[0, 1], numbers[0, 2]) if is_checks else (0.0, 0.0, 1.0)
+    half_x, half_y, background, black, white = drawing.half_x, drawing.half_y, sheet.background, colours[0], colours[1]
+    is_checks, columns, rows, square = only_checks(drawing)
     for i in range(pixels.size):
         if not wanted[pixels[i]]:
             continue
         x, y, towards = on_plane(pose, origin, direction, i)
-        if math.isnan(x) or abs(x) > extent[0] or abs(y) > extent[1]:
+        if math.isnan(x) or abs(x) > half_x or abs(y) > half_y:
             light = background
         elif towards >= 0.0:
             light = 0.0
         elif is_checks:
             light = black if check_colour(columns, rows, square, x, y) == 0.0 else white
         else:
-            value = whiteness(extent, kinds, numbers, first, corners, bins, starts, items, x, y)
+            value = whiteness(drawing, x, y)
             light = black if value == 0.0 else white
         image[pixels[i]] += share[i] * light
 

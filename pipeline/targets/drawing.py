@@ -101,12 +101,12 @@ class Drawing:
     def whiteness(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """1 on white, 0 on black, NaN beside the sheet, (n,)."""
         value = np.empty(len(x_mm))
-        kernels.whiteness_at_points(*self.arrays, np.ascontiguousarray(x_mm), np.ascontiguousarray(y_mm), value)
+        kernels.whiteness_at_points(self.arrays, np.ascontiguousarray(x_mm), np.ascontiguousarray(y_mm), value)
         return value
 
     @cached_property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """The drawing for the kernels: sheet, kinds, numbers, first corners, corners, bins, their starts and items."""
+    def arrays(self) -> kernels.DrawingArrays:
+        """The drawing for the kernels."""
         kinds = np.array([kernels.KINDS.index(type(shape).__name__) for shape in self.shapes], np.int64)
         numbers = np.zeros((len(self.shapes), 6))
         corners: list[tuple[float, float]] = []
@@ -116,9 +116,10 @@ class Drawing:
             corners += own
             first[i + 1] = len(corners)
             numbers[i] = _numbers(shape)
-        sheet = np.array([self.half_x_mm, self.half_y_mm])
-        bins, starts, items = _bins(sheet, [_bounds(shape) for shape in self.shapes])
-        return sheet, kinds, numbers, first, np.array(corners, float).reshape(-1, 2), bins, starts, items
+        sheet = float(self.half_x_mm), float(self.half_y_mm)
+        bins, starts, items = _bins(*sheet, [_bounds(shape) for shape in self.shapes])
+        placed = np.array(corners, float).reshape(-1, 2)
+        return kernels.DrawingArrays(*sheet, kinds, numbers, first, placed, bins, starts, items)
 
 
 def _numbers(shape: Shape) -> tuple[float, ...]:
@@ -143,7 +144,9 @@ def _bounds(shape: Shape) -> tuple[float, float, float, float]:
     return shape.x - reach, shape.x + reach, shape.y - reach, shape.y + reach
 
 
-def _bins(sheet: np.ndarray, bounds: list[tuple[float, float, float, float]]) -> tuple[np.ndarray, ...]:
+def _bins(
+    half_x: float, half_y: float, bounds: list[tuple[float, float, float, float]]
+) -> tuple[int, np.ndarray, np.ndarray]:
     """Which shapes may be seen in which bin of a grid over the sheet: number of bins, starts and items, last first."""
     count = math.ceil(2 * math.sqrt(len(bounds))) if len(bounds) > 3 else 1
     lists: list[list[int]] = [[] for _ in range(count * count)]
@@ -155,10 +158,10 @@ def _bins(sheet: np.ndarray, bounds: list[tuple[float, float, float, float]]) ->
                 max(0, math.floor((low + half) / (2 * half) * count - 1e-6)),
                 min(count - 1, math.floor((high + half) / (2 * half) * count + 1e-6)),
             )
-            for low, high, half in ((left, right, sheet[0]), (bottom, top, sheet[1]))
+            for low, high, half in ((left, right, half_x), (bottom, top, half_y))
         )
         for j in range(j0, j1 + 1):
             for i in range(i0, i1 + 1):
                 lists[j * count + i].append(item)
     starts = np.concatenate([[0], np.cumsum([len(one) for one in lists])]).astype(np.int64)
-    return np.array([count], np.int64), starts, np.array([item for one in lists for item in one], np.int64)
+    return count, starts, np.array([item for one in lists for item in one], np.int64)

@@ -1,9 +1,10 @@
 """Artwork of targets as formulas: the colour of a point of the chart, and light along rays that meet a surface.
 
-Lengths in mm. The leading arguments of all kernels are the arrays of `drawing.Drawing.arrays`.
+Lengths in mm. `drawing` is a `DrawingArrays`.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,72 @@ KINDS = ("Polygon", "Disc", "Spokes", "Checks")
 POLYGON, DISC, SPOKES, CHECKS = range(4)
 
 NOT_PAINTED = -1.0
+
+
+class DrawingArrays(NamedTuple):
+    """A drawing for the kernels, from `drawing.Drawing.arrays`; chart, mm.
+
+    Attributes
+    ----------
+    half_x, half_y : float
+        Half the width and half the height of the sheet.
+    kinds : (s,) int64
+        Of the shapes, numbers of `KINDS`.
+    numbers : (s, 6) float64
+        What each is, by its kind: `drawing`.
+    first : (s + 1,) int64
+        Where the corners of each begin.
+    corners : (c, 2) float64
+    bins : int
+        Bins of a grid over the sheet, along each axis.
+    starts, items : (bins^2 + 1,), (i,) int64
+        Shapes that may be seen in each bin, the last one first, and where those of each begin.
+    """
+
+    half_x: float
+    half_y: float
+    kinds: np.ndarray
+    numbers: np.ndarray
+    first: np.ndarray
+    corners: np.ndarray
+    bins: int
+    starts: np.ndarray
+    items: np.ndarray
+
+
+class Artwork(NamedTuple):
+    """A drawing on a patch.
+
+    Attributes
+    ----------
+    drawing : DrawingArrays
+    colours : (2,) float64
+        Radiance of black and of white.
+    pose : (4, 4) float64
+        vision_from_patch.
+    """
+
+    drawing: DrawingArrays
+    colours: np.ndarray
+    pose: np.ndarray
+
+
+class Curved(NamedTuple):
+    """A curved surface.
+
+    Attributes
+    ----------
+    is_cylinder : bool
+        Or else a warped board.
+    shape : (k,) float64
+        Its numbers, see `surface_kernels`.
+    triangles : (m, 3, 3) float64
+        Corners of a mesh near it, patch frame.
+    """
+
+    is_cylinder: bool
+    shape: np.ndarray
+    triangles: np.ndarray
 
 
 @inline
@@ -51,15 +118,15 @@ def spoke_colour(count, inner, outer, phase, x, y):
 
 
 @inline
-def painted(kinds, numbers, first, corners, s, x, y):
+def painted(drawing, s, x, y):
     """Colour that shape number s gives a point, NOT_PAINTED beside it."""
-    kind = kinds[s]
+    kind, numbers, first = drawing.kinds[s], drawing.numbers, drawing.first
     if kind == CHECKS:
         return check_colour(numbers[s, 0], numbers[s, 1], numbers[s, 2], x, y)
     if kind == POLYGON:
         if x < numbers[s, 1] or x > numbers[s, 2] or y < numbers[s, 3] or y > numbers[s, 4]:
             return NOT_PAINTED
-        return numbers[s, 0] if in_polygon(corners, first[s], first[s + 1], x, y) else NOT_PAINTED
+        return numbers[s, 0] if in_polygon(drawing.corners, first[s], first[s + 1], x, y) else NOT_PAINTED
     dx, dy = x - numbers[s, 1], y - numbers[s, 2]
     if kind == DISC:
         return numbers[s, 0] if dx * dx + dy * dy <= numbers[s, 3] * numbers[s, 3] else NOT_PAINTED
@@ -67,29 +134,28 @@ def painted(kinds, numbers, first, corners, s, x, y):
 
 
 @inline
-def whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x, y):
+def whiteness(drawing, x, y):
     """1 on white, 0 on black, NaN beside the sheet: the last shape that holds the point decides."""
-    if not (abs(x) <= sheet[0] and abs(y) <= sheet[1]):
+    half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
+    if not (abs(x) <= half_x and abs(y) <= half_y):
         return math.nan
-    n = bins[0]
     own = 0
     if n > 1:
-        i = min(int((x + sheet[0]) / (2.0 * sheet[0]) * n), n - 1)
-        j = min(int((y + sheet[1]) / (2.0 * sheet[1]) * n), n - 1)
+        i = min(int((x + half_x) / (2.0 * half_x) * n), n - 1)
+        j = min(int((y + half_y) / (2.0 * half_y) * n), n - 1)
         own = j * n + i
     for place in range(starts[own], starts[own + 1]):
-        s = items[place]
-        colour = painted(kinds, numbers, first, corners, s, x, y)
+        colour = painted(drawing, drawing.items[place], x, y)
         if colour != NOT_PAINTED:
             return colour
     return 1.0
 
 
 @kernel
-def whiteness_at_points(sheet, kinds, numbers, first, corners, bins, starts, items, x, y, value):
+def whiteness_at_points(drawing, x, y, value):
     """`whiteness` at many points, (n,) each; `value` is written."""
     for i in range(x.size):
-        value[i] = whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x[i], y[i])
+        value[i] = whiteness(drawing, x[i], y[i])
 
 
 @inline
@@ -105,18 +171,21 @@ def on_plane(pose, origin, direction, i):
     return (x if t > 0.0 else math.nan), y, towards
 
 
+@inline
+def only_checks(drawing):
+    """Whether a drawing is one checkerboard, and its columns, rows and square."""
+    if drawing.kinds.size == 1 and drawing.kinds[0] == CHECKS:
+        return True, drawing.numbers[0, 0], drawing.numbers[0, 1], drawing.numbers[0, 2]
+    return False, 0.0, 0.0, 1.0
+
+
 @kernel
-def plane_light(
-    sheet, kinds, numbers, first, corners, bins, starts, items, colours, pose, chosen, origin, direction, light
-):
+def plane_light(artwork, chosen, origin, direction, light):
     """Radiance along rays that meet a flat patch first.
 
     Parameters
     ----------
-    colours : (2,) float64
-        Radiance of black and of white.
-    pose : (4, 4) float64
-        vision_from_patch.
+    artwork : Artwork
     chosen : (n,) bool
         The rays that may; a ray whose exact hit lies outside, or behind its start, keeps its light.
     origin, direction : (n, 3) float64
@@ -125,19 +194,16 @@ def plane_light(
         Written where the ray hits: the artwork's radiance on the front, 0 on the back.
     """
     # Plain numbers stay in registers; the arrays of a drawing would be handed on at every ray.
-    is_checks = kinds.size == 1 and kinds[0] == CHECKS
-    columns, rows, square = (numbers[0, 0], numbers[0, 1], numbers[0, 2]) if is_checks else (0.0, 0.0, 1.0)
-    half_x, half_y, black, white = sheet[0], sheet[1], colours[0], colours[1]
+    drawing, pose, colours = artwork.drawing, artwork.pose, artwork.colours
+    is_checks, columns, rows, square = only_checks(drawing)
+    half_x, half_y, black, white = drawing.half_x, drawing.half_y, colours[0], colours[1]
     for i in range(chosen.size):
         if not chosen[i]:
             continue
         x, y, towards = on_plane(pose, origin, direction, i)
         if not (abs(x) <= half_x and abs(y) <= half_y):
             continue
-        if is_checks:
-            value = check_colour(columns, rows, square, x, y)
-        else:
-            value = whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x, y)
+        value = check_colour(columns, rows, square, x, y) if is_checks else whiteness(drawing, x, y)
         if towards < 0.0:
             light[i] = black if value == 0.0 else white
         else:
@@ -145,50 +211,30 @@ def plane_light(
 
 
 @kernel
-def curved_light(
-    sheet,
-    kinds,
-    numbers,
-    first,
-    corners,
-    bins,
-    starts,
-    items,
-    colours,
-    pose,
-    triangle,
-    triangles,
-    is_cylinder,
-    shape,
-    origin,
-    direction,
-    light,
-):
+def curved_light(artwork, surface, triangle, origin, direction, light):
     """Radiance along rays that meet a curved patch first: the hit on its mesh is the start, the true surface decides.
 
     Parameters
     ----------
+    artwork : Artwork
+    surface : Curved
     triangle : (n,) int64
         Which triangle of the patch each ray meets first; negative: none.
-    triangles : (m, 3, 3) float64
-        Corners, patch frame.
-    is_cylinder : bool
-    shape : (k,) float64
-        Numbers of the surface, see `surface_kernels`.
     """
+    pose, shape = artwork.pose, surface.shape
     for i in range(triangle.size):
         if triangle[i] < 0:
             continue
         o, d = _in_patch(pose, origin[i], direction[i])
-        start = _meets(triangles[triangle[i]], o, d)
-        if is_cylinder:
+        start = _meets(surface.triangles[triangle[i]], o, d)
+        if surface.is_cylinder:
             u, v, nx, ny, nz = cylinder_hit(shape[0], o, d, start)
         else:
             u, v, nx, ny, nz = height_hit(shape, o, d, start)
-        value = whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, u, v)
+        value = whiteness(artwork.drawing, u, v)
         if not math.isnan(value):
             towards = nx * d[0] + ny * d[1] + nz * d[2]
-            light[i] = colours[int(value)] if towards < 0.0 else 0.0
+            light[i] = artwork.colours[int(value)] if towards < 0.0 else 0.0
 
 
 @kernel

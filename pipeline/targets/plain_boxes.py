@@ -15,27 +15,26 @@ _MOST_BINS = 16
 
 @inline
 def colour_of_box(drawing, left, right, bottom, top):
-    """1 where all of a box is white, 0 where all is black, `BESIDE` or `MIXED`; `drawing`: `Drawing.arrays`."""
-    sheet, kinds, numbers, first, corners, bins, starts, items = drawing
+    """1 where all of a box is white, 0 where all is black, `BESIDE` or `MIXED`; `drawing`: `kernels.DrawingArrays`."""
+    half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
     if not (left <= right and bottom <= top):  # NaN
         return MIXED
-    if right < -sheet[0] or left > sheet[0] or top < -sheet[1] or bottom > sheet[1]:
+    if right < -half_x or left > half_x or top < -half_y or bottom > half_y:
         return BESIDE
-    if left < -sheet[0] or right > sheet[0] or bottom < -sheet[1] or top > sheet[1]:
+    if left < -half_x or right > half_x or bottom < -half_y or top > half_y:
         return MIXED
-    n = bins[0]
-    i0, i1 = _bin(left, sheet[0], n), _bin(right, sheet[0], n)
-    j0, j1 = _bin(bottom, sheet[1], n), _bin(top, sheet[1], n)
+    i0, i1 = _bin(left, half_x, n), _bin(right, half_x, n)
+    j0, j1 = _bin(bottom, half_y, n), _bin(top, half_y, n)
     if (i1 - i0 + 1) * (j1 - j0 + 1) > _MOST_BINS:
         return MIXED
     for j in range(j0, j1 + 1):
         for i in range(i0, i1 + 1):
             own = j * n + i
             for place in range(starts[own], starts[own + 1]):
-                if _has_edge_in(kinds, numbers, first, corners, items[place], left, right, bottom, top):
+                if _has_edge_in(drawing, drawing.items[place], left, right, bottom, top):
                     return MIXED
     x, y = 0.5 * (left + right), 0.5 * (bottom + top)
-    return whiteness(sheet, kinds, numbers, first, corners, bins, starts, items, x, y)
+    return whiteness(drawing, x, y)
 
 
 @inline
@@ -44,9 +43,9 @@ def _bin(x, half, n):
 
 
 @inline
-def _has_edge_in(kinds, numbers, first, corners, s, left, right, bottom, top):
+def _has_edge_in(drawing, s, left, right, bottom, top):
     """Whether the outline of shape number s may pass through a box."""
-    kind = kinds[s]
+    kind, numbers, first, corners = drawing.kinds[s], drawing.numbers, drawing.first, drawing.corners
     if kind == CHECKS:
         return _checks_change(numbers[s, 0], numbers[s, 1], numbers[s, 2], left, right, bottom, top)
     if kind == POLYGON:

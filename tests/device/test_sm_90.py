@@ -8,10 +8,10 @@ import pytest
 from device.sm_90 import assembled
 from laws import rigs
 
-from pipeline.camera.parts.polygon import MAX_VERTICES
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import device_moments
 from pipeline.camera.tracing.moments import COLUMNS
+from pipeline.camera.tracing.records import Samples, Starts
 from pipeline.jit.device import DeviceKernel, cuda
 from pipeline.optics.crossing import Ray, cap_of, through_sphere
 
@@ -35,12 +35,12 @@ def through_spheres(table, rays):  # type: ignore[no-untyped-def]
 def bundles() -> dict[str, tuple[Any, ...]]:
     """Arguments of both kernels of the moments of bundles."""
     camera = Tracer(rigs.conventional()).arrays
-    rows = np.zeros((1, 2), np.int64), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.int64)
-    regions = np.zeros((1, MAX_VERTICES, 2)), np.zeros((1, MAX_VERTICES)), np.zeros((1, 4))
-    moments, draws = np.zeros((1, COLUMNS)), (np.zeros((4, 64), np.uint32), 1)
+    samples = Samples(np.zeros((4, 64), np.uint32), 1, 0.0)
+    starts = Starts(np.zeros((1, 2), np.int64), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.int64))
+    regions, moments = device_moments.empty_regions(1), np.zeros((1, COLUMNS))
     return {
-        "bind_bundles": (camera, 0.0, rows, regions, moments),
-        "sum_bundles": (camera, np.zeros((1, 2, 4, 3)), draws, 0.0, rows, regions, moments),
+        "bind_bundles": (camera, samples, starts, regions, moments),
+        "sum_bundles": (camera, np.zeros((1, 2, 4, 3)), samples, starts, regions, moments),
     }
 
 

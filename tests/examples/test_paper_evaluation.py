@@ -111,11 +111,10 @@ def test_noisy_grids_pass_the_filters_of_a_build_as_often_as_those_of_the_formul
     for noise in noises:
         status, solution = np.empty(1, np.int64), np.full((1, 9), np.nan)
         cell, quad, passed = np.zeros((4, 4), np.int64), np.array([[0, 1, 1]]), 0
+        limits = quad_search.Filter(True, 0.15, 10 * DEGREE_RAD)
         for _ in range(count):
             image = np.stack([column, row], axis=-1) + random.normal(0, noise, (4, 4, 2))
-            quad_search.solve_quads(
-                image, cell, np.array([[1.5, 1.5]]), quad, True, 0.15, 10 * DEGREE_RAD, status, solution
-            )
+            quad_search.solve_quads(image, cell, np.array([[1.5, 1.5]]), quad, limits, status, solution)
             passed += status[0] == quad_search.ACCEPTED
         seen.append(passed / count)
     expected = reading.ideal_grid_share(np.array(noises))

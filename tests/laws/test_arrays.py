@@ -208,14 +208,13 @@ def test_what_leaves_a_camera_that_blocks_nothing_is_its_free_weight(
 def through(array: MicrolensArray, heights: np.ndarray, start: float = 0.0) -> np.ndarray:
     """Slopes before the array of rays from a point of the sensor through heights of a microlens's aperture."""
     tracer = behind_a_hole(array)
-    optics, _, _, lenses, _, mosaic = tracer.arrays
     n = len(heights)
     row = np.full(n, int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0]))
     starts = np.tile([start, 0.0], (n, 1))
     aims, position, direction, passes = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     points = np.column_stack([heights, np.zeros(n), np.full(n, array.reach_mm - array.distance_mm)])
-    aims_for(optics, lenses, mosaic, row, starts, points, aims)
-    rays_before(optics, lenses, mosaic, row, starts, aims, position, direction, passes)
+    aims_for(tracer.arrays, row, starts, points, aims)
+    rays_before(tracer.arrays, row, starts, aims, position, direction, passes)
     assert np.all(passes > 0)
     return direction[:, 0] / direction[:, 2]
 
@@ -267,12 +266,11 @@ def test_thin_plano_convex_microlenses_near_the_thin_model_as_they_grow_narrow()
 def through_front(array: MicrolensArray, heights: np.ndarray) -> np.ndarray:
     """The same for a curved front face, whose points stand back by its sag."""
     tracer = behind_a_hole(array)
-    optics, _, _, lenses, _, mosaic = tracer.arrays
     n, row = len(heights), int(np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[0])
     points = np.column_stack([heights, np.zeros(n), array.faces[0].aperture_z_mm(heights)])
     aims, position, direction, passes = np.empty((n, 2)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
-    aims_for(optics, lenses, mosaic, np.full(n, row), np.zeros((n, 2)), points, aims)
-    rays_before(optics, lenses, mosaic, np.full(n, row), np.zeros((n, 2)), aims, position, direction, passes)
+    aims_for(tracer.arrays, np.full(n, row), np.zeros((n, 2)), points, aims)
+    rays_before(tracer.arrays, np.full(n, row), np.zeros((n, 2)), aims, position, direction, passes)
     np.testing.assert_allclose(position[:, 0], heights, rtol=0, atol=1e-12)
     return direction[:, 0] / direction[:, 2]
 

@@ -289,7 +289,7 @@ def test_no_ray_outside_the_bounds_passes_a_displaced_plenoptic_camera() -> None
     """Trial rays all over the hexagons, from the middle of cells to beyond their edges, all over the array."""
     tracer, rng = Tracer(rigs.displaced(rigs.plenoptic()), margin=0.0), np.random.default_rng(7)
     positions, lens = plenoptic_positions(tracer, 300)
-    lenses, seen, cut = tracer.arrays[3], 0, 0
+    lenses, seen, cut = tracer.arrays.lenses, 0, 0
     angles = np.pi * np.arange(6) / 3
     for position, row in zip(positions, lens, strict=True):
         vertex, focal = lenses[row, :2], lenses[row, 2]

@@ -70,7 +70,7 @@ def test_the_often_printed_rule_is_off_by_half_a_pixel_less_half_a_fine_one(k: i
     cell = np.zeros(image.shape[:2], np.int64)
     quads, status, solutions = np.empty((30, 3), np.int64), np.empty(30, np.int64), np.empty((30, 9))
     assert quad_search.quads_that_hold(image, cell, points, quads) == 30
-    quad_search.solve_quads(image, cell, points, quads, True, 0.15, 0.17, status, solutions)
+    quad_search.solve_quads(image, cell, points, quads, quad_search.Filter(True, 0.15, 0.17), status, solutions)
     miss = solutions[:, :2] / k - positions[quads[:, 0]]
     np.testing.assert_allclose(miss, (k - 1) / (2 * k), rtol=0, atol=HALF_PIXEL_PX)
 

@@ -161,10 +161,8 @@ def assert_independent_of_bounds(camera: Camera, positions: np.ndarray, lens: np
 
 def sampling_region(tracer: Tracer, position: np.ndarray, lens: int) -> np.ndarray:
     """Vertices of the region that the tracer samples for a position, (n, 2)."""
-    optics, _, outlines, lenses, aperture, _ = tracer.arrays
     region = new_region()
-    count, _, _, _ = bound(optics, outlines, lenses, aperture, lens, *position, 0.0, region)
-    return region[0][:count]
+    return region.polygon[: bound(tracer.arrays, lens, *position, 0.0, region).vertices]
 
 
 def outside(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -204,7 +202,7 @@ def test_no_ray_outside_the_bounds_passes_a_plenoptic_camera() -> None:
     """Trial rays all over the hexagons, from the middle of cells to beyond their edges, all over the array."""
     tracer, rng = Tracer(rigs.plenoptic()), np.random.default_rng(7)
     positions, lens = plenoptic_positions(tracer, 300)
-    lenses, seen, cut = tracer.arrays[3], 0, 0
+    lenses, seen, cut = tracer.arrays.lenses, 0, 0
     for position, row in zip(positions, lens, strict=True):
         vertex, focal = lenses[row, :2], lenses[row, 2]
         offsets = rng.uniform(-0.13, 0.13, (4000, 2))

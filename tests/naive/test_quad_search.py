@@ -94,7 +94,8 @@ def test_kernels_agree_with_the_search_as_the_paper_tells_it(noise: float) -> No
         count = quad_search.quads_that_hold(image, cell, points, quads)
         assert sorted(map(tuple, quads[:count].tolist())) == sorted(expected)
         status, solutions = np.empty(count, np.int64), np.full((count, 9), np.nan)
-        quad_search.solve_quads(image, cell, points, quads[:count], True, LAMBDA_D, LAMBDA_ALPHA, status, solutions)
+        limits = quad_search.Filter(True, LAMBDA_D, LAMBDA_ALPHA)
+        quad_search.solve_quads(image, cell, points, quads[:count], limits, status, solutions)
         for quad, verdict, solution in zip(quads[:count].tolist(), status, solutions, strict=True):
             wanted, position = expected[tuple(quad)]
             assert verdict == wanted

@@ -1,17 +1,20 @@
 """Single rays through given points of the sampling plane: what passes, what blocks the rest, and sums over nodes.
 
-Kernels only; vision frame, mm. Rays come sorted by the sensor position (`owner`) that they start from.
+Kernels only; vision frame, mm. `camera` is a `camera.tracing.records.CameraArrays`. Rays come sorted by the sensor position
+(`owner`) that they start from; `microlens` is that of each position.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.parts.polygon import fan, point_in_fan
-from pipeline.camera.tracing.microlens_kernels import DISC, KIND, MODEL, PLAIN, free_weight, towards_microlens
+from pipeline.camera.tracing.microlens_kernels import DISC, KIND, MODEL, PLAIN, X, Y, free_weight, towards_microlens
 from pipeline.camera.tracing.moments import accumulate, clear, cross, cross_packet, finish, set_pivot
-from pipeline.camera.tracing.packets import aim_mixed, send_mixed, send_packet
+from pipeline.camera.tracing.packets import aim_mixed, aim_packet, send_mixed
+from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
 from pipeline.jit.decorators import buffers, inline, kernel, unit
 from pipeline.optics.kernels import PACKET, Packet, new_packet, trace_packet
@@ -23,8 +26,56 @@ _STRAIGHT = 1 << 10
 _GOLDEN_U, _GOLDEN_V = 0.7548776662466927, 0.5698402909980532
 
 
+class Labels(NamedTuple):
+    """What blocks the rays of a packet, and how far inside of all edges they pass, (PACKET,) each: `label_packet`."""
+
+    label: np.ndarray
+    clearance: np.ndarray
+
+
+class Nodes(NamedTuple):
+    """Nodes of quadratures over bundles.
+
+    Attributes
+    ----------
+    owner : (m,) int64
+        Sensor position of each, ascending.
+    points : (m, 2) float64
+        On the sampling plane [mm].
+    measure : (m,) float64
+        Area that each node stands for [mm^2].
+    """
+
+    owner: np.ndarray
+    points: np.ndarray
+    measure: np.ndarray
+
+
+class Hits(NamedTuple):
+    """Hits of single rays on planes.
+
+    Attributes
+    ----------
+    on_plane : (m, 2) float64
+        Coordinates on the plane [mm].
+    density : (m,) float64
+        Weight per area of the sampling plane.
+    passes : (m,) bool
+        Whether the ray leaves the camera.
+    """
+
+    on_plane: np.ndarray
+    density: np.ndarray
+    passes: np.ndarray
+
+
+def empty_hits(count: int) -> Hits:
+    """Room for so many."""
+    return Hits(np.empty((count, 2)), np.empty(count), np.empty(count, bool))
+
+
 @kernel
-def bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons, counts, free):
+def bounds(camera, positions, microlens, polygons, counts, free):
     """Polygons that enclose what passes, and the weight of all rays through each position's own microlens.
 
     Parameters
@@ -37,16 +88,16 @@ def bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons
     region = new_region()
     for n in range(positions.shape[0]):
         counts[n], free[n] = 0, 0.0
-        if lens[n] == SKIP:
+        if microlens[n] == SKIP:
             continue
         x, y = positions[n]
-        if lens[n] >= 0:
-            free[n] = free_weight(optics, lenses, aperture, mosaic, lens[n], x, y, region[0])
-        count, _, _, area = bound(optics, outlines, lenses, aperture, lens[n], x, y, 0.0, region)
-        if area > 0.0:
-            counts[n] = count
-            for i in range(count):
-                polygons[n, i, 0], polygons[n, i, 1] = region[0][i, 0], region[0][i, 1]
+        if microlens[n] >= 0:
+            free[n] = free_weight(camera, microlens[n], x, y, region.polygon)
+        found = bound(camera, microlens[n], x, y, 0.0, region)
+        if found.area > 0.0:
+            counts[n] = found.vertices
+            for i in range(found.vertices):
+                polygons[n, i, 0], polygons[n, i, 1] = region.polygon[i, 0], region.polygon[i, 1]
 
 
 @kernel
@@ -61,13 +112,11 @@ def spread(polygons, counts, points):
 
 
 @kernel
-def probe(camera, positions, lens, owner, points, label):
+def probe(camera, positions, microlens, owner, points, label):
     """Trace one ray through each point and say what blocks it.
 
     Parameters
     ----------
-    camera : tuple
-        Optics, table, lenses, aperture and mosaic of `Tracer.arrays`.
     owner : (m,) int64
         Sensor position that a ray starts from, ascending.
     points : (m, 2) float64
@@ -75,19 +124,19 @@ def probe(camera, positions, lens, owner, points, label):
     label : (m,) int64
         Written: see `label_packet`.
     """
-    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    here, clearance = np.empty(PACKET, np.int64), np.empty(PACKET)
+    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
+    found = Labels(np.empty(PACKET, np.int64), np.empty(PACKET))
     for first in range(0, owner.shape[0], PACKET):
         size = min(PACKET, owner.shape[0] - first)
         part = slice(first, first + size)
-        _set_rays(positions, owner[part], points[part], start_x, start_y, packet)
-        label_packet(camera, lens, owner[part], points[part], start_x, start_y, size, packet, here, clearance)
+        _set_rays(positions, owner[part], points[part], start, packet)
+        label_packet(camera, microlens, owner[part], points[part], start, size, packet, found)
         for i in range(size):
-            label[first + i] = here[i]
+            label[first + i] = found.label[i]
 
 
 @unit
-def label_packet(camera, lens, owner, points, start_x, start_y, size, packet, label, clearance):
+def label_packet(camera, microlens, owner, points, start, size, packet, labels):
     """Send rays through points that x and y of the packet hold, and say what blocks each, and how far from an edge.
 
     Written: PASSES, or the row of the blocking surface, with a number for each straight edge of its aperture; the
@@ -95,60 +144,59 @@ def label_packet(camera, lens, owner, points, start_x, start_y, size, packet, la
     The clearance is positive inside of all apertures and negative beyond that which blocks, in shares of them; its sign
     is wrong where something else blocks.
     """
-    optics, table, lenses, aperture, mosaic = camera
-    alive, rows, detail = packet[6], table.shape[0], mosaic[0]
-    aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet)
+    lenses, table, detail, label = camera.lenses, camera.table, camera.mosaic.detail, labels.label
+    alive, rows = packet.alive, table.shape[0]
+    aim_mixed(camera, microlens, owner, start, size, packet)
     for i in range(size):
         label[i] = PASSES if alive[i] > 0.0 else rows
-        clearance[i] = 1.0
-    label_surfaces(table, 0, PASSES, packet, size, label, clearance)
-    if lens[owner[0]] < 0:
+        labels.clearance[i] = 1.0
+    label_surfaces(table, 0, PASSES, packet, size, labels)
+    if microlens[owner[0]] < 0:
         return
     if detail[MODEL] != PLAIN:
-        _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, label)
+        _label_faces(camera, microlens, owner, points, start, size, packet, label)
     elif not detail[DISC] > 0.0:
         for i in range(size):
             if label[i] == rows:
-                n = lens[owner[i]]
-                label[i] += _STRAIGHT * (
-                    1 + _side_of(aperture, points[i, 0] - lenses[n, 0], points[i, 1] - lenses[n, 1])
-                )
+                n = microlens[owner[i]]
+                side = _side_of(camera.aperture, points[i, 0] - lenses[n, X], points[i, 1] - lenses[n, Y])
+                label[i] += _STRAIGHT * (1 + side)
 
 
 @inline
-def _label_faces(camera, lens, owner, points, start_x, start_y, size, packet, label):
+def _label_faces(camera, microlens, owner, points, start, size, packet, label):
     """Say which face of its microlens blocks a ray that does not reach the main lens; weights are lost."""
-    optics, table, lenses, _, mosaic = camera
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
     first = 0
     while first < size:
-        end, n = first + 1, lens[owner[first]]
+        end, n = first + 1, microlens[owner[first]]
         while end < size and owner[end] == owner[first]:
             end += 1
         here = slice(first, end)
         for i in range(first, end):
             x[i], y[i] = points[i, 0], points[i, 1]
         part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
-        towards_microlens(optics, lenses, mosaic[0], n, start_x[here], start_y[here], end - first, part)
-        faces, rows = mosaic[1][int(lenses[n, KIND])], table.shape[0]
-        label_surfaces(faces, rows + 1, rows, part, end - first, label[here], weight[here])  # a clearance nobody wants
+        towards_microlens(camera, n, SensorPoints(start.x[here], start.y[here]), end - first, part)
+        faces, rows = camera.mosaic.faces[int(camera.lenses[n, KIND])], camera.table.shape[0]
+        labels = Labels(label[here], weight[here])  # a clearance nobody wants
+        label_surfaces(faces, rows + 1, rows, part, end - first, labels)
         first = end
 
 
 @buffers
-def what_blocks(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet, label):
+def what_blocks(camera, microlens, start, size, packet, label):
     """Labels of rays from positions behind one microlens, or none; its sides and faces are not told apart."""
-    alive, clearance = packet[6], np.empty(PACKET)
-    send_packet(table[:0], optics, lenses, mosaic, lens, start_x, start_y, size, packet)
+    labels, alive = Labels(label, np.empty(PACKET)), packet.alive
+    aim_packet(camera, microlens, start, size, packet)
     for i in range(size):
-        label[i] = PASSES if alive[i] > 0.0 else table.shape[0]
-    label_surfaces(table, 0, PASSES, packet, size, label, clearance)
+        label[i] = PASSES if alive[i] > 0.0 else camera.table.shape[0]
+    label_surfaces(camera.table, 0, PASSES, packet, size, labels)
 
 
 @unit
-def label_surfaces(table, base, unknown, packet, size, label, clearance):
+def label_surfaces(table, base, unknown, packet, size, labels):
     """Trace a packet surface by surface and name what blocks the rays whose label is still `unknown`."""
-    x, y, alive = packet.x, packet.y, packet.alive
+    x, y, alive, label, clearance = packet.x, packet.y, packet.alive, labels.label, labels.clearance
     for k in range(table.shape[0]):
         trace_packet(table[k : k + 1], packet, size)
         per_squared, is_round = 1.0 / table[k, SEMI_DIAMETER_SQUARED], not table[k, EDGES] > 0.0
@@ -170,7 +218,7 @@ def label_surfaces(table, base, unknown, packet, size, label, clearance):
 
 
 @kernel
-def integrate(camera, planes, positions, lens, owner, points, measure, moments, whole):
+def integrate(camera, planes, positions, microlens, nodes, moments, whole):
     """Sum moments on two planes of each position over nodes of a quadrature.
 
     Sums do not depend on what else is in a packet: rays of one position follow each other from its first on.
@@ -178,25 +226,22 @@ def integrate(camera, planes, positions, lens, owner, points, measure, moments, 
     Parameters
     ----------
     planes : (n, 2, 4, 3) float64
-    camera, owner, points : tuple, (m,) int64, (m, 2) float64
-        As in `probe`.
-    measure : (m,) float64
-        Area that each node stands for [mm^2].
+    nodes : Nodes
     moments : (n, COLUMNS) float64
         Written where a position has nodes, but for the free weight.
     whole : (n,) bool
         Written: every node passes.
     """
-    optics, table, lenses, _, mosaic = camera
-    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    alive, weight, crossing = packet[6], packet[8], np.empty((4, PACKET))
+    owner, points, measure = nodes
+    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
+    alive, weight, crossing = packet.alive, packet.weight, np.empty((4, PACKET))
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
     started, first = False, 0
     while first < owner.shape[0]:
         size = _several(owner, first)
         part = slice(first, first + size)
-        _set_rays(positions, owner[part], points[part], start_x, start_y, packet)
-        send_mixed(table, optics, lenses, mosaic, lens, owner[part], start_x, start_y, size, packet)
+        _set_rays(positions, owner[part], points[part], start, packet)
+        send_mixed(camera, microlens, owner[part], start, size, packet)
         begin = 0
         while begin < size:
             here, n = first + begin, owner[first + begin]
@@ -220,38 +265,37 @@ def integrate(camera, planes, positions, lens, owner, points, measure, moments, 
 
 
 @kernel
-def hits(camera, planes, positions, lens, owner, points, hit):
+def hits(camera, planes, positions, microlens, owner, points, hit):
     """Trace the ray through each point to the plane of its position.
 
     Parameters
     ----------
     planes : (n, 4, 3) float64
-    camera, owner, points : tuple, (m,) int64, (m, 2) float64
+    owner, points : (m,) int64, (m, 2) float64
         As in `probe`.
-    hit : (m, 4) float64
-        Written: coordinates on the plane, weight per area of the sampling plane, and 1 for a ray that passes, else 0.
+    hit : Hits
+        Written.
     """
-    optics, table, lenses, _, mosaic = camera
-    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
+    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     x, y, z, dx, dy, dz, alive, _, weight = packet
     for first in range(0, owner.shape[0], PACKET):
         size = min(PACKET, owner.shape[0] - first)
         part = slice(first, first + size)
-        _set_rays(positions, owner[part], points[part], start_x, start_y, packet)
-        send_mixed(table, optics, lenses, mosaic, lens, owner[part], start_x, start_y, size, packet)
+        _set_rays(positions, owner[part], points[part], start, packet)
+        send_mixed(camera, microlens, owner[part], start, size, packet)
         for i in range(size):
             plane = planes[owner[first + i]]
-            hit[first + i, 0], hit[first + i, 1] = cross(plane, x[i], y[i], z[i], dx[i], dy[i], dz[i])
-            hit[first + i, 2] = weight[i]
-            hit[first + i, 3] = 1.0 if alive[i] > 0.0 else 0.0
+            a, b = cross(plane, x[i], y[i], z[i], dx[i], dy[i], dz[i])
+            hit.on_plane[first + i, 0], hit.on_plane[first + i, 1] = a, b
+            hit.density[first + i], hit.passes[first + i] = weight[i], alive[i] > 0.0
 
 
 @inline
-def _set_rays(positions, owner, points, start_x, start_y, packet):
+def _set_rays(positions, owner, points, start, packet):
     """Set where the rays of a packet start, and the points that they go through."""
     for i in range(owner.shape[0]):
-        start_x[i], start_y[i] = positions[owner[i], 0], positions[owner[i], 1]
-        packet[0][i], packet[1][i] = points[i, 0], points[i, 1]
+        start.x[i], start.y[i] = positions[owner[i], 0], positions[owner[i], 1]
+        packet.x[i], packet.y[i] = points[i, 0], points[i, 1]
 
 
 @inline

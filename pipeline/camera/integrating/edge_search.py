@@ -1,10 +1,12 @@
 """Search of the edge of what passes, from inner points of bundles, by real rays. Kernels only; vision frame, mm."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.edge_kernels import PASSES, label_packet
+from pipeline.camera.integrating.edge_kernels import PASSES, Labels, label_packet
+from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SHORTEST_EDGE_MM
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
@@ -16,12 +18,31 @@ _TRUNCATION, _SLACK = 0.05, 4.0
 """A search steps beyond its estimate by this share of the squared width, and may lag one halving behind bisection."""
 
 
+class Spokes(NamedTuple):
+    """Ways from inner points of bundles.
+
+    Attributes
+    ----------
+    owner : (m,) int64
+        The bundle of each, ascending.
+    angle : (m,) float64
+        Direction [rad].
+    limit : (m,) float64
+        Distance of the bound of what passes, from `reach` [mm].
+    """
+
+    owner: np.ndarray
+    angle: np.ndarray
+    limit: np.ndarray
+
+
 @kernel
-def reach(polygons, counts, centres, owner, angle, limit, side):
-    """Distance from inner points to convex polygons in given directions, and the number of the edge that is met.
+def reach(polygons, counts, centres, spokes, side):
+    """Write how far it is from inner points to convex polygons, and the number of the edge that is met, (m,).
 
     Edges of no length are passed over: rounding turns them anywhere, also across the polygon.
     """
+    owner, angle, limit = spokes
     for f in range(owner.shape[0]):
         n, c, s = owner[f], math.cos(angle[f]), math.sin(angle[f])
         limit[f] = np.inf
@@ -37,29 +58,28 @@ def reach(polygons, counts, centres, owner, angle, limit, side):
 
 
 @kernel
-def find_edges(camera, positions, lens, centres, owner, angle, limit, steps, radius, label):
+def find_edges(camera, positions, microlens, centres, spokes, steps, radius, label):
     """Search the edge of what passes along directions from inner points; returns the number of rays.
 
     Packets are filled with as many directions as fit; a new one takes the place of one that is found.
 
     Parameters
     ----------
-    camera : tuple
+    camera, positions, microlens
         As in `probes.probe`.
     centres : (n, 2) float64
         Inner points.
-    owner, angle : (m,) int64, (m,) float64
-        Position, ascending, and direction.
-    limit : (m,) float64
-        Distance of the bound of what passes.
+    spokes : Spokes
     steps : int
         The radius errs by less than 2^-(steps + 1) of the way to the bound.
     radius, label : (m,) float64, (m,) int64
         Written: where light ends, and what ends it; the bound itself, and no label, where a ray passes there.
     """
-    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
+    owner, angle, limit = spokes
+    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     way, at, points = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64), np.empty((PACKET, 2))
-    blocker, clearance, search = np.empty(PACKET, np.int64), np.empty(PACKET), np.empty((6, PACKET))
+    labels, search = Labels(np.empty(PACKET, np.int64), np.empty(PACKET)), np.empty((6, PACKET))
+    blocker, clearance = labels
     along, found = np.empty((2, PACKET)), np.empty(PACKET, np.int64)
     size, following, rays, narrow = 0, 0, 0, 0.5 ** (steps + 1)
     while True:
@@ -74,10 +94,10 @@ def find_edges(camera, positions, lens, centres, owner, angle, limit, steps, rad
         for i in range(size):
             f = way[i]
             n, far = owner[f], limit[f] * search[HERE, i]
-            at[i], start_x[i], start_y[i] = n, positions[n, 0], positions[n, 1]
+            at[i], start.x[i], start.y[i] = n, positions[n, 0], positions[n, 1]
             points[i, 0], points[i, 1] = centres[n, 0] + far * along[0, i], centres[n, 1] + far * along[1, i]
-            packet[0][i], packet[1][i] = points[i, 0], points[i, 1]
-        label_packet(camera, lens, at[:size], points, start_x, start_y, size, packet, blocker, clearance)
+            packet.x[i], packet.y[i] = points[i, 0], points[i, 1]
+        label_packet(camera, microlens, at[:size], points, start, size, packet, labels)
         rays += size
         for i in range(size - 1, -1, -1):
             passes = blocker[i] == PASSES

@@ -5,13 +5,13 @@ the hit of a node, and its weight, are smooth functions of the position, which r
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.integrating import edge_kernels
 from pipeline.camera.integrating.flux import PROBES, holds_all
 from pipeline.camera.integrating.quadrature import bounded, inner_points
+from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 
 _INSIDE = 1 - 1e-7
@@ -39,7 +39,7 @@ class Hits:
 
 
 def bundle_hits(
-    arrays: tuple[Any, ...],
+    arrays: CameraArrays,
     positions_mm: np.ndarray,
     lens: int,
     plane: np.ndarray,
@@ -64,26 +64,25 @@ def bundle_hits(
         nothing = np.full((n, directions, len(shares)), np.nan)
         return Hits(np.stack([nothing, nothing], axis=-1), nothing, np.zeros(n, bool))
     # Without a microlens what passes moves along with the position, by the drift of the outlines.
-    drift = arrays[0][4] if lens == NO_MICROLENS else 0.0
+    drift = arrays.optics.drift if lens == NO_MICROLENS else 0.0
     found.centres[:] = home.centres + drift * (found.positions - home.positions)
     owner, angle = found.spokes(directions)
     radius, _, limit, _ = found.find(owner, angle)
     held, _ = holds_all(found, owner, angle, radius, np.full(len(owner), 2 * np.pi / directions), PROBES * directions)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = found.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
-    hit = np.empty((n * directions * len(shares), 4))
+    shape, hit = (n, directions, len(shares)), edge_kernels.empty_hits(n * directions * len(shares))
     planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)
     starts = found.positions, own, np.repeat(owner, len(shares)), points.reshape(-1, 2)
-    edge_kernels.hits(found.camera, planes, *starts, hit)
-    edge_kernels.hits.count(len(hit), len(arrays[1]))
-    nodes = hit.reshape(n, directions, len(shares), 4)
-    whole = held & (nodes[..., 3] > 0).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
-    density = nodes[..., 2] * (radius**2).reshape(n, directions, 1)
-    return Hits(nodes[..., :2], density, whole)
+    edge_kernels.hits(arrays, planes, *starts, hit)
+    edge_kernels.hits.count(len(hit.density), len(arrays.table))
+    whole = held & hit.passes.reshape(shape).all(axis=(1, 2)) & found.nothing_beyond(owner, along, radius, limit)
+    density = hit.density.reshape(shape) * (radius**2).reshape(n, directions, 1)
+    return Hits(hit.on_plane.reshape(*shape, 2), density, whole)
 
 
 def single_hits(
-    arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
+    arrays: CameraArrays, positions_mm: np.ndarray, lens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
 ) -> np.ndarray:
     """Hit of the ray from each position towards an aim of the sampling plane on a plane of its own, (n, 2); NaN: none.
 
@@ -93,9 +92,8 @@ def single_hits(
     aims_mm : (n, 2) float64
     planes : (n, 4, 3) float64
     """
-    optics, table, _, lenses, aperture, mosaic = arrays
-    hit = np.empty((len(positions_mm), 4))
+    hit = edge_kernels.empty_hits(len(positions_mm))
     given = map(np.ascontiguousarray, (planes, positions_mm, lens, np.arange(len(lens)), aims_mm))
-    edge_kernels.hits((optics, table, lenses, aperture, mosaic), *given, hit)
-    edge_kernels.hits.count(len(hit), len(table))
-    return np.where(hit[:, 3:] > 0, hit[:, :2], np.nan)
+    edge_kernels.hits(arrays, *given, hit)
+    edge_kernels.hits.count(len(positions_mm), len(arrays.table))
+    return np.where(hit.passes[:, None], hit.on_plane, np.nan)

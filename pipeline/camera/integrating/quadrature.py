@@ -9,18 +9,18 @@ point; one that is not is reported, not integrated.
 
 import functools
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.integrating.edge_kernels import PASSES, Nodes
 from pipeline.camera.integrating.flux import PROBES, holds_all
 from pipeline.camera.integrating.ways import Ways
 from pipeline.camera.parts.polygon import MAX_VERTICES
 from pipeline.camera.tracing.acceptance import HALF_ANGLE
 from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN_COLUMNS
 from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
+from pipeline.camera.tracing.records import CameraArrays
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
 """Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
@@ -105,11 +105,11 @@ class Edges(Ways):
             points = self.centres[owner, None] + r[..., None] * along[:, None]
             measure = r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)
             whole, some = np.zeros(n, bool), measure > 0  # parts may be empty
-            arguments = self.positions, self.lens, np.repeat(owner, some.sum(axis=1)), points[some], measure[some]
+            inside = Nodes(np.repeat(owner, some.sum(axis=1)), points[some], measure[some])
             planes = np.ascontiguousarray(planes)
-            edge_kernels.integrate(self.camera, planes, *arguments, result, whole)
-            edge_kernels.integrate.count(len(arguments[-1]), len(self.arrays[1]))
-            rays += len(arguments[-1]) + len(owner)
+            edge_kernels.integrate(self.arrays, planes, self.positions, self.lens, inside, result, whole)
+            edge_kernels.integrate.count(len(inside.measure), len(self.arrays.table))
+            rays += len(inside.measure) + len(owner)
             whole &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:
                 held, more = holds_all(self, owner, angle, radius, share, PROBES * nodes[1])
@@ -125,20 +125,22 @@ class Edges(Ways):
 
         The acceptance of a cone has a kink where its roll-off begins: a circle about the foot of the sensor position.
         """
-        optics, _, _, lenses, _, mosaic = self.arrays
-        if not mosaic[0][HALF_ANGLE] > 0.0:
+        optics, lenses, half_angle = self.arrays.optics, self.arrays.lenses, self.arrays.mosaic.detail[HALF_ANGLE]
+        if not half_angle > 0.0:
             return np.zeros((len(owner), 1)), radius[:, None]
-        height = optics[1] - optics[0] if lenses.shape[1] == PLAIN_COLUMNS else lenses[self.lens[owner], AIM]
+        height: float | np.ndarray = optics.sampling_z_mm - optics.sensor_z_mm
+        if lenses.shape[1] != PLAIN_COLUMNS:
+            height = lenses[self.lens[owner], AIM]
         away = self.centres[owner] - self.positions[owner]
         towards = -np.sum(away * along, axis=1)
-        squared = (height * np.tan(mosaic[0][HALF_ANGLE])) ** 2 - np.sum(away**2, axis=1) + towards**2
+        squared = (height * np.tan(half_angle)) ** 2 - np.sum(away**2, axis=1) + towards**2
         half = np.sqrt(np.maximum(squared, 0.0))
         marks = np.clip(np.stack([towards - half, towards + half], axis=1), 0.0, radius[:, None])
         marks = np.column_stack([np.zeros(len(owner)), marks, radius])
         return marks[:, :-1], np.diff(marks, axis=1)
 
 
-def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, effort: Effort = FINE) -> Edges:
+def edges(arrays: CameraArrays, positions_mm: np.ndarray, lens: np.ndarray, effort: Effort = FINE) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
     found = replace(inner_points(arrays, positions_mm, lens), effort=effort)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
@@ -148,7 +150,7 @@ def edges(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray, e
     return replace(found, corner_owner=corner_owner, corner_rad=corner, rays=found.rays + fine + again)
 
 
-def inner_points(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+def inner_points(arrays: CameraArrays, positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
     """The same without corners."""
     found = bounded(arrays, positions_mm, lens)
     rays = _settle_centres(found)
@@ -157,13 +159,12 @@ def inner_points(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.nda
     return replace(found, rays=rays + more + _move_to_middle(found, owner, angle, radius))
 
 
-def bounded(arrays: tuple[Any, ...], positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
+def bounded(arrays: CameraArrays, positions_mm: np.ndarray, lens: np.ndarray) -> Edges:
     """Only the polygons that enclose what passes; inner points are NaN."""
     positions, lens = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(lens, np.int64)
     n = len(positions)
     polygons, counts, free = np.zeros((n, MAX_VERTICES, 2)), np.zeros(n, np.int64), np.zeros(n)
-    optics, _, outlines, lenses, aperture, mosaic = arrays
-    edge_kernels.bounds(optics, outlines, lenses, aperture, mosaic, positions, lens, polygons, counts, free)
+    edge_kernels.bounds(arrays, positions, lens, polygons, counts, free)
     none = np.zeros(0, np.int64), np.zeros(0)
     return Edges(arrays, positions, lens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0, FINE)
 

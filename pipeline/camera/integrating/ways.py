@@ -1,12 +1,13 @@
 """Ways from inner points of bundles to the edge of what passes, found by real rays; vision frame, mm."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.integrating import edge_kernels, edge_search
 from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.integrating.edge_search import Spokes
+from pipeline.camera.tracing.records import CameraArrays
 
 _POLYGON = 1 << 20
 """Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
@@ -19,8 +20,7 @@ class Ways:
 
     Attributes
     ----------
-    arrays : tuple
-        `Tracer.arrays`.
+    arrays : CameraArrays
     positions, lens : (n, 2) float64, (n,) int64
         Sensor positions and their microlens.
     polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
@@ -31,19 +31,13 @@ class Ways:
         Inner points; NaN where nothing passes.
     """
 
-    arrays: tuple[Any, ...]
+    arrays: CameraArrays
     positions: np.ndarray
     lens: np.ndarray
     polygons: np.ndarray
     counts: np.ndarray
     free_sr: np.ndarray
     centres: np.ndarray
-
-    @property
-    def camera(self) -> tuple[Any, ...]:
-        """Arguments of kernels of single rays: optics, table, lenses, aperture and mosaic."""
-        optics, table, _, lenses, aperture, mosaic = self.arrays
-        return optics, table, lenses, aperture, mosaic
 
     def spokes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Evenly spaced directions about every inner point: positions, ascending, and angles."""
@@ -59,8 +53,8 @@ class Ways:
     def probe(self, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
         label = np.empty(len(owner), np.int64)
-        edge_kernels.probe(self.camera, self.positions, self.lens, owner, np.ascontiguousarray(points), label)
-        edge_kernels.probe.count(len(owner), len(self.arrays[1]))
+        edge_kernels.probe(self.arrays, self.positions, self.lens, owner, np.ascontiguousarray(points), label)
+        edge_kernels.probe.count(len(owner), len(self.arrays.table))
         return label
 
     def find(
@@ -70,14 +64,14 @@ class Ways:
 
         The radius errs by less than 2^-(steps + 1) of the way to the polygon.
         """
-        limit, label = np.empty(len(owner)), np.empty(len(owner), np.int64)
-        edge_search.reach(self.polygons, self.counts, self.centres, owner, angle, limit, label)
+        spokes, label = Spokes(owner, angle, np.empty(len(owner))), np.empty(len(owner), np.int64)
+        edge_search.reach(self.polygons, self.counts, self.centres, spokes, label)
         label += _POLYGON
         radius = np.empty(len(owner))
-        way = self.positions, self.lens, self.centres, owner, angle, limit
-        rays = edge_search.find_edges(self.camera, *way, steps, radius, label)
-        edge_search.find_edges.count(rays, len(self.arrays[1]))
-        return radius, label, limit, rays
+        way = self.positions, self.lens, self.centres, spokes
+        rays = edge_search.find_edges(self.arrays, *way, steps, radius, label)
+        edge_search.find_edges.count(rays, len(self.arrays.table))
+        return radius, label, spokes.limit, rays
 
     def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""

@@ -90,13 +90,13 @@ def tree_of(points: np.ndarray) -> "cKDTree":
 
 def _centres(tracer: Tracer) -> np.ndarray:
     """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
-    optics, _, _, lenses, _, mosaic = tracer.arrays
+    lenses = tracer.arrays.lenses
     lens, count = np.arange(len(lenses)), len(lenses)
     centre = lenses[:, :2].copy()
-    position, direction, passes = (np.empty((count, n)) for n in (3, 3, 1))
+    position, direction, passes = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for _ in range(_STEPS):
         aims = vertex_aims(tracer, lens, centre)
-        microlens_kernels.rays_before(optics, lenses, mosaic, lens, centre, aims, position, direction, passes[:, 0])
+        microlens_kernels.rays_before(tracer.arrays, lens, centre, aims, position, direction, passes)
         slope = direction[:, :2] / direction[:, 2:]
         miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
         centre += lenses[:, [microlens_kernels.AIM]] * miss
@@ -107,15 +107,14 @@ def _centres(tracer: Tracer) -> np.ndarray:
 
 def vertex_aims(tracer: Tracer, lens: np.ndarray, positions_mm: np.ndarray) -> np.ndarray:
     """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
-    optics, _, _, lenses, _, mosaic = tracer.arrays
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None
     if is_plain(array):
-        return lenses[lens, :2]
+        return tracer.arrays.lenses[lens, :2]
     point, aims = np.zeros((len(lens), 3)), np.empty((len(lens), 2))
     heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
     point[:, 2] = np.array(heights)[tracer.lattice.type[lens]] if heights else 0.0
-    microlens_kernels.aims_for(optics, lenses, mosaic, lens, positions_mm, point, aims)
+    microlens_kernels.aims_for(tracer.arrays, lens, positions_mm, point, aims)
     return aims
 
 

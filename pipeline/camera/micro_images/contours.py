@@ -5,12 +5,12 @@ the rim: just inside of it light passes a thin sliver of the aperture. Rays thro
 a few points all around, then finer ones about those that go dark last.
 """
 
-from typing import Any
-
 import numpy as np
 
 from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.micro_images import pinhole_kernels
+from pipeline.camera.micro_images.pinhole_kernels import Bisections, Pencils
+from pipeline.camera.tracing.records import CameraArrays
 
 RIM = 384
 """Points around an aperture."""
@@ -25,26 +25,21 @@ class Contours:
 
     Parameters
     ----------
-    camera : tuple
-        Optics, table, lenses and mosaic of `Tracer.arrays`.
-    lens, kind : (n,) int64
-        Rows of microlenses and their types.
-    rims : (types, rings * RIM, 3) float64
-        Points around the aperture of each type, in the frame of their microlens; rings of them where the rim itself may
-        be dark, because another face cuts the light there.
+    camera : CameraArrays
+    rims : Pencils
+        Microlenses, and rings * RIM points around the aperture of each type: rings where the rim itself may be dark,
+        because another face cuts the light there.
     origins, directions : (n, 2), (d, 2) float64
     """
 
     def __init__(
         self,
-        camera: tuple[Any, ...],
-        lens: np.ndarray,
-        kind: np.ndarray,
-        rims: np.ndarray,
+        camera: CameraArrays,
+        rims: Pencils,
         origins: np.ndarray,
         directions: np.ndarray,
     ) -> None:
-        self._camera, self._lens, self._kind, self._rims = camera, lens, kind, rims
+        self._camera, self._rims = camera, rims
         self._origins, self._directions = origins, directions
 
     def distances(self, outside: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -116,23 +111,13 @@ class Contours:
         n, d = distance.shape
         which = (first[..., None] + stride * np.arange(count)) % RIM
         starts = self._origins[:, None] + distance[..., None] * self._directions
-        rings = self._rims.shape[1] // RIM
+        rings = self._rims.points.shape[1] // RIM
         starts = np.repeat(starts, count * rings, axis=1)
         low, blocker = np.zeros(starts.shape[:2]), np.empty(starts.shape[:2], np.int64)
-        pinhole_kernels.edges(
-            self._camera,
-            self._lens,
-            self._kind,
-            self._rims,
-            (which[..., None] + RIM * np.arange(rings)).reshape(n, -1),
-            starts,
-            np.zeros(starts.shape),
-            low,
-            low,
-            0,
-            blocker,
-        )
-        pinhole_kernels.edges.count(blocker.size, len(self._camera[1]))
+        points = (which[..., None] + RIM * np.arange(rings)).reshape(n, -1)
+        ways = Bisections(points, starts, np.zeros(starts.shape), low, low, blocker)
+        pinhole_kernels.edges(self._camera, self._rims, ways, 0)
+        pinhole_kernels.edges.count(blocker.size, len(self._camera.table))
         passes = (blocker.reshape(n, d, count, rings) == PASSES).any(axis=3)
         # The middle of the first run: far from each other two parts of the rim may be lit.
         begins = np.argmax(passes & ~np.roll(passes, 1, axis=2), axis=2)[..., None]

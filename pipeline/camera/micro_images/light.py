@@ -11,8 +11,10 @@ from itertools import chain, combinations
 
 import numpy as np
 
+from pipeline.camera.micro_images import pinhole_kernels
 from pipeline.camera.micro_images.centres import MicroImages
 from pipeline.camera.micro_images.contours import RIM, Contours
+from pipeline.camera.micro_images.pinhole_kernels import Pencils
 from pipeline.camera.micro_images.pupil_images import Apertures
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell
@@ -101,26 +103,31 @@ def _chunk(
     limit: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Centroids, areas and outlines of some microlenses."""
-    optics, table, _, lenses, _, mosaic = tracer.arrays
+    camera = tracer.arrays
     points, shares = _nodes(array)
-    middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), 4))
-    for sign, part in _parts(table):
-        apertures = Apertures((optics, part, lenses, mosaic), rows, kind, points, shares)
+    middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), pinhole_kernels.SUMS))
+    for sign, part in _parts(camera.table):
+        apertures = Apertures(camera._replace(table=part), Pencils(rows, kind, points), shares)
         sums += sign * apertures.light(middle, shift, limit)
-    some = sums[:, 0] > 0
-    centroid, area = np.full_like(middle, np.nan), np.where(some, sums[:, 3], np.nan)
-    centroid[some] = middle[some] + sums[some, 1:3] / sums[some, :1]
+    some = sums[:, pinhole_kernels.LIGHT] > 0
+    centroid, area = np.full_like(middle, np.nan), np.where(some, sums[:, pinhole_kernels.FILLED], np.nan)
+    centroid[some] = (
+        middle[some]
+        + sums[some, pinhole_kernels.BY_X : pinhole_kernels.BY_Y + 1] / sums[some, pinhole_kernels.LIGHT, None]
+    )
     # The image is the sensor frame, turned by 180 degrees about z.
     angle = np.deg2rad(OUTLINE_DEG)
     along = -np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    outer = Apertures((optics, _without_holes(table), lenses, mosaic), rows, kind, points, shares)
+    unobstructed = camera._replace(table=_without_holes(camera.table))
+    outer = Apertures(unobstructed, Pencils(rows, kind, points), shares)
     pupil = outer.reach(np.nan_to_num(centroid), along, limit)
     least = np.nan_to_num(pupil.min(axis=1), nan=0.0)
     least = np.where(least > 0, least, limit)
     rim = np.concatenate([share * _rim(array) for share in _shares_of_rim(array)])
     beyond = 1.05 * np.abs(shift) * np.hypot(*rim.T).max() + 0.01 * least
     outside = np.where(np.isnan(pupil), limit[:, None], pupil) + beyond[:, None]
-    contours = Contours(outer.camera, rows, kind, on_apertures(array, rim), np.nan_to_num(centroid), along)
+    rims = Pencils(rows, kind, on_apertures(array, rim))
+    contours = Contours(unobstructed, rims, np.nan_to_num(centroid), along)
     light = contours.distances(outside, _STEP * np.minimum(least, beyond))
     pupil[~some], light[~some] = np.nan, np.nan
     return centroid, area, pupil, light
@@ -144,8 +151,7 @@ def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.n
 
     From the sampling bounds, turned round as for `MicroImages.reach_mm`.
     """
-    optics, _, outlines, lenses, _, _ = tracer.arrays
-    lenses = lenses[rows]
+    optics, outlines, lenses = tracer.arrays.optics, tracer.arrays.outlines, tracer.arrays.lenses[rows]
     base = around = lenses[:, :2]
     margin = np.zeros(len(rows))
     if lenses.shape[1] != microlens_kernels.PLAIN_COLUMNS:
@@ -153,7 +159,7 @@ def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.n
         around = lenses[:, [microlens_kernels.OUTLINE_X, microlens_kernels.OUTLINE_Y]]
         margin = lenses[:, microlens_kernels.MARGIN]
     polygons = np.empty((len(rows), outlines.shape[2], 2))
-    outlines_at(optics[3], outlines, np.ascontiguousarray(around), polygons)
+    outlines_at(optics.step_mm, outlines, np.ascontiguousarray(around), polygons)
     by_start, by_aim = tracer.microlenses.reach[rows].T
     edge = lenses[:, None, :2] + (polygons - base[:, None]) / by_start[:, None, None] - images.centre_mm[rows, None]
     limit = _ROOM * np.hypot(edge[..., 0], edge[..., 1]).max(axis=1, initial=0.0) + margin / np.abs(by_start)

@@ -6,12 +6,13 @@ thing blocks all around. Else nodes of Gauss and Legendre lie on the arcs betwee
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.micro_images import pinhole_kernels
+from pipeline.camera.micro_images.pinhole_kernels import Bisections, Pencils, Sectors
+from pipeline.camera.tracing.records import CameraArrays
 
 DIRECTIONS = 24
 _EDGE_STEPS, _CORNER_STEPS = 17, 10
@@ -28,20 +29,15 @@ class Apertures:
 
     Attributes
     ----------
-    camera : tuple
-        Optics, table, lenses and mosaic of `Tracer.arrays`.
-    lens, kind : (n,) int64
-        Rows and types.
-    points : (types, m, 5, 3) float64
-        Each with its neighbours, see `pencils.add_light`; the vertex first.
+    camera : CameraArrays
+    pencils : Pencils
+        n of them, their points with neighbours, (types, m, 5, 3), as `pencils.add_light` takes them; the vertex first.
     shares : (m,) float64
         Weights of a quadrature over the aperture.
     """
 
-    camera: tuple[Any, ...]
-    lens: np.ndarray
-    kind: np.ndarray
-    points: np.ndarray
+    camera: CameraArrays
+    pinhole_kernels: Pencils
     shares: np.ndarray
 
     def light(self, middle: np.ndarray, shift: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -56,9 +52,10 @@ class Apertures:
         limit : (n,) float64
             About how far light through one point may reach.
         """
-        n, m = len(self.lens), len(self.shares)
+        n, m = len(self.pencils.microlens), len(self.shares)
         owner, which = np.divmod(np.arange(n * m), m)
-        bases = (middle[:, None] + shift[:, None, None] * self.points[self.kind, :, 0, :2]).reshape(-1, 2)
+        off_vertex = self.pencils.points[self.pencils.kind, :, 0, :2]
+        bases = (middle[:, None] + shift[:, None, None] * off_vertex).reshape(-1, 2)
         lit = self._settle(owner, which, bases, limit)
         along = _circle(np.tile(_even(), m))
         # All pencils of a microlens in one go: packets fill.
@@ -71,9 +68,10 @@ class Apertures:
         )
         radius, blocker = radius.reshape(-1, DIRECTIONS), blocker.reshape(-1, DIRECTIONS)
         off, is_round = _middles(radius, blocker)
-        sums, rounds = np.zeros((n, 4)), np.flatnonzero(lit & is_round)
+        sums, rounds = np.zeros((n, pinhole_kernels.SUMS)), np.flatnonzero(lit & is_round)
         angle = np.full((len(rounds), DIRECTIONS), 2 * np.pi / DIRECTIONS)
-        self._add(owner[rounds], which[rounds], bases[rounds], _even(), radius[rounds], angle, middle, sums)
+        sectors = _sectors(owner[rounds], which[rounds], bases[rounds], _even(), radius[rounds], angle)
+        pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         others = np.flatnonzero(lit & ~is_round)
         if len(others):
             owner, which, bases, off = owner[others], which[others], bases[others], off[others]
@@ -82,12 +80,14 @@ class Apertures:
             bases = np.where(passes[:, None], moved, bases)
             turn, angle = self._between_corners(owner, which, bases, limit[owner])
             radius, _ = self._around(owner, which, bases, turn, limit[owner])
-            self._add(owner, which, bases, turn, radius, angle, middle, sums)
+            sectors = _sectors(owner, which, bases, turn, radius, angle)
+            pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         return sums
 
     def reach(self, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Reach of light through the vertex from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
-        owner, vertex = np.arange(len(self.lens)), np.zeros(len(self.lens), np.int64)
+        owner = np.arange(len(self.pencils.microlens))
+        vertex = np.zeros(len(owner), np.int64)
         lit = self._passes(owner, vertex[:, None], origins[:, None])
         shape = len(owner), len(directions)
         which, starts = np.zeros(shape, np.int64), np.broadcast_to(origins[:, None], (*shape, 2))
@@ -107,20 +107,11 @@ class Apertures:
         low, high = np.zeros(which.shape), np.repeat(limit[:, None].astype(float), which.shape[1], axis=1)
         blocker = np.empty(which.shape, np.int64)
         # Of one layout, and writable, lest the kernel is compiled once more.
-        pinhole_kernels.edges(
-            self.camera,
-            self.lens[owner],
-            self.kind[owner],
-            np.ascontiguousarray(self.points[:, :, 0]),
-            np.require(which, requirements=("C", "W")),
-            np.require(bases, requirements=("C", "W")),
-            np.require(directions, requirements=("C", "W")),
-            low,
-            high,
-            steps,
-            blocker,
-        )
-        pinhole_kernels.edges.count(blocker.size * (steps + 2), len(self.camera[1]))
+        which, bases, directions = (np.require(given, requirements=("C", "W")) for given in (which, bases, directions))
+        own, points = self.pencils, np.ascontiguousarray(self.pencils.points[:, :, 0])
+        through = Pencils(own.microlens[owner], own.kind[owner], points)
+        pinhole_kernels.edges(self.camera, through, Bisections(which, bases, directions, low, high, blocker), steps)
+        pinhole_kernels.edges.count(blocker.size * (steps + 2), len(self.camera.table))
         return (low + high) / 2, blocker
 
     def _around(
@@ -139,7 +130,7 @@ class Apertures:
 
     def _settle(self, owner: np.ndarray, which: np.ndarray, bases: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether light passes each point at all, (p,); bases that are dark move to a position that is not."""
-        n, m = len(self.lens), len(self.shares)
+        n, m = len(self.pencils.microlens), len(self.shares)
         lit = self._passes(np.arange(n), which.reshape(n, m), bases.reshape(n, m, 2)).ravel()
         dark = np.flatnonzero(~lit)
         number = np.arange(_SPREAD)
@@ -176,35 +167,14 @@ class Apertures:
             padded[0, row, : len(angles)], padded[1, row, : len(angles)] = angles, shares
         return padded[0], padded[1]
 
-    def _add(
-        self,
-        owner: np.ndarray,
-        which: np.ndarray,
-        bases: np.ndarray,
-        turn: np.ndarray,
-        radius: np.ndarray,
-        angle: np.ndarray,
-        middle: np.ndarray,
-        sums: np.ndarray,
-    ) -> None:
-        """Add the light of pencils (p,) with edges (p, d) to the sums of their microlenses."""
-        turn = np.broadcast_to(turn, radius.shape)
-        count = radius.shape[1]
-        pinhole_kernels.add_light(
-            self.camera,
-            self.lens,
-            self.kind,
-            self.points,
-            self.shares,
-            middle,
-            np.repeat(owner, count),
-            np.repeat(which, count),
-            np.repeat(bases, count, axis=0),
-            _circle(turn.ravel()),
-            radius.ravel(),
-            angle.ravel(),
-            sums,
-        )
+
+def _sectors(
+    owner: np.ndarray, which: np.ndarray, bases: np.ndarray, turn: np.ndarray, radius: np.ndarray, angle: np.ndarray
+) -> Sectors:
+    """Sectors of pencils (p,) with edges (p, d)."""
+    count, turn = radius.shape[1], np.broadcast_to(turn, radius.shape)
+    tips = np.repeat(owner, count), np.repeat(which, count), np.repeat(bases, count, axis=0)
+    return Sectors(*tips, _circle(turn.ravel()), radius.ravel(), angle.ravel())
 
 
 def _even() -> np.ndarray:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.tracing.microlens_kernels import X, Y
 from pipeline.camera.tracing.packets import aim_mixed
-from pipeline.camera.tracing.records import CameraArrays
+from pipeline.camera.tracing.records import CameraArrays, SensorPoints
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, new_region, outline_at
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
@@ -31,15 +32,15 @@ class Blocks(NamedTuple):
 
     Attributes
     ----------
-    lens : (b,) int64
-        Microlens of each, or `NO_MICROLENS`.
+    microlens : (b,) int64
+        That of each, or `NO_MICROLENS`.
     centre_mm : (b, 2) float64
         Vision frame.
     step_mm : (b,) float64
         Distance of the nodes, which lie around the centre.
     """
 
-    lens: np.ndarray
+    microlens: np.ndarray
     centre_mm: np.ndarray
     step_mm: np.ndarray
 
@@ -62,10 +63,10 @@ class Beams(NamedTuple):
 
 def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
     """Trace the beams of some blocks."""
-    shape = len(blocks.lens), NODES * NODES, RAYS, 3
+    shape = len(blocks.microlens), NODES * NODES, RAYS, 3
     beams = Beams(np.empty(shape), np.empty(shape), np.zeros(shape[0], bool))
     _trace(camera._replace(table=_wide_open(camera.table)), blocks, beams)
-    _trace.count(len(blocks.lens) * NODES * NODES * RAYS, len(camera.table))
+    _trace.count(len(blocks.microlens) * NODES * NODES * RAYS, len(camera.table))
     return beams
 
 
@@ -78,34 +79,33 @@ def _wide_open(table: np.ndarray) -> np.ndarray:
 
 @kernel
 def _trace(camera, blocks, beams):
-    optics, table, outlines, lenses, aperture, mosaic = camera
     region, packet = new_region(), new_packet()
-    start_x, start_y, owner = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
+    start, owner = SensorPoints(np.empty(PACKET), np.empty(PACKET)), np.empty(PACKET, np.int64)
     x, y, z, dx, dy, dz, alive, _, _ = packet
-    polygon, size = region[0], _AT_ONCE * NODES * RAYS
-    for b in range(blocks.lens.shape[0]):
-        lens, beams.known[b] = blocks.lens[b], True
+    polygon, size = region.polygon, _AT_ONCE * NODES * RAYS
+    for b in range(blocks.microlens.shape[0]):
+        microlens, beams.known[b] = blocks.microlens[b], True
         for first in range(0, NODES * NODES, _AT_ONCE * NODES):
             for i in range(_AT_ONCE * NODES):
                 up, across = (first + i) // NODES, (first + i) % NODES
                 sx = blocks.centre_mm[b, 0] + (across - 0.5 * (NODES - 1)) * blocks.step_mm[b]
                 sy = blocks.centre_mm[b, 1] + (up - 0.5 * (NODES - 1)) * blocks.step_mm[b]
-                if lens == NO_MICROLENS:
-                    count = outline_at(optics[3], outlines, sx, sy, polygon)
+                if microlens == NO_MICROLENS:
+                    count = outline_at(camera.optics.step_mm, camera.outlines, sx, sy, polygon)
                     if polygon[0, 0] == polygon[count // 2, 0] and polygon[0, 1] == polygon[count // 2, 1]:  # dark
                         beams.known[b] = False
                 else:
-                    count = aperture.shape[0]
+                    count = camera.aperture.shape[0]
                     for k in range(count):
-                        polygon[k, 0] = lenses[lens, 0] + aperture[k, 0]
-                        polygon[k, 1] = lenses[lens, 1] + aperture[k, 1]
+                        polygon[k, 0] = camera.lenses[microlens, X] + camera.aperture[k, 0]
+                        polygon[k, 1] = camera.lenses[microlens, Y] + camera.aperture[k, 1]
                 here = slice(i * RAYS, (i + 1) * RAYS)
                 _spread(polygon, count, x[here], y[here])
-                start_x[here], start_y[here], owner[here] = sx, sy, b
-            aim_mixed(optics, lenses, mosaic, blocks.lens, owner, start_x, start_y, size, packet)
+                start.x[here], start.y[here], owner[here] = sx, sy, b
+            aim_mixed(camera, blocks.microlens, owner, start, size, packet)
             for i in range(size):
                 alive[i] = 1.0
-            trace_packet(table, packet, size)
+            trace_packet(camera.table, packet, size)
             for i in range(size):
                 node, k = first + i // RAYS, i % RAYS
                 beams.origin[b, node, k, 0], beams.origin[b, node, k, 1], beams.origin[b, node, k, 2] = x[i], y[i], z[i]

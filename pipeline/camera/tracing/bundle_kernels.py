@@ -1,7 +1,7 @@
 """Bundles: from sensor positions through one microlens each, or none, and the main lens to rays in the scene.
 
 Vision frame, mm. A conventional camera samples the rear vertex plane, a plenoptic one the plane of its microlenses; all
-else is the same code. `lens` is the row of a microlens, `NO_MICROLENS`, or `SKIP`.
+else is the same code. A microlens is its row, `NO_MICROLENS`, or `SKIP`; `camera.tracing.records` names the other arguments.
 """
 
 import math
@@ -11,7 +11,8 @@ import numpy as np
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.tracing.microlens_kernels import free_weight
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT, accumulate, clear, cross_packet, finish, set_pivot
-from pipeline.camera.tracing.packets import aim_into, draw, region_drift, send_mixed, send_packet
+from pipeline.camera.tracing.packets import Anchor, aim_into, draw, region_drift, send_mixed, send_packet
+from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
 from pipeline.camera.tracing.sobol import hash32
 from pipeline.jit.decorators import inline, kernel
@@ -27,19 +28,19 @@ _GAUSS = 0.28867513459481287
 
 
 @inline
-def mean_free_weight(optics, lenses, aperture, mosaic, lens, x, y, square, polygon):
+def mean_free_weight(camera, microlens, x, y, square, polygon):
     """Free weight of a position, or its mean over the square around it; over a few pixels it is all but quadratic."""
     points = 4 if square > 0.0 else 1
     total, off = 0.0, _GAUSS * square
     for i in range(points):
         a, b = x + (off if i % 2 else -off), y + (off if i // 2 else -off)
-        total += free_weight(optics, lenses, aperture, mosaic, lens, a, b, polygon) / points
+        total += free_weight(camera, microlens, a, b, polygon) / points
     return total
 
 
 @kernel
 def bundle_moments(camera, planes, samples, starts, moments):
-    """Moments of the bundles of many sensor positions on two planes: `camera.tracing.records` names the other arguments.
+    """Moments of the bundles of many sensor positions on two planes.
 
     Parameters
     ----------
@@ -48,30 +49,28 @@ def bundle_moments(camera, planes, samples, starts, moments):
     moments : (n, COLUMNS) float64
         Written, see `camera.tracing.moments`; NaN where the bundle is empty.
     """
-    optics, table, outlines, lenses, aperture, mosaic = camera
     bits, seed, square = samples
-    pixels, anchors, positions, lens = starts
+    pixels, anchors, positions, microlens = starts
     region, packet, crossing = new_region(), new_packet(), np.empty((4, PACKET))
-    x, y, alive, weight = packet[0], packet[1], packet[6], packet[8]
+    x, y, alive, weight = packet.x, packet.y, packet.alive, packet.weight
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    start = SensorPoints(start_x, start_y)
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
     count = bits.shape[1]
     for n in range(positions.shape[0]):
         for k in range(moments.shape[1]):
             moments[n, k] = np.nan
         moments[n, WEIGHT], moments[n, FREE_WEIGHT] = 0.0, 0.0
-        if lens[n] == SKIP:
+        if microlens[n] == SKIP:
             continue
         sx, sy = positions[n]
         own = n if planes.shape[0] > 1 else 0
-        if lens[n] >= 0:
-            moments[n, FREE_WEIGHT] = mean_free_weight(
-                optics, lenses, aperture, mosaic, lens[n], sx, sy, square, region[0]
-            )
+        if microlens[n] >= 0:
+            moments[n, FREE_WEIGHT] = mean_free_weight(camera, microlens[n], sx, sy, square, region.polygon)
         ax, ay = anchors[n]
         slack = CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
-        fan_of = bound(optics, outlines, lenses, aperture, lens[n], ax, ay, slack, region)
-        if not fan_of[3] > 0.0:
+        fan = bound(camera, microlens[n], ax, ay, slack, region)
+        if not fan.area > 0.0:
             continue
         base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
         clear(sums, total)
@@ -93,48 +92,47 @@ def bundle_moments(camera, planes, samples, starts, moments):
                 for i in range(full):
                     start_x[i] = sx + square * (start_x[i] - 0.5)
                     start_y[i] = sy + square * (start_y[i] - 0.5)
-            here, drift = slice(0, full), region_drift(optics, lens[n])
-            aim_into(region, fan_of, drift, ax, ay, start_x[here], start_y[here], x[here], y[here])
-            send_packet(table, optics, lenses, mosaic, lens[n], start_x, start_y, full, packet)
+            anchor = Anchor(ax, ay, region_drift(camera, microlens[n]))
+            aim_into(region, fan, anchor, start, packet, 0, full)
+            send_packet(camera, microlens[n], start, full, packet)
             cross_packet(planes[own, 0], planes[own, 1], packet, 0, full, crossing)
             started = started or set_pivot(crossing, alive, 0, full, pivot)
             if started:
                 for r in range(REPLICAS):
                     accumulate(crossing, weight, alive, r * size, (r + 1) * size, pivot, sums[r], total)
         if started:
-            finish(sums, total, pivot, fan_of[3] / (count * REPLICAS), moments[n])
+            finish(sums, total, pivot, fan.area / (count * REPLICAS), moments[n])
 
 
 @kernel
 def image_rays(camera, samples, squares, rays):
-    """Rays that leave the camera from many squares of the sensor, compacted: `camera.tracing.records` names the
-    arguments.
+    """Rays that leave the camera from many squares of the sensor, compacted.
 
     Returns
     -------
     int
         Number of rays written.
     """
-    optics, table, outlines, lenses, aperture, mosaic = camera
     region, packet = new_region(), new_packet()
     start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
-    x, y, bits, lens_of = packet[0], packet[1], samples.bits, squares.strata.reshape(-1)
+    start, x, y = SensorPoints(start_x, start_y), packet.x, packet.y
+    bits, microlens_of = samples.bits, squares.strata.reshape(-1)
     held, written, edge, places = 0, 0, samples.edge_mm, squares.strata.shape[1]
     for n in range(squares.positions.shape[0]):
         sx, sy = squares.positions[n]
         base = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1])
         for j in range(places):
-            lens, stream = squares.strata[n, j], _IMAGE_STREAM + 4 * j
-            if lens == SKIP:
+            microlens, stream = squares.strata[n, j], _IMAGE_STREAM + 4 * j
+            if microlens == SKIP:
                 continue
-            fan_of = bound(optics, outlines, lenses, aperture, lens, sx, sy, CIRCUMRADIUS * edge, region)
-            if not fan_of[3] > 0.0:
+            fan = bound(camera, microlens, sx, sy, CIRCUMRADIUS * edge, region)
+            if not fan.area > 0.0:
                 continue
             count = squares.counts[n, j]
             for first in range(0, count, PACKET):
                 size = min(PACKET, count - first)
                 if held + size > PACKET:
-                    send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
+                    send_mixed(camera, microlens_of, held_by, start, held, packet)
                     written = _release(packet, held, held_by, area, rays, written)
                     held = 0
                 here = slice(held, held + size)
@@ -143,14 +141,14 @@ def image_rays(camera, samples, squares, rays):
                 draw(bits[2], first, size, hash32(base, stream + 2), x[here])
                 draw(bits[3], first, size, hash32(base, stream + 3), y[here])
                 for i in range(held, held + size):
-                    held_by[i], area[i] = n * places + j, fan_of[3] / count
+                    held_by[i], area[i] = n * places + j, fan.area / count
                     start_x[i] = sx + edge * (start_x[i] - 0.5)
                     start_y[i] = sy + edge * (start_y[i] - 0.5)
-                drift = region_drift(optics, lens)
-                aim_into(region, fan_of, drift, sx, sy, start_x[here], start_y[here], x[here], y[here])
+                anchor = Anchor(sx, sy, region_drift(camera, microlens))
+                aim_into(region, fan, anchor, start, packet, held, held + size)
                 held += size
     if held > 0:
-        send_mixed(table, optics, lenses, mosaic, lens_of, held_by, start_x, start_y, held, packet)
+        send_mixed(camera, microlens_of, held_by, start, held, packet)
         written = _release(packet, held, held_by, area, rays, written)
     return written
 

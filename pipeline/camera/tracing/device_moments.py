@@ -18,7 +18,7 @@ from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT, cross, finish
 from pipeline.camera.tracing.one_ray import send_ray
 from pipeline.camera.tracing.packets import region_drift
 from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
-from pipeline.camera.tracing.sampling_bounds import SKIP, bound
+from pipeline.camera.tracing.sampling_bounds import SKIP, Region, bound
 from pipeline.camera.tracing.sobol import hash32, scrambled
 from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda
@@ -28,6 +28,24 @@ _FIRST, _SECOND, _SUMS = 5, 10, 15
 """Sums of a thread: weight and first moments, second moments, and all."""
 _AT_ONCE, _BINDING = 1 << 16, 64
 """Bundles that are on the device together, 2 kB each; threads of a block that bounds them."""
+
+
+class Regions(NamedTuple):
+    """What may pass of many bundles.
+
+    Attributes
+    ----------
+    polygons, cumulative : (n, MAX_VERTICES, 2), (n, MAX_VERTICES) float64
+        Polygons, and cumulative areas of their fans.
+    vertices, centre, area : (n,) int64, (n, 2), (n,) float64
+        The fans, of area 0 where nothing passes: see `regions.Fan`.
+    """
+
+    polygons: np.ndarray
+    cumulative: np.ndarray
+    vertices: np.ndarray
+    centre: np.ndarray
+    area: np.ndarray
 
 
 class Sums(NamedTuple):
@@ -63,28 +81,29 @@ def bind_bundles(camera, samples, starts, regions, moments):
     ----------
     camera, samples, starts, moments
         As in `sum_bundles`.
-    regions : ((n, MAX_VERTICES, 2) float64, (n, MAX_VERTICES) float64, (n, 4) float64)
-        Written: polygons, cumulative areas of their fans, and the fans, of area 0 where nothing passes.
+    regions : Regions
+        Written.
     """
     outline = cuda.local.array((MAX_VERTICES, 2), np.float64)
     scratch = cuda.local.array((MAX_VERTICES, 2), np.float64)
     n = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
     if n >= moments.shape[0]:
         return
-    optics, _, outlines, lenses, aperture, mosaic = camera
-    _, anchors, positions, lens_of = starts
-    square = samples.edge_mm
-    sx, sy, ax, ay, lens = positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1], lens_of[n]
-    row, fan, region = moments[n], regions[2][n], (regions[0][n], outline, scratch, regions[1][n])
+    _, anchors, positions, microlenses = starts
+    square, microlens = samples.edge_mm, microlenses[n]
+    sx, sy, ax, ay = positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
+    row, region = moments[n], Region(regions.polygons[n], outline, scratch, regions.cumulative[n])
     for k in range(row.shape[0]):
         row[k] = math.nan
-    row[WEIGHT], row[FREE_WEIGHT], fan[3] = 0.0, 0.0, 0.0
-    if lens == SKIP:
+    row[WEIGHT], row[FREE_WEIGHT], regions.area[n] = 0.0, 0.0, 0.0
+    if microlens == SKIP:
         return
-    if lens >= 0:
-        row[FREE_WEIGHT] = mean_free_weight(optics, lenses, aperture, mosaic, lens, sx, sy, square, region[0])
+    if microlens >= 0:
+        row[FREE_WEIGHT] = mean_free_weight(camera, microlens, sx, sy, square, region.polygon)
     slack = CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
-    fan[0], fan[1], fan[2], fan[3] = bound(optics, outlines, lenses, aperture, lens, ax, ay, slack, region)
+    fan = bound(camera, microlens, ax, ay, slack, region)
+    regions.vertices[n], regions.area[n] = fan.vertices, fan.area
+    regions.centre[n, 0], regions.centre[n, 1] = fan.x, fan.y
 
 
 @DeviceKernel
@@ -95,7 +114,7 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
     ----------
     camera, planes, samples, starts
         As in `camera.tracing.bundle_kernels.bundle_moments`.
-    regions : tuple
+    regions : Regions
         From `bind_bundles`.
     moments : (n, COLUMNS) float64
         Written, where anything passes.
@@ -106,7 +125,7 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
     second_sums = cuda.shared.array(_SECOND, np.float64)
     pivot = cuda.shared.array(5, np.float64)
     n, thread, threads = cuda.blockIdx.x, cuda.threadIdx.x, cuda.blockDim.x
-    area, share, count = regions[2][n, 3], threads // REPLICAS, samples.bits.shape[1]
+    area, share, count = regions.area[n], threads // REPLICAS, samples.bits.shape[1]
     if not area > 0.0:
         return
     if thread == 0:
@@ -148,7 +167,7 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
 def _sent(camera, samples, starts, regions, n, index, replica):
     """The ray of one sample of a bundle, and its weight."""
     bits, seed, square = samples
-    pixels, anchors, positions, lens_of = starts
+    pixels, anchors, positions, microlens = starts
     base = hash32(hash32(seed, pixels[n, 0]), pixels[n, 1])
     u = scrambled(bits[0, index], hash32(base, 2 * replica))
     v = scrambled(bits[1, index], hash32(base, 2 * replica + 1))
@@ -156,10 +175,10 @@ def _sent(camera, samples, starts, regions, n, index, replica):
     if square > 0.0:
         sx += square * (scrambled(bits[2, index], hash32(base, START_STREAM + 2 * replica)) - 0.5)
         sy += square * (scrambled(bits[3, index], hash32(base, START_STREAM + 2 * replica + 1)) - 0.5)
-    polygons, cumulative, fans = regions
-    px, py = point_in_fan(polygons[n], int(fans[n, 0]), cumulative[n], fans[n, 1], fans[n, 2], u, v)
-    drift = region_drift(camera[0], lens_of[n])
-    return send_ray(camera, lens_of[n], sx, sy, px + drift * (sx - ax), py + drift * (sy - ay))
+    polygons, cumulative, vertices, centre, _ = regions
+    px, py = point_in_fan(polygons[n], vertices[n], cumulative[n], centre[n, 0], centre[n, 1], u, v)
+    drift = region_drift(camera, microlens[n])
+    return send_ray(camera, microlens[n], sx, sy, px + drift * (sx - ax), py + drift * (sy - ay))
 
 
 @inline
@@ -212,6 +231,12 @@ def _sum_of(values, row, first, count):
     return total
 
 
+def empty_regions(count: int) -> Regions:
+    """Room for so many regions."""
+    polygons, cumulative = np.empty((count, MAX_VERTICES, 2)), np.empty((count, MAX_VERTICES))
+    return Regions(polygons, cumulative, np.zeros(count, np.int64), np.zeros((count, 2)), np.zeros(count))
+
+
 def moments_on_device(
     camera: CameraArrays, planes: np.ndarray, samples: Samples, starts: Starts, moments: np.ndarray
 ) -> None:
@@ -227,6 +252,6 @@ def moments_on_device(
         some = slice(first, first + _AT_ONCE)
         here, part, own = starts.part(some), moments[some], planes[some] if len(planes) > 1 else planes
         count = len(part)
-        regions = np.empty((count, MAX_VERTICES, 2)), np.empty((count, MAX_VERTICES)), np.zeros((count, 4))
+        regions = empty_regions(count)
         bind_bundles(-(-count // _BINDING), _BINDING, camera, samples, here, regions, part)
         sum_bundles(count, threads, camera, own, samples, here, regions, part)

@@ -1,8 +1,7 @@
 """Rays through a microlens that is more than an untilted thin one, in its own frame. Kernels only; mm.
 
 The local frame of a microlens has its origin at the vertex of the rear face and z along its axis, to the scene;
-`detail` holds the turn from the vision frame. `mosaic` is the tuple of detail, faces, bends and rims that
-`camera.tracing.microlens_tables` makes.
+`detail` holds the turn from the vision frame. `camera` is a `camera.tracing.records.CameraArrays`, `microlens` the row of one.
 """
 
 import math
@@ -11,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.tracing.acceptance import BY_AREA, disc_weight, is_limited, region_weight
+from pipeline.camera.tracing.records import SensorPoints
 from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.optics.crossing import Ray, put, ray_of
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
@@ -40,21 +40,21 @@ class Lenslet(NamedTuple):
 
 
 @inline
-def lenslet_of(optics, lenses, lens):
+def lenslet_of(camera, microlens):
     """The place of a microlens that is not plain."""
-    z = lenses[lens, Z]
-    return Lenslet(lenses[lens, X], lenses[lens, Y], z, lenses[lens, AIM], optics[0] - z)
+    row = camera.lenses[microlens]
+    return Lenslet(row[X], row[Y], row[Z], row[AIM], camera.optics.sensor_z_mm - row[Z])
 
 
 @unit
-def through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, packet):
+def through_microlens(camera, microlens, start, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
-    detail, faces, bends, _ = mosaic
-    kind, place = int(lenses[lens, KIND]), lenslet_of(optics, lenses, lens)
-    towards_microlens(optics, lenses, detail, lens, start_x, start_y, size, packet)
+    detail, faces, bends, _ = camera.mosaic
+    kind, place = int(camera.lenses[microlens, KIND]), lenslet_of(camera, microlens)
+    towards_microlens(camera, microlens, start, size, packet)
     trace_packet(faces[kind], packet, size)
     if detail[MODEL] == THIN:
-        focal = lenses[lens, FOCAL]
+        focal = camera.lenses[microlens, FOCAL]
         for i in range(size):
             put(packet, i, bent_thinly(focal, ray_of(packet, i)))
     elif detail[MODEL] == TWO_PLANE:
@@ -66,11 +66,11 @@ def through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, pack
 
 
 @inline
-def towards_microlens(optics, lenses, detail, lens, start_x, start_y, size, packet):
+def towards_microlens(camera, microlens, start, size, packet):
     """Rays from sensor positions towards aim points, in x and y, with their weights: frame of the microlens."""
-    place, x, y = lenslet_of(optics, lenses, lens), packet.x, packet.y
+    place, detail, x, y = lenslet_of(camera, microlens), camera.mosaic.detail, packet.x, packet.y
     for i in range(size):
-        ray, packet.weight[i] = into_microlens(place, detail, start_x[i], start_y[i], x[i], y[i])
+        ray, packet.weight[i] = into_microlens(place, detail, start.x[i], start.y[i], x[i], y[i])
         put(packet, i, ray)
 
 
@@ -137,15 +137,16 @@ def turned_back(detail, x, y, z):
 
 
 @inline
-def aim_for(sensor_z, lenses, mosaic, lens, sx, sy, px, py, pz):
+def aim_for(camera, microlens, sx, sy, px, py, pz):
     """The aim point of the ray from a sensor position that meets a point (px, py, pz) of the aperture, local frame.
 
     Where a plane face comes first, the slope u in front of it follows from Snell's law by Newton's method:
     gap u + slab u / sqrt(n^2 + (n^2 - 1) u^2) is the distance across.
     """
-    detail, _, bends, _ = mosaic
-    kind, h = int(lenses[lens, KIND]), lenses[lens, AIM]
-    x, y, z = turned(detail, sx - lenses[lens, X], sy - lenses[lens, Y], sensor_z - lenses[lens, Z])
+    detail, _, bends, _ = camera.mosaic
+    row, sensor_z = camera.lenses[microlens], camera.optics.sensor_z_mm
+    kind, h = int(row[KIND]), row[AIM]
+    x, y, z = turned(detail, sx - row[X], sy - row[Y], sensor_z - row[Z])
     across_x, across_y = px - x, py - y
     if bends[kind, IN_FRONT] > 0.0:
         gap, slab, n2 = -z, pz, bends[kind, INDEX] ** 2
@@ -162,44 +163,44 @@ def aim_for(sensor_z, lenses, mosaic, lens, sx, sy, px, py, pz):
 
 
 @unit
-def free_weight(optics, lenses, aperture, mosaic, lens, sx, sy, polygon):
+def free_weight(camera, microlens, sx, sy, polygon):
     """Weight of all rays from a sensor position through the aperture of a microlens, main lens ignored [sr or mm^2]."""
-    detail, rims = mosaic[0], mosaic[3]
-    x, y = sx - lenses[lens, X], sy - lenses[lens, Y]
+    optics, aperture, detail, rims = camera.optics, camera.aperture, camera.mosaic.detail, camera.mosaic.rims
+    row = camera.lenses[microlens]
+    x, y = sx - row[X], sy - row[Y]
     if detail[MODEL] == PLAIN:
-        distance = optics[1] - optics[0]
+        distance = optics.sampling_z_mm - optics.sensor_z_mm
         if not detail[DISC] > 0.0:
             return region_weight(aperture, aperture.shape[0], x, y, distance, detail)
         if not (is_limited(detail) or detail[BY_AREA] > 0.0):
             return disc_weight(detail[DISC], x, y, distance)
         return region_weight(rims[0], rims.shape[1], x, y, distance, detail)
-    rim = rims[int(lenses[lens, KIND])]
+    rim = rims[int(row[KIND])]
     for i in range(rim.shape[0]):
-        polygon[i, 0], polygon[i, 1] = aim_for(optics[0], lenses, mosaic, lens, sx, sy, rim[i, 0], rim[i, 1], rim[i, 2])
-    return region_weight(polygon, rim.shape[0], sx, sy, lenses[lens, AIM], detail)
+        polygon[i, 0], polygon[i, 1] = aim_for(camera, microlens, sx, sy, rim[i, 0], rim[i, 1], rim[i, 2])
+    return region_weight(polygon, rim.shape[0], sx, sy, row[AIM], detail)
 
 
 @kernel
-def rays_before(optics, lenses, mosaic, lens, starts, aims, position, direction, passes):
+def rays_before(camera, microlens, starts, aims, position, direction, passes):
     """Rays from sensor positions (n, 2) through aim points (n, 2) behind, and then before, the microlens of each, (n,).
 
     Written: (n, 3) points on the front face, (n, 3) unit directions, (n,) flags.
     """
-    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
+    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     for n in range(starts.shape[0]):
-        start_x[0], start_y[0] = starts[n, 0], starts[n, 1]
-        packet[0][0], packet[1][0] = aims[n, 0], aims[n, 1]
-        through_microlens(optics, lenses, mosaic, lens[n], start_x, start_y, 1, packet)
-        x, y, z, dx, dy, dz = packet[0], packet[1], packet[2], packet[3], packet[4], packet[5]
-        position[n, 0], position[n, 1], position[n, 2] = x[0], y[0], z[0]
-        direction[n, 0], direction[n, 1], direction[n, 2] = dx[0], dy[0], dz[0]
-        passes[n] = packet[6][0]
+        start.x[0], start.y[0] = starts[n, 0], starts[n, 1]
+        packet.x[0], packet.y[0] = aims[n, 0], aims[n, 1]
+        through_microlens(camera, microlens[n], start, 1, packet)
+        ray = ray_of(packet, 0)
+        position[n, 0], position[n, 1], position[n, 2] = ray.x, ray.y, ray.z
+        direction[n, 0], direction[n, 1], direction[n, 2] = ray.dx, ray.dy, ray.dz
+        passes[n] = ray.alive
 
 
 @kernel
-def aims_for(optics, lenses, mosaic, lens, starts, points, aims):
+def aims_for(camera, microlens, starts, points, aims):
     """Aim points (n, 2), written, of rays from sensor positions (n, 2) to points (n, 3) of apertures, local frame."""
     for n in range(starts.shape[0]):
         px, py, pz = points[n]
-        sx, sy = starts[n, 0], starts[n, 1]
-        aims[n, 0], aims[n, 1] = aim_for(optics[0], lenses, mosaic, lens[n], sx, sy, px, py, pz)
+        aims[n, 0], aims[n, 1] = aim_for(camera, microlens[n], starts[n, 0], starts[n, 1], px, py, pz)

@@ -20,9 +20,10 @@ from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.pupil.outlines import Outlines
 from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.acceptance import BY_AREA, HALF_ANGLE, POWER, ROLL_OFF
+from pipeline.camera.tracing.records import CameraArrays, Mosaic, Optics
 from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.errors import PipelineError
-from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED
+from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
 
 _DISC_SIDES = 24
 _OUTSIDE = 1 + 1e-6
@@ -32,9 +33,6 @@ _TRIALS = 4096
 _SAFETY = 1.2
 """Over the largest error of the linear map among the trials."""
 _MODELS = {"two-plane": microlens_kernels.TWO_PLANE, "refractive": microlens_kernels.REFRACTIVE}
-
-Mosaic = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Detail (15,), faces (types, surfaces, columns), bends (types, 3), rims (types, n, 3): see `microlens_kernels`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +44,7 @@ class Microlenses:
     lenses : (m, columns) float64
     aperture : (c, 2) float64
         Polygon around the aperture.
-    mosaic : tuple
+    mosaic : Mosaic
     reach : (m, 2) float64
         Of the linear map from the sensor to the rear vertex plane: per sensor point, per aim point.
     """
@@ -90,18 +88,18 @@ def microlenses(
     """Arrays of a camera whose surfaces, lattice and outlines are known."""
     array, detail = camera.microlenses, _detail(camera)
     if array is None or lattice is None:
-        nothing = (detail, np.zeros((1, 1, 1)), np.zeros((1, microlens_kernels.BENDS)), np.zeros((1, 1, 3)))
+        nothing = Mosaic(detail, np.zeros((1, 1, 1)), np.zeros((1, microlens_kernels.BENDS)), np.zeros((1, 1, 3)))
         return Microlenses(np.zeros((0, microlens_kernels.PLAIN_COLUMNS)), np.zeros((0, 2)), nothing, np.zeros((0, 2)))
     focal = np.array(array.focal_lengths_mm)[lattice.type]
     lenses = np.column_stack([vertices, focal])
     bends = np.zeros((len(array.focal_lengths_mm), microlens_kernels.BENDS))
     for row, faces in zip(bends, array.faces, strict=False):
         row[:] = -1 / faces.front_radius_mm, faces.index, faces.aperture_is_in_front
-    mosaic = (detail, element_tables(array), bends, _rims(array))
+    mosaic = Mosaic(detail, element_tables(array), bends, _rims(array))
     radius = array.disc_diameter_mm
     aperture = cell(array) if radius is None else regular(_DISC_SIDES, _OUTSIDE * radius / 2, 0.0)
     if is_plain(array):
-        behind, ahead = array.distance_mm, table[0, 0] + camera.sensor_distance_mm - array.distance_mm
+        behind, ahead = array.distance_mm, table[0, VERTEX] + camera.sensor_distance_mm - array.distance_mm
         by_aim = 1.0 + ahead / behind - ahead / focal - bounds.drift
         return Microlenses(lenses, aperture, mosaic, np.column_stack([np.full(len(focal), -ahead / behind), by_aim]))
     placed = _Placed(camera, array, lattice, table, stop_row, bounds)
@@ -198,7 +196,7 @@ class _Placed:
         """Paraxial crossings with the rear vertex and the film plane per unit of the sensor's and of the aim point."""
         array, kind = self.array, self.lattice.type
         planes = np.array(array.principal_mm)[kind] - array.distance_mm
-        above, ahead = self.lattice.z_mm, self.table[0, 0] - rows[:, microlens_kernels.Z]
+        above, ahead = self.lattice.z_mm, self.table[0, VERTEX] - rows[:, microlens_kernels.Z]
         found = []
         for start, slope in ((1.0, -1.0 / rows[:, microlens_kernels.AIM]), (0.0, 1.0 / rows[:, microlens_kernels.AIM])):
             at_principal = start + slope * (array.distance_mm + above + planes[:, 0])
@@ -209,7 +207,7 @@ class _Placed:
 
     def _measure(self, rows: np.ndarray, aperture: np.ndarray, mosaic: Mosaic) -> None:
         """Set inflation and margin from real rays of the lenses of each type that stand lowest, highest, in between."""
-        around = self._sensor_reach(rows, aperture)
+        around, camera = self._sensor_reach(rows, aperture), self._arrays(rows, aperture, mosaic)
         rng = np.random.default_rng(0)
         inflation = margin = 0.0
         for kind in np.unique(self.lattice.type):
@@ -218,16 +216,21 @@ class _Placed:
             for lens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
                 angle, far = rng.uniform(0, 2 * np.pi, _TRIALS), around * np.sqrt(rng.uniform(0, 1, _TRIALS))
                 starts = rows[lens, :2] + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-                points = mosaic[3][kind][rng.integers(0, _RIM, _TRIALS)]
+                points = mosaic.rims[kind][rng.integers(0, _RIM, _TRIALS)]
                 which = np.full(_TRIALS, lens)
                 aims = np.empty((_TRIALS, 2))
-                optics = np.array([self.sensor_mm])
-                microlens_kernels.aims_for(optics, rows, mosaic, which, starts, points, aims)
+                microlens_kernels.aims_for(camera, which, starts, points, aims)
                 inflation = max(inflation, _excess(aims - rows[lens, :2], aperture))
                 inner = rows[lens, :2] + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - rows[lens, :2])
-                margin = max(margin, self._error(optics, rows, mosaic, which, starts, inner))
+                margin = max(margin, self._error(camera, which, starts, inner))
         rows[:, microlens_kernels.INFLATION] = _SAFETY * inflation + 1e-9
         rows[:, microlens_kernels.MARGIN] = _SAFETY * margin + 1e-9
+
+    def _arrays(self, rows: np.ndarray, aperture: np.ndarray, mosaic: Mosaic) -> CameraArrays:
+        """The camera for the kernels, as `Tracer.arrays`."""
+        rear_mm = float(self.table[0, VERTEX])
+        optics = Optics(self.sensor_mm, self.film_mm, rear_mm, self.bounds.step_mm, self.bounds.drift)
+        return CameraArrays(optics, self.table, self.bounds.vertices_mm, rows, aperture, mosaic)
 
     def _sensor_reach(self, rows: np.ndarray, aperture: np.ndarray) -> float:
         """Largest distance from below its vertex at which light of a microlens meets the sensor, to first order."""
@@ -239,20 +242,12 @@ class _Placed:
         corner = np.hypot(*aperture.T).max()
         return float(1.05 * ((np.hypot(*across.T).max(axis=0) + corner * np.abs(by_aim)) / np.abs(by_start)).max())
 
-    def _error(
-        self,
-        optics: np.ndarray,
-        rows: np.ndarray,
-        mosaic: Mosaic,
-        which: np.ndarray,
-        starts: np.ndarray,
-        aims: np.ndarray,
-    ) -> float:
+    def _error(self, camera: CameraArrays, which: np.ndarray, starts: np.ndarray, aims: np.ndarray) -> float:
         """Largest distance between where real rays meet the rear vertex plane and where the linear map has them."""
         position, direction, passes = np.empty((_TRIALS, 3)), np.empty((_TRIALS, 3)), np.empty(_TRIALS)
-        microlens_kernels.rays_before(optics, rows, mosaic, which, starts, aims, position, direction, passes)
-        slope, row = direction[:, :2] / direction[:, 2:], rows[which[0]]
-        at_rear = position[:, :2] + slope * (self.table[0, 0] - position[:, 2:])
+        microlens_kernels.rays_before(camera, which, starts, aims, position, direction, passes)
+        slope, row = direction[:, :2] / direction[:, 2:], camera.lenses[which[0]]
+        at_rear = position[:, :2] + slope * (self.table[0, VERTEX] - position[:, 2:])
         at_film = position[:, :2] + slope * (self.film_mm - position[:, 2:])
         linear = row[[microlens_kernels.BASE_X, microlens_kernels.BASE_Y]] + row[microlens_kernels.BY_START] * (
             starts - row[:2]

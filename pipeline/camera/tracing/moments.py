@@ -28,7 +28,7 @@ def cross(plane, px, py, pz, dx, dy, dz):
 @unit
 def cross_packet(near, far, packet, first, end, crossing):
     """Crossings of some rays of a packet with both planes, (4, PACKET)."""
-    x, y, z, dx, dy, dz = packet[0], packet[1], packet[2], packet[3], packet[4], packet[5]
+    x, y, z, dx, dy, dz = packet.x, packet.y, packet.z, packet.dx, packet.dy, packet.dz
     for i in range(first, end):
         crossing[0, i], crossing[1, i] = cross(near, x[i], y[i], z[i], dx[i], dy[i], dz[i])
         crossing[2, i], crossing[3, i] = cross(far, x[i], y[i], z[i], dx[i], dy[i], dz[i])

@@ -18,52 +18,52 @@ from pipeline.camera.tracing.microlens_kernels import (
     lenslet_of,
     out_of_microlens,
 )
-from pipeline.camera.tracing.packets import aimed, plain_lens, weighed, within_disc
+from pipeline.camera.tracing.packets import aimed, plain_microlens, weighed, within_disc
 from pipeline.jit.decorators import inline
 from pipeline.optics.crossing import Ray
 from pipeline.optics.one_ray import trace_ray
 
 
 @inline
-def send_ray(camera, lens, start_x, start_y, x, y):
+def send_ray(camera, microlens, start_x, start_y, x, y):
     """The ray from a sensor position through a point of the sampling plane, behind the front vertex; its weight.
 
-    `camera` holds what `Tracer.arrays` does: optics, table, outlines, lenses, aperture, mosaic.
+    `camera` is a `camera.tracing.records.CameraArrays`.
     """
-    optics, table, _, lenses, _, mosaic = camera
-    detail = mosaic[0]
-    if lens >= 0 and detail[MODEL] != PLAIN:
-        ray, weight = _through(optics, lenses, mosaic, lens, start_x, start_y, x, y)
-        h = lenses[lens, AIM]
+    detail, optics = camera.mosaic.detail, camera.optics
+    if microlens >= 0 and detail[MODEL] != PLAIN:
+        ray, weight = _through(camera, microlens, start_x, start_y, x, y)
+        h = camera.lenses[microlens, AIM]
     else:
-        ray, weight = _past(optics, lenses, detail, lens, start_x, start_y, x, y)
-        h = optics[1] - optics[0]
+        ray, weight = _past(camera, microlens, start_x, start_y, x, y)
+        h = optics.sampling_z_mm - optics.sensor_z_mm
     alive = ray.alive
     if is_limited(detail) or detail[BY_AREA] > 0.0:
         weight, alive = weighed(detail, h, weight, alive)
-    return trace_ray(table, Ray(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, alive)), weight
+    return trace_ray(camera.table, Ray(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, alive)), weight
 
 
 @inline
-def _past(optics, lenses, detail, lens, start_x, start_y, x, y):
+def _past(camera, microlens, start_x, start_y, x, y):
     """The ray behind a plain microlens, or none."""
-    plain = plain_lens(lenses, lens)
-    ray, weight = aimed(plain, 1.0 / (optics[1] - optics[0]), optics[1], start_x, start_y, x, y)
+    optics, disc, plain = camera.optics, camera.mosaic.detail[DISC], plain_microlens(camera.lenses, microlens)
+    per_h = 1.0 / (optics.sampling_z_mm - optics.sensor_z_mm)
+    ray, weight = aimed(plain, per_h, optics.sampling_z_mm, start_x, start_y, x, y)
     alive = ray.alive
-    if lens >= 0 and detail[DISC] > 0.0:
-        alive = within_disc(detail[DISC], plain.x, plain.y, ray)
+    if microlens >= 0 and disc > 0.0:
+        alive = within_disc(disc, plain.x, plain.y, ray)
     return Ray(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, alive), weight
 
 
 @inline
-def _through(optics, lenses, mosaic, lens, start_x, start_y, x, y):
+def _through(camera, microlens, start_x, start_y, x, y):
     """The ray behind a microlens that is not plain: vision frame."""
-    detail, faces, bends, _ = mosaic
-    kind, place = int(lenses[lens, KIND]), lenslet_of(optics, lenses, lens)
+    detail, faces, bends, _ = camera.mosaic
+    kind, place = int(camera.lenses[microlens, KIND]), lenslet_of(camera, microlens)
     ray, weight = into_microlens(place, detail, start_x, start_y, x, y)
     ray = trace_ray(faces[kind], ray)
     if detail[MODEL] == THIN:
-        ray = bent_thinly(lenses[lens, FOCAL], ray)
+        ray = bent_thinly(camera.lenses[microlens, FOCAL], ray)
     elif detail[MODEL] == TWO_PLANE:
         ray = bent_by_normals(bends[kind, CURVATURE_OF_NORMALS], bends[kind, INDEX], ray)
     return out_of_microlens(place, detail, ray), weight

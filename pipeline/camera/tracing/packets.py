@@ -1,11 +1,15 @@
-"""Packets of rays that start on the sensor: random points on a region, aim, weight. Kernels only; vision frame, mm."""
+"""Packets of rays that start on the sensor: random points on a region, aim, weight. Kernels only; vision frame, mm.
+
+`camera` is a `camera.tracing.records.CameraArrays`, `start` a `camera.tracing.records.SensorPoints`.
+"""
 
 import math
 from typing import NamedTuple
 
 from pipeline.camera.parts.polygon import point_in_fan
 from pipeline.camera.tracing.acceptance import BY_AREA, accepted_share, is_limited
-from pipeline.camera.tracing.microlens_kernels import AIM, DISC, MODEL, PLAIN, through_microlens
+from pipeline.camera.tracing.microlens_kernels import AIM, DISC, FOCAL, MODEL, PLAIN, X, Y, through_microlens
+from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sobol import scrambled
 from pipeline.jit.decorators import inline, unit
 from pipeline.optics.crossing import Ray, put, ray_of
@@ -27,132 +31,141 @@ def draw(bits, first, size, seed, values):
         values[i] = scrambled(bits[first + i], seed)
 
 
+class Anchor(NamedTuple):
+    """The sensor position that a region is bound for [mm], and how far the region moves per distance from there."""
+
+    x: float
+    y: float
+    drift: float
+
+
 @unit
-def aim_into(region, fan_of, drift, centre_x, centre_y, start_x, start_y, x, y):
-    """Turn two random numbers of each ray, in x and y, into a point of a region.
+def aim_into(region, fan, anchor, start, packet, first, end):
+    """Turn two random numbers of each of some rays, in x and y of the packet, into a point of a region.
 
     Parameters
     ----------
-    region, fan_of : tuple
-        From `regions.new_region` and `regions.bound`.
-    drift : float
-        How far the region moves along with the sensor position: `region_drift`.
-    centre_x, centre_y : float
-        The sensor position that the region was bound for.
-    start_x, start_y : (n,) float64
-        Where on the sensor each ray starts.
+    region, fan : regions.Region, regions.Fan
+    anchor : Anchor
     """
-    count, cx, cy, _ = fan_of
-    for i in range(x.shape[0]):
-        px, py = point_in_fan(region[0], count, region[3], cx, cy, x[i], y[i])
-        x[i], y[i] = px + drift * (start_x[i] - centre_x), py + drift * (start_y[i] - centre_y)
+    x, y = packet.x, packet.y
+    for i in range(first, end):
+        px, py = point_in_fan(region.polygon, fan.vertices, region.cumulative, fan.x, fan.y, x[i], y[i])
+        x[i] = px + anchor.drift * (start.x[i] - anchor.x)
+        y[i] = py + anchor.drift * (start.y[i] - anchor.y)
 
 
 @inline
-def region_drift(optics, lens):
+def region_drift(camera, microlens):
     """Without a microlens a region moves along with the sensor position, by the drift of the outlines."""
-    return optics[4] if lens < 0 else 0.0
+    return camera.optics.drift if microlens < 0 else 0.0
 
 
-@unit
-def send_packet(table, optics, lenses, mosaic, lens, start_x, start_y, size, packet):
+@inline
+def send_packet(camera, microlens, start, size, packet):
     """Send rays from sensor positions through given points of the sampling plane and trace them into the scene.
 
     A ray weighs what it stands for per area of that plane: cos^4 / h^2 of irradiance, or 1, times its acceptance.
     `packet`: x and y hold the points on entry; the rays behind the front vertex and their weights on exit.
     """
-    if lens >= 0 and mosaic[0][MODEL] != PLAIN:
-        _through(optics, lenses, mosaic, lens, start_x, start_y, size, packet)
-    else:
-        _set_lens(lenses, lens, 0, size, packet.scratch)
-        _aim(optics, mosaic[0], lens >= 0, start_x, start_y, size, packet)
-    trace_packet(table, packet, size)
+    aim_packet(camera, microlens, start, size, packet)
+    trace_packet(camera.table, packet, size)
 
 
 @unit
-def send_mixed(table, optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet):
-    """The same for rays of several sensor positions: `lens` is that of each position, `owner` the position of each ray.
+def aim_packet(camera, microlens, start, size, packet):
+    """Send such rays as far as the main lens."""
+    if microlens >= 0 and camera.mosaic.detail[MODEL] != PLAIN:
+        _through(camera, microlens, start, size, packet)
+    else:
+        _set_lens(camera.lenses, microlens, 0, size, packet.scratch)
+        _aim(camera, microlens >= 0, start, size, packet)
+
+
+@inline
+def send_mixed(camera, microlens, owner, start, size, packet):
+    """The same for rays of several sensor positions: `microlens` of each position, `owner` the position of each ray.
 
     A packet that is not full costs nearly as much as a full one, and a position may have two rays.
     """
-    aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet)
-    trace_packet(table, packet, size)
+    aim_mixed(camera, microlens, owner, start, size, packet)
+    trace_packet(camera.table, packet, size)
 
 
 @unit
-def aim_mixed(optics, lenses, mosaic, lens, owner, start_x, start_y, size, packet):
+def aim_mixed(camera, microlens, owner, start, size, packet):
     """Send such rays as far as the main lens."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    plain, first = lens[owner[0]] < 0 or mosaic[0][MODEL] == PLAIN, 0
+    plain, first = microlens[owner[0]] < 0 or camera.mosaic.detail[MODEL] == PLAIN, 0
     while first < size:
-        end, n = first + 1, lens[owner[first]]
+        end, n = first + 1, microlens[owner[first]]
         while end < size and owner[end] == owner[first]:
             end += 1
         if plain:
-            _set_lens(lenses, n, first, end, scratch)
+            _set_lens(camera.lenses, n, first, end, scratch)
         else:
             here = slice(first, end)
             part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
-            _through(optics, lenses, mosaic, n, start_x[here], start_y[here], end - first, part)
+            _through(camera, n, SensorPoints(start.x[here], start.y[here]), end - first, part)
         first = end
     if plain:
-        _aim(optics, mosaic[0], lens[owner[0]] >= 0, start_x, start_y, size, packet)
+        _aim(camera, microlens[owner[0]] >= 0, start, size, packet)
 
 
 @inline
-def _through(optics, lenses, mosaic, lens, start_x, start_y, size, packet):
+def _through(camera, microlens, start, size, packet):
     """Aim rays through a microlens that is not plain."""
-    through_microlens(optics, lenses, mosaic, lens, start_x, start_y, size, packet)
-    _weigh(mosaic[0], lenses[lens, AIM], packet[8], packet[6], size)
+    through_microlens(camera, microlens, start, size, packet)
+    _weigh(camera.mosaic.detail, camera.lenses[microlens, AIM], packet.weight, packet.alive, size)
 
 
 @inline
-def _set_lens(lenses, lens, first, end, scratch):
+def _set_lens(lenses, microlens, first, end, scratch):
     """Keep the vertex and the power of a plain microlens for some rays of a packet; without one they go straight on.
 
     Nothing else needs the scratch arrays before the trace.
     """
-    plain = plain_lens(lenses, lens)
+    plain = plain_microlens(lenses, microlens)
     for i in range(first, end):
         scratch[0, i], scratch[1, i], scratch[2, i] = plain
 
 
 @inline
-def plain_lens(lenses, lens):
+def plain_microlens(lenses, microlens):
     """A plain microlens; none bends nothing."""
-    if lens < 0:
+    if microlens < 0:
         return Plain(0.0, 0.0, 0.0)
-    return Plain(lenses[lens, 0], lenses[lens, 1], 1.0 / lenses[lens, 2])
+    return Plain(lenses[microlens, X], lenses[microlens, Y], 1.0 / lenses[microlens, FOCAL])
 
 
 @inline
-def _aim(optics, detail, has_lens, start_x, start_y, size, packet):
+def _aim(camera, has_microlens, start, size, packet):
     """Directions behind plain microlenses, if any, and weights of rays from the sensor through points of the plane."""
-    scratch = packet.scratch
-    h, plane = optics[1] - optics[0], optics[1]
+    scratch, detail, plane = packet.scratch, camera.mosaic.detail, camera.optics.sampling_z_mm
+    h = plane - camera.optics.sensor_z_mm
     per_h, disc = 1.0 / h, detail[DISC]
     for i in range(size):
-        lens = Plain(scratch[0, i], scratch[1, i], scratch[2, i])
-        ray, packet.weight[i] = aimed(lens, per_h, plane, start_x[i], start_y[i], packet.x[i], packet.y[i])
+        plain = Plain(scratch[0, i], scratch[1, i], scratch[2, i])
+        ray, packet.weight[i] = aimed(plain, per_h, plane, start.x[i], start.y[i], packet.x[i], packet.y[i])
         put(packet, i, ray)
-    if has_lens and disc > 0.0:
+    if has_microlens and disc > 0.0:
         for i in range(size):
             packet.alive[i] = within_disc(disc, scratch[0, i], scratch[1, i], ray_of(packet, i))
     _weigh(detail, h, packet.weight, packet.alive, size)
 
 
 @inline
-def aimed(lens, per_h, plane, start_x, start_y, x, y):
+def aimed(plain, per_h, plane, start_x, start_y, x, y):
     """The ray from a sensor position through a point (x, y) of the plane behind a plain microlens, and its weight.
 
     A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs
     cos(theta) d omega = h^2 / d^4 dA: irradiance.
     """
     sx, sy = (x - start_x) * per_h, (y - start_y) * per_h
-    ax, ay = x - lens.x, y - lens.y
+    ax, ay = x - plain.x, y - plain.y
     share = per_h / (1.0 + sx * sx + sy * sy)
     # An ideal thin lens changes slopes by offset / focal length.
-    sx, sy = sx - ax * lens.power, sy - ay * lens.power
+    sx, sy = sx - ax * plain.power, sy - ay * plain.power
     w = 1.0 / math.sqrt(1.0 + sx * sx + sy * sy)
     return Ray(x, y, plane, sx * w, sy * w, w, 1.0), share * share
 

@@ -1,8 +1,47 @@
 """Records that kernels of cameras take: tuples of arrays, by name."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+
+
+class Optics(NamedTuple):
+    """Planes of a camera, and how its outlines lie.
+
+    Attributes
+    ----------
+    sensor_z_mm, sampling_z_mm, rear_z_mm : float
+        Vision z of the sensor, of the plane in which rays are aimed, and of the rear vertex of the main lens.
+    step_mm, drift : float
+        As in `camera.pupil.outlines.Outlines`.
+    """
+
+    sensor_z_mm: float
+    sampling_z_mm: float
+    rear_z_mm: float
+    step_mm: float
+    drift: float
+
+
+class Mosaic(NamedTuple):
+    """Pixels and microlenses, from `camera.tracing.microlens_tables`.
+
+    Attributes
+    ----------
+    detail : (15,) float64
+        What is the same for all, at places that `camera.tracing.acceptance` and `camera.tracing.microlens_kernels` name.
+    faces : (types, surfaces, columns) float64
+        Surfaces of each type, as in `optics.table`.
+    bends : (types, BENDS) float64
+        Columns: see `camera.tracing.microlens_kernels`.
+    rims : (types, n, 3) float64
+        Points along the edge of each type's aperture, frame of the microlens [mm].
+    """
+
+    detail: np.ndarray
+    faces: np.ndarray
+    bends: np.ndarray
+    rims: np.ndarray
 
 
 class CameraArrays(NamedTuple):
@@ -10,8 +49,7 @@ class CameraArrays(NamedTuple):
 
     Attributes
     ----------
-    optics : (5,) float64
-        See `camera.tracing.sampling_bounds`.
+    optics : Optics
     table : (s, columns) float64
         Surfaces, from `optics.table.towards_scene`.
     outlines : (rows, columns, d, 2) float64
@@ -21,16 +59,15 @@ class CameraArrays(NamedTuple):
         `camera.tracing.microlens_kernels`.
     aperture : (c, 2) float64
         Polygon around a microlens aperture about its vertex, counter-clockwise; of a cell it is the aperture itself.
-    mosaic : tuple
-        From `camera.tracing.microlens_tables`.
+    mosaic : Mosaic
     """
 
-    optics: np.ndarray
+    optics: Optics
     table: np.ndarray
     outlines: np.ndarray
     lenses: np.ndarray
     aperture: np.ndarray
-    mosaic: tuple[Any, ...]
+    mosaic: Mosaic
 
 
 class Samples(NamedTuple):
@@ -61,18 +98,25 @@ class Starts(NamedTuple):
         Positions next to those below, for which the region is bound that rays go through, vision frame [mm].
     positions : (n, 2) float64
         On the sensor.
-    lens : (n,) int64
-        Microlens of each position.
+    microlens : (n,) int64
+        That of each position, `NO_MICROLENS` or `SKIP`.
     """
 
     pixels: np.ndarray
     anchors: np.ndarray
     positions: np.ndarray
-    lens: np.ndarray
+    microlens: np.ndarray
 
     def part(self, some: slice) -> "Starts":
         """Some of them."""
         return Starts(*(array[some] for array in self))
+
+
+class SensorPoints(NamedTuple):
+    """Points of the sensor at which the rays of a packet start, (PACKET,) each; vision frame, mm."""
+
+    x: np.ndarray
+    y: np.ndarray
 
 
 class Squares(NamedTuple):

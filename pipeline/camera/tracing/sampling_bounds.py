@@ -1,10 +1,10 @@
 """Polygons on the sampling plane that enclose all rays of a sensor position that can pass, tightly.
 
-Kernels only; vision frame, mm. `optics` holds z of sensor, sampling plane and rear vertex plane, the step of the
-outlines and their drift (see `camera.pupil.outlines`). `lens` is the row of a microlens, or NO_MICROLENS.
+Kernels only; vision frame, mm. `camera` is a `camera.tracing.records.CameraArrays`, `microlens` a row or NO_MICROLENS.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +14,14 @@ from pipeline.camera.tracing.microlens_kernels import (
     BASE_Y,
     BY_AIM,
     BY_START,
+    FOCAL,
     INFLATION,
     MARGIN,
     OUTLINE_X,
     OUTLINE_Y,
     PLAIN_COLUMNS,
+    X,
+    Y,
 )
 from pipeline.jit.decorators import buffers, inline, kernel, unit
 
@@ -27,38 +30,48 @@ SHORTEST_EDGE_MM = 1e-9
 """Shorter edges of an outline are corners: they bound nothing, and rounding may turn them round."""
 
 
+class Region(NamedTuple):
+    """Buffers of a region: polygon, outline and scratch, (MAX_VERTICES, 2) each, and cumulative areas of its fan."""
+
+    polygon: np.ndarray
+    outline: np.ndarray
+    scratch: np.ndarray
+    cumulative: np.ndarray
+
+
+class Fan(NamedTuple):
+    """Number of vertices of a region's polygon, its centre [mm], and its area [mm^2]: 0 where nothing passes."""
+
+    vertices: int
+    x: float
+    y: float
+    area: float
+
+
 @buffers
 def new_region():
-    """Buffers of a region: polygon, outline, scratch and cumulative areas of its fan."""
+    """Buffers of a region."""
     shape = MAX_VERTICES, 2
-    return np.empty(shape), np.empty(shape), np.empty(shape), np.empty(MAX_VERTICES)
+    return Region(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(MAX_VERTICES))
 
 
 @unit
-def bound(optics, outlines, lenses, aperture, lens, x, y, slack, region):
-    """Bound the rays of a sensor position by a polygon.
+def bound(camera, microlens, x, y, slack, region):
+    """Bound the rays of a sensor position by a polygon, written into the region; returns its fan.
 
     Parameters
     ----------
     slack : float
         The sensor position may move by this much in any direction.
-    region : tuple
-        From `new_region`; written.
-
-    Returns
-    -------
-    count, centre_x, centre_y, area
-        The polygon's fan; area 0 where nothing passes.
     """
-    polygon, outline, scratch, cumulative = region
-    if lens == NO_MICROLENS:
-        count = outline_at(optics[3], outlines, x, y, polygon)
+    if microlens == NO_MICROLENS:
+        count = outline_at(camera.optics.step_mm, camera.outlines, x, y, region.polygon)
     else:
-        count = _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, polygon, outline, scratch)
+        count = _clipped_aperture(camera, microlens, x, y, slack, region)
     if count < 3:
-        return 0, 0.0, 0.0, 0.0
-    cx, cy, area = fan(polygon, count, cumulative)
-    return count, cx, cy, area
+        return Fan(0, 0.0, 0.0, 0.0)
+    cx, cy, area = fan(region.polygon, count, region.cumulative)
+    return Fan(count, cx, cy, area)
 
 
 @inline
@@ -100,7 +113,7 @@ def _cell(position, count):
 
 
 @inline
-def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, polygon, outline, scratch):
+def _clipped_aperture(camera, microlens, x, y, slack, region):
     """The part of a microlens aperture whose rays can pass the main lens, for a sensor position; its vertex count.
 
     With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
@@ -108,24 +121,27 @@ def _clipped_aperture(optics, outlines, lenses, aperture, lens, x, y, slack, pol
     v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a. Of
     microlenses that are not plain the same linear map stands in `lenses`, with a margin for what is not linear in it.
     """
-    vx, vy, focal = lenses[lens, 0], lenses[lens, 1], lenses[lens, 2]
+    optics, lenses, aperture = camera.optics, camera.lenses, camera.aperture
+    polygon, outline, scratch, _ = region
+    vx, vy, focal = lenses[microlens, X], lenses[microlens, Y], lenses[microlens, FOCAL]
     count = aperture.shape[0]
     if lenses.shape[1] == PLAIN_COLUMNS:
-        behind, ahead = optics[1] - optics[0], optics[2] - optics[1]
-        scale = 1.0 + ahead / behind - ahead / focal - optics[4]
+        behind, ahead = optics.sampling_z_mm - optics.sensor_z_mm, optics.rear_z_mm - optics.sampling_z_mm
+        scale = 1.0 + ahead / behind - ahead / focal - optics.drift
         bx, by = vx + ahead * (vx - x) / behind, vy + ahead * (vy - y) / behind
         reach = slack * ahead / behind
         for i in range(count):
             polygon[i, 0], polygon[i, 1] = aperture[i, 0], aperture[i, 1]
-        size = outline_at(optics[3], outlines, vx, vy, outline)
+        size = outline_at(optics.step_mm, camera.outlines, vx, vy, outline)
     else:
-        by_start, scale = lenses[lens, BY_START], lenses[lens, BY_AIM]
-        bx, by = lenses[lens, BASE_X] + by_start * (x - vx), lenses[lens, BASE_Y] + by_start * (y - vy)
-        reach = slack * abs(by_start) + lenses[lens, MARGIN]
+        row = lenses[microlens]
+        by_start, scale = row[BY_START], row[BY_AIM]
+        bx, by = row[BASE_X] + by_start * (x - vx), row[BASE_Y] + by_start * (y - vy)
+        reach = slack * abs(by_start) + row[MARGIN]
         for i in range(count):
-            polygon[i, 0] = (1.0 + lenses[lens, INFLATION]) * aperture[i, 0]
-            polygon[i, 1] = (1.0 + lenses[lens, INFLATION]) * aperture[i, 1]
-        size = outline_at(optics[3], outlines, lenses[lens, OUTLINE_X], lenses[lens, OUTLINE_Y], outline)
+            polygon[i, 0] = (1.0 + row[INFLATION]) * aperture[i, 0]
+            polygon[i, 1] = (1.0 + row[INFLATION]) * aperture[i, 1]
+        size = outline_at(optics.step_mm, camera.outlines, row[OUTLINE_X], row[OUTLINE_Y], outline)
     if outline[0, 0] == outline[size // 2, 0] and outline[0, 1] == outline[size // 2, 1]:
         return 0
     # A negative scale mirrors the region through its centre.

@@ -65,7 +65,7 @@ def _chief_hits(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.n
         aims = vertex_aims(tracer, lens[known], positions)
     aimed = np.isfinite(aims).all(axis=1)
     known, positions, aims = known[aimed], positions[aimed], aims[aimed]
-    optics, table, *others = tracer.arrays
+    arrays = tracer.arrays._replace(table=unbounded(tracer.arrays.table))
     if len(known):
-        hits[known] = single_hits((optics, unbounded(table), *others), positions, lens[known], aims, planes[known])
+        hits[known] = single_hits(arrays, positions, lens[known], aims, planes[known])
     return hits

@@ -80,9 +80,8 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
     quad_search.quads_that_hold(image, grid.cell, points, quads)
     quads = np.ascontiguousarray(quads[(quads[:, 2] >= own.start) & (quads[:, 2] < own.stop)])
     status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), 9), np.nan)
-    use_filter = settings.filter != "none"
-    limits = settings.lambda_d, settings.lambda_alpha_deg * DEGREE_RAD
-    quad_search.solve_quads(image, grid.cell, points, quads, use_filter, *limits, status, solutions)
+    limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, settings.lambda_alpha_deg * DEGREE_RAD)
+    quad_search.solve_quads(image, grid.cell, points, quads, limits, status, solutions)
     counts = {
         "quads": len(quads),
         "rejected_window": int(np.sum(status == quad_search.WINDOW)),

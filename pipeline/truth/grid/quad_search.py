@@ -5,6 +5,7 @@ image is one cell. Positions are indices (column, row) of the fine grid.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,14 @@ from pipeline.jit.decorators import inline, kernel
 
 ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
 """Outcomes of a quad that holds a point. WINDOW: the 16 values are not all there, or not in one micro-image."""
+
+
+class Filter(NamedTuple):
+    """The paper's filters of quads: whether they are asked, and how far lengths and angles [rad] may be off."""
+
+    is_used: bool
+    lambda_d: float
+    lambda_alpha: float
 
 
 @inline
@@ -113,13 +122,14 @@ def quads_that_hold(image, cell, points, quads):
 
 
 @kernel
-def solve_quads(image, cell, points, quads, use_filter, lambda_d, lambda_alpha, status, solutions):
+def solve_quads(image, cell, points, quads, limits, status, solutions):
     """Filter quads and solve p = J(o) + s (J(o + e_i) - J(o)) + t (J(o + e_j) - J(o)) in each.
 
     Parameters
     ----------
     quads : (n, 3) int64
         From `quads_that_hold`.
+    limits : Filter
     status : (n,) int64
         Written: ACCEPTED or the reason against it.
     solutions : (n, 9) float64
@@ -138,14 +148,14 @@ def solve_quads(image, cell, points, quads, use_filter, lambda_d, lambda_alpha, 
                     oi, oj, best = i + di, j + dj, distance
         ei, ej = (1 if oi == i else -1), (1 if oj == j else -1)
         status[n] = ACCEPTED
-        if use_filter:
+        if limits.is_used:
             if not _window_in_cell(image, cell, i, j):
                 status[n] = WINDOW
                 continue
-            if not _lengths_ok(image, oi, oj, ei, ej, lambda_d):
+            if not _lengths_ok(image, oi, oj, ei, ej, limits.lambda_d):
                 status[n] = LENGTHS
                 continue
-            if not _angles_ok(image, oi, oj, ei, ej, lambda_alpha):
+            if not _angles_ok(image, oi, oj, ei, ej, limits.lambda_alpha):
                 status[n] = ANGLES
                 continue
         o, a, b = image[oj, oi], image[oj, oi + ei], image[oj + ej, oi]
