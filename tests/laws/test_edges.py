@@ -99,9 +99,9 @@ def test_light_beyond_a_border_that_is_drawn_too_near_hands_over_to_random_rays(
     """Half of the way to the bound is taken for all of it in a sixth of the circle, so that no search finds more."""
     found, reach = about_corners(), edge_search.reach
 
-    def too_near(polygons, counts, centres, owner, angle, limit, side) -> None:
-        reach(polygons, counts, centres, owner, angle, limit, side)
-        limit[angle % (2 * np.pi) < np.pi / 3] *= 0.5
+    def too_near(polygons, counts, centres, spokes, side) -> None:
+        reach(polygons, counts, centres, spokes, side)
+        spokes.limit[spokes.angle % (2 * np.pi) < np.pi / 3] *= 0.5
 
     monkeypatch.setattr(edge_search, "reach", too_near)
     n = len(CORNERS_PX)

@@ -92,8 +92,8 @@ def bundle_moments(camera, planes, samples, starts, moments):
                 for i in range(full):
                     start_x[i] = sx + square * (start_x[i] - 0.5)
                     start_y[i] = sy + square * (start_y[i] - 0.5)
-            anchor = Anchor(ax, ay, region_drift(camera, microlens[n]))
-            aim_into(region, fan, anchor, start, packet, 0, full)
+            here, anchor = slice(0, full), Anchor(ax, ay, region_drift(camera, microlens[n]))
+            aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here])
             send_packet(camera, microlens[n], start, full, packet)
             cross_packet(planes[own, 0], planes[own, 1], packet, 0, full, crossing)
             started = started or set_pivot(crossing, alive, 0, full, pivot)
@@ -145,7 +145,7 @@ def image_rays(camera, samples, squares, rays):
                     start_x[i] = sx + edge * (start_x[i] - 0.5)
                     start_y[i] = sy + edge * (start_y[i] - 0.5)
                 anchor = Anchor(sx, sy, region_drift(camera, microlens))
-                aim_into(region, fan, anchor, start, packet, held, held + size)
+                aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here])
                 held += size
     if held > 0:
         send_mixed(camera, microlens_of, held_by, start, held, packet)

@@ -40,16 +40,17 @@ class Anchor(NamedTuple):
 
 
 @unit
-def aim_into(region, fan, anchor, start, packet, first, end):
-    """Turn two random numbers of each of some rays, in x and y of the packet, into a point of a region.
+def aim_into(region, fan, anchor, start, x, y):
+    """Turn two random numbers of each ray, in x and y, into a point of a region.
 
     Parameters
     ----------
     region, fan : regions.Region, regions.Fan
     anchor : Anchor
+    start : camera.records.SensorPoints
+        As many as x and y hold.
     """
-    x, y = packet.x, packet.y
-    for i in range(first, end):
+    for i in range(x.shape[0]):
         px, py = point_in_fan(region.polygon, fan.vertices, region.cumulative, fan.x, fan.y, x[i], y[i])
         x[i] = px + anchor.drift * (start.x[i] - anchor.x)
         y[i] = py + anchor.drift * (start.y[i] - anchor.y)
