@@ -1,7 +1,7 @@
 """Single rays through given points of the sampling plane: what passes, what blocks the rest, and sums over nodes.
 
-Kernels only; vision frame, mm. `camera` is a `camera.tracing.records.CameraArrays`. Rays come sorted by the sensor position
-(`owner`) that they start from; `microlens` is that of each position.
+Kernels only; vision frame, mm. `camera` is a `camera.tracing.records.CameraArrays`. Rays come sorted by the sensor
+position (`owner`) that they start from; `microlens` is that of each position.
 """
 
 import math

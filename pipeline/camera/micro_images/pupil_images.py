@@ -37,7 +37,7 @@ class Apertures:
     """
 
     camera: CameraArrays
-    pinhole_kernels: Pencils
+    pencils: Pencils
     shares: np.ndarray
 
     def light(self, middle: np.ndarray, shift: np.ndarray, limit: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """Bundles: from sensor positions through one microlens each, or none, and the main lens to rays in the scene.
 
 Vision frame, mm. A conventional camera samples the rear vertex plane, a plenoptic one the plane of its microlenses; all
-else is the same code. A microlens is its row, `NO_MICROLENS`, or `SKIP`; `camera.tracing.records` names the other arguments.
+else is the same code. A microlens is its row, `NO_MICROLENS`, or `SKIP`; `camera.tracing.records` names the other
+arguments.
 """
 
 import math

@@ -1,7 +1,8 @@
 """Rays through a microlens that is more than an untilted thin one, in its own frame. Kernels only; mm.
 
 The local frame of a microlens has its origin at the vertex of the rear face and z along its axis, to the scene;
-`detail` holds the turn from the vision frame. `camera` is a `camera.tracing.records.CameraArrays`, `microlens` the row of one.
+`detail` holds the turn from the vision frame. `camera` is a `camera.tracing.records.CameraArrays`, `microlens` the row
+of one.
 """
 
 import math

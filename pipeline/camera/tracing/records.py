@@ -29,7 +29,8 @@ class Mosaic(NamedTuple):
     Attributes
     ----------
     detail : (15,) float64
-        What is the same for all, at places that `camera.tracing.acceptance` and `camera.tracing.microlens_kernels` name.
+        What is the same for all, at places that `camera.tracing.acceptance` and `camera.tracing.microlens_kernels`
+        name.
     faces : (types, surfaces, columns) float64
         Surfaces of each type, as in `optics.table`.
     bends : (types, BENDS) float64
