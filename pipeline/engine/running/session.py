@@ -63,67 +63,95 @@ def build(
     Seen(project.out, store, project.stage_id).require_same_stage()
     store.sweep()
     graph, forced = selection(project, options)
-    wanted = {path: project.files[path] for target in options.targets for path in files_of(project, target)}
-    history = _history(project, store)
-
-    def make(force: Iterable[str] = ()) -> Outcome:
-        return run(
-            graph,
-            store,
-            dataclasses.replace(options, force=tuple(force)),
-            engine=engine(store, graph.packages) if engine else None,
-            caller=Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts),
-            known=Known(peaks=history["peaks"], places=project.places),
-        )
-
-    delivery: Delivery | None = None
-    error: PipelineError | None = None
-    head = project.head
-
-    def fill() -> None:
-        nonlocal head, delivery
-        if len(outcome.records) < len(graph) or outcome.interrupted is not None:
-            return
-        places: dict[str, Any] = {"records": outcome.records, "store": store, "warn": warn}
-        places["stage_id"] = project.stage_id
-        if options.targets:
-            delivery = deliver(project.out, wanted, head, **places, whole=False) if wanted else None
-        elif len(graph) == len(project.graph):
-            head = {**head, **_findings(project, outcome, store)}
-            delivery = deliver(project.out, project.files, head, **places)
-
     with Interrupts(warn) as interrupts, contextlib.ExitStack() as stack:
+        own = Caller(on_event=emit, prepare=caller.prepare, interrupts=interrupts)
+        work = _Build(project, options, store, graph, own, engine)
         emit(_begin(project, graph, options.workers))
         interrupts.stoppable(lambda: stack.enter_context(store.in_use()))
-        outcome = make(force=forced)
-        if options.check_percent and outcome.interrupted is None:
-            _check_again(outcome, make(force=_sample(outcome, options.check_percent)))
-        _remember(project, store, outcome, history, whole=len(graph) == len(project.graph))
-        try:
-            interrupts.stoppable(lambda: _fill_again_if_lost(fill, lambda: _take_over(outcome, make()), warn))
-        except PipelineError as caught:
-            error = caught
+        outcome = work.compute(forced)
+        interrupts.stoppable(work.hand_over)
         outcome.interrupted = interrupts.exit_code
         stack.close()
         store.sweep()  # workers that were ended could not tidy up
-        store_bytes = _within_limit(store, limit_bytes, warn)
-        result = Result(
-            stage=project.head.get("stage"),
-            out=project.out.absolute(),
-            seconds=time.perf_counter() - start,
-            certificate=head.get("certificate"),
-            points=head.get("points"),
-            tasks=tuple(outcome.results[name] for name in graph),
-            store=store.root,
-            store_bytes=store_bytes,
-            delivery=delivery,
-            interrupted=outcome.interrupted,
-            error=error,
-            checked=outcome.checked,
-        )
+        result = work.result(time.perf_counter() - start, _within_limit(store, limit_bytes, warn))
         emit({"event": "end", "summary": result.to_dict(), **result.ending()})
         keep_events(store, _history_name(project))
         return result
+
+
+class _Build:
+    """A build under way: its tasks, what they made, and what of it was delivered."""
+
+    def __init__(
+        self,
+        project: Project,
+        options: BuildOptions,
+        store: Store,
+        graph: TaskGraph,
+        caller: Caller,
+        engine: Callable[[Store, tuple[str, ...]], Engine] | None,
+    ) -> None:
+        self.project, self.options, self.store, self.graph, self.caller = project, options, store, graph, caller
+        self.engine, self.warn, self.history = engine, warner(caller.on_event), _history(project, store)
+        self.head, self.is_whole = project.head, len(graph) == len(project.graph)
+        self.delivery: Delivery | None = None
+        self.error: PipelineError | None = None
+
+    def compute(self, forced: Iterable[str]) -> Outcome:
+        """Run the tasks, those of a sample twice, and remember what they took."""
+        self.outcome = self._run(forced)
+        if self.options.check_percent and self.outcome.interrupted is None:
+            _check_again(self.outcome, self._run(_sample(self.outcome, self.options.check_percent)))
+        _remember(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
+        return self.outcome
+
+    def hand_over(self) -> None:
+        """Fill the output folder; what was lost meanwhile is made again."""
+        try:
+            _fill_again_if_lost(self._fill, lambda: _take_over(self.outcome, self._run()), self.warn)
+        except PipelineError as error:
+            self.error = error
+
+    def result(self, seconds: float, store_bytes: int) -> Result:
+        """All that is told of it."""
+        return Result(
+            stage=self.project.head.get("stage"),
+            out=self.project.out.absolute(),
+            seconds=seconds,
+            certificate=self.head.get("certificate"),
+            points=self.head.get("points"),
+            tasks=tuple(self.outcome.results[name] for name in self.graph),
+            store=self.store.root,
+            store_bytes=store_bytes,
+            delivery=self.delivery,
+            interrupted=self.outcome.interrupted,
+            error=self.error,
+            checked=self.outcome.checked,
+        )
+
+    def _run(self, force: Iterable[str] = ()) -> Outcome:
+        return run(
+            self.graph,
+            self.store,
+            dataclasses.replace(self.options, force=tuple(force)),
+            engine=self.engine(self.store, self.graph.packages) if self.engine else None,
+            caller=self.caller,
+            known=Known(peaks=self.history["peaks"], places=self.project.places),
+        )
+
+    def _fill(self) -> None:
+        """Deliver what was asked for, if all of it is there."""
+        project, outcome = self.project, self.outcome
+        if len(outcome.records) < len(self.graph) or outcome.interrupted is not None:
+            return
+        places: dict[str, Any] = {"records": outcome.records, "store": self.store, "warn": self.warn}
+        places["stage_id"] = project.stage_id
+        if self.options.targets:
+            wanted = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
+            self.delivery = deliver(project.out, wanted, self.head, **places, whole=False) if wanted else None
+        elif self.is_whole:
+            self.head = {**self.head, **_findings(project, outcome, self.store)}
+            self.delivery = deliver(project.out, project.files, self.head, **places)
 
 
 def _require_place(project: Project) -> None:
