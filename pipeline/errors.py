@@ -32,14 +32,18 @@ class PipelineError(Exception):
         One sentence: what is wrong, with the offending value.
     hint : str, optional
         How to mend it.
+    code : str, optional
+        Stable name of the kind of mistake, under which `check` reports it; by default that of the class.
     """
 
     exit_code = Exit.FAILED
+    code = ""
 
-    def __init__(self, what: str, *, hint: str | None = None) -> None:
+    def __init__(self, what: str, *, hint: str | None = None, code: str = "") -> None:
         super().__init__(what)
         self.what = what
         self.hint = hint
+        self.code = code or type(self).code
 
     @property
     def told(self) -> str:

@@ -1,4 +1,4 @@
-"""Where the data that ships with the package lies: `schemas/` and `stages/`."""
+"""Folders of the data that ships with the package: `schemas/` and `stages/`."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What `pipeline target` prints and writes: the target of a stage as a sheet of paper."""
+"""The target of a stage as a sheet of paper, as `pipeline target` prints and writes it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -87,12 +87,14 @@ class Surface:
         if self.semi_diameter_mm > self._equator_mm:
             shape = "a sphere" if self.conic == 0 else f"a conic ({self.conic})"
             raise PrescriptionError(
-                f"semi-diameter {self.semi_diameter_mm} mm reaches beyond {shape} of radius {self.radius_mm} mm"
+                f"semi-diameter {self.semi_diameter_mm} mm reaches beyond {shape} of radius {self.radius_mm} mm",
+                code="beyond-sphere",
             )
         if not 0 <= self.inner_semi_diameter_mm < self.semi_diameter_mm:
             raise PrescriptionError(
                 f"a central obstruction of semi-diameter {self.inner_semi_diameter_mm} mm in an aperture of"
-                f" {self.semi_diameter_mm} mm"
+                f" {self.semi_diameter_mm} mm",
+                code="aperture-value",
             )
         if self.half_widths_mm and not min(self.half_widths_mm) > 0:
             raise PrescriptionError(f"a rectangular aperture has half widths {self.half_widths_mm} mm")
@@ -106,9 +108,13 @@ class Surface:
 
     def _check_ideal(self) -> None:
         if self.focal_length_mm == 0 or not math.isfinite(self.focal_length_mm or math.nan):
-            raise PrescriptionError(f"an ideal thin lens has the focal length {self.focal_length_mm} mm")
+            raise PrescriptionError(
+                f"an ideal thin lens has the focal length {self.focal_length_mm} mm", code="ideal-lens"
+            )
         if not math.isinf(self.radius_mm) or any(self.even_coefficients + self.odd_coefficients) or self.index != 1:
-            raise PrescriptionError("an ideal thin lens has a shape or an index", hint="it is a plane in air")
+            raise PrescriptionError(
+                "an ideal thin lens has a shape or an index", hint="it is a plane in air", code="ideal-lens"
+            )
 
     def power_per_mm(self, index_in_front: float) -> float:
         """Refracting power near the axis: what it takes from index times slope, per height."""

@@ -1,4 +1,4 @@
-"""Which triangle does a ray meet first? Embree answers in float32.
+"""First triangle that a ray meets, by Embree, in float32.
 
 It is trusted with the name of the triangle only. Where a ray meets the surface behind it, and whether it truly does,
 the kernels of `target` compute in float64.

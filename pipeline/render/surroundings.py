@@ -1,4 +1,4 @@
-"""What stands in the way of light: the surfaces of all targets and occluders of a frame, opaque from both sides.
+"""Obstacles in the way of light: the surfaces of all targets and occluders of a frame, opaque from both sides.
 
 Embree says which triangle a ray meets first, and how far away that is is computed in double.
 """
@@ -113,7 +113,7 @@ class Surroundings:
         return hidden
 
     def _reach(self, number: int) -> float:
-        """How far from a point of a bent target its own mesh may be met by a ray towards that point [mm]."""
+        """Distance from a point of a bent target at which its own mesh may be met by a ray towards that point [mm]."""
         if number not in self._reach_mm:
             target, patch = self._bent[number]
             beside = target.distances_mm().max() if isinstance(target, MeshTarget) else 0.0

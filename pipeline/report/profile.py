@@ -1,4 +1,4 @@
-"""Where the time of a build went, by kind of task and by kernel, in lines for a terminal."""
+"""Profile of a build: where its time went, by kind of task and by kernel, in lines for a terminal."""
 
 from collections.abc import Callable, Iterable
 from typing import Any

@@ -8,7 +8,7 @@ from typing import Any
 from pxr import Tf, Usd
 
 from pipeline.confine.process import Guards
-from pipeline.errors import UsageError
+from pipeline.errors import PipelineError, UsageError
 from pipeline.places import flaw_of
 from pipeline.records.declared import arguments_settled
 from pipeline.roots import allowed_roots, real_path
@@ -127,8 +127,12 @@ def _loaded(layers: Look, look: bool) -> Loaded:
     if loaded.errors:
         return loaded
     root = find_dataset(stage)
-    dataset = read_dataset(root) if root else None
-    cameras, targets = read_camera_entries(stage), read_target_entries(stage)
+    try:
+        dataset = read_dataset(root) if root else None
+        cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
+    except PipelineError as error:  # no check has said so
+        file, code = shown_path(layers.root), error.code or "unreadable"
+        return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
     if look:
         problems += check_doubts(stage, cameras)
         if not loaded.errors and dataset:
@@ -144,7 +148,7 @@ def _loaded(layers: Look, look: bool) -> Loaded:
         problems=problems,
         flattened=text_for_viewers(layer, cameras, targets, occluders),
         cameras=cameras,
-        lens=read_lens_entry(stage),
+        lens=lens,
         targets=targets,
         files=tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage))),
         composed=kept,

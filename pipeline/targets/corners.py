@@ -1,4 +1,4 @@
-"""Which points of a target are X-corners, where two straight edges cross, and how their edges run.
+"""X-corners among the points of a target, where two straight edges cross, and the directions of their edges.
 
 The drawing is asked, not the kind of the point: a corner of an AprilGrid is one, because a tag and a small square meet
 there, and one of a tag in the middle of white paper is not.
@@ -24,7 +24,7 @@ _STRAIGHT_RAD = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Corners:
-    """What surrounds each point of a target, in the order of their ids.
+    """Surroundings of each point of a target, in the order of their ids.
 
     Attributes
     ----------

@@ -147,7 +147,7 @@ def _bounds(shape: Shape) -> tuple[float, float, float, float]:
 def _bins(
     half_x: float, half_y: float, bounds: list[tuple[float, float, float, float]]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Which shapes may be seen in which bin of a grid over the sheet: number of bins, starts and items, last first."""
+    """Shapes that may be seen in each bin of a grid over the sheet: number of bins, starts and items, last first."""
     count = math.ceil(2 * math.sqrt(len(bounds))) if len(bounds) > 3 else 1
     lists: list[list[int]] = [[] for _ in range(count * count)]
     for item in reversed(range(len(bounds))):

@@ -1,4 +1,4 @@
-"""What may stand before a target and is none: opaque triangles of one radiance."""
+"""Occluders: opaque triangles of one radiance that may stand before a target."""
 
 from dataclasses import dataclass
 

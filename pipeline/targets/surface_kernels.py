@@ -1,4 +1,4 @@
-"""Where rays meet warped boards and cylinders, in the frame of the patch [mm].
+"""Crossings of rays with warped boards and cylinders, in the frame of the patch [mm].
 
 `shape` of a board over the chart: number of heights along x and y, half width, half height, then the heights, rows from
 the top, each from the left; 0 heights along x stand for a parabolic warp, whose two deflections follow instead.
@@ -100,7 +100,7 @@ def height_hit(shape, o, d, t):
 
 @inline
 def cylinder_hit(radius, o, d, start):
-    """Of the two crossings of a ray with a cylinder about the line x = 0, z = -radius the one nearer to a path.
+    """Crossing of a ray with a cylinder about the line x = 0, z = -radius: of the two the one nearer to a path.
 
     u is the length of the arc from the line x = 0, z = 0; a negative radius is a hollow seen from inside.
     """

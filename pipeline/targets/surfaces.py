@@ -1,4 +1,4 @@
-"""What a pattern lies on: one sheet, flat or bent, or several, as on a cube and on stairs.
+"""Surfaces that carry a pattern: one sheet, flat or bent, or several, as on a cube and on stairs.
 
 Target frame: origin at the centre of the pattern (of a cube: of the cube), x right, y up, z towards the viewer.
 """

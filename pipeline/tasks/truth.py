@@ -97,7 +97,7 @@ def target_rows(
 
 
 def joined(inputs: Inputs, tiles: int) -> tuple[list[TargetNote], dict[str, list[Any]]]:
-    """What tiles told, and the columns of their rows, in their order: that of targets and points."""
+    """Notes and columns of all tiles, in the order of targets and points."""
     notes: dict[str, TargetNote] = {}
     columns: dict[str, list[Any]] = {}
     for number in range(tiles):

@@ -1,6 +1,5 @@
 """Lenses of the library go through the formats of other programs and come back as the same rays."""
 
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -134,8 +133,7 @@ def toy_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
         return found[0]
 
     module = SimpleNamespace(find=find, catalogue=lambda: glasses)
-    monkeypatch.setitem(sys.modules, "pipeline.optics.glass", SimpleNamespace(catalogue=module))
-    monkeypatch.setitem(sys.modules, "pipeline.optics.glass.catalogue", module)
+    monkeypatch.setattr("pipeline.files.lenses.glass.catalogue", module)
 
 
 @pytest.mark.usefixtures("toy_catalogue")

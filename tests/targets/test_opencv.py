@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from target.sheets import on_scan, scanned
+from targets.sheets import on_scan, scanned
 from tolerances import DETECTED_PX
 
 from pipeline.targets.drawing import Drawing

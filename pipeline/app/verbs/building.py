@@ -79,11 +79,10 @@ def build(
         untrusted=untrusted,
         preview=preview,
     )
-    if dry_run and device:
-        raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
     if dry_run:
-        print_plan(stage, out, options, as_json=as_json)
-        return
+        if device:
+            raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
+        return print_plan(stage, out, options, as_json=as_json)
     try:
         result = _run(stage, out, options, events, verbose - quiet)
     except PipelineError as error:
@@ -92,16 +91,21 @@ def build(
         raise
     if as_json:
         say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
-    elif result.delivery is not None:
+    else:
+        _say_files(result)
+        if profile:
+            _say_profile(result)
+    if quiet <= verbose:
+        _say_points(result.points)
+    is_refuted = _failed_certificate(result.certificate, quiet=quiet > verbose)
+    raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
+
+
+def _say_files(result: Any) -> None:
+    """The output folder, or the files that were asked for."""
+    if result.delivery is not None:
         for file in ("",) if result.delivery.asked is None else result.delivery.asked:
             say(str(result.out / file))
-    is_quiet = quiet > verbose
-    if not is_quiet:
-        _say_points(result.points)
-    if profile and not as_json:
-        _say_profile(result)
-    is_refuted = _failed_certificate(result.certificate, quiet=is_quiet)
-    raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
 
 
 _NOTHING: dict[str, Any] = {

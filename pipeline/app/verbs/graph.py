@@ -12,7 +12,7 @@ from pipeline.errors import UsageError
 
 
 class Format(StrEnum):
-    """How the graph is written."""
+    """Formats in which the graph is written."""
 
     MERMAID = "mermaid"
     DOT = "dot"

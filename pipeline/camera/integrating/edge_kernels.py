@@ -27,7 +27,7 @@ _GOLDEN_U, _GOLDEN_V = 0.7548776662466927, 0.5698402909980532
 
 
 class Labels(NamedTuple):
-    """What blocks the rays of a packet, and how far inside of all edges they pass, (PACKET,) each: `label_packet`."""
+    """Obstacles of the rays of a packet, and distances from all edges at which they pass, (PACKET,) each."""
 
     label: np.ndarray
     clearance: np.ndarray

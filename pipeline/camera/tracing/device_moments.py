@@ -31,7 +31,7 @@ _AT_ONCE, _BINDING = 1 << 16, 64
 
 
 class Regions(NamedTuple):
-    """What may pass of many bundles.
+    """Regions that many bundles may pass.
 
     Attributes
     ----------

@@ -1,4 +1,7 @@
-"""What of a dataset lies finished in its output folder. Reads the folder and the store; nothing ever says "running"."""
+"""Status of a dataset: which of its files lie finished in the output folder.
+
+It is read from the folder and the store; nothing ever says "running".
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

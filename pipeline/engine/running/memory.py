@@ -1,4 +1,4 @@
-"""How much memory tasks took, and whether one more fits. Estimates only save time: nothing here changes a byte."""
+"""Memory that tasks took, and whether one more fits. Estimates only save time: nothing here changes a byte."""
 
 import contextlib
 import resource
@@ -26,7 +26,7 @@ class PeakMeter:
 
 
 def available_bytes() -> int | None:
-    """What may still be used: the system's estimate, or less inside a container; None where nobody says."""
+    """Memory that may still be used: the system's estimate, or less inside a container; None where nobody says."""
     found = [_kilobytes(Path("/proc/meminfo"), "MemAvailable"), _cgroup_bytes()]
     known = [value for value in found if value is not None]
     return min(known) if known else None

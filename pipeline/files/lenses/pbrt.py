@@ -45,7 +45,7 @@ def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
 
 
 def spacing_of(path: str | Path, surfaces: list[PrintedSurface]) -> tuple[str, str]:
-    """What the second column means, and by which rule.
+    """Meaning of the second column, and the rule that says so.
 
     A first thickness of 0 means "before": no lens begins with an element of no thickness. A last thickness of 0 means
     "after": there is always a space before the last surface. Otherwise the reading wins in which no surfaces cross

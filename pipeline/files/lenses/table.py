@@ -110,7 +110,7 @@ def _cells(text: str, delimiter: str | None) -> list[str]:
 
 
 def _quantity(name: str) -> str | None:
-    """What a column holds, None if its name is not known: a quantity of NAMES, or `A4`, `A6` … of an asphere."""
+    """Content of a column, None if its name is not known: a quantity of NAMES, or `A4`, `A6` … of an asphere."""
     plain = re.sub(r"[\s_-]+", " ", re.sub(r"[\[(].*?[\])]|[_ ]mm$", "", name.casefold())).strip()
     if term := re.fullmatch(r"a ?0*([1-9]\d?)", plain):
         return f"A{term[1]}"

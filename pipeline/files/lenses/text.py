@@ -1,4 +1,4 @@
-"""What the readers of lens files share: the text whatever its encoding, numbers, and the error with file and line."""
+"""Common parts of the readers of lens files: text in any encoding, numbers, and the error with file and line."""
 
 import codecs
 import math

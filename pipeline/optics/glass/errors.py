@@ -1,14 +1,12 @@
 """Errors of glasses. Each has the stable name under which `check` reports it."""
 
-from typing import ClassVar
-
 from pipeline.errors import PipelineError
 
 
 class GlassError(PipelineError):
     """A medium whose index cannot be known."""
 
-    code: ClassVar[str] = "glass"
+    code = "glass"
 
 
 class UnknownGlass(GlassError):

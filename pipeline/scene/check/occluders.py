@@ -85,7 +85,7 @@ def meets_lens(triangles_mm: np.ndarray, ends_mm: tuple[float, float], radius_mm
 
 
 def _distance_of_axis(triangle: np.ndarray, ends_mm: tuple[float, float]) -> float:
-    """Of the z axis from the part of a triangle between two heights; infinite if there is none."""
+    """Distance of the z axis from the part of a triangle between two heights; infinite if there is none."""
     part = _cut(_cut(triangle, ends_mm[0], 1.0), ends_mm[1], -1.0)[:, :2]
     if not len(part):
         return np.inf
@@ -99,7 +99,7 @@ def _distance_of_axis(triangle: np.ndarray, ends_mm: tuple[float, float]) -> flo
 
 
 def _cut(polygon: np.ndarray, height_mm: float, sign: float) -> np.ndarray:
-    """What of a convex polygon (n, 3) lies above a height, or with sign -1 below it."""
+    """Part of a convex polygon (n, 3) above a height, or with sign -1 below it."""
     kept: list[np.ndarray] = []
     above = sign * (polygon[:, 2] - height_mm)
     for i in range(len(polygon)):

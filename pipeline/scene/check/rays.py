@@ -1,4 +1,4 @@
-"""How long a build takes, as far as a count of rays says: what is asked for may be possible and still unwise."""
+"""Duration of a build, as far as a count of rays tells: a request may be possible and still unwise."""
 
 from collections.abc import Iterator
 

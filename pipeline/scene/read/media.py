@@ -1,4 +1,4 @@
-"""Which medium lies behind the surfaces of a lens, and so their indices at a wavelength.
+"""Media behind the surfaces of a lens, and so their indices at a wavelength.
 
 The formula is evaluated here, while a stage is read: records carry plain numbers, and a task knows no glass.
 """
@@ -50,7 +50,7 @@ def with_indices(
 
 
 def index_source(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> str:
-    """Where the indices of a lens come from, as reports and tables say it: with the medium of every element."""
+    """Source of the indices of a lens, as reports and tables name it: with the medium of every element."""
     if not uses_catalogue(lens):
         return str(need(lens, "plen:indexSource"))
     labels = [medium_behind(prim, lens).label for prim in prims]

@@ -29,7 +29,7 @@ def _dictionary(name: str):  # type: ignore[no-untyped-def]
 
 
 def size_of(name: str) -> tuple[int, int]:
-    """How many tags a dictionary has, and how many bits along an edge."""
+    """Number of tags of a dictionary, and of bits along an edge."""
     if name not in DICTIONARIES:
         raise TargetError(f'no dictionary "{name}"', hint="one of: " + ", ".join(DICTIONARIES))
     dictionary = _dictionary(name)

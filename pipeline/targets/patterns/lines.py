@@ -39,7 +39,7 @@ class SlantedEdge(Base):
 
     @property
     def _lean(self) -> float:
-        """How far the upper end lies to the right of the lower one, as a length."""
+        """Distance by which the upper end lies to the right of the lower one."""
         return abs(self.height_mm * math.tan(math.radians(self.angle_deg)))
 
     def marks(self) -> Marks:

@@ -1,4 +1,4 @@
-"""What all patterns have in common: a drawing, marks with ids, and the radiance of black and white."""
+"""Common parts of all patterns: a drawing, marks with ids, and the radiance of black and white."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ class Pattern(Protocol):
 
     @property
     def drawing(self) -> Drawing:
-        """What it looks like."""
+        """Its artwork."""
         ...
 
     def marks(self) -> Marks:
@@ -83,7 +83,7 @@ class Base:
 
     @property
     def drawing(self) -> Drawing:
-        """What it looks like."""
+        """Its artwork."""
         raise NotImplementedError
 
     def for_face(self, number: int) -> "Pattern":

@@ -88,7 +88,7 @@ def columns_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetNote:
-    """What became of the points of a target, or of some of them.
+    """Counts and notes on the points of a target, or on some of them.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class TargetNote:
         return "; ".join([f"{self.target}: {', '.join(said)}", *(one.text for one in self.sets)])
 
     def joined(self, other: "TargetNote") -> "TargetNote":
-        """Of the points of both, which are others."""
+        """The note on the points of both, which are different ones."""
         if self.counts is None or other.counts is None:
             return self
         return TargetNote(

@@ -8,7 +8,7 @@ from pipeline.camera.parts.camera import Camera
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nothing:
-    """Of a kind that reads other tasks alone."""
+    """No parameters: the kind reads other tasks alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,7 @@ class CameraLabels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstOrder:
-    """What camera.json says besides figures."""
+    """Labels of camera.json besides its figures."""
 
     labels: CameraLabels
     circle_of_confusion_px: float

@@ -16,7 +16,7 @@ from pipeline.units import DEGREE_RAD
 
 @dataclass(frozen=True, slots=True)
 class Sightings:
-    """What a search met, before the best solution of each point and cell is chosen.
+    """Solutions that a search met, before the best one of each point and cell is chosen.
 
     Attributes
     ----------

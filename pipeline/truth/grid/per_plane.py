@@ -91,7 +91,7 @@ class _Band:
     settings: TruthSettings
 
     def rows_of(self, plane: _Plane, image_of: ImageOf) -> tuple[Correspondences, np.ndarray]:
-        """What is seen of the points of a plane, in the whole image, and the distance of the nearest value."""
+        """Rows of the points of a plane, in the whole image, and the distance of the nearest value."""
         k, (width, height) = self.rays.supersampling, self.rays.size_px
         rows, columns = slice(0, height), slice(0, width)
         if len(plane.plane.members) == 1 and self.settings.method != "image":

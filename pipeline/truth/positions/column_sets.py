@@ -27,7 +27,7 @@ SETS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetNote:
-    """What became of a set.
+    """Counts and notes on a set.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class SetNote:
         return note if self.error_px is None else f"{note}, its largest error {self.error_px:.1g} px"
 
     def joined(self, other: "SetNote") -> "SetNote":
-        """Of the rows of both."""
+        """The note on the rows of both."""
         errors = [note.error_px for note in (self, other) if note.error_px is not None]
         return SetNote(
             name=self.name,

@@ -76,7 +76,7 @@ def _known(surface: Usd.Prim, lens: Usd.Prim) -> Medium | None:
 
 
 def _where(surface: Usd.Prim) -> Usd.Property:
-    """Where a person mends a medium: its glass, or what stands in its place."""
+    """Attribute in which a person mends a medium: its glass, or what replaces it."""
     names = ("plen:glass", "plen:index")
     written = (surface.GetAttribute(name) for name in names if surface.GetAttribute(name).HasAuthoredValue())
     return next(written, surface)

@@ -20,6 +20,8 @@ from pipeline.scene.usd.values import UnreadableValue, read
 _TOUCH_MM = 1e-9
 _STEEPEST = 10.0
 """Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
+_BLAMED = {"ideal-lens": "plen:focalLength", "aperture-value": "plen:innerSemiDiameter"}
+"""Attributes to mend, by the code of the error of a surface; the others are mistakes of the whole surface."""
 _THIN = 1 / 200
 """Least thickness of an element at its rim over its diameter without a warning: the thinnest of the published lenses in
 the library is 1/130."""
@@ -132,15 +134,12 @@ def _check_aperture(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_shape(part: _Part) -> Iterator[Problem]:
-    prim, error = part.prim, part.error
-    if error is None:
-        return
-    if "beyond" in error.what:
-        yield problem(prim, "beyond-sphere", error.what)
-    elif "ideal thin lens" in error.what:
-        yield problem(prim.GetAttribute("plen:focalLength"), "ideal-lens", error.what, hint=error.hint)
-    elif "obstruction" in error.what:
-        yield problem(prim.GetAttribute("plen:innerSemiDiameter"), "aperture-value", error.what)
+    """A surface whose values do not go together; those that are wrong alone the checks of values have reported."""
+    error = part.error
+    if error is not None and error.code:
+        attribute = _BLAMED.get(error.code)
+        place = part.prim.GetAttribute(attribute) if attribute else part.prim
+        yield problem(place, error.code, error.what, hint=error.hint)
 
 
 def _check_steep(part: _Part) -> Iterator[Problem]:

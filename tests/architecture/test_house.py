@@ -1,0 +1,82 @@
+"""Rules of the house, each a few lines: sizes of folders and functions, parameters, what a room of tasks holds."""
+
+import ast
+import importlib
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "pipeline"
+MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
+TREES = {path: ast.parse(path.read_bytes()) for path in MODULES}
+MOST_MODULES, MOST_LINES, LONGEST = 14, 400, 60
+"""Modules in a folder, lines of a module, lines of a function without its docstring."""
+
+
+@pytest.fixture(scope="module")
+def house() -> Iterator[object]:
+    """The script that counts: docs/house.py."""
+    sys.path.insert(0, str(ROOT / "docs"))
+    yield importlib.import_module("house")
+    sys.path.remove(str(ROOT / "docs"))
+
+
+def docstring_lines(node: ast.AST) -> int:
+    """Lines of the docstring of a function."""
+    first = node.body[0]
+    is_text = (
+        isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str)
+    )
+    return first.end_lineno - first.lineno + 1 if is_text else 0
+
+
+def test_no_folder_is_crowded_and_no_module_or_function_is_long():
+    folders = {path.parent for path in MODULES if path.parent != PACKAGE / "tasks"}  # there: one module per kind
+    named = {folder: [p for p in folder.glob("*.py") if not p.name.startswith("__")] for folder in folders}
+    offenders = [str(folder) for folder, found in named.items() if len(found) > MOST_MODULES]
+    offenders += [str(path) for path in MODULES if len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES]
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                lines = node.end_lineno - node.lineno + 1 - docstring_lines(node)
+                offenders += [f"{path}:{node.name}: {lines} lines"] * (lines > LONGEST)
+    assert offenders == []
+
+
+def test_a_module_of_tasks_is_a_kind():
+    """With `Params` and `run`; what passes between kinds stands in rooms of its own."""
+    for path in sorted((PACKAGE / "tasks").glob("*.py")):
+        if path.stem != "__init__":
+            module = importlib.import_module(f"pipeline.tasks.{path.stem}")
+            assert hasattr(module, "run") and hasattr(module, "Params"), path
+
+
+def test_modules_are_imported_by_name_in_few_places_and_no_message_is_read():
+    """`import_module` hides an import from the contract; words of a message are for people."""
+    known = {"__init__.py", "confine/process.py", "engine/running/execute.py", "jit/compiler.py", "jit/device.py"}
+    users = {str(path.relative_to(PACKAGE)) for path in MODULES if "import_module" in path.read_text(encoding="utf-8")}
+    assert users <= known
+    readers = [str(path) for path in MODULES if re.search(r'" in \w*\.?error\.what', path.read_text(encoding="utf-8"))]
+    assert readers == []
+
+
+def test_docstrings_begin_with_a_noun_or_a_verb():
+    """Not with a fragment: `Of what passes` says nothing on the first reading."""
+    offenders = []
+    for path, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+                text = ast.get_docstring(node) or ""
+                if re.match(r"(Of|What|Where|How|Which)\b", text):
+                    offenders.append(f"{path}: {text.splitlines()[0]}")
+    assert offenders == []
+
+
+def test_packages_but_the_top_one_are_empty_or_say_why():
+    """The fingerprint of a task's code follows imports."""
+    full = [str(path.relative_to(PACKAGE)) for path in MODULES if path.name == "__init__.py" and path.stat().st_size]
+    assert full == ["__init__.py", "scene/__init__.py"]
