@@ -82,12 +82,12 @@ def build(
     if dry_run:
         if device:
             raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
-        return print_plan(stage, out, options, as_json=as_json)
+        print_plan(stage, out, options, as_json=as_json)
+        return
     try:
         result = _run(stage, out, options, events, verbose - quiet)
     except PipelineError as error:
-        if as_json:  # one object at the end, also after a failure
-            say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
+        _say_failure(stage, error, as_json=as_json)
         raise
     if as_json:
         say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
@@ -99,6 +99,12 @@ def build(
         _say_points(result.points)
     is_refuted = _failed_certificate(result.certificate, quiet=quiet > verbose)
     raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
+
+
+def _say_failure(stage: Path, error: PipelineError, *, as_json: bool) -> None:
+    """One object at the end, also after a failure."""
+    if as_json:
+        say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
 
 
 def _say_files(result: Any) -> None:
