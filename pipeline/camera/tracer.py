@@ -14,7 +14,7 @@ from pipeline.camera.pupil.outline_grid import grid_outlines, upright
 from pipeline.camera.pupil.outlines import MARGIN, Outlines, outlines
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.microlens_tables import Microlenses, is_plain, microlenses
-from pipeline.camera.tracing.moments import COLUMNS, WEIGHT
+from pipeline.camera.tracing.moments import COLUMNS, FIRST, NORMAL, ORIGIN, SECOND, WEIGHT
 from pipeline.camera.tracing.records import CameraArrays, Optics, Samples, Starts
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
@@ -200,8 +200,8 @@ class Tracer:
 def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:
     """Two planes perpendicular to the axis with the vision frame's x and y, for the kernels, (2, 4, 3)."""
     planes = np.zeros((2, 4, 3))
-    planes[:, 0, 2] = near_mm, far_mm
-    planes[:, 1, 0] = planes[:, 2, 1] = planes[:, 3, 2] = 1.0
+    planes[:, ORIGIN, 2] = near_mm, far_mm
+    planes[:, FIRST, 0] = planes[:, SECOND, 1] = planes[:, NORMAL, 2] = 1.0
     return planes
 
 

@@ -108,7 +108,7 @@ class Drawing:
     def arrays(self) -> kernels.DrawingArrays:
         """The drawing for the kernels."""
         kinds = np.array([kernels.KINDS.index(type(shape).__name__) for shape in self.shapes], np.int64)
-        numbers = np.zeros((len(self.shapes), 6))
+        numbers = np.zeros((len(self.shapes), kernels.NUMBERS))
         corners: list[tuple[float, float]] = []
         first = np.zeros(len(self.shapes) + 1, np.int64)
         for i, shape in enumerate(self.shapes):
@@ -123,6 +123,7 @@ class Drawing:
 
 
 def _numbers(shape: Shape) -> tuple[float, ...]:
+    """At the places that `kernels` names."""
     if isinstance(shape, Polygon):
         return (0.0 if shape.is_black else 1.0, *_bounds(shape), 0)
     if isinstance(shape, Disc):

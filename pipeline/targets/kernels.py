@@ -9,13 +9,22 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import inline, kernel
-from pipeline.targets.surface_kernels import cylinder_hit, height_hit, height_into
+from pipeline.targets.surface_kernels import CYLINDER_RADIUS, cylinder_hit, height_hit, height_into
 
 KINDS = ("Polygon", "Disc", "Spokes", "Checks")
 """Shapes of a drawing, by the numbers that the kernels know them by."""
 POLYGON, DISC, SPOKES, CHECKS = range(4)
 
 NOT_PAINTED = -1.0
+COLOUR, LEFT, RIGHT, BOTTOM, TOP = range(5)
+"""Places in the numbers of a polygon: 0 for black or 1 for white, and its bounds."""
+MIDDLE_X, MIDDLE_Y, RADIUS = 1, 2, 3
+"""Of a disc, behind its colour; spokes have a middle, too."""
+SPOKES_COUNT, INNER, OUTER, PHASE = 0, 3, 4, 5
+"""Of spokes: their number, both radii, the direction of the first [rad]."""
+COLUMNS, ROWS, SQUARE = range(3)
+"""Of checks: inner corners along x and y, and the edge of a square."""
+NUMBERS = 6
 
 
 class DrawingArrays(NamedTuple):
@@ -27,8 +36,8 @@ class DrawingArrays(NamedTuple):
         Half the width and half the height of the sheet.
     kinds : (s,) int64
         Of the shapes, numbers of `KINDS`.
-    numbers : (s, 6) float64
-        What each is, by its kind: `drawing`.
+    numbers : (s, NUMBERS) float64
+        What each is, at places that its kind decides.
     first : (s + 1,) int64
         Where the corners of each begin.
     corners : (c, 2) float64
@@ -120,17 +129,17 @@ def spoke_colour(count, inner, outer, phase, x, y):
 @inline
 def painted(drawing, s, x, y):
     """Colour that shape number s gives a point, NOT_PAINTED beside it."""
-    kind, numbers, first = drawing.kinds[s], drawing.numbers, drawing.first
+    kind, own, first = drawing.kinds[s], drawing.numbers[s], drawing.first
     if kind == CHECKS:
-        return check_colour(numbers[s, 0], numbers[s, 1], numbers[s, 2], x, y)
+        return check_colour(own[COLUMNS], own[ROWS], own[SQUARE], x, y)
     if kind == POLYGON:
-        if x < numbers[s, 1] or x > numbers[s, 2] or y < numbers[s, 3] or y > numbers[s, 4]:
+        if x < own[LEFT] or x > own[RIGHT] or y < own[BOTTOM] or y > own[TOP]:
             return NOT_PAINTED
-        return numbers[s, 0] if in_polygon(drawing.corners, first[s], first[s + 1], x, y) else NOT_PAINTED
-    dx, dy = x - numbers[s, 1], y - numbers[s, 2]
+        return own[COLOUR] if in_polygon(drawing.corners, first[s], first[s + 1], x, y) else NOT_PAINTED
+    dx, dy = x - own[MIDDLE_X], y - own[MIDDLE_Y]
     if kind == DISC:
-        return numbers[s, 0] if dx * dx + dy * dy <= numbers[s, 3] * numbers[s, 3] else NOT_PAINTED
-    return spoke_colour(numbers[s, 0], numbers[s, 3], numbers[s, 4], numbers[s, 5], dx, dy)
+        return own[COLOUR] if dx * dx + dy * dy <= own[RADIUS] * own[RADIUS] else NOT_PAINTED
+    return spoke_colour(own[SPOKES_COUNT], own[INNER], own[OUTER], own[PHASE], dx, dy)
 
 
 @inline
@@ -175,7 +184,7 @@ def on_plane(pose, origin, direction, i):
 def only_checks(drawing):
     """Whether a drawing is one checkerboard, and its columns, rows and square."""
     if drawing.kinds.size == 1 and drawing.kinds[0] == CHECKS:
-        return True, drawing.numbers[0, 0], drawing.numbers[0, 1], drawing.numbers[0, 2]
+        return True, drawing.numbers[0, COLUMNS], drawing.numbers[0, ROWS], drawing.numbers[0, SQUARE]
     return False, 0.0, 0.0, 1.0
 
 
@@ -221,20 +230,21 @@ def curved_light(artwork, surface, triangle, origin, direction, light):
     triangle : (n,) int64
         Which triangle of the patch each ray meets first; negative: none.
     """
-    pose, shape = artwork.pose, surface.shape
+    drawing, colours, pose = artwork
+    is_cylinder, shape, triangles = surface
     for i in range(triangle.size):
         if triangle[i] < 0:
             continue
         o, d = _in_patch(pose, origin[i], direction[i])
-        start = _meets(surface.triangles[triangle[i]], o, d)
-        if surface.is_cylinder:
-            u, v, nx, ny, nz = cylinder_hit(shape[0], o, d, start)
+        start = _meets(triangles[triangle[i]], o, d)
+        if is_cylinder:
+            u, v, nx, ny, nz = cylinder_hit(shape[CYLINDER_RADIUS], o, d, start)
         else:
             u, v, nx, ny, nz = height_hit(shape, o, d, start)
-        value = whiteness(artwork.drawing, u, v)
+        value = whiteness(drawing, u, v)
         if not math.isnan(value):
             towards = nx * d[0] + ny * d[1] + nz * d[2]
-            light[i] = artwork.colours[int(value)] if towards < 0.0 else 0.0
+            light[i] = colours[int(value)] if towards < 0.0 else 0.0
 
 
 @kernel

@@ -6,7 +6,24 @@ An answer of one colour is always right; where shapes are many or round, a box o
 import math
 
 from pipeline.jit.decorators import inline
-from pipeline.targets.kernels import CHECKS, DISC, POLYGON, whiteness
+from pipeline.targets.kernels import (
+    BOTTOM,
+    CHECKS,
+    COLUMNS,
+    DISC,
+    INNER,
+    LEFT,
+    MIDDLE_X,
+    MIDDLE_Y,
+    OUTER,
+    POLYGON,
+    RADIUS,
+    RIGHT,
+    ROWS,
+    SQUARE,
+    TOP,
+    whiteness,
+)
 
 BESIDE, MIXED = -1.0, -2.0
 """What a box may be besides 0, black, and 1, white: off the sheet; of several colours, or perhaps so."""
@@ -45,11 +62,11 @@ def _bin(x, half, n):
 @inline
 def _has_edge_in(drawing, s, left, right, bottom, top):
     """Whether the outline of shape number s may pass through a box."""
-    kind, numbers, first, corners = drawing.kinds[s], drawing.numbers, drawing.first, drawing.corners
+    kind, own, first, corners = drawing.kinds[s], drawing.numbers[s], drawing.first, drawing.corners
     if kind == CHECKS:
-        return _checks_change(numbers[s, 0], numbers[s, 1], numbers[s, 2], left, right, bottom, top)
+        return _checks_change(own[COLUMNS], own[ROWS], own[SQUARE], left, right, bottom, top)
     if kind == POLYGON:
-        if right < numbers[s, 1] or left > numbers[s, 2] or top < numbers[s, 3] or bottom > numbers[s, 4]:
+        if right < own[LEFT] or left > own[RIGHT] or top < own[BOTTOM] or bottom > own[TOP]:
             return False
         j = first[s + 1] - 1
         for i in range(first[s], first[s + 1]):
@@ -58,11 +75,11 @@ def _has_edge_in(drawing, s, left, right, bottom, top):
                 return True
             j = i
         return False
-    x, y = numbers[s, 1], numbers[s, 2]
+    x, y = own[MIDDLE_X], own[MIDDLE_Y]
     near_x, near_y = max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0)
     far_x, far_y = max(right - x, x - left), max(top - y, y - bottom)
     near, far = near_x * near_x + near_y * near_y, far_x * far_x + far_y * far_y
-    inner, outer = (numbers[s, 3], numbers[s, 3]) if kind == DISC else (numbers[s, 3], numbers[s, 4])
+    inner, outer = (own[RADIUS], own[RADIUS]) if kind == DISC else (own[INNER], own[OUTER])
     return near <= outer * outer and far >= inner * inner
 
 

@@ -1,7 +1,8 @@
 """Crossings of rays with warped boards and cylinders, in the frame of the patch [mm].
 
 `shape` of a board over the chart: number of heights along x and y, half width, half height, then the heights, rows from
-the top, each from the left; 0 heights along x stand for a parabolic warp, whose two deflections follow instead.
+the top, each from the left; 0 heights along x stand for a parabolic warp, whose two deflections follow instead. That of
+a cylinder holds its radius.
 """
 
 import math
@@ -10,6 +11,9 @@ import numpy as np
 
 from pipeline.jit.decorators import buffers, inline
 
+COLUMNS, ROWS, HALF_X, HALF_Y, HEIGHTS = range(5)
+"""Places in the shape of a board; from the last one on are its heights, or two deflections."""
+CYLINDER_RADIUS = 0
 _STEPS = 20
 _PRECISION = 1e-12
 """Of a Newton step [mm]; the last one taken is some digits smaller yet."""
@@ -38,7 +42,7 @@ def _weights(t):
 @inline
 def _node(shape, i, j):
     """A height, or beyond the edge of the map the one that goes on straight."""
-    nx, ny = int(shape[0]), int(shape[1])
+    nx, ny = int(shape[COLUMNS]), int(shape[ROWS])
     if i < 0:
         return 2.0 * _row_node(shape, 0, j, nx, ny) - _row_node(shape, 1, j, nx, ny)
     if i >= nx:
@@ -49,25 +53,26 @@ def _node(shape, i, j):
 @inline
 def _row_node(shape, i, j, nx, ny):
     if j < 0:
-        return 2.0 * shape[4 + i] - shape[4 + nx + i]
+        return 2.0 * shape[HEIGHTS + i] - shape[HEIGHTS + nx + i]
     if j >= ny:
-        return 2.0 * shape[4 + (ny - 1) * nx + i] - shape[4 + (ny - 2) * nx + i]
-    return shape[4 + j * nx + i]
+        return 2.0 * shape[HEIGHTS + (ny - 1) * nx + i] - shape[HEIGHTS + (ny - 2) * nx + i]
+    return shape[HEIGHTS + j * nx + i]
 
 
 @inline
 def height_into(shape, u, v, result):
     """Height z and its derivatives by u, v, uu, uv, vv at a point of the chart; `result` (6,) is written."""
-    half_x, half_y = shape[2], shape[3]
-    if shape[0] == 0.0:
-        a, b, x, y = shape[4], shape[5], u / half_x, v / half_y
+    half_x, half_y = shape[HALF_X], shape[HALF_Y]
+    if shape[COLUMNS] == 0.0:
+        a, b, x, y = shape[HEIGHTS], shape[HEIGHTS + 1], u / half_x, v / half_y
         result[0] = a * (1.0 - x * x) + b * (1.0 - y * y)
         result[1], result[2] = -2.0 * a * x / half_x, -2.0 * b * y / half_y
         result[3], result[4], result[5] = -2.0 * a / (half_x * half_x), 0.0, -2.0 * b / (half_y * half_y)
         return
-    per_x, per_y = 0.5 * (shape[0] - 1.0) / half_x, -0.5 * (shape[1] - 1.0) / half_y
+    per_x, per_y = 0.5 * (shape[COLUMNS] - 1.0) / half_x, -0.5 * (shape[ROWS] - 1.0) / half_y
     along, down = (u + half_x) * per_x, (v - half_y) * per_y
-    i, j = min(max(math.floor(along), 0.0), shape[0] - 2.0), min(max(math.floor(down), 0.0), shape[1] - 2.0)
+    i = min(max(math.floor(along), 0.0), shape[COLUMNS] - 2.0)
+    j = min(max(math.floor(down), 0.0), shape[ROWS] - 2.0)
     wx, wy = _weights(along - i), _weights(down - j)
     for k in range(6):
         result[k] = 0.0

@@ -13,7 +13,7 @@ from laws import rigs
 from tolerances import SIGMAS
 
 from pipeline.camera.integrals import integrals
-from pipeline.camera.integrating.polar_bundle import bundle_hits
+from pipeline.camera.integrating.polar_bundle import Polar, bundle_hits
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -112,7 +112,7 @@ def test_only_a_bundle_in_one_piece_has_a_saddle_and_a_centroid(region: str) -> 
     tracer = Tracer(camera_with(region))
     x = np.array([29.0, 31.0]) + np.random.default_rng(0).uniform(-0.7, 0.7, (9, 2))
     plane, shares = parallel_planes(TARGET_MM, TARGET_MM)[0], np.linspace(0.0, 1.0, 9)
-    found = bundle_hits(tracer.arrays, tracer.positions_mm(*x.T), NO_MICROLENS, plane, shares, 16)
+    found = bundle_hits(tracer.arrays, tracer.positions_mm(*x.T), NO_MICROLENS, plane, Polar(shares, 16))
     assert found.whole.tolist() == [region == "disc"] * len(x)
 
 

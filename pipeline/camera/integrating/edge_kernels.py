@@ -51,7 +51,7 @@ class Nodes(NamedTuple):
     measure: np.ndarray
 
 
-class Hits(NamedTuple):
+class SingleHits(NamedTuple):
     """Hits of single rays on planes.
 
     Attributes
@@ -69,9 +69,9 @@ class Hits(NamedTuple):
     passes: np.ndarray
 
 
-def empty_hits(count: int) -> Hits:
+def empty_hits(count: int) -> SingleHits:
     """Room for so many."""
-    return Hits(np.empty((count, 2)), np.empty(count), np.empty(count, bool))
+    return SingleHits(np.empty((count, 2)), np.empty(count), np.empty(count, bool))
 
 
 @kernel
@@ -86,18 +86,19 @@ def bounds(camera, positions, microlens, polygons, counts, free):
         Written; 0 without a microlens [sr].
     """
     region = new_region()
+    polygon = region.polygon
     for n in range(positions.shape[0]):
         counts[n], free[n] = 0, 0.0
         if microlens[n] == SKIP:
             continue
         x, y = positions[n]
         if microlens[n] >= 0:
-            free[n] = free_weight(camera, microlens[n], x, y, region.polygon)
+            free[n] = free_weight(camera, microlens[n], x, y, polygon)
         found = bound(camera, microlens[n], x, y, 0.0, region)
         if found.area > 0.0:
             counts[n] = found.vertices
             for i in range(found.vertices):
-                polygons[n, i, 0], polygons[n, i, 1] = region.polygon[i, 0], region.polygon[i, 1]
+                polygons[n, i, 0], polygons[n, i, 1] = polygon[i, 0], polygon[i, 1]
 
 
 @kernel
@@ -125,14 +126,15 @@ def probe(camera, positions, microlens, owner, points, label):
         Written: see `label_packet`.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
-    found = Labels(np.empty(PACKET, np.int64), np.empty(PACKET))
+    here = np.empty(PACKET, np.int64)
+    found = Labels(here, np.empty(PACKET))
     for first in range(0, owner.shape[0], PACKET):
         size = min(PACKET, owner.shape[0] - first)
         part = slice(first, first + size)
         _set_rays(positions, owner[part], points[part], start, packet)
         label_packet(camera, microlens, owner[part], points[part], start, size, packet, found)
         for i in range(size):
-            label[first + i] = found.label[i]
+            label[first + i] = here[i]
 
 
 @unit
@@ -273,11 +275,12 @@ def hits(camera, planes, positions, microlens, owner, points, hit):
     planes : (n, 4, 3) float64
     owner, points : (m,) int64, (m, 2) float64
         As in `probe`.
-    hit : Hits
+    hit : SingleHits
         Written.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     x, y, z, dx, dy, dz, alive, _, weight = packet
+    on_plane, density, passes = hit
     for first in range(0, owner.shape[0], PACKET):
         size = min(PACKET, owner.shape[0] - first)
         part = slice(first, first + size)
@@ -285,9 +288,8 @@ def hits(camera, planes, positions, microlens, owner, points, hit):
         send_mixed(camera, microlens, owner[part], start, size, packet)
         for i in range(size):
             plane = planes[owner[first + i]]
-            a, b = cross(plane, x[i], y[i], z[i], dx[i], dy[i], dz[i])
-            hit.on_plane[first + i, 0], hit.on_plane[first + i, 1] = a, b
-            hit.density[first + i], hit.passes[first + i] = weight[i], alive[i] > 0.0
+            on_plane[first + i, 0], on_plane[first + i, 1] = cross(plane, x[i], y[i], z[i], dx[i], dy[i], dz[i])
+            density[first + i], passes[first + i] = weight[i], alive[i] > 0.0
 
 
 @inline

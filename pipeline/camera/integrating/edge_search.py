@@ -76,10 +76,11 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
         Written: where light ends, and what ends it; the bound itself, and no label, where a ray passes there.
     """
     owner, angle, limit = spokes
-    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
+    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
+    x, y, start = packet.x, packet.y, SensorPoints(start_x, start_y)
     way, at, points = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64), np.empty((PACKET, 2))
-    labels, search = Labels(np.empty(PACKET, np.int64), np.empty(PACKET)), np.empty((6, PACKET))
-    blocker, clearance = labels
+    blocker, clearance, search = np.empty(PACKET, np.int64), np.empty(PACKET), np.empty((6, PACKET))
+    labels = Labels(blocker, clearance)
     along, found = np.empty((2, PACKET)), np.empty(PACKET, np.int64)
     size, following, rays, narrow = 0, 0, 0, 0.5 ** (steps + 1)
     while True:
@@ -94,9 +95,9 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
         for i in range(size):
             f = way[i]
             n, far = owner[f], limit[f] * search[HERE, i]
-            at[i], start.x[i], start.y[i] = n, positions[n, 0], positions[n, 1]
+            at[i], start_x[i], start_y[i] = n, positions[n, 0], positions[n, 1]
             points[i, 0], points[i, 1] = centres[n, 0] + far * along[0, i], centres[n, 1] + far * along[1, i]
-            packet.x[i], packet.y[i] = points[i, 0], points[i, 1]
+            x[i], y[i] = points[i, 0], points[i, 1]
         label_packet(camera, microlens, at[:size], points, start, size, packet, labels)
         rays += size
         for i in range(size - 1, -1, -1):

@@ -5,6 +5,7 @@ the hit of a node, and its weight, are smooth functions of the position, which r
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,14 +39,25 @@ class Hits:
     whole: np.ndarray
 
 
+class Polar(NamedTuple):
+    """Nodes about an inner point.
+
+    Attributes
+    ----------
+    shares : (r,) float64
+        Of the way from the inner point to the edge.
+    directions : int
+    about : int
+        The position whose inner point serves all of them.
+    """
+
+    shares: np.ndarray
+    directions: int
+    about: int = 0
+
+
 def bundle_hits(
-    arrays: CameraArrays,
-    positions_mm: np.ndarray,
-    lens: int,
-    plane: np.ndarray,
-    shares: np.ndarray,
-    directions: int,
-    about: int = 0,
+    arrays: CameraArrays, positions_mm: np.ndarray, microlens: int, plane: np.ndarray, nodes: Polar
 ) -> Hits:
     """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none.
 
@@ -53,18 +65,15 @@ def bundle_hits(
     ----------
     plane : (4, 3) float64
         Rows origin, first axis, second axis, normal.
-    shares : (r,) float64
-        Of the way from the inner point to the edge.
-    about : int
-        The position whose inner point serves all of them.
     """
-    n, own = len(positions_mm), np.full(len(positions_mm), lens)
+    shares, directions, about = nodes
+    n, own = len(positions_mm), np.full(len(positions_mm), microlens)
     home, found = inner_points(arrays, positions_mm[[about]], own[:1]), bounded(arrays, positions_mm, own)
     if np.isnan(home.centres).any() or (found.counts < 3).any():
         nothing = np.full((n, directions, len(shares)), np.nan)
         return Hits(np.stack([nothing, nothing], axis=-1), nothing, np.zeros(n, bool))
     # Without a microlens what passes moves along with the position, by the drift of the outlines.
-    drift = arrays.optics.drift if lens == NO_MICROLENS else 0.0
+    drift = arrays.optics.drift if microlens == NO_MICROLENS else 0.0
     found.centres[:] = home.centres + drift * (found.positions - home.positions)
     owner, angle = found.spokes(directions)
     radius, _, limit, _ = found.find(owner, angle)
@@ -82,18 +91,18 @@ def bundle_hits(
 
 
 def single_hits(
-    arrays: CameraArrays, positions_mm: np.ndarray, lens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
+    arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
 ) -> np.ndarray:
     """Hit of the ray from each position towards an aim of the sampling plane on a plane of its own, (n, 2); NaN: none.
 
     Parameters
     ----------
-    lens : (n,) int64
+    microlens : (n,) int64
     aims_mm : (n, 2) float64
     planes : (n, 4, 3) float64
     """
     hit = edge_kernels.empty_hits(len(positions_mm))
-    given = map(np.ascontiguousarray, (planes, positions_mm, lens, np.arange(len(lens)), aims_mm))
+    given = map(np.ascontiguousarray, (planes, positions_mm, microlens, np.arange(len(microlens)), aims_mm))
     edge_kernels.hits(arrays, *given, hit)
     edge_kernels.hits.count(len(positions_mm), len(arrays.table))
     return np.where(hit.passes[:, None], hit.on_plane, np.nan)

@@ -5,6 +5,8 @@ the rim: just inside of it light passes a thin sliver of the aperture. Rays thro
 a few points all around, then finer ones about those that go dark last.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pipeline.camera.integrating.edge_kernels import PASSES
@@ -18,6 +20,14 @@ _COARSE, _FINE = 24, 9
 _STRIDE = RIM // _COARSE
 _FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
 _COARSE_STEPS, _FINE_STEPS, _WIDENINGS = 7, 8, 20
+
+
+class _Points(NamedTuple):
+    """Points of a rim that are tried: the first one of each way (n, d), their number, and how far apart they are."""
+
+    first: np.ndarray
+    number: int
+    stride: int
 
 
 class Contours:
@@ -53,61 +63,49 @@ class Contours:
         step : (n,) float64
             Shorter than the way on which the rim stays lit once light has reached it.
         """
-        first = np.zeros(outside.shape, np.int64)
+        tried = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
         step = np.broadcast_to(step[:, None], outside.shape)
-        high, _ = self._darkened(outside, step, first, _COARSE, _STRIDE)
+        high, _ = self._darkened(outside, step, tried)
         low, where = high - step, np.full(high.shape, -1)
         for _ in range(_WIDENINGS):
-            here = self._lit(low, first, _COARSE, _STRIDE)
+            here = self._lit(low, tried)
             where = np.where(where < 0, here, where)
             inward = (where < 0) & (low > 0)
             if not inward.any():
                 break
             low, high = np.where(inward, low - step, low), np.where(inward, low, high)
-        low, high, where = self._bisected(low, high, where, first, _COARSE, _STRIDE, _COARSE_STEPS)
-        first = where - _STRIDE
-        high, low = self._darkened(high, high - low, first, _FINE, _FINE_STRIDE, low)
-        low, high, _ = self._bisected(low, high, where, first, _FINE, _FINE_STRIDE, _FINE_STEPS)
+        low, high, where = self._bisected(low, high, where, tried, _COARSE_STEPS)
+        tried = _Points(where - _STRIDE, _FINE, _FINE_STRIDE)
+        high, low = self._darkened(high, high - low, tried, low)
+        low, high, _ = self._bisected(low, high, where, tried, _FINE_STEPS)
         return np.where(where >= 0, (low + high) / 2, np.nan)
 
     def _darkened(
-        self,
-        high: np.ndarray,
-        step: np.ndarray,
-        first: np.ndarray,
-        count: int,
-        stride: int,
-        low: np.ndarray | None = None,
+        self, high: np.ndarray, step: np.ndarray, tried: _Points, low: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Outer bounds moved outwards until they are dark, inner ones along."""
         low = high if low is None else low
         for _ in range(_WIDENINGS):
-            lit = self._lit(high, first, count, stride) >= 0
+            lit = self._lit(high, tried) >= 0
             if not lit.any():
                 break
             low, high = np.where(lit, high, low), np.where(lit, high + step, high)
         return high, low
 
     def _bisected(
-        self,
-        low: np.ndarray,
-        high: np.ndarray,
-        where: np.ndarray,
-        first: np.ndarray,
-        count: int,
-        stride: int,
-        steps: int,
+        self, low: np.ndarray, high: np.ndarray, where: np.ndarray, tried: _Points, steps: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Narrowed bounds between light and dark, and the rim point that was lit last."""
         for _ in range(steps):
             middle = (low + high) / 2
-            here = self._lit(middle, first, count, stride)
+            here = self._lit(middle, tried)
             low, high = np.where(here >= 0, middle, low), np.where(here >= 0, high, middle)
             where = np.where(here >= 0, here, where)
         return low, high, where
 
-    def _lit(self, distance: np.ndarray, first: np.ndarray, count: int, stride: int) -> np.ndarray:
-        """The middle one of the rim points first, first + stride, ... that light passes, (n, d); -1: all are dark."""
+    def _lit(self, distance: np.ndarray, tried: _Points) -> np.ndarray:
+        """The middle one of the rim points that light passes, (n, d); -1: all are dark."""
+        first, count, stride = tried
         n, d = distance.shape
         which = (first[..., None] + stride * np.arange(count)) % RIM
         starts = self._origins[:, None] + distance[..., None] * self._directions

@@ -8,6 +8,7 @@ penumbra.
 
 from dataclasses import dataclass
 from itertools import chain, combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -77,43 +78,37 @@ def micro_light(tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int =
     shift, limit = _motion(tracer, images, rows)
     lit = limit > 0
     rows, shift, limit, kind = rows[lit], shift[lit], limit[lit], grid.type[rows[lit]]
-    parts = [
-        _chunk(
-            tracer,
-            array,
-            rows[i : i + _AT_ONCE],
-            kind[i : i + _AT_ONCE],
-            images,
-            shift[i : i + _AT_ONCE],
-            limit[i : i + _AT_ONCE],
-        )
-        for i in range(0, len(rows), _AT_ONCE)
-    ]
+    stretches = [slice(i, i + _AT_ONCE) for i in range(0, len(rows), _AT_ONCE)]
+    parts = [_stretch(tracer, array, images, _Some(rows[s], kind[s], shift[s], limit[s])) for s in stretches]
     joined = [np.concatenate(values) for values in zip(*parts, strict=True)] if parts else _nothing()
     return MicroLight(rows, *joined)
 
 
-def _chunk(
-    tracer: Tracer,
-    array: MicrolensArray,
-    rows: np.ndarray,
-    kind: np.ndarray,
-    images: MicroImages,
-    shift: np.ndarray,
-    limit: np.ndarray,
+class _Some(NamedTuple):
+    """Some microlenses: rows and types, how far the pupil's image moves and how far it reaches, see `_motion`."""
+
+    rows: np.ndarray
+    kind: np.ndarray
+    shift: np.ndarray
+    limit: np.ndarray
+
+
+def _stretch(
+    tracer: Tracer, array: MicrolensArray, images: MicroImages, some: _Some
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Centroids, areas and outlines of some microlenses."""
+    rows, kind, shift, limit = some
     camera = tracer.arrays
     points, shares = _nodes(array)
     middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), pinhole_kernels.SUMS))
     for sign, part in _parts(camera.table):
         apertures = Apertures(camera._replace(table=part), Pencils(rows, kind, points), shares)
         sums += sign * apertures.light(middle, shift, limit)
-    some = sums[:, pinhole_kernels.LIGHT] > 0
-    centroid, area = np.full_like(middle, np.nan), np.where(some, sums[:, pinhole_kernels.FILLED], np.nan)
-    centroid[some] = (
-        middle[some]
-        + sums[some, pinhole_kernels.BY_X : pinhole_kernels.BY_Y + 1] / sums[some, pinhole_kernels.LIGHT, None]
+    lit = sums[:, pinhole_kernels.LIGHT] > 0
+    centroid, area = np.full_like(middle, np.nan), np.where(lit, sums[:, pinhole_kernels.FILLED], np.nan)
+    centroid[lit] = (
+        middle[lit]
+        + sums[lit, pinhole_kernels.BY_X : pinhole_kernels.BY_Y + 1] / sums[lit, pinhole_kernels.LIGHT, None]
     )
     # The image is the sensor frame, turned by 180 degrees about z.
     angle = np.deg2rad(OUTLINE_DEG)
@@ -129,7 +124,7 @@ def _chunk(
     rims = Pencils(rows, kind, on_apertures(array, rim))
     contours = Contours(unobstructed, rims, np.nan_to_num(centroid), along)
     light = contours.distances(outside, _STEP * np.minimum(least, beyond))
-    pupil[~some], light[~some] = np.nan, np.nan
+    pupil[~lit], light[~lit] = np.nan, np.nan
     return centroid, area, pupil, light
 
 

@@ -99,14 +99,14 @@ def edges(camera, pencils, ways, steps):
     """
     packet, found, far = new_packet(), np.empty(PACKET, np.int64), np.empty(PACKET)
     start, passing = SensorPoints(np.empty(PACKET), np.empty(PACKET)), packet.alive
+    which, bases, directions, low, high, blockers = ways
     for n in range(pencils.microlens.shape[0]):
         microlens, points = pencils.microlens[n], pencils.points[pencils.kind[n]]
-        for first in range(0, ways.which.shape[1], PACKET):
-            size, step, widenings = min(PACKET, ways.which.shape[1] - first), 0, _WIDENINGS
+        for first in range(0, which.shape[1], PACKET):
+            size, step, widenings = min(PACKET, which.shape[1] - first), 0, _WIDENINGS
             here = slice(first, first + size)
-            which, bases, directions = ways.which[n, here], ways.bases[n, here], ways.directions[n, here]
-            inner, outer, blocker = ways.low[n, here], ways.high[n, here], ways.blocker[n, here]
-            part = Bisections(which, bases, directions, inner, outer, blocker)
+            inner, outer, blocker = low[n, here], high[n, here], blockers[n, here]
+            part = Bisections(which[n, here], bases[n, here], directions[n, here], inner, outer, blocker)
             while True:
                 for i in range(size):
                     far[i] = outer[i] if step == 0 else 0.5 * (inner[i] + outer[i])
@@ -191,10 +191,11 @@ def add_light(camera, pencils, shares, middle, sectors, sums):
         Added to: light [sr], its moments along x and y [sr mm], and the area that light through node 0 fills [mm^2].
     """
     owner, which, bases, directions, radius, angle = sectors
+    microlens, kind, points = pencils
     is_cone = camera.mosaic.detail[HALF_ANGLE] > 0.0
     for f in range(owner.shape[0]):
         n, m = owner[f], which[f]
-        near = pencils.points[pencils.kind[n], m]
+        near = points[kind[n], m]
         if m == 0:
             sums[n, FILLED] += 0.5 * radius[f] * radius[f] * angle[f]
         for k in range(len(_CONE_NODES) if is_cone else len(_NODES)):
@@ -202,7 +203,7 @@ def add_light(camera, pencils, shares, middle, sectors, sums):
             r = 0.5 * (1.0 + node) * radius[f]
             x, y = bases[f, 0] + r * directions[f, 0], bases[f, 1] + r * directions[f, 1]
             light = shares[m] * 0.5 * weight * radius[f] * r * angle[f]
-            light *= _density(camera, pencils.microlens[n], near, x, y)
+            light *= _density(camera, microlens[n], near, x, y)
             sums[n, LIGHT] += light
             sums[n, BY_X] += light * (x - middle[n, 0])
             sums[n, BY_Y] += light * (y - middle[n, 1])

@@ -80,7 +80,8 @@ def _wide_open(table: np.ndarray) -> np.ndarray:
 @kernel
 def _trace(camera, blocks, beams):
     region, packet = new_region(), new_packet()
-    start, owner = SensorPoints(np.empty(PACKET), np.empty(PACKET)), np.empty(PACKET, np.int64)
+    start_x, start_y, owner = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
+    start, lenses, aperture, outlines = SensorPoints(start_x, start_y), camera.lenses, camera.aperture, camera.outlines
     x, y, z, dx, dy, dz, alive, _, _ = packet
     polygon, size = region.polygon, _AT_ONCE * NODES * RAYS
     for b in range(blocks.microlens.shape[0]):
@@ -91,17 +92,17 @@ def _trace(camera, blocks, beams):
                 sx = blocks.centre_mm[b, 0] + (across - 0.5 * (NODES - 1)) * blocks.step_mm[b]
                 sy = blocks.centre_mm[b, 1] + (up - 0.5 * (NODES - 1)) * blocks.step_mm[b]
                 if microlens == NO_MICROLENS:
-                    count = outline_at(camera.optics.step_mm, camera.outlines, sx, sy, polygon)
+                    count = outline_at(camera.optics.step_mm, outlines, sx, sy, polygon)
                     if polygon[0, 0] == polygon[count // 2, 0] and polygon[0, 1] == polygon[count // 2, 1]:  # dark
                         beams.known[b] = False
                 else:
-                    count = camera.aperture.shape[0]
+                    count = aperture.shape[0]
                     for k in range(count):
-                        polygon[k, 0] = camera.lenses[microlens, X] + camera.aperture[k, 0]
-                        polygon[k, 1] = camera.lenses[microlens, Y] + camera.aperture[k, 1]
+                        polygon[k, 0] = lenses[microlens, X] + aperture[k, 0]
+                        polygon[k, 1] = lenses[microlens, Y] + aperture[k, 1]
                 here = slice(i * RAYS, (i + 1) * RAYS)
                 _spread(polygon, count, x[here], y[here])
-                start.x[here], start.y[here], owner[here] = sx, sy, b
+                start_x[here], start_y[here], owner[here] = sx, sy, b
             aim_mixed(camera, blocks.microlens, owner, start, size, packet)
             for i in range(size):
                 alive[i] = 1.0

@@ -24,6 +24,8 @@ from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda
 from pipeline.optics.kernels import PACKET
 
+_ALIVE = 4
+"""Place of a ray's flag, and of whether there is a pivot, behind the four coordinates of a crossing."""
 _FIRST, _SECOND, _SUMS = 5, 10, 15
 """Sums of a thread: weight and first moments, second moments, and all."""
 _AT_ONCE, _BINDING = 1 << 16, 64
@@ -129,7 +131,7 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
     if not area > 0.0:
         return
     if thread == 0:
-        pivot[4] = 0.0
+        pivot[_ALIVE] = 0.0
     cuda.syncthreads()
     own = n if planes.shape[0] > 1 else 0
     sums = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -140,8 +142,9 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
             alive = ray.alive
             a, b = cross(planes[own, 0], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
             c, d = cross(planes[own, 1], ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz)
-        if not pivot[4] > 0.0:  # the first ray of all that passes, in the order of threads
-            parts[0, thread], parts[1, thread], parts[2, thread], parts[3, thread], parts[4, thread] = a, b, c, d, alive
+        if not pivot[_ALIVE] > 0.0:  # the first ray of all that passes, in the order of threads
+            parts[0, thread], parts[1, thread], parts[2, thread], parts[3, thread] = a, b, c, d
+            parts[_ALIVE, thread] = alive
             cuda.syncthreads()
             if thread == 0:
                 _set_pivot(parts, threads, pivot)
@@ -154,7 +157,7 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
     for k in range(thread, _SUMS * REPLICAS, threads):
         ends[k // REPLICAS, k % REPLICAS] = _sum_of(parts, k // REPLICAS, k % REPLICAS * share, share)
     cuda.syncthreads()
-    if thread == 0 and pivot[4] > 0.0:
+    if thread == 0 and pivot[_ALIVE] > 0.0:
         for r in range(REPLICAS):
             for k in range(_FIRST):
                 first_sums[r, k] = ends[k, r]
@@ -185,7 +188,7 @@ def _sent(camera, samples, starts, regions, n, index, replica):
 def _set_pivot(parts, threads, pivot):
     """Take the crossing of the first living ray as the pivot, and mark that there is one."""
     for t in range(threads):
-        if parts[4, t] > 0.0:
+        if parts[_ALIVE, t] > 0.0:
             for k in range(5):
                 pivot[k] = parts[k, t]
             return

@@ -10,18 +10,20 @@ from pipeline.jit.decorators import inline, unit
 MEAN, COVARIANCE, WEIGHT, FREE_WEIGHT, VARIANCE, COLUMNS = 0, 4, 14, 15, 16, 20
 """Columns of a bundle's moments: mean (4), covariance (10, upper triangle), weight that leaves, free weight, and the
 squared standard error of the mean (4); the last is their number."""
+ORIGIN, FIRST, SECOND, NORMAL = range(4)
+"""Rows of a plane: a point of it, its two axes, its normal."""
 
 
 @inline
 def cross(plane, px, py, pz, dx, dy, dz):
-    """Coordinates of a ray's crossing with a plane given by rows origin, first axis, second axis, normal."""
-    along = plane[3, 0] * dx + plane[3, 1] * dy + plane[3, 2] * dz
-    rx, ry, rz = plane[0, 0] - px, plane[0, 1] - py, plane[0, 2] - pz
-    t = (plane[3, 0] * rx + plane[3, 1] * ry + plane[3, 2] * rz) / along
+    """Coordinates of a ray's crossing with a plane."""
+    along = plane[NORMAL, 0] * dx + plane[NORMAL, 1] * dy + plane[NORMAL, 2] * dz
+    rx, ry, rz = plane[ORIGIN, 0] - px, plane[ORIGIN, 1] - py, plane[ORIGIN, 2] - pz
+    t = (plane[NORMAL, 0] * rx + plane[NORMAL, 1] * ry + plane[NORMAL, 2] * rz) / along
     hx, hy, hz = t * dx - rx, t * dy - ry, t * dz - rz
     return (
-        plane[1, 0] * hx + plane[1, 1] * hy + plane[1, 2] * hz,
-        plane[2, 0] * hx + plane[2, 1] * hy + plane[2, 2] * hz,
+        plane[FIRST, 0] * hx + plane[FIRST, 1] * hy + plane[FIRST, 2] * hz,
+        plane[SECOND, 0] * hx + plane[SECOND, 1] * hy + plane[SECOND, 2] * hz,
     )
 
 

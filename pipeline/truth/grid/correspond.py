@@ -79,7 +79,7 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
     quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
     quad_search.quads_that_hold(image, grid.cell, points, quads)
     quads = np.ascontiguousarray(quads[(quads[:, 2] >= own.start) & (quads[:, 2] < own.stop)])
-    status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), 9), np.nan)
+    status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), quad_search.SOLUTION), np.nan)
     limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, settings.lambda_alpha_deg * DEGREE_RAD)
     quad_search.solve_quads(image, grid.cell, points, quads, limits, status, solutions)
     counts = {
@@ -90,11 +90,12 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
     }
     accepted = status == quad_search.ACCEPTED
     quads, best = quads[accepted], solutions[accepted]
-    s, t = best[:, 7], best[:, 8]
+    s, t = best[:, quad_search.ALONG], best[:, quad_search.DOWN]
     corner = quads[:, 1:] + np.array(grid.first_px) * grid.supersampling
     column, row = corner.T + [_from_corner(best[:, i], quads[:, 1 + i], share) for i, share in ((0, s), (1, t))]
     gain = np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
-    jacobian, error = best[:, 3:7].reshape(-1, 2, 2).transpose(0, 2, 1), np.full(len(best), np.nan)
+    derivatives, error = best[:, quad_search.BY_COLUMN : quad_search.ALONG], np.full(len(best), np.nan)
+    jacobian = derivatives.reshape(-1, 2, 2).transpose(0, 2, 1)
     if settings.method == "moments":
         fit = quadratic.solve(image, grid.cell, quads[:, 1:], points[quads[:, 0]])
         known = ~np.isnan(fit.error)
@@ -106,7 +107,9 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
         jacobian = np.where(known[:, None, None], fit.jacobian, jacobian)
     k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
     x, y = image_from_fine(column, k), image_from_fine(row, k)
-    return Sightings(Found(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, 2], counts)
+    return Sightings(
+        Found(quads[:, 0], cell, x, y, jacobian * k, gain, error / k), best[:, quad_search.DISTANCE], counts
+    )
 
 
 def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:

@@ -14,6 +14,10 @@ from pipeline.jit.decorators import inline, kernel
 ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
 """Outcomes of a quad that holds a point. WINDOW: the 16 values are not all there, or not in one micro-image."""
 
+COLUMN, ROW, DISTANCE, BY_COLUMN, BY_ROW, ALONG, DOWN, SOLUTION = 0, 1, 2, 3, 5, 7, 8, 9
+"""Columns of solutions: position, distance of J there from the point, derivatives of J along column (2) and row (2),
+shares of a step along both; the last is their number."""
+
 
 class Filter(NamedTuple):
     """The paper's filters of quads: whether they are asked, and how far lengths and angles [rad] may be off."""
@@ -132,9 +136,8 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
     limits : Filter
     status : (n,) int64
         Written: ACCEPTED or the reason against it.
-    solutions : (n, 9) float64
-        Written: column and row of the solution; distance of J(o) from the point; derivative of J along column (2) and
-        row (2); s and t.
+    solutions : (n, SOLUTION) float64
+        Written: column and row of the solution; distance of J(o) from the point; derivatives of J; s and t.
     """
     for n in range(quads.shape[0]):
         p, i, j = quads[n]
@@ -163,10 +166,11 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
         determinant = ax * by - ay * bx
         s = ((x - o[0]) * by - (y - o[1]) * bx) / determinant
         t = (ax * (y - o[1]) - ay * (x - o[0])) / determinant
-        solutions[n, 0], solutions[n, 1], solutions[n, 2] = oi + s * ei, oj + t * ej, best
-        solutions[n, 3], solutions[n, 4] = ax * ei, ay * ei
-        solutions[n, 5], solutions[n, 6] = bx * ej, by * ej
-        solutions[n, 7], solutions[n, 8] = s, t
+        own = solutions[n]
+        own[COLUMN], own[ROW], own[DISTANCE] = oi + s * ei, oj + t * ej, best
+        own[BY_COLUMN], own[BY_COLUMN + 1] = ax * ei, ay * ei
+        own[BY_ROW], own[BY_ROW + 1] = bx * ej, by * ej
+        own[ALONG], own[DOWN] = s, t
 
 
 @kernel

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.integrating.polar_bundle import bundle_hits
+from pipeline.camera.integrating.polar_bundle import Polar, bundle_hits
 from pipeline.camera.tracer import Tracer
 
 
@@ -67,12 +67,12 @@ def bundle_map(
     plane : (4, 3) float64
         Rows origin, first axis, second axis, normal; vision frame.
     shares, directions
-        Of the nodes, see `camera.integrating.polar_bundle.bundle_hits`.
+        Of the nodes, see `camera.integrating.polar_bundle.Polar`.
     """
     offsets = -np.cos(np.pi * np.arange(order) / (order - 1))
     grid = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
     positions = tracer.positions_mm(*(x_px + half_px * grid).T)
-    found = bundle_hits(tracer.arrays, positions, lens, plane, shares, directions, about=len(grid) // 2)
+    found = bundle_hits(tracer.arrays, positions, lens, plane, Polar(shares, directions, about=len(grid) // 2))
     if not found.whole.all():
         return None
     fields = np.concatenate([found.on_plane, found.density_sr[..., None]], axis=-1)

@@ -1,0 +1,88 @@
+"""What travels has a name: functions take few parameters, and records are read by field, never by number."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PHYSICS = ("camera", "optics", "render", "target")
+KERNEL, OTHER = 8, 6
+"""Most parameters of a kernel, and of any other function; `self` and `cls` do not count."""
+DECORATORS = {"kernel", "unit", "inline", "buffers", "DeviceKernel"}
+RECORDS = {
+    *("anchor", "arrays", "artwork", "beams", "blocks", "bounds", "camera", "drawing", "fan", "hit", "labels"),
+    *("mosaic", "optics", "packet", "pencils", "rays", "region", "regions", "samples", "sectors", "sheet"),
+    *("spokes", "squares", "start", "starts", "surface", "ways"),
+}
+"""Names of NamedTuples that kernels take."""
+TABLES = {"detail", "lenses", "own", "row"}
+"""Names of arrays whose columns have names."""
+LEFT = {
+    "integrals.integrals",
+    "integrals.random_integrals",
+    "tracer.moments",
+    "deliver.deliver",
+    "profile._add",
+    "views._hidden",
+    "graph._add_white",
+    "truth.correspondences",
+    "truth_table.columns_of",
+    "bundle_map.bundle_map",
+    "visibility.shares",
+    "building.build",
+    "planning.plan",
+}
+"""Functions that still take more; those of `verbs` take the options of a command line. None may join them."""
+
+
+def trees(*rooms: str) -> Iterator[tuple[str, ast.Module]]:
+    """Modules of some rooms, or of all, by their path below the package."""
+    package = ROOT / "pipeline"
+    assert all((package / room).is_dir() for room in rooms)
+    for path in sorted(package.rglob("*.py")):
+        name = path.relative_to(package).as_posix()
+        if not rooms or name.split("/")[0] in rooms:
+            yield name, ast.parse(path.read_text(encoding="utf-8"))
+
+
+def takes_too_many(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    given = function.args
+    names = [argument.arg for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
+    count = len(names) - (names[:1] in (["self"], ["cls"]))
+    is_kernel = any(isinstance(name, ast.Name) and name.id in DECORATORS for name in function.decorator_list)
+    return count > (KERNEL if is_kernel else OTHER)
+
+
+def test_functions_take_few_parameters() -> None:
+    found = {
+        f"{Path(name).stem}.{node.name}"
+        for name, tree in trees()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and takes_too_many(node)
+    }
+    assert found == LEFT  # also when one of them has become better: take it off
+
+
+def is_number(node: ast.expr) -> bool:
+    node = node.operand if isinstance(node, ast.UnaryOp) else node
+    return isinstance(node, ast.Constant) and isinstance(node.value, int)
+
+
+def read_by_number(node: ast.AST) -> bool:
+    """Whether a record is subscripted with a number, or the column of a table is one."""
+    if not isinstance(node, ast.Subscript):
+        return False
+    place, name = node.slice, node.value.attr if isinstance(node.value, ast.Attribute) else ""
+    name = node.value.id if isinstance(node.value, ast.Name) else name
+    column = place.elts[-1] if isinstance(place, ast.Tuple) else place
+    return (name in RECORDS and is_number(place)) or (name in TABLES and is_number(column))
+
+
+def test_no_record_is_read_by_number() -> None:
+    found = [
+        f"{name}:{node.lineno}: {ast.unparse(node)}"
+        for name, tree in trees(*PHYSICS)
+        for node in ast.walk(tree)
+        if read_by_number(node)
+    ]
+    assert found == []
