@@ -129,17 +129,17 @@ def spoke_colour(count, inner, outer, phase, x, y):
 @inline
 def painted(drawing, s, x, y):
     """Colour that shape number s gives a point, NOT_PAINTED beside it."""
-    kind, own, first = drawing.kinds[s], drawing.numbers[s], drawing.first
+    kind, numbers, first = drawing.kinds[s], drawing.numbers, drawing.first
     if kind == CHECKS:
-        return check_colour(own[COLUMNS], own[ROWS], own[SQUARE], x, y)
+        return check_colour(numbers[s, COLUMNS], numbers[s, ROWS], numbers[s, SQUARE], x, y)
     if kind == POLYGON:
-        if x < own[LEFT] or x > own[RIGHT] or y < own[BOTTOM] or y > own[TOP]:
+        if x < numbers[s, LEFT] or x > numbers[s, RIGHT] or y < numbers[s, BOTTOM] or y > numbers[s, TOP]:
             return NOT_PAINTED
-        return own[COLOUR] if in_polygon(drawing.corners, first[s], first[s + 1], x, y) else NOT_PAINTED
-    dx, dy = x - own[MIDDLE_X], y - own[MIDDLE_Y]
+        return numbers[s, COLOUR] if in_polygon(drawing.corners, first[s], first[s + 1], x, y) else NOT_PAINTED
+    dx, dy = x - numbers[s, MIDDLE_X], y - numbers[s, MIDDLE_Y]
     if kind == DISC:
-        return own[COLOUR] if dx * dx + dy * dy <= own[RADIUS] * own[RADIUS] else NOT_PAINTED
-    return spoke_colour(own[SPOKES_COUNT], own[INNER], own[OUTER], own[PHASE], dx, dy)
+        return numbers[s, COLOUR] if dx * dx + dy * dy <= numbers[s, RADIUS] * numbers[s, RADIUS] else NOT_PAINTED
+    return spoke_colour(numbers[s, SPOKES_COUNT], numbers[s, INNER], numbers[s, OUTER], numbers[s, PHASE], dx, dy)
 
 
 @inline

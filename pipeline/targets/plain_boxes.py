@@ -62,11 +62,11 @@ def _bin(x, half, n):
 @inline
 def _has_edge_in(drawing, s, left, right, bottom, top):
     """Whether the outline of shape number s may pass through a box."""
-    kind, own, first, corners = drawing.kinds[s], drawing.numbers[s], drawing.first, drawing.corners
+    kind, numbers, first, corners = drawing.kinds[s], drawing.numbers, drawing.first, drawing.corners
     if kind == CHECKS:
-        return _checks_change(own[COLUMNS], own[ROWS], own[SQUARE], left, right, bottom, top)
+        return _checks_change(numbers[s, COLUMNS], numbers[s, ROWS], numbers[s, SQUARE], left, right, bottom, top)
     if kind == POLYGON:
-        if right < own[LEFT] or left > own[RIGHT] or top < own[BOTTOM] or bottom > own[TOP]:
+        if right < numbers[s, LEFT] or left > numbers[s, RIGHT] or top < numbers[s, BOTTOM] or bottom > numbers[s, TOP]:
             return False
         j = first[s + 1] - 1
         for i in range(first[s], first[s + 1]):
@@ -75,11 +75,11 @@ def _has_edge_in(drawing, s, left, right, bottom, top):
                 return True
             j = i
         return False
-    x, y = own[MIDDLE_X], own[MIDDLE_Y]
+    x, y = numbers[s, MIDDLE_X], numbers[s, MIDDLE_Y]
     near_x, near_y = max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0)
     far_x, far_y = max(right - x, x - left), max(top - y, y - bottom)
     near, far = near_x * near_x + near_y * near_y, far_x * far_x + far_y * far_y
-    inner, outer = (own[RADIUS], own[RADIUS]) if kind == DISC else (own[INNER], own[OUTER])
+    inner, outer = (numbers[s, RADIUS], numbers[s, RADIUS]) if kind == DISC else (numbers[s, INNER], numbers[s, OUTER])
     return near <= outer * outer and far >= inner * inner
 
 

@@ -166,11 +166,10 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
         determinant = ax * by - ay * bx
         s = ((x - o[0]) * by - (y - o[1]) * bx) / determinant
         t = (ax * (y - o[1]) - ay * (x - o[0])) / determinant
-        own = solutions[n]
-        own[COLUMN], own[ROW], own[DISTANCE] = oi + s * ei, oj + t * ej, best
-        own[BY_COLUMN], own[BY_COLUMN + 1] = ax * ei, ay * ei
-        own[BY_ROW], own[BY_ROW + 1] = bx * ej, by * ej
-        own[ALONG], own[DOWN] = s, t
+        solutions[n, COLUMN], solutions[n, ROW], solutions[n, DISTANCE] = oi + s * ei, oj + t * ej, best
+        solutions[n, BY_COLUMN], solutions[n, BY_COLUMN + 1] = ax * ei, ay * ei
+        solutions[n, BY_ROW], solutions[n, BY_ROW + 1] = bx * ej, by * ej
+        solutions[n, ALONG], solutions[n, DOWN] = s, t
 
 
 @kernel
