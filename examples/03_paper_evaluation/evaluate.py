@@ -3,7 +3,7 @@
     python examples/03_paper_evaluation/evaluate.py [--out FOLDER] [--corners N] [--jobs N] [--small]
 
 Writes results.csv, figures like the paper's (picture.png of `image`, figure_two_plane.png) and one of `moments`, and
-prints the tables. Rays are traced in windows around a random sample of the corners of dataset.usda; each takes about 20
+prints the tables. Rays are traced in windows around a random sample of the corners of dataset.usda; each takes about 11
 seconds of computing time.
 `--keep FILE.npz` keeps all positions, lot by lot, `--again FILE.npz` makes tables and figures from those.
 """

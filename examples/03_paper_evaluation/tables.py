@@ -35,11 +35,12 @@ def _about(results: Results) -> str:
     edge = np.mean(results.hit_fraction < 0.999)
     low, middle, high = np.percentile(results.blur_px, (5, 50, 95))
     near = results.x_px[SAMPLINGS.index("independent"), :, :, 0]
-    other = np.sum(~np.all((near == results.wide_px) | (np.isnan(near) & np.isnan(results.wide_px)), axis=-1))
+    lost, moved = np.sum(np.isnan(near) != np.isnan(results.wide_px)), np.nanmax(np.abs(near - results.wide_px))
     return (
         f"{len(results.blur_px)} corners of {results.exist}, known to {sigma:.1g} px; blur per axis {middle:.2f} px"
         f" ({low:.2f} to {high:.2f}); of {edge:.0%} the stop cuts the bundle\n\n"
-        f"Windows that reach twice as far give {other} other positions of {near[..., 0].size}.\n\n"
+        f"Windows that reach twice as far find or lose {lost // 2} of {near[..., 0].size} positions, and move none by"
+        f" more than {moved:.1g} px.\n\n"
         "Cells: mean difference from K = 10 and its standard error; from the truth; detected (no quad holds the corner,"
         " no room for 4 x 4, lengths, angles)"
     )

@@ -32,8 +32,8 @@ class View:
         The frames.
     fates : list of int or None
         Per frame what becomes of most points; None where one of them is seen.
-    points_mm : (frames, n, 3) float64
-        Vision frame.
+    points_mm, front : (frames, n, 3) float64
+        Places and normals, vision frame.
     outlook : Outlook
         Of all frames and points.
     """
@@ -41,6 +41,7 @@ class View:
     numbers: tuple[int, ...]
     fates: list[int | None]
     points_mm: np.ndarray
+    front: np.ndarray
     outlook: Outlook
 
 
@@ -64,7 +65,7 @@ def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
         if spacing < max(_LEAST_PX, np.median(found.blur_px[index, seen]) / _WIDEST_BLUR if len(seen) else 0.0):
             fate[index, seen] = MERGED
     fates = [None if (row == Fate.SEEN).any() else Counter(row.tolist()).most_common(1)[0][0] for row in fate]
-    return View(tuple(frame.number for frame in frames), fates, places, found)
+    return View(tuple(frame.number for frame in frames), fates, places, fronts, found)
 
 
 def spacing_px(camera: Camera, points_mm: np.ndarray) -> float:

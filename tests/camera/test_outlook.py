@@ -58,6 +58,17 @@ def test_a_point_before_the_front_focus_is_a_blur() -> None:
     assert found.blur_px[0, 0] * camera.sensor.pitch_mm == pytest.approx(wide_mm, rel=0.15)
 
 
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_a_point_very_far_away_has_the_fate_of_one_that_is_far_away(camera: Camera) -> None:
+    """A kilometre, and as far as the moon: the light of both is parallel."""
+    lens = first_order(camera.prescription)
+    at_infinity = dataclasses.replace(camera, sensor_distance_mm=-lens.rear_focus_mm, microlenses=None)
+    for z_mm in (1e6, 4e7, 4e11):
+        assert fates(at_infinity, [(0.0, 0.0, z_mm), (1e-3 * z_mm, 0.0, z_mm)]) == [Fate.SEEN] * 2
+        assert fates(at_infinity, [(0.5 * z_mm, 0.0, z_mm)])[0] in (Fate.OUTSIDE, Fate.NO_LIGHT)
+    assert fates(camera, [(0.0, 0.0, 4e11)]) == fates(camera, [(0.0, 0.0, 1e6)])
+
+
 def test_a_lens_that_bends_no_ray_into_the_camera_gives_no_light() -> None:
     camera = CAMERAS["conventional"]
     assert fates(camera, [(5000.0, 0.0, 100.0)]) == [Fate.NO_LIGHT]

@@ -137,7 +137,8 @@ def test_a_small_evaluation_runs(tmp_path):
     command = [sys.executable, str(EXAMPLE / "evaluate.py"), "--small", "--out", str(tmp_path), "--jobs", "2"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"give 0 other positions of \d+", done.stdout)
+    moved = re.search(r"find or lose 0 of \d+ positions, and move none by more than (\S+) px", done.stdout)
+    assert moved and float(moved[1]) <= np.spacing(2173.0)  # the last digit of the largest position
     assert len(re.findall(r"^\| (?:the paper says|error and variance|detected corners|320|64)", done.stdout, re.M)) == 6
     rows = table(tmp_path / "results.csv")
     assert {row["method"] for row in rows} == {"image", "two-plane", "moments", "direct"}

@@ -9,13 +9,14 @@ import pytest
 from laws import rigs
 from laws.test_symmetry import plenoptic_positions
 from naive import textbook
+from naive.test_microlenses import camera_with
 from published.test_library_lenses import prescription
 from tolerances import SIGMAS
 
 from pipeline.camera.integrals import integrals
 from pipeline.camera.integrating import edge_search, flux
 from pipeline.camera.integrating.edge_kernels import PASSES
-from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, Edges, edges
+from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, Edges, bounded, edges
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing.moments import WEIGHT
@@ -151,6 +152,20 @@ def test_the_search_finds_the_edge_that_bisection_finds(make, steps: int) -> Non
     assert rays - len(owner) <= (steps + 4) * open_.sum()
     if steps == 24 and make is not displaced_with_blades:
         assert rays - len(owner) < 12 * open_.sum()
+
+
+@pytest.mark.parametrize("kind", ["two-plane", "biconvex cells", "biconvex conics, square, tilted discs"])
+def test_what_blocks_a_ray_is_the_same_alone_and_among_the_rays_of_others(kind: str) -> None:
+    """Rays from five positions through their microlenses and beside them: stopped by faces and sides of these, and by
+    the main lens."""
+    tracer, rng = Tracer(camera_with(kind)), np.random.default_rng(4)
+    positions, lens = plenoptic_positions(tracer, 5)
+    found, owner = bounded(tracer.arrays, positions, lens), np.repeat(np.arange(5), 40)
+    points = tracer.vertices_mm[lens[owner]] + rng.uniform(-0.15, 0.15, (len(owner), 2))
+    together = found.probe(owner, points)
+    alone = [found.probe(owner[i : i + 1], points[i : i + 1])[0] for i in range(len(owner))]
+    assert together.tolist() == alone
+    assert PASSES in alone and np.max(alone) >= len(tracer.table) and len(set(alone)) > 3
 
 
 def test_chords_are_as_far_from_the_middle_in_any_direction_as_where_a_ray_meets_them() -> None:

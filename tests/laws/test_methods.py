@@ -17,8 +17,12 @@ from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.surfaces import Warped
+from pipeline.targets.target import Target
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import correspondences
+from pipeline.truth.grid import per_plane
 from pipeline.truth.grid.per_plane import correspond_points
 from pipeline.truth.grid.position_image import crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
@@ -159,3 +163,27 @@ def test_all_methods_agree_within_what_they_state(scene: Scene) -> None:
         bias = second_order_px(scene, rows)[known][lit] if method == "two-plane" else 0.0
         ratio = np.sqrt(np.mean((apart[lit] - bias) ** 2)) / stated
         assert ratio < most_by_chance(int(np.sum(lit))), method
+
+
+def test_rows_of_a_bent_target_are_those_of_the_whole_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of its points has a plane of its own, and J on that is made only around where the point is seen."""
+    grid = rigs.ray_grid(tmp_path / "rays", rigs.conventional(), 1, 64)
+    points, pose = Target(Checkerboard(columns=8, rows=5, square_mm=1.4), BENT).points(), rigs.facing(437.0, 8.0)
+    made = []
+
+    def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
+        made.append(rays.size_px)
+        return on_target(rays.near, rays.far, rays.near_mm, rays.far_mm, pose)
+
+    found = correspond_points(points, grid, pose, TruthSettings(method="two-plane"), image_of)
+    assert len(made) == len(points.position_mm) and np.mean([w * h for w, h in made]) < 0.5 * 96 * 72
+    monkeypatch.setattr(per_plane, "_window", lambda grid, _: tuple(slice(0, size) for size in grid.size_px[::-1]))
+    whole = correspond_points(points, grid, pose, TruthSettings(method="two-plane"), image_of)
+    assert set(made[len(points.position_mm) :]) == {(96, 72)}
+    assert found is not None and whole is not None
+    assert found.found.point.tolist() == whole.found.point.tolist() == list(range(40))
+    np.testing.assert_array_equal(found.found.x_px, whole.found.x_px)
+    np.testing.assert_array_equal(found.found.y_px, whole.found.y_px)
+
+
+BENT = Warped(deflection_mm=(0.3, -0.2))

@@ -13,6 +13,7 @@ import signal
 import time
 import types
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from mutants.mutations import JITTED
 import pipeline.jit.decorators
 
 ALL_S, EACH_S = 40.0, 5.0
-"""Computing time that all tests together may take, and each of them."""
+"""Computing time that all tests together may take, each of them, and what it needs."""
 _begun = time.process_time()
 
 
@@ -81,20 +82,35 @@ def _end(signal_number: int, frame: Any) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    """Make what a test needs, but not for long: a mistake may make it endless."""
+    with _not_for_long():
+        yield
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Run a test, but not for long; the first whose assertion fails is written down, and ends the run."""
-    if time.process_time() - _begun > ALL_S:
-        pytest.skip("others have taken long")  # no verdict: compiled kernels judge the mistake
-    signal.signal(signal.SIGPROF, _end)
-    signal.setitimer(signal.ITIMER_PROF, EACH_S)
     try:
-        with np.errstate(all="ignore"):
+        with _not_for_long():
             yield
     except AssertionError:
         Path(os.environ["PLAIN_REFUTED"]).write_text(item.nodeid, encoding="utf-8")
         item.session.shouldstop = "one refutation is enough"
         raise
+
+
+@contextmanager
+def _not_for_long() -> Iterator[None]:
+    """Skip a test whose time is up: no verdict, compiled kernels judge the mistake."""
+    if time.process_time() - _begun > ALL_S:
+        pytest.skip("others have taken long")
+    signal.signal(signal.SIGPROF, _end)
+    signal.setitimer(signal.ITIMER_PROF, EACH_S)
+    try:
+        with np.errstate(all="ignore"):
+            yield
     except TooLong:
-        pytest.skip("takes long in plain Python")  # no verdict, as above
+        pytest.skip("takes long in plain Python")
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)

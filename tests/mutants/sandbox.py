@@ -20,20 +20,21 @@ from pipeline.jit.decorators import cache_folder
 ROOT = Path(__file__).resolve().parents[2]
 OPTICS = ("optics", "naive/test_trace.py", "naive/test_aspheres.py", "laws/test_surfaces.py", "laws/test_apertures.py")
 CAMERA = (
-    *("camera", "laws/test_focus.py", "laws/test_f_numbers.py", "laws/test_limits.py", "laws/test_depth_of_field.py"),
-    *("laws/test_ideal_lens.py", "laws/test_travel.py", "laws/test_arrays.py", "laws/test_offsets.py"),
-    *("laws/test_microlenses.py", "laws/test_displacement.py", "laws/test_symmetry.py", "naive/test_bundle.py"),
-    *("laws/test_edges.py", "laws/test_footprint.py", "laws/test_regions.py", "laws/test_pinhole.py"),
+    *("naive/test_bundle.py", "naive/test_microlenses.py", "laws/test_microlenses.py", "laws/test_regions.py"),
+    *("laws/test_edges.py", "laws/test_symmetry.py", "laws/test_arrays.py", "laws/test_displacement.py", "camera"),
+    *("laws/test_focus.py", "laws/test_f_numbers.py", "laws/test_limits.py", "laws/test_depth_of_field.py"),
+    *("laws/test_ideal_lens.py", "laws/test_travel.py", "laws/test_offsets.py", "laws/test_footprint.py"),
+    *("laws/test_pinhole.py", "scene/test_viewers.py"),
 )
 TRUTH = (
     *("laws/test_search.py", "laws/test_second_moments.py", "laws/test_second_order.py", "naive/test_quad_search.py"),
     *("laws/test_truth.py", "laws/test_direct.py", "laws/test_hit_fraction.py", "laws/test_visibility.py"),
     *("laws/test_corner_image.py", "laws/test_measure.py", "laws/test_column_sets.py", "laws/test_methods.py"),
-    *("naive/test_properties.py", "laws/test_footprint.py", "laws/test_own_bundle.py"),
+    *("naive/test_properties.py", "laws/test_footprint.py", "laws/test_own_bundle.py", "laws/test_certificate.py"),
 )
 ROOMS = {
     "optics": (*OPTICS, "published", "laws/test_travel.py", "laws/test_displacement.py", "naive/test_bundle.py"),
-    "camera": (*CAMERA, "naive/test_micro_light.py", "naive/test_microlenses.py", "laws/test_direct.py", "published"),
+    "camera": (*CAMERA, "naive/test_micro_light.py", "laws/test_direct.py", "published"),
     "truth": TRUTH,
     "targets": (
         "targets",
@@ -43,7 +44,7 @@ ROOMS = {
         "laws/test_methods.py",
     ),
 }
-"""Tests of each room below `tests/`; of those equally near the first ones run first."""
+"""Tests of each room below `tests/`; of those equally near the first ones run first: twins, laws of whole bundles."""
 PLAIN = (
     *("optics", "naive/test_aspheres.py", "naive/test_trace.py", "laws/test_surfaces.py", "laws/test_apertures.py"),
     *("laws/test_second_moments.py", "laws/test_search.py", "naive/test_quad_search.py", "laws/test_corner_image.py"),

@@ -223,7 +223,15 @@ def root(x, a):
     return math.sqrt(fma(x, x, a[0]))
 """
 TESTS = """import numpy as np
+import pytest
 from pipeline.optics import toy
+
+@pytest.fixture
+def five():
+    return toy.root(4.0, np.array([9.0]))
+
+def test_what_it_needs(five):
+    assert five
 
 def test_it():
     assert toy.root(3.0, np.array([16.0])) == 5.0
@@ -248,24 +256,36 @@ def test_nan():
     ],
 )
 def test_in_plain_python_a_kernel_is_refuted_by_assertions_alone(tmp_path, mistake, noticed_by) -> None:
-    tree = tmp_path / "toy/tree"
+    assert toy_of_kernels(tmp_path, KERNELS.replace(*mistake)).refuted_by(["tests/optics/test_toy.py"]) == noticed_by
+
+
+def test_in_plain_python_an_endless_kernel_ends_no_test_and_no_fixture_and_says_nothing(tmp_path) -> None:
+    """What is left, a number below zero under the root, is refuted."""
+    endless = KERNELS.replace("    return", "    while a[0] > 0.0:\n        x += 0.0\n    return 1.0 +")
+    assert toy_of_kernels(tmp_path, endless).refuted_by(["tests/optics/test_toy.py"]) == (
+        "optics/test_toy.py::test_rounded_once"
+    )
+
+
+def toy_of_kernels(folder: Path, kernels: str) -> Sandbox:
+    """A tree with a room of one module, where a fixture or test has a fifth of a second."""
+    tree = folder / "toy/tree"
+    plain = (ROOT / "tests/mutants/plain.py").read_text()
     files = {
         "pipeline/__init__.py": "",
         "pipeline/optics/__init__.py": "",
         "pipeline/jit/decorators.py": "kernel = inline = fma = None\n",
-        "pipeline/optics/toy.py": KERNELS.replace(*mistake),
+        "pipeline/optics/toy.py": kernels,
         "tests/optics/test_toy.py": TESTS,
-        **{
-            f"tests/mutants/{name}.py": (ROOT / f"tests/mutants/{name}.py").read_text()
-            for name in ("plain", "mutations")
-        },
+        "tests/mutants/plain.py": plain.replace("EACH_S = 40.0, 5.0", "EACH_S = 40.0, 0.2"),
+        "tests/mutants/mutations.py": (ROOT / "tests/mutants/mutations.py").read_text(),
     }
     for name, text in files.items():
         (tree / name).parent.mkdir(parents=True, exist_ok=True)
         (tree / name).write_text(text)
     sandbox = object.__new__(Sandbox)
-    sandbox.tree, sandbox.kernels = tree, tmp_path / "kernels"
-    assert sandbox.refuted_by(["tests/optics/test_toy.py"]) == noticed_by
+    sandbox.tree, sandbox.kernels = tree, folder / "kernels"
+    return sandbox
 
 
 def test_plain_python_knows_every_decorator_of_kernels() -> None:

@@ -109,6 +109,19 @@ def assert_same(camera: Camera, seed: int) -> None:
         assert np.abs((one.mean(axis=0) - other.mean(axis=0)) / error).max() < SIGMAS
 
 
+@pytest.mark.parametrize("kind", ["tilted", "two-plane", "biconvex cells"])
+def test_most_rays_that_are_aimed_at_a_microlens_leave_the_camera(kind: str) -> None:
+    """Near the rim of a micro-image, where half of the cell looks past a narrow stop: bounds are tight there."""
+    camera = camera_with(kind, 2.0)
+    tracer = Tracer(camera)
+    images = micro_images(tracer)
+    row = int(np.flatnonzero((tracer.lattice.k == 3) & (tracer.lattice.l == -5))[0])
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    rim = images.centre_mm[row] + 0.9 * images.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    leave = [len(camera.bundle(*place, samples=512).weight_sr) / 512 for place in tracer.pixels_at(rim)]
+    assert np.mean(leave) > 2 / 3
+
+
 PLACES = {
     "rotated": {"rotation_deg": 7.0, "layout": "hexagonal-columns"},
     "stretched": {"rotation_deg": -20.0, "cross_pitch_mm": 0.25},

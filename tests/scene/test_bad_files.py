@@ -31,6 +31,7 @@ WARNINGS = {
     ),
     "image-circle",
     "not-in-image",
+    "invisible-target",
 }
 
 

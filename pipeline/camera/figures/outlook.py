@@ -120,10 +120,10 @@ def _light(
     tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Width of the light of points on the film [px], whether there is any, and whether it is in the image."""
-    start = np.repeat(points_mm * _FLIP, len(aims), axis=0)
-    way = np.tile(aims, (len(points_mm), 1)) - start
+    near = np.tile(aims, (len(points_mm), 1))  # on the ray as well, and known sharply however far the point is
+    way = near - np.repeat(points_mm * _FLIP, len(aims), axis=0)
     way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
-    place, way, passed = traced(table, start, way)
+    place, way, passed = traced(table, near, way)
     slope = way[:, :2] / way[:, 2:]
     film = (place[:, :2] - (tracer.film_z_mm + place[:, 2:]) * slope) * _FLIP[:2]
     array, shape = tracer.camera.microlenses, (len(points_mm), len(aims))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.scene.check.occluders import check_occluders
-from pipeline.scene.check.unnamed import check_unnamed
+from pipeline.scene.check.unnamed import check_invisible, check_unnamed
 from pipeline.scene.read.prims import LAST_FRAME, camera_name, frame_numbers
 from pipeline.scene.usd.problems import Problem, shortened, shown_path
 from pipeline.scene.usd.source_locations import problem
@@ -41,6 +41,7 @@ def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
     yield from _check_traced(root, cameras)
     yield from check_occluders(root)
     yield from check_unnamed(root)
+    yield from check_invisible(root)
 
 
 def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:

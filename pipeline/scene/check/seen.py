@@ -59,13 +59,20 @@ _REASONS = {
 }
 
 
+def _turned_deg(points_mm: np.ndarray, front: np.ndarray) -> float:
+    """Angle between the fronts of points and their ways to the camera, in the middle of all: 180 shows the back."""
+    cosine = -np.sum(points_mm * front, axis=-1) / np.linalg.norm(points_mm, axis=-1)
+    return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1.0, 1.0))))
+
+
 def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
     """Hint that mends the first of the frames."""
     number, fate = next(iter(blank.items()))
     index = view.numbers.index(number)
     x, y, z = view.points_mm[index].mean(axis=0)
     if fate == Fate.AWAY:
-        return "the front of a target is its +Z: turn it by 180 degrees about its X or Y"
+        turned = _turned_deg(view.points_mm[index], view.front[index])
+        return f"in frame {number} its front, +Z, looks {turned:.0f} degrees past the camera: turn it about its X or Y"
     if fate == HIDDEN:
         return "move it, or what stands before it"
     if fate == MERGED:

@@ -1,14 +1,17 @@
-"""Geometry and lights that a USD viewer shows and no image has: unnamed is the one, not simulated the other."""
+"""Geometry and lights that a USD viewer shows and no image has, unnamed or not simulated; targets that it does not show
+and images have.
+"""
 
 from collections.abc import Iterator, Sequence
 
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
+from pipeline.ranges import frames_in_words
 from pipeline.scene.read.occluders import is_visible
 from pipeline.scene.read.prims import frame_numbers
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import target_paths
+from pipeline.scene.usd.values import target_paths, targets
 from pipeline.scene.write.for_viewers import PREVIEW
 
 _MOST_KINDS = 8
@@ -30,6 +33,21 @@ def check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
     for kind, prims in list(kinds.items())[:_MOST_KINDS]:
         yield _left_out(kind, prims)
+
+
+def check_invisible(root: Usd.Prim) -> Iterator[Problem]:
+    """A warning for each target that USD hides in some frames: images and truth have it in all."""
+    frames = frame_numbers(root)
+    for prim in targets(root, "plen:targets", "PlenTarget"):
+        if _comes_and_goes(prim):
+            hidden = [number for number in frames if not is_visible(prim, float(number))]
+        else:
+            hidden = [] if all(is_visible(prim, float(number)) for number in frames[:1]) else list(frames)
+        if hidden:
+            number = f"{len(hidden)} of {len(frames)} frames: {frames_in_words(hidden)}"
+            message = f'"{prim.GetName()}" is invisible in {number}; its images and ground truth are made all the same'
+            hint = "take it out of rel plen:targets, list other plen:frames, or make it visible"
+            yield problem(prim, "invisible-target", message, hint=hint, severity="warning")
 
 
 def _left_out(kind: str, prims: list[Usd.Prim]) -> Problem:
@@ -72,6 +90,10 @@ def _is_preview(prim: Usd.Prim) -> bool:
 def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
     if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
         return False
+    return any(is_visible(prim, float(number)) for number in (frames if _comes_and_goes(prim) else frames[:1]))
+
+
+def _comes_and_goes(prim: Usd.Prim) -> bool:
+    """Whether a prim is shown in some frames, perhaps, and in others not."""
     above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
-    comes_and_goes = any(one.GetAttribute("visibility").ValueMightBeTimeVarying() for one in above)
-    return any(is_visible(prim, float(number)) for number in (frames if comes_and_goes else frames[:1]))
+    return any(one.GetAttribute("visibility").ValueMightBeTimeVarying() for one in above)
