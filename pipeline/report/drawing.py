@@ -78,7 +78,7 @@ def with_full_field(camera: Camera) -> Camera:
     focal = first_order(camera.prescription).efl_mm
     farthest = math.tan(_WIDEST_RAD) * focal
     ends = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, farthest))
-    share = lit_share(towards_scene(camera.prescription), *ends)
+    share = lit_share(*_rear(camera), *ends)
     if share in (0.0, 1.0):
         return camera
     pitch = 2 * _RIM * share * farthest / camera.sensor.height_px
@@ -256,11 +256,16 @@ def _half_height(camera: Camera) -> float:
     return 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
 
 
+def _rear(camera: Camera) -> tuple[np.ndarray, int]:
+    """Surfaces towards the scene, and the row of the stop."""
+    return towards_scene(camera.prescription), len(camera.prescription.surfaces) - 1 - camera.prescription.stop_index
+
+
 def _lit_height(camera: Camera, field: float) -> float:
     """As `_height`, with the rim of the image circle for 1 where the edge of the sensor is dark."""
     centre, edge = _height(camera, 0.0), _height(camera, 1.0)
     axis, end = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, edge))
-    share = lit_share(towards_scene(camera.prescription), axis, end)
+    share = lit_share(*_rear(camera), axis, end)
     return centre + field * ((edge if share == 1 else _RIM * share * edge) - centre)
 
 

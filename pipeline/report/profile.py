@@ -70,7 +70,7 @@ def lines(found: dict[str, Any], limit_per_s: float) -> list[str]:
 
 def _line(row: Row, total: float, last: Callable[[Row], str]) -> str:
     seconds, rays = row["seconds"], row["rays"]
-    figures = f"{row['name']:<18}{row['count']:>7,}{seconds:>10.2f}{_share(seconds, total):>8}"
+    figures = f"{row['name']:<18}{round(row['count']):>7,}{seconds:>10.2f}{_share(seconds, total):>8}"
     shown = f"{rays:>10.2g}{rays / seconds:>10.2g}" if rays and seconds > 0 else f"{'':>20}"
     return f"{figures}{shown}{last(row):>10}".rstrip()
 

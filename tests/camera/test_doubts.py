@@ -49,6 +49,19 @@ def test_light_ends_where_the_kernels_pass_no_ray_any_more() -> None:
     assert doubt.code == "image-circle"
 
 
+@pytest.mark.parametrize("camera", [CONVENTIONAL, rigs.displaced(CONVENTIONAL)], ids=["centred", "displaced"])
+def test_light_comes_through_a_stop_however_narrow(camera: Camera) -> None:
+    """Half of a millimetre down to a tenth of a micrometre; and no farther out than through a wide one."""
+    for wide_mm in (0.5, 0.02, 1e-4):
+        assert codes(with_stop(camera, wide_mm)) == []
+    far = [
+        float(re.search(r"farther out than ([\d.]+) mm", doubt.what)[1])
+        for stopped in (camera, with_stop(camera, 0.02))
+        for doubt in doubts(with_sensor(stopped, width_px=3000, height_px=20))
+    ]
+    assert far[0] > far[1] > 0.7 * far[0]
+
+
 def test_where_no_chief_ray_leaves_the_camera_cannot_be_traced() -> None:
     with pytest.raises(CameraError, match=r"no ray from .* reaches the centre of the aperture stop"):
         codes(with_sensor(CONVENTIONAL, pitch_mm=20.0))

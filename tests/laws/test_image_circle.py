@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from laws import rigs
 
 import pipeline
 from pipeline.camera.figures.field_curves import field_curves
@@ -43,6 +44,16 @@ def light_from(camera: Camera, height_mm: float) -> int:
     aim = np.random.default_rng(3).uniform(-reach, reach, (200_000, 2))
     start = np.tile([height_mm, 0.0, -camera.sensor_distance_mm], (len(aim), 1))
     return int(passes(table, start, aim).sum())
+
+
+@pytest.mark.parametrize("width_mm", [1.0, 0.01])
+def test_the_table_of_a_narrow_stop_reaches_as_far_as_that_of_a_wide_one(width_mm):
+    """Through the double Gauss, whose light ends 60 mm off the axis: beyond its image circle and within."""
+    wide = rigs.conventional(width_px=400, height_px=300)
+    for camera in (wide, dataclasses.replace(wide, sensor=dataclasses.replace(wide.sensor, pitch_mm=0.4))):
+        narrow = dataclasses.replace(camera, prescription=rigs.tronnier(width_mm / 2))
+        reached = [field_curves(one, 434.0).height_mm[-1] for one in (camera, narrow)]
+        assert 0.9 * reached[0] < reached[1] <= reached[0]
 
 
 @pytest.mark.parametrize("height_mm", [61.5, 100.0, 150.0])

@@ -9,12 +9,14 @@ Golden files are left out: they say that something changed, not that it is wrong
 """
 
 import argparse
+import functools
 import itertools
 import json
 import os
 import random
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
@@ -37,24 +39,35 @@ def draw(rooms: list[str], count: int, seed: int, root: Path = ROOT) -> list[Sit
 
 
 def judge_all(sites: list[Site], jobs: int, nearest: int) -> list[Verdict]:
-    """Verdicts, printed as they come; first on mistakes for which no kernel needs to be compiled again."""
+    """Verdicts, printed as they come; first those for which no kernel needs to be compiled again."""
     idle: SimpleQueue[Sandbox] = SimpleQueue()
     for job in range(jobs):
         idle.put(Sandbox(FOLDER / str(job), nearest))
 
-    def one(site: Site) -> Verdict:
+    def one(site: Site, look: Callable[[Sandbox, Site], Verdict | None]) -> Verdict | None:
         sandbox = idle.get()
         try:
-            verdict = sandbox.judge(site)
+            verdict = look(sandbox, site)
         finally:
             idle.put(sandbox)
-        print(_lines(verdict), flush=True)
-        with VERDICTS.open("a", encoding="utf-8") as file:
-            file.write(json.dumps([*_key(site), verdict.noticed_by, verdict.seconds]) + "\n")
+        if verdict:
+            print(_lines(verdict), flush=True)
+            with VERDICTS.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([*_key(site), verdict.noticed_by, verdict.seconds]) + "\n")
         return verdict
 
+    kernels = [site for site in sites if site.mutant.in_kernel]
+    verdicts: list[Verdict] = []
     with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(one, sorted(sites, key=lambda site: site.mutant.in_kernel)))
+        for some, look in (
+            ([site for site in sites if not site.mutant.in_kernel], Sandbox.judge),
+            (kernels, Sandbox.glance),
+            (kernels, Sandbox.judge),
+        ):
+            known = {_key(verdict.site) for verdict in verdicts}
+            open_ = [site for site in some if _key(site) not in known]
+            verdicts += filter(None, pool.map(functools.partial(one, look=look), open_))
+    return verdicts
 
 
 def judged(sites: list[Site], text: str) -> list[Verdict]:

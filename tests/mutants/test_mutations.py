@@ -210,7 +210,9 @@ def test_a_verdict_of_plain_python_counts_if_the_test_passes_without_the_mistake
 
     monkeypatch.setattr(toy, "refuted_by", refuted_by)
     assert toy.refuted_in_plain_python(site) == ("" if fails_anyway else f"{test}, in plain Python")
-    assert toy.judge(site).noticed_by == (test if fails_anyway else f"{test}, in plain Python")
+    glance = toy.glance(site)
+    assert (glance and glance.noticed_by) == (None if fails_anyway else f"{test}, in plain Python")
+    assert toy.judge(site).noticed_by == test
     assert "x * 2" not in path.read_text()
 
 

@@ -13,9 +13,10 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
+from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.optics.rays import front_grid, traced
-from pipeline.optics.table import VERTEX, unbounded
+from pipeline.optics.table import VERTEX, motion_of, unbounded
 
 _PITCHES_MM = (2e-4, 0.5)
 """Pixels are wider than half a wavelength of light and narrower than half a millimetre."""
@@ -24,7 +25,7 @@ _WEAK_F_NUMBER = 100.0
 _TOO_WIDE, _TOO_SMALL, _OVERLAP = 1.25, 0.95, 1.05
 """Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
 distance of micro-images."""
-_GRID, _HALVINGS, _CROSSINGS = 81, 12, 12_001
+_GRID, _ZOOMS, _HALVINGS, _CROSSINGS = 81, 5, 12, 12_001
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,11 +156,26 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
 
 
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
-    """Whether any ray from a point of the film leaves the lens."""
-    table = tracer.table
+    """Whether any ray from a point of the film leaves the lens.
+
+    Of a grid over the rear surface, and because the stop may be narrower than its meshes, of finer and finer grids
+    about the ray that comes nearest to the stop's centre.
+    """
+    table, opened, grid = tracer.table, tracer.table.copy(), front_grid(tracer.table, _GRID)
+    opened[tracer.stop_row] = unbounded(table[tracer.stop_row :][:1])[0]
     start = np.array([*point_mm, tracer.film_z_mm])
-    way = front_grid(table, _GRID) - start
-    return bool(traced(table, np.tile(start, (len(way), 1)), _unit(way))[2].any())
+    for _ in range(_ZOOMS):
+        starts, way = np.tile(start, (len(grid), 1)), _unit(grid - start)
+        if traced(table, starts, way)[2].any():
+            return True
+        passed = traced(opened, starts, way)[2]
+        if not passed.any():
+            return False
+        on_stop = traced(opened[: tracer.stop_row + 1], starts[passed], way[passed])[0]
+        away = np.hypot(*apply(inverse(motion_of(table[tracer.stop_row])), on_stop)[:, :2].T)
+        middle = grid[passed][np.argmin(away)]
+        grid = middle + (grid - grid.mean(axis=0)) * (4 / _GRID)
+    return False
 
 
 def _has_chief_ray(tracer: Tracer, height_mm: float) -> bool:

@@ -77,7 +77,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     corner = sensor.farthest_corner_mm
     end = np.array([math.hypot(*corner), 0.0]) if centred else corner
     start = np.zeros(2) if centred else _image_of_the_axis(tracer, object_mm)
-    reach = lit_share(tracer.table, *tracer.on_film(np.stack([start, end])))
+    reach = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([start, end])))
     positions = start + np.linspace(0.0, reach, rows)[:, None] * (end - start)
     heights = np.hypot(*(positions - start).T)
     if not centred or reach < 1:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.outlines import passing_points
 from pipeline.optics.table import enclosing
 
@@ -9,28 +10,30 @@ _STEPS = 24
 _BISECTIONS = 12
 
 
-def lit_share(table: np.ndarray, start_mm: np.ndarray, end_mm: np.ndarray) -> float:
+def lit_share(table: np.ndarray, stop_row: int, start_mm: np.ndarray, end_mm: np.ndarray) -> float:
     """The share of the way between two points behind the lens up to which light arrives: 1 if it does at the end.
 
     Parameters
     ----------
     table : (n, columns) float64
         From `optics.table.towards_scene`.
+    stop_row : int
+        Row of the aperture stop in the table.
     start_mm, end_mm : (3,) float64
         Vision frame; light arrives at the first one.
 
     Returns
     -------
     float
-        To 1e-5, of a lens whose light ends once along the way; a sliver of the pupil narrower than 1/64 of the rear
-        surface counts as dark.
+        To 1e-5, of a lens whose light ends once along the way; a sliver of the pupil that is narrower than 1/64 of the
+        rear surface and has no chief ray counts as dark.
     """
     table = enclosing(table)
 
     def is_lit(shares: np.ndarray) -> np.ndarray:
         points = start_mm + shares[:, None] * (end_mm - start_mm)
-        # First straight ahead, and where nothing passes there, over the whole rear surface.
-        found = passing_points(table, points, np.zeros((len(points), 2)), np.zeros(2))
+        # First through the centre of the stop, which may be narrow, and else over the whole rear surface.
+        found = passing_points(table, points, chief_crossings(table, stop_row, points), np.zeros(2))
         return ~np.isnan(found[:, 0])
 
     shares = np.linspace(0, 1, _STEPS + 1)
