@@ -93,7 +93,6 @@ def figures(apart: np.ndarray) -> str:
     """Mean of both axes, rms per axis and of the length, of the rows that are known."""
     known = apart[np.isfinite(apart).all(axis=1)]
     mean, rms = known.mean(axis=0), np.sqrt((known**2).mean(axis=0))
-    mean = np.round(mean, 3) + 0.0  # -0.000 and +0.000 are one figure
     pairs = f"mean {mean[0]:+.3f} {mean[1]:+.3f}  rms {rms[0]:.3f} {rms[1]:.3f}"
     return f"{len(known):4}  {pairs}  length {np.hypot(*rms):.3f}"
 
