@@ -57,6 +57,17 @@ def test_at_the_ends_the_sensor_sees_the_circle_of_confusion(stop_semi_mm: float
     assert blur_px(middle_focus(camera)) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("stop_semi_mm", [0.01, 0.005, 0.004, 0.001])
+def test_a_narrow_stop_sees_everything_sharply_from_an_end_on(stop_semi_mm: float) -> None:
+    """Twice as wide as the circle of confusion, as wide, and narrower, where images are virtual."""
+    camera = camera_with(stop_semi_mm)
+    near, far = foci(camera)[0].depth_of_field_mm
+    height, slope = behind_lens(camera, near)
+    blur_px = 2 * stop_semi_mm * abs(1 + camera.sensor_distance_mm * slope / height) / PITCH_MM
+    assert near < middle_focus(camera) and far == math.inf
+    assert blur_px == pytest.approx(CONFUSION_PX, rel=1e-9)
+
+
 @pytest.mark.parametrize("kind", [0, 1, 2])
 def test_at_the_ends_a_micro_image_has_the_circle_of_confusion(kind: int) -> None:
     """The rays of one object point through the rim of a microlens, which adds offset / f to their slopes."""

@@ -18,6 +18,7 @@ def report(camera: Camera) -> dict[str, Any]:
     to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     depths = [focus.depth_of_field_mm for focus in found]
+    front_mm = -camera.prescription.vertices_from_stop_mm[0]  # a narrow stop sees sharply what stands in the lens, too
     figures: dict[str, Any] = {
         "resolution": [sensor.width_px, sensor.height_px],
         "pixel_pitch_mm": sensor.pitch_mm,
@@ -32,7 +33,7 @@ def report(camera: Camera) -> dict[str, Any]:
             sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
         ],
         "field_of_view_deg": field_of_view_deg(sensor, principal_mm),
-        "depth_of_field_mm": [min(near for near, _ in depths), max(far for _, far in depths)],
+        "depth_of_field_mm": [max(front_mm, min(near for near, _ in depths)), max(far for _, far in depths)],
         "near_far_mm": [camera.near_mm, camera.far_mm],
     }
     if camera.microlenses:

@@ -50,11 +50,15 @@ def foci(camera: Camera) -> tuple[Focus, ...]:
 
 
 def _sensor_focus(lens: FirstOrder, sensor_z: float, confusion_mm: float) -> Focus:
-    """Blur disc D_xp |s - i| / |i| for an image at distance i behind the exit pupil, the sensor at distance s."""
-    pupil = lens.exit_pupil
+    """Blur disc D_xp |s - i| / |i| for an image at distance i behind the exit pupil, the sensor at distance s.
+
+    A pupil as narrow as the circle of confusion sees the front focus sharply, and a narrower one virtual images, too.
+    """
+    pupil, wide = lens.exit_pupil, confusion_mm / lens.exit_pupil.diameter_mm
     to_sensor = pupil.z_mm - sensor_z
-    ends = (to_sensor / (1 + sign * confusion_mm / pupil.diameter_mm) for sign in (-1, 1))
-    near, far = (_object(lens, pupil.z_mm - image) for image in ends)
+    near, far = lens.front_focus_mm, _object(lens, pupil.z_mm - to_sensor / (1 + wide))
+    if wide != 1:
+        near = (_object if wide < 1 else FirstOrder.object_mm)(lens, pupil.z_mm - to_sensor / (1 - wide))
     return Focus(focus_distance_mm=_object(lens, sensor_z), depth_of_field_mm=(near, far))
 
 
