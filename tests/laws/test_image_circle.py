@@ -13,6 +13,9 @@ from pipeline.camera.figures.field_curves import field_curves
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.pupil.outlines import passes
+from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.moments import WEIGHT
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import VERTEX, towards_scene
 from pipeline.report import text
@@ -137,3 +140,13 @@ def test_steep_bundles_start_within_the_drawing():
 
     assert math.degrees(math.atan2(next_y - y, next_x - x)) > 75
     assert abs(y) <= limit * 1.0001
+
+
+def test_a_bundle_of_nothing_weighs_nothing():
+    """In the corner beyond the image circle, and where no position is asked for; in the middle it weighs something."""
+    wide = rigs.conventional(width_px=400, height_px=300)
+    tracer = Tracer(dataclasses.replace(wide, sensor=dataclasses.replace(wide.sensor, pitch_mm=0.3)))
+    places, lens = np.array([[0.0, 0.0], [59.0, 44.0], [0.0, 0.0]]), np.array([NO_MICROLENS, NO_MICROLENS, SKIP])
+    found = tracer.moments(places, lens, parallel_planes(400.0, 500.0), 64, np.zeros((3, 2), np.int64))
+    assert found[0, WEIGHT] > 0
+    assert found[1:, WEIGHT].tolist() == [0.0, 0.0]
