@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PHYSICS = ("camera", "optics", "render", "target")
+PHYSICS = ("camera", "optics", "render", "targets")
 KERNEL, OTHER = 8, 6
 """Most parameters of a kernel, and of any other function; `self` and `cls` do not count."""
 DECORATORS = {"kernel", "unit", "inline", "buffers", "DeviceKernel"}
