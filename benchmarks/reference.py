@@ -173,7 +173,7 @@ class Solver:
         near = known & self._in_image(np.where(known[:, None], x, 0.0), 0.5)
         if self.images is not None:
             distance = np.hypot(*(x - self.images.centre_mm[cell]).T)
-            near[near] &= distance[near] <= self.images.tree.query(x[near])[0] + grace
+            near[near] &= distance[near] <= self.images.nearby.nearest(x[near])[0][:, 0] + grace
         return near
 
     def _exists(self, x: np.ndarray, cell: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -61,7 +61,7 @@ class Rig:
         x = self.tracer.positions_mm(*x_px.T)
         if grace_px == 0:
             return self.images.owner(x) == cell
-        farther = np.hypot(*(x - self.images.centre_mm[cell]).T) - self.images.tree.query(x)[0]
+        farther = np.hypot(*(x - self.images.centre_mm[cell]).T) - self.images.nearby.nearest(x)[0][:, 0]
         return farther <= grace_px * self.tracer.camera.sensor.pitch_mm
 
     def hit_fraction(self, moments: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numba
 from numba.core.compiler import CompileResult
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 
@@ -40,7 +41,7 @@ class KernelCache:
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Compiled code for types of arguments; None if it has to be compiled, which no other process does then."""
-        target.refresh()
+        rtsys.initialize(target)  # all that code needs to run; `target.refresh()` would load all that could be compiled
         path = self._path(signature, target.codegen())
         data = files.read(path)
         if data is None:

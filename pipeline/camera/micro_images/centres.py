@@ -1,10 +1,10 @@
 """Micro-images: where the image behind each microlens lies on the sensor, and which pixels belong to it."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.camera.micro_images.nearby import Nearby, nearby_of
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.tracer import Tracer
@@ -12,9 +12,6 @@ from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.microlens_tables import is_plain
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP, outlines_at
 from pipeline.optics.first_order import exit_pupil
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 _STEPS = 12
 _TOLERANCE = 1e-12
@@ -33,30 +30,28 @@ class MicroImages:
         Exit-pupil radius * B / P, the contour of half illumination.
     reach_mm : (n,) float64
         Beyond this distance from the centre no light of the microlens arrives.
-    tree : cKDTree
-        Of the centres.
+    nearby : Nearby
+        The centres.
     """
 
     centre_mm: np.ndarray
     radius_mm: float
     reach_mm: np.ndarray
-    tree: "cKDTree"
+    nearby: Nearby
 
     def owner(self, positions_mm: np.ndarray) -> np.ndarray:
         """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
-        return self.tree.query(positions_mm)[1]
+        return self.nearby.nearest(positions_mm)[1][:, 0]
 
     def contributors(self, positions_mm: np.ndarray, slack_mm: float) -> np.ndarray:
         """Rows of the microlenses whose light may reach within `slack_mm` of each position, nearest first, (n, s).
 
         As many columns as the position with the most of them needs; `SKIP` for a microlens whose light does not.
         """
-        farthest = float(self.reach_mm.max()) + slack_mm
-        within = self.tree.query_ball_point(positions_mm, farthest, return_length=True)
-        distance, rows = self.tree.query(positions_mm, k=max(1, int(within.max())))
-        distance, rows = distance.reshape(len(positions_mm), -1), rows.reshape(len(positions_mm), -1)
+        distance, rows = self.nearby.within(positions_mm, float(self.reach_mm.max()) + slack_mm)
         lit = distance <= self.reach_mm[rows] + slack_mm
-        return np.where(lit, rows, SKIP)[:, : max(1, int(np.flatnonzero(lit.any(axis=0)).max(initial=0)) + 1)]
+        most = int(np.flatnonzero(lit.any(axis=0)).max(initial=0)) + 1
+        return np.where(lit, rows, SKIP)[:, :most] if lit.size else np.full((len(positions_mm), 1), SKIP)
 
 
 def micro_images(tracer: Tracer) -> MicroImages:
@@ -78,14 +73,7 @@ def micro_images(tracer: Tracer) -> MicroImages:
     pupil = exit_pupil(tracer.camera.prescription)
     behind, ahead = array.principal_mm[0]
     radius = pupil.diameter_mm / 2 * behind / (pupil.z_mm - tracer.sensor_z_mm - ahead)
-    return MicroImages(centre, float(radius), _reach(tracer, centre), tree_of(centre))
-
-
-def tree_of(points: np.ndarray) -> "cKDTree":
-    """SciPy's tree for the nearest of many points; SciPy is imported here because plans import this module."""
-    from scipy.spatial import cKDTree
-
-    return cKDTree(points)
+    return MicroImages(centre, float(radius), _reach(tracer, centre), nearby_of(centre))
 
 
 def _centres(tracer: Tracer) -> np.ndarray:

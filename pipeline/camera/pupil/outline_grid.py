@@ -132,13 +132,11 @@ def _bend(reach: np.ndarray) -> np.ndarray:
     Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
     where a kink lies inside: vignetting begins there.
     """
-    from scipy.ndimage import maximum_filter
-
     total = np.zeros(reach.shape[:2])
     for axis in (0, 1):
         second = np.nan_to_num(np.abs(np.diff(reach, 2, axis=axis)).max(axis=2))
-        ends = [(1, 1) if a == axis else (0, 0) for a in (0, 1)]
-        total += maximum_filter(np.pad(second, ends), 3, mode="constant") / 2
+        around = np.pad(second, [(2, 2) if a == axis else (1, 1) for a in (0, 1)])
+        total += np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3)) / 2
     return total
 
 

@@ -4,19 +4,16 @@ Points are in the vision frame. The forward trace runs in the lens frame moved t
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.camera.micro_images.centres import MicroImages, tree_of
+from pipeline.camera.micro_images.centres import MicroImages
+from pipeline.camera.micro_images.nearby import NOBODY, Nearby, nearby_of
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 _FLIP = np.array([1.0, -1.0, -1.0])
 _FAN, _WIDE_FAN = 16, 96
@@ -52,7 +49,7 @@ class Candidates:
 def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray) -> Candidates:
     """All candidates of points (p, 3); points whose light does not get through have none."""
     point, lens, guess, reach, rays = [], [], [], [], 0
-    vertices = None if images is None else tree_of(tracer.vertices_mm)
+    vertices = None if images is None else nearby_of(tracer.vertices_mm)
     table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
     for number, p in enumerate(points_mm):
         crossing, slope, traced = _footprint(tracer, table, fans, p)
@@ -112,20 +109,20 @@ def _footprint(
 
 
 def _through_microlenses(
-    tracer: Tracer, images: MicroImages, vertices: "cKDTree", crossing: np.ndarray, slope: np.ndarray
+    tracer: Tracer, images: MicroImages, vertices: Nearby, crossing: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Microlenses that a footprint lights, and where the rays through their vertices meet the sensor."""
     array = tracer.camera.microlenses
     assert array is not None
     spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
-    reached = vertices.query_ball_point(crossing, array.pitch_mm + spacing)
-    seen = np.unique(np.concatenate([np.asarray(rows, np.int64) for rows in reached]))
+    reached = vertices.within(crossing, array.pitch_mm + spacing)[1]
+    seen = np.unique(reached[reached != NOBODY])
     # Slopes are nearly linear in the crossing; where the rays meet in a point, their mean has to do.
     q, s = crossing - crossing.mean(axis=0), slope - slope.mean(axis=0)
     soft = np.eye(2) * len(q) * (0.1 * array.pitch_mm) ** 2
     along = np.linalg.solve(q.T @ q + soft, q.T @ s)
     vertex = tracer.vertices_mm[seen]
     x = vertex + array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ along)
-    farther = np.hypot(*(x - images.centre_mm[seen]).T) - images.tree.query(x)[0]
+    farther = np.hypot(*(x - images.centre_mm[seen]).T) - images.nearby.nearest(x)[0][:, 0]
     near = farther <= _CELL_SLACK * array.pitch_mm
     return seen[near], x[near]

@@ -121,7 +121,7 @@ def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
         return border.min(axis=1)
     centre = rig.images.centre_mm
     x = rig.tracer.positions_mm(*rows.x_px.T)
-    nearest = rig.images.tree.query(x, k=2)[1]
+    nearest = rig.images.nearby.nearest(x, 2)[1]
     other = np.where(nearest[:, 0] == rows.cell, nearest[:, 1], nearest[:, 0])
     between = centre[other] - centre[rows.cell]
     middle = (centre[other] + centre[rows.cell]) / 2

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from pipeline.camera.tracer import Tracer
 from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
@@ -54,6 +53,8 @@ def start_of(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, rat
 
 def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_px: float) -> np.ndarray:
     """Move along either edge in turn to where the derivative along the other vanishes: in that direction it grows."""
+    from scipy.optimize import brentq
+
     first, second = (px_per_mm / np.linalg.norm(px_per_mm, axis=0)).T
     for along, across in ((first, second), (second, first)) * _SWEEPS:
 
