@@ -22,8 +22,8 @@ _IMAGE_RAYS, _MOST_OF_IMAGES = 5_000_000, 128
 """Samples of pixels of a tile, 100 ns each: behind microlenses a pixel takes 1.4 times as many."""
 _MICROLENSES = 1024
 """Microlenses of a tile, a millisecond each."""
-_ROWS = 192
-"""Rows of ground truth of a tile, some milliseconds each."""
+_ROWS = 480
+"""Rows of ground truth of a tile, a millisecond each: fewer of them share what each step of their search costs."""
 _MICRO_IMAGES_OF_A_POINT = 24
 """About as many see a point behind the array that the rigs of the library have."""
 

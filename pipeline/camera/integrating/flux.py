@@ -28,7 +28,8 @@ def holds_all(
     owner, angle, radius, share : (m,) int64, (m,) float64, (m,) float64, (m,) float64
         Directions of a quadrature, sorted by owner; the distance of the edge, and the angle that each stands for.
     """
-    n, live = len(ways.positions), np.unique(owner)
+    n = len(ways.positions)
+    live = np.flatnonzero(np.bincount(owner, minlength=n))
     if not len(live):
         return np.ones(n, bool), 0
     chords = _chords(owner, angle, radius)
@@ -64,8 +65,8 @@ class _Chords:
         """Distance of the chord in some directions, (k,)."""
         angle = angle % (2 * np.pi)
         left = np.searchsorted(_key(self.owner, self.angle), _key(owner, angle), side="right") - 1
-        first, end = (np.searchsorted(self.owner, owner, side=side) for side in ("left", "right"))
-        left = np.where(left < first, end - 1, left)
+        bounds = np.searchsorted(self.owner, np.arange(int(self.owner[-1]) + 2))
+        left = np.where(left < bounds[owner], bounds[owner + 1] - 1, left)
         after = (angle - self.angle[left]) % (2 * np.pi)
         a, b, turn = self.radius[left], self.radius[self.following[left]], self.turn[left]
         return a * b * np.sin(turn) / (a * np.sin(after) + b * np.sin(turn - after))

@@ -102,14 +102,15 @@ class Edges(Ways):
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             start, length = self._pieces(owner, along, radius)
             r = (start[..., None] + length[..., None] * node).reshape(len(owner), -1)
-            points = self.centres[owner, None] + r[..., None] * along[:, None]
-            measure = r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)
-            whole, some = np.zeros(n, bool), measure > 0  # parts may be empty
-            inside = Nodes(np.repeat(owner, some.sum(axis=1)), points[some], measure[some])
-            planes = np.ascontiguousarray(planes)
+            points = (self.centres[owner, None] + r[..., None] * along[:, None]).reshape(-1, 2)
+            measure = (r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)).ravel()
+            whole, who, some = np.zeros(n, bool), np.repeat(owner, r.shape[1]), measure > 0
+            if not some.all():  # parts may be empty
+                who, points, measure = who[some], points[some], measure[some]
+            inside, planes = Nodes(who, points, measure), np.ascontiguousarray(planes)
             edge_kernels.integrate(self.arrays, planes, self.positions, self.lens, inside, result, whole)
-            edge_kernels.integrate.count(len(inside.measure), len(self.arrays.table))
-            rays += len(inside.measure) + len(owner)
+            edge_kernels.integrate.count(len(who), len(self.arrays.table))
+            rays += len(who) + len(owner)
             whole &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:
                 held, more = holds_all(self, owner, angle, radius, share, PROBES * nodes[1])
@@ -179,10 +180,12 @@ def _settle_centres(found: Edges) -> int:
     missed = candidates[~passed]
     points = found.spread(missed, _INNER_PROBES)
     label = found.probe(np.repeat(missed, _INNER_PROBES), points.reshape(-1, 2)).reshape(-1, _INNER_PROBES)
-    for n, tried, ok in zip(missed, points, label == PASSES, strict=True):
-        if ok.any():
-            lit = tried[ok]
-            found.centres[n] = lit[np.argmin(np.hypot(*(lit - lit.mean(axis=0)).T))]
+    lit = label == PASSES
+    some = lit.any(axis=1)
+    missed, points, lit = missed[some], points[some], lit[some]
+    mean = np.where(lit[..., None], points, 0.0).sum(axis=1) / lit.sum(axis=1)[:, None]
+    away = np.where(lit, np.hypot(*(points - mean[:, None]).transpose(2, 0, 1)), np.inf)
+    found.centres[missed] = points[np.arange(len(missed)), away.argmin(axis=1)]
     return len(candidates) + label.size
 
 
