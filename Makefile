@@ -42,7 +42,7 @@ SEED ?= 1
 mutants: $(STAMP) warm
 	$(BIN)/python tests/mutants/run.py --count $(N) --seed $(SEED)
 
-# Each writes benchmarks/results/: what it found now, cold.py and chain.py also what the commit before gives in the same run.
+# Each writes benchmarks/results/: what it found now, and most of them what the commit before gives in the same run.
 bench: $(STAMP)
 	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland
 	$(BIN)/python benchmarks/cold.py

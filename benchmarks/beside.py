@@ -6,6 +6,7 @@ the command and all processes that it started and waited for: other jobs touch t
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tarfile
@@ -19,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BEFORE = "54ef84b"
 """Commit before this project was made fast."""
 EXAMPLE_02 = "examples/02_plenoptic/dataset.usda"
+_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 _PIPELINE = "from pipeline.cli import main; main()"
 _TIMED = "import json, resource, subprocess, sys; done = subprocess.run(json.loads(sys.argv[1]), capture_output=True); \
@@ -40,11 +42,22 @@ class Side:
     tree: Path
     home: Path
 
-    def cpu_s(self, *arguments: str, store: str = "store", kernels: str = "kernels") -> float:
-        """Processor time of `pipeline` with these arguments, called in the tree [s]."""
+    def printed(self, script: str, *arguments: str) -> list[str]:
+        """Lines that the tree's own benchmark of this name prints."""
+        command = [sys.executable, str(self.tree / "benchmarks" / script), *arguments]
+        environment = self._environment("store", "kernels")
+        said = subprocess.run(command, cwd=self.home, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+        return said.stdout.splitlines()
+
+    def _environment(self, store: str, kernels: str) -> dict[str, str]:
         places = {"PIPELINE_CACHE": str(self.home / store), "PIPELINE_JIT_CACHE": str(self.home / kernels)}
         environment = {**os.environ, **places, "PYTHONPATH": str(self.tree)}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        return environment
+
+    def cpu_s(self, *arguments: str, store: str = "store", kernels: str = "kernels") -> float:
+        """Processor time of `pipeline` with these arguments, called in the tree [s]."""
+        environment = self._environment(store, kernels)
         command = [sys.executable, "-c", _TIMED, json.dumps([sys.executable, "-P", "-c", _PIPELINE, *arguments])]
         said = subprocess.run(command, cwd=self.tree, env=environment, capture_output=True, text=True, check=True)
         code, took, errors = json.loads(said.stdout)
@@ -68,6 +81,44 @@ def sides(*, now_alone: bool = False) -> Iterator[list[Side]]:
         for side in found:
             side.home.mkdir(parents=True)
         yield found
+
+
+def tell_ratios(script: str, lines: list[str], *arguments: str) -> None:
+    """Print what the old commit's benchmark of this name tells, and now over before for lines that both have."""
+    with sides() as (old, _):
+        before = old.printed(script, *arguments)
+    print(f"before, commit {BEFORE}:", *before, "now over before:", sep="\n")
+    for line in ratios(before, lines):
+        print(line)
+
+
+def ratios(before: list[str], now: list[str]) -> list[str]:
+    """Lines that both have but for their numbers, with ratios of these, now over before, in their places.
+
+    Numbers that are the same stay: they are sizes, not findings. So do those that are 0 before.
+    """
+    found = []
+    there = {kind: [line for line in before if _kind(line) == kind] for kind in map(_kind, before)}
+    for line in now:
+        other = there.get(_kind(line), [])
+        if other and _NUMBER.search(line):
+            found.append(_ratios(other.pop(0), line))
+    return found
+
+
+def _ratios(before: str, now: str) -> str:
+    """A line with ratios of its numbers to those of another, which is the same but for them."""
+    texts, numbers = _NUMBER.findall(now), map(float, _NUMBER.findall(before))
+    told = iter(
+        text if old in (float(text), 0.0) else f"{float(text) / old:.2f}x"
+        for text, old in zip(texts, numbers, strict=True)
+    )
+    return _NUMBER.sub(lambda _: next(told), now)
+
+
+def _kind(line: str) -> str:
+    """A line without its numbers, and blanks, which depend on how long they are."""
+    return _NUMBER.sub("", line).replace(" ", "")
 
 
 def _unpacked(folder: Path) -> Path:

@@ -173,5 +173,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    with keeping("engine"):
+    with keeping("engine", compared=True):
         main()

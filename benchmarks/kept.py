@@ -6,10 +6,12 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import date
 from pathlib import Path
 from typing import Any
+
+from beside import tell_ratios
 
 RESULTS = Path(__file__).resolve().parent / "results"
 
@@ -22,13 +24,25 @@ def keep(name: str, found: dict[str, Any]) -> None:
 
 
 @contextlib.contextmanager
-def keeping(name: str) -> Iterator[None]:
-    """Keep the lines that are printed meanwhile; not those of a run with --small, or of help."""
-    seen = _Twice(sys.stdout)
-    with contextlib.redirect_stdout(seen):
+def keeping(name: str, *, compared: bool = False) -> Iterator[None]:
+    """Keep the lines that are printed meanwhile; if compared, with those of the commit before and ratios.
+
+    Not those of a run with --small, or of help.
+    """
+    with seen() as lines:
         yield
-    if "--small" not in sys.argv:
-        keep(name, {"arguments": sys.argv[1:], "printed": seen.getvalue().splitlines()})
+        if "--small" not in sys.argv:
+            if compared:
+                tell_ratios(f"{name}.py", lines(), *sys.argv[1:])
+            keep(name, {"arguments": sys.argv[1:], "printed": lines()})
+
+
+@contextlib.contextmanager
+def seen() -> Iterator[Callable[[], list[str]]]:
+    """Inside, what is printed is remembered, too: what is called gives the lines."""
+    text = _Twice(sys.stdout)
+    with contextlib.redirect_stdout(text):
+        yield lambda: text.getvalue().splitlines()
 
 
 class _Twice(io.StringIO):

@@ -267,5 +267,5 @@ def _rates(rates: list[float]) -> str:
 
 
 if __name__ == "__main__":
-    with keeping("trace"):
+    with keeping("trace", compared=True):
         main()

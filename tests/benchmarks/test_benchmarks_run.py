@@ -1,5 +1,6 @@
 """The benchmarks run on tiny stages and say what the README of benchmarks/ promises; figures come from full runs."""
 
+import importlib
 import os
 import re
 import subprocess
@@ -19,6 +20,19 @@ def output_of(script: str, folder: Path) -> str:
     assert done.returncode == 0, done.stderr
     assert [entry.name for entry in folder.iterdir() if entry.name != "store"] == []
     return done.stdout
+
+
+def test_lines_that_both_commits_print_become_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Now over before; sizes, which are the same, stay, and a line without a counterpart says nothing."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    ratios = importlib.import_module("beside").ratios
+    before = ["  packets  2.0e7 rays/s (best 2.5e7)", "   100 nodes: 4 µs", "  packets 1e6 rays/s (best 4e6)", "gone 3"]
+    now = ["  packets 5.0e7 rays/s (best 1.0e8)", "  100 nodes:   3 µs", "new 3", "  packets 2e6 rays/s (best 1e6)"]
+    assert ratios(before, now) == [
+        "  packets 2.50x rays/s (best 4.00x)",
+        "  100 nodes:   0.75x µs",
+        "  packets 2.00x rays/s (best 0.25x)",
+    ]
 
 
 def test_the_race_reports_a_rate_per_lens_with_peers_or_without(tmp_path: Path) -> None:
