@@ -46,7 +46,7 @@ def test_a_build_agrees_without_store_and_stage(built, tmp_path, monkeypatch):
 def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, monkeypatch, common_store):
     """More points than one tile solves."""
     text = without_method(TINY.read_text(encoding="utf-8")).replace("@../../../stages/", "@")
-    for small, large in (("columns = 3", "columns = 20"), ("rows = 2", "rows = 11"), ("Size = 1.4", "Size = 0.2")):
+    for small, large in (("columns = 3", "columns = 30"), ("rows = 2", "rows = 17"), ("Size = 1.4", "Size = 0.13")):
         assert small in text
         text = text.replace(small, large)
     stage = tmp_path / "dataset.usda"
