@@ -6,59 +6,12 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from cli import toy_command
+from cli.slow_tasks import slow, started
 
-from pipeline import cli
-
-COMMAND = Path(__file__).with_name("toy_command.py")
 STATES = ("executed", "cached", "failed", "skipped")
-
-
-@pytest.fixture
-def command(tmp_path, kit, cache):
-    """Start the command in an empty folder with a stage `s.json`."""
-
-    def start(*arguments, **options):
-        settings = {**os.environ, "PIPELINE_CACHE": str(cache), "NO_COLOR": "1", "COLUMNS": "200"}
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, **options}
-        return subprocess.Popen(
-            [sys.executable, str(COMMAND), str(kit.parent), *arguments], cwd=tmp_path, env=settings, **pipes
-        )
-
-    return start
-
-
-@pytest.fixture
-def pipeline(tmp_path, kit, monkeypatch, capsys):
-    """Run the command in this process, in the same folder: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-    for name, module in toy_command.fakes().items():
-        monkeypatch.setitem(sys.modules, name, module)
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
-
-
-@pytest.fixture
-def stage(tmp_path):
-    """Write the stage; gives its path as the user types it."""
-
-    def write(**facts):
-        (tmp_path / "s.json").write_text(json.dumps(facts))
-        return "s.json"
-
-    write()
-    return write
 
 
 def failing(tmp_path):
@@ -232,18 +185,6 @@ def test_a_reader_that_goes_away_ends_with_141_and_no_word(command, stage):
     os.close(writing)
     _, log = process.communicate(timeout=30)
     assert process.returncode == 141 and "Error" not in log
-
-
-def started(tmp_path):
-    give_up = time.monotonic() + 20
-    while not list(tmp_path.glob("ran-*")):
-        assert time.monotonic() < give_up
-        time.sleep(0.02)
-
-
-def slow(tmp_path, seconds):
-    tasks = [["slow/a", "slow", {"folder": str(tmp_path), "name": "a", "seconds": seconds}]]
-    return {"project": {"extra": [*tasks, ["slow/b", "report", {}, {}]], "poses": []}}
 
 
 @pytest.mark.parametrize("jobs", ["-j1", "-j2"])

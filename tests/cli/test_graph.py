@@ -4,18 +4,17 @@ import json
 import xml.etree.ElementTree as ET
 
 import pytest
-from cli.test_command import command, pipeline, stage  # noqa: F401
 
 POSES = {"project": {"poses": [[[float(number)]] for number in range(300)]}}
 
 
 @pytest.fixture
-def many(stage):  # noqa: F811
+def many(stage):
     """A stage with 300 frames."""
     return stage(**POSES)
 
 
-def test_frames_are_one_node(pipeline, many):  # noqa: F811
+def test_frames_are_one_node(pipeline, many):
     code, output, _ = pipeline("graph", many)
     lines = output.splitlines()
     assert code == 0 and lines[0] == "flowchart LR"
@@ -24,7 +23,7 @@ def test_frames_are_one_node(pipeline, many):  # noqa: F811
     assert sum("-->" in line for line in lines) == 3
 
 
-def test_all_tasks_and_other_formats(pipeline, many):  # noqa: F811
+def test_all_tasks_and_other_formats(pipeline, many):
     groups = json.loads(pipeline("graph", many, "--all", "--format", "json")[1])["groups"]
     assert len(groups) == 303 and all(group["tasks"] == 1 for group in groups)
     dot = pipeline("graph", many, "--format", "dot")[1]
@@ -33,7 +32,7 @@ def test_all_tasks_and_other_formats(pipeline, many):  # noqa: F811
     assert (lens["name"], lens["reads"], lens["states"]) == ("lens", [], {"run": 1})
 
 
-def test_the_picture_is_an_svg_with_a_box_per_node(pipeline, many, tmp_path):  # noqa: F811
+def test_the_picture_is_an_svg_with_a_box_per_node(pipeline, many, tmp_path):
     pipeline("build", many, "-j1", "--until", "image/cam/0007")
     assert pipeline("graph", many, "--picture", "graph.svg")[0] == 0
     root = ET.fromstring((tmp_path / "graph.svg").read_text())

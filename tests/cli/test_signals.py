@@ -9,10 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
-from cli.test_command import command, pipeline, slow, stage, started
+from cli.slow_tasks import slow, started
 from faults.signals import BOUND_S, ended, held_by_another
-
-__all__ = ["command", "pipeline", "stage"]
 
 
 def task_of(tmp_path, kind):

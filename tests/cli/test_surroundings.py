@@ -7,11 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from cli.test_command import pipeline, stage
 
 from pipeline.app.build import default_out
-
-__all__ = ["pipeline", "stage"]
 
 ODD = os.fsdecode(b"b\xff")
 DEEP = "/".join(["y" * 200] * 21)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from laws.rigs import facing
-from render.test_embree import lens_rays, nearest
+from render.lens_rays import lens_rays, nearest
 
 from pipeline.frames import apply
 from pipeline.render.light import TargetLight

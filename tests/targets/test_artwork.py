@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from targets.test_drawings import EXAMPLES, name_of
+from targets.examples import EXAMPLES, name_of
 
 from pipeline.files.pdf import pdf_bytes
 from pipeline.report.artwork import pages_of, pdf_content, svg

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from targets.test_drawings import EXAMPLES, name_of
+from targets.examples import EXAMPLES, name_of
 
 from pipeline.targets.patterns.stars import SiemensStar, Stars
 from pipeline.targets.plain_boxes import BESIDE, MIXED, colour_of_box
