@@ -18,6 +18,7 @@ _FARTHEST_PX = 1 << 23
 _MOST_RAYS = 1 << 24
 """They take 1 GiB."""
 _LAST_SEED = (1 << 31) - 1
+"""Largest seed: the one of a stage, `plen:seed`, is a signed integer of 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ SQUARE_NODES = (2, 3, 5, 8, 12)
 RANDOM_RAYS = (1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20)
 """Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for."""
 LEVELS = len(NODES)
+"""Number of levels, the same in the three lists above."""
 
 _STREAM_PX = 1 << 24
 """Pixels of another stream lie so far off: no sensor is as wide."""

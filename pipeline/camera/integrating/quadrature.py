@@ -25,9 +25,16 @@ from pipeline.camera.tracing.records import CameraArrays
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
 """Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
 
-_FIRST_DIRECTIONS, _FIRST_STEPS = 48, 8
+_FIRST_DIRECTIONS = 48
+"""Directions in which the edge is looked at before any of its corners is known: 7.5 degrees apart."""
+_FIRST_STEPS = 8
+"""Bisections there, for the middle of what passes: to 1/256 of the way, and any point well inside will do."""
 _INNER_PROBES = 256
-_LEAST_PER_ARC, _MOST_PER_ARC = 4, 64
+"""Points all over the polygon that are tried where its middle is dark: a region of a few hundredths of it is found."""
+_LEAST_PER_ARC = 4
+"""Nodes on the shortest arc: exact up to the seventh degree."""
+_MOST_PER_ARC = 64
+"""Nodes on the longest piece of an arc: NumPy vouches for Gauss-Legendre nodes up to 100."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +55,10 @@ class Effort:
 
 
 FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24)
+"""Effort for results: corners to 0.007 degrees, edges to 3e-8 of their way."""
 ROUGH = Effort(corner_steps=5, corner_edge_steps=12, edge_steps=20)
-"""Efforts for results, and for steps on the way to one. Both are held against rays over the whole bound: a step that
-sees one piece of two goes far astray."""
+"""Effort for steps on the way to a result: corners to 0.2 degrees, edges to 5e-7 of their way. It is held against rays
+over the whole bound, too: a step that sees one piece of two goes far astray."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from pipeline.camera.tracing.records import CameraArrays
 _POLYGON = 1 << 20
 """Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
 _EDGE_STEPS = 24
+"""Bisections of an edge: to 3e-8 of the way to the polygon, so that a weight errs by less than 1e-7 by it."""
 
 
 @dataclass(frozen=True, slots=True)

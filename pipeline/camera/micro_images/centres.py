@@ -14,8 +14,11 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP, outlines
 from pipeline.optics.first_order import exit_pupil
 
 _STEPS = 12
+"""Steps to a chief ray at most: each leaves a small part of the miss, and a microlens that needs more is an error."""
 _TOLERANCE = 1e-12
+"""Miss in slope that ends the search [1]: thousands of roundings of a slope."""
 _ROUNDING_MM = 1e-9
+"""Room beyond the reach of a micro-image [mm], so that roundings leave no light out."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,7 +132,7 @@ def _take(squares, line, first, end, position, radius, distance, rows):
 
 @inline
 def _clear(place, square, rings, count):
-    """How far rings around a square reach from a place in it, in squares; the outermost ones have no end."""
+    """Reach of rings around a square from a place in it, in squares; the outermost ones have no end."""
     before = place - (square - rings) if square - rings > 0 else math.inf
     after = square + rings + 1 - place if square + rings + 1 < count else math.inf
     return min(before, after)

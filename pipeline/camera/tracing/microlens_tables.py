@@ -26,10 +26,13 @@ from pipeline.errors import PipelineError
 from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
 
 _DISC_SIDES = 24
+"""Sides of the polygon around a disc: 0.6 percent larger in area, rays that are lost."""
 _OUTSIDE = 1 + 1e-6
 """Sides of a polygon around a disc keep off it: what blocks a ray next to the edge is then the disc everywhere."""
 _RIM = 48
+"""Points around an aperture: a multiple of 4 and 6, so that corners of a cell are among them."""
 _TRIALS = 4096
+"""Random rays of a microlens that measure the margin of the linear map; `_SAFETY` covers what they miss."""
 _SAFETY = 1.2
 """Over the largest error of the linear map among the trials."""
 _MODELS = {"two-plane": microlens_kernels.TWO_PLANE, "refractive": microlens_kernels.REFRACTIVE}

@@ -16,8 +16,12 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor
 
 _FLIP = np.array([1.0, -1.0, -1.0])
+"""Signs of x, y and z that turn the vision frame into the lens frame, and back."""
 _FAN, _WIDE_FAN = 16, 96
+"""Rays along the diameter of a fan: towards the entrance pupil, and, where none of these comes through, towards the
+whole front surface, of which the pupil may be a small part."""
 _PUPIL_SLACK = 1.3
+"""Radius of the fan over that of the paraxial entrance pupil [1]: the real one moves and grows off the axis."""
 _REACH_PX, _BLUR_SHARE = 4.0, 0.25
 """Guesses behind microlenses were seen to miss by up to 1.5 px; without them by a tenth of the blur's width."""
 _CELL_SLACK = 0.3

@@ -18,7 +18,10 @@ from pipeline.truth.rows import Correspondences, Found, which_exist
 _GRACE_PX = 1.0
 """Rough solutions so far outside of their cell or of the image may still turn out to lie inside."""
 _APART_MM = 10.0
+"""Distance of the second upright plane behind the point's own [mm]: rays are straight, so that any distance would do
+that is far above roundings."""
 _BLUR_LEVEL = 1
+"""Level of the quadrature for the blur: a second moment is read to fewer digits than a position."""
 
 
 @dataclass(frozen=True, slots=True)

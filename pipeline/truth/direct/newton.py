@@ -13,11 +13,18 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.truth.direct.chief_points import chief_jacobian
 
-_STEPS, _RETREATS = 14, 8
+_STEPS = 14
+"""Rough steps at most: steps that do not get short by then lead to no solution nearby."""
+_RETREATS = 8
+"""Halvings at most of a way that leads into the dark: to 1/256 of it."""
 _DIFFERENCE_PX = 0.25
+"""Half the difference of derivatives [px]: wide beside the errors of a rough integral, narrow beside a micro-image."""
 _ROUGH_PX = 0.05
+"""Length of a step after which finer integrals take over [px]: the derivative holds so near to a solution."""
 _LONGEST_STEP_PX = 8.0
+"""Length to which steps are cut [px]: a derivative far from the solution must throw no row out of its micro-image."""
 _FINE_STEPS = 3
+"""Steps of one level at most: `_TRUST` leaves a thousandth of the first after three."""
 _TRUST = 0.1
 """Near a solution the derivative holds to a tenth, mostly to far less, and so does a step. With random rays it is
 noisy, and what the step before has left says how far it holds."""

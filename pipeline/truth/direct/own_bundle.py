@@ -14,6 +14,7 @@ from pipeline.truth.direct.direct_rows import blur_of
 from pipeline.truth.rows import Correspondences
 
 _LEVEL = 1
+"""Level of the quadrature: light and blur are read to fewer digits than a position."""
 
 
 def with_own_bundles(rig: Rig, rows: Correspondences, planes: np.ndarray, min_hit_fraction: float) -> Correspondences:

@@ -16,7 +16,10 @@ difference counts with so many standard errors less to refute a claim, and with 
 _RANDOM_RAYS = tuple(1 << power for power in range(14, 23, 2))
 """Rays of a row, level by level: more of them only where a row is not yet known to keep the claim, by `SHARPER`
 standard errors, and its own is not below half of what is believed."""
-_TURNS, _ROUGH_PX = 3, 0.01
+_TURNS = 3
+"""Steps of Newton's method at most with the same number of rays: the first leaves little, and more rays follow."""
+_ROUGH_PX = 0.01
+"""Length of a step that needs no other with so many rays [px]: what Newton's method leaves of it is far smaller."""
 _BATCHES = 6
 """Batches of the most rays, in all: for rows that keep the judge from a decision."""
 

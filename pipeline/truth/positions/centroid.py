@@ -20,9 +20,20 @@ from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
 """Traced positions along an axis, rings and directions of the bundle, rings and directions of the disc."""
-_LOOK_PX, _SLACK, _LARGER = 0.5, 1.05, 1.1
-_BOXES, _STEPS, _DONE_PX = 4, 12, 1e-7
+_LOOK_PX = 0.5
+"""Half the size of the first look [px]: a pixel is wide enough for derivatives that guess the size of the disc."""
+_SLACK, _LARGER = 1.05, 1.1
+"""Size of a traced box over that of the guessed disc, and of the largest disc that the box still serves [1]:
+polynomials hold a little beyond their nodes."""
+_BOXES = 4
+"""Boxes at most, each guessed from what the one before has seen."""
+_STEPS = 12
+"""Steps at most to where a node sees a point: the derivative is kept, so that each leaves the same small part."""
+_DONE_PX = 1e-7
+"""Step that ends the search [px]: a ten-thousandth of the default claim."""
 _DIFFERENCE = 1e-4
+"""Half the difference of derivatives over half the size of the box [1]: polynomials of low degree err by about its
+square."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,11 +18,22 @@ from pipeline.truth.positions.saddle_start import start_of
 _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
 """Rings and directions of the bundle's triangles; their error falls with the square of these numbers."""
 _GOOD_PX = 5e-4
-_ORDER, _CENTRED_PX = 3, 0.25
+"""Error at which no finer level follows [px]: half of the default claim."""
+_ORDER = 3
+"""Positions along an axis through which polynomials go: bundles change nearly linearly over a pixel."""
+_CENTRED_PX = 0.25
+"""Distance of the saddle from the middle of the traced positions at which it is believed [px]: the polynomials hold
+there."""
 _HALF_PX = 0.5 + _CENTRED_PX
 """Positions are traced out to the sides of a pixel that lies so far off the middle."""
-_ROUNDS, _STEPS = 8, 20
-_LONGEST_PX, _DONE_PX = 1.0, 1e-7
+_ROUNDS = 8
+"""Times at most that positions are traced anew about where the saddle was found: what moves on after that is lost."""
+_STEPS = 20
+"""Steps of Newton's method at most between two traces."""
+_LONGEST_PX = 1.0
+"""Way after which positions are traced anew [px], and twice the longest step: the map spans a pixel and a half."""
+_DONE_PX = 1e-7
+"""Step that ends the search [px]: a ten-thousandth of the default claim."""
 
 
 @dataclass(frozen=True, slots=True)

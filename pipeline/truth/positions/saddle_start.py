@@ -8,9 +8,19 @@ from pipeline.camera.tracer import Tracer
 from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 
-_RINGS, _DIRECTIONS, _ORDER, _HALF_PX = 16, 64, 3, 0.75
+_RINGS, _DIRECTIONS = 16, 64
+"""Rings and directions of the bundle: the coarsest level of `saddle`, because a guess will do."""
+_ORDER, _HALF_PX = 3, 0.75
+"""Positions along an axis through which polynomials go, and half the way that they span [px]: as in `saddle`."""
 _DIFFERENCE_PX = 0.25
-_WIDE_PX, _SWEEPS, _ROUGH = 1.0, 3, 0.02
+"""Half the difference of derivatives [px]: within the positions that are traced."""
+_WIDE_PX = 1.0
+"""Standard deviation of a bundle from which on its image may have several stationary points [px]: a narrower one is
+smoothed by the pixel."""
+_SWEEPS = 3
+"""Times that both edges are followed in turn: each brings the guess nearer."""
+_ROUGH = 0.02
+"""Precision of a way along an edge over the standard deviation [1]: Newton's method goes on from there."""
 
 
 @dataclass(frozen=True, slots=True)
