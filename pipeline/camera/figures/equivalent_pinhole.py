@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -210,7 +210,7 @@ def _mean_rays(tracer: Tracer, planes_mm: tuple[float, float]) -> _Rays:
     )
     x_px = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     planes = np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
-    mean = integrals(tracer, x_px, np.full(len(x_px), NO_MICROLENS), planes, _LEVEL).moments[:, :4]
+    mean = integrals(tracer, Bundles(x_px, np.full(len(x_px), NO_MICROLENS), planes), _LEVEL).moments[:, :4]
     lit = np.isfinite(mean).all(axis=1)
     # By the trapezoidal rule: positions on an edge of the image stand for half as much of it.
     area = np.where((x_px == x_px.min(axis=0)) | (x_px == x_px.max(axis=0)), 0.5, 1.0).prod(axis=1)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pipeline.camera.integrals import pooled, random_integrals
+from pipeline.camera.integrals import Bundles, pooled, random_integrals
 from pipeline.camera.rig import Rig
 from pipeline.truth.direct.newton import Search, errors_px
 from pipeline.truth.judging.judged import Rows
@@ -108,16 +108,9 @@ class _RandomRays:
         Random numbers are those of the row's pixel, wherever it goes: at a border with others J would jump.
         """
         planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
-        bundles = (
-            x,
-            self.rig.microlens(self.rows.cell[here]),
-            planes,
-            rays,
-            self.rig.square_px,
-            stream,
-            self.rows.x_px[here],
-        )
-        found = random_integrals(self.rig.tracer, *bundles)
+        microlens = self.rig.microlens(self.rows.cell[here])
+        bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
+        found = random_integrals(self.rig.tracer, bundles, rays, stream)
         self._error_mm[here] = found.error_mm
         sigma = errors_px(self.inverse[here], pooled(found, self._coarser_mm[here]))
         return -np.einsum("nij,nj->ni", self.inverse[here], found.moments[:, :2]), sigma

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.rig import Rig
-from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
+from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
 """Traced positions along an axis, rings and directions of the bundle, rings and directions of the disc."""
@@ -53,9 +54,10 @@ class Centroid:
 
 def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float) -> Centroid:
     """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
-    lens, found = int(rig.microlens(np.array([cell]))[0]), np.full((2, 2), np.nan)
+    microlens, found = int(rig.microlens(np.array([cell]))[0]), np.full((2, 2), np.nan)
     lost = Centroid(np.full(2, np.nan), np.nan)
-    look = bundle_map(rig.tracer, lens, x_px, np.full(2, _LOOK_PX), plane, 3, np.array([0.5, 1.0]), 16)
+    grid = Grid(x_px, np.full(2, _LOOK_PX), 3)
+    look = bundle_map(rig.tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
     if look is None:
         return lost
     seen = _linear(look, radius_mm * _circle(16))
@@ -64,7 +66,8 @@ def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm
         for _ in range(_BOXES):
             low, high = seen.min(axis=(0, 1, 2)), seen.max(axis=(0, 1, 2))
             half = (high - low) / 2
-            around = bundle_map(rig.tracer, lens, (low + high) / 2, _SLACK * half, plane, order, shares, directions)
+            grid = Grid((low + high) / 2, _SLACK * half, order)
+            around = bundle_map(rig.tracer, microlens, plane, grid, Polar(shares, directions))
             if around is None:
                 return lost
             seen = _seen(around, radius_mm * _circle(64))[0]

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
-from pipeline.truth.positions.bundle_map import bundle_map
+from pipeline.truth.positions.bundle_map import Grid, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 from pipeline.truth.positions.saddle_start import start_of
 
@@ -58,7 +59,7 @@ def corner_plane(plane: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.stack([plane[0], first / (first @ edges[0]), second / (second @ edges[1]), normal])
 
 
-def saddle(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Saddle:
+def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Saddle:
     """Find the saddle near an image position.
 
     Parameters
@@ -70,14 +71,14 @@ def saddle(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio
     ratio : float
         (white + black) / (white - black).
     """
-    lost, start = Saddle(np.full(2, np.nan), np.nan), start_of(tracer, lens, x_px, plane, ratio)
+    lost, start = Saddle(np.full(2, np.nan), np.nan), start_of(tracer, microlens, x_px, plane, ratio)
     if start is None:
         return lost
     x_px, moved, apart, hessian = start.x_px, np.inf, np.full(2, np.nan), np.full((2, 2), np.nan)
     for level, (rings, directions) in enumerate(_LEVELS):
         for _ in range(_ROUNDS):
-            shares = np.arange(rings + 1) / rings
-            around = bundle_map(tracer, lens, x_px, np.full(2, _HALF_PX), plane, _ORDER, shares, directions)
+            nodes = Polar(np.arange(rings + 1) / rings, directions)
+            around = bundle_map(tracer, microlens, plane, Grid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
             if around is None:
                 return lost
             image = CornerImage(around, ratio)

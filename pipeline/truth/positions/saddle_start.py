@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
-from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
+from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 
 _RINGS, _DIRECTIONS = 16, 64
@@ -38,13 +39,13 @@ class Start:
     spread_px: float
 
 
-def start_of(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Start | None:
+def start_of(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Start | None:
     """The position where both edges halve the bundle; of a wide one that where each edge halves it on the other.
 
     None where bundles around J's position are cut. Parameters are those of `saddle.saddle`.
     """
-    half, shares = np.full(2, _HALF_PX), np.arange(_RINGS + 1) / _RINGS
-    around = bundle_map(tracer, lens, x_px, half, plane, _ORDER, shares, _DIRECTIONS)
+    half, nodes = np.full(2, _HALF_PX), Polar(np.arange(_RINGS + 1) / _RINGS, _DIRECTIONS)
+    around = bundle_map(tracer, microlens, plane, Grid(x_px, half, _ORDER), nodes)
     if around is None:
         return None
     weight = _weights(around.at(x_px))
@@ -54,7 +55,7 @@ def start_of(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, rat
     spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
     if spread < _WIDE_PX:
         return Start(x_px, spread)
-    wide = bundle_map(tracer, lens, x_px, half + spread, plane, _ORDER, shares, _DIRECTIONS)
+    wide = bundle_map(tracer, microlens, plane, Grid(x_px, half + spread, _ORDER), nodes)
     if wide is None:
         return None
     x_px = _halved(CornerImage(wide, ratio), x_px, px_per_mm, spread)
