@@ -18,6 +18,7 @@ _FARTHEST_PX = 1 << 23
 _MOST_RAYS = 1 << 24
 """They take 1 GiB."""
 _LAST_SEED = (1 << 31) - 1
+"""Largest seed: the one of a stage, `plen:seed`, is a signed integer of 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +78,8 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
     tracer = Tracer(camera, seed)
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     images = micro_images(tracer) if camera.microlenses else None
-    lens = owners(images, position)[:, None]
+    microlens = owners(images, position)[:, None]
     pixel, rays = np.array([[round(x_px), round(y_px)]]), room_for(samples)
-    squares = Squares(pixel, position, lens, np.full_like(lens, samples))
+    squares = Squares(pixel, position, microlens, np.full_like(microlens, samples))
     count = bundle_kernels.image_rays(tracer.arrays, Samples(sobol_bits(samples), seed, 0.0), squares, rays)
     return Bundle(*rays.first(count)[:3])

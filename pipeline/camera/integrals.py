@@ -12,6 +12,7 @@ from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS, VARIANCE
+from pipeline.camera.tracing.records import Starts
 from pipeline.camera.tracing.sampling_bounds import SKIP
 
 NODES = ((6, 16), (8, 32), (12, 64), (16, 128), (24, 256))
@@ -21,6 +22,7 @@ SQUARE_NODES = (2, 3, 5, 8, 12)
 RANDOM_RAYS = (1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20)
 """Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for."""
 LEVELS = len(NODES)
+"""Number of levels, the same in the three lists above."""
 
 _STREAM_PX = 1 << 24
 """Pixels of another stream lie so far off: no sensor is as wide."""
@@ -28,6 +30,47 @@ _ANCHORED_PX = 0.5
 """Regions of anchors farther away may miss rays that pass."""
 _NODES_AT_ONCE = 1 << 22
 """Nodes of quadrature of a stretch of squares: what fits into memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bundles:
+    """Bundles of image positions.
+
+    Attributes
+    ----------
+    x_px : (n, 2) float64
+        Image positions; NaN: no bundle.
+    microlens : (n,) int64
+        Row of the microlens of each, or NO_MICROLENS.
+    planes : (n, 2, 4, 3) float64
+        Two planes of each on which it has moments.
+    square_px : float
+        Edge of the square around a position that rays start on; 0: the position itself.
+    anchor_px : (n, 2) float64 or None
+        Positions near their anchors have the random rays of these: a search keeps them, so that its integrals change
+        smoothly with the position. None: each has its own.
+    """
+
+    x_px: np.ndarray
+    microlens: np.ndarray
+    planes: np.ndarray
+    square_px: float = 0.0
+    anchor_px: np.ndarray | None = None
+
+    @property
+    def known(self) -> np.ndarray:
+        """Whether there is a bundle, (n,) bool."""
+        return ~np.isnan(self.x_px).any(axis=1)
+
+    def lit(self) -> "Bundles":
+        """The same with numbers in place of NaN, where the microlens is to be skipped."""
+        x_px = np.where(self.known[:, None], self.x_px, 0.0)
+        return replace(self, x_px=x_px, microlens=np.where(self.known, self.microlens, SKIP))
+
+    def only(self, rows: np.ndarray | slice) -> "Bundles":
+        """Some of them."""
+        anchor_px = None if self.anchor_px is None else self.anchor_px[rows]
+        return Bundles(self.x_px[rows], self.microlens[rows], self.planes[rows], self.square_px, anchor_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,34 +95,21 @@ class Integral:
     rays: int
 
 
-def integrals(
-    tracer: Tracer,
-    x_px: np.ndarray,
-    lens: np.ndarray,
-    planes: np.ndarray,
-    level: int,
-    square_px: float = 0.0,
-    anchor_px: np.ndarray | None = None,
-) -> Integral:
-    """Integrate the bundles of image positions (n, 2) behind their microlenses (n,) on planes (n, 2, 4, 3).
+def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
+    """Integrate bundles.
 
     Level 0 is for steps on the way: its edges are rougher, and it states no error (NaN), because there is nothing to
-    compare with. Rays start at the positions, or anywhere on squares of the edge `square_px` around them. Positions
-    near their anchors (n, 2) have the random rays of these: a search keeps them, so that its integrals change smoothly
-    with the position.
+    compare with.
     """
-    known = ~np.isnan(x_px).any(axis=1)
-    x, lit = np.where(known[:, None], x_px, 0.0), np.where(known, lens, SKIP)
-    over = _over_squares if square_px > 0 else _over_points
-    levels, rays = over(tracer, x, lit, planes, [level - 1, level] if level > 0 else [level], square_px)
+    over = _over_squares if bundles.square_px > 0 else _over_points
+    levels, rays = over(tracer, bundles.lit(), [level - 1, level] if level > 0 else [level])
     moments, status = levels[-1]
-    error = np.full((len(x_px), 2), np.nan)
+    error = np.full((len(bundles.x_px), 2), np.nan)
     if level > 0:
         error = np.abs(moments[:, :2] - levels[0][0][:, :2])
     odd = status == NOT_STAR_SHAPED
     if odd.any():
-        bundles = x_px[odd], lens[odd], planes[odd], RANDOM_RAYS[level], square_px
-        other = random_integrals(tracer, *bundles, anchor_px=None if anchor_px is None else anchor_px[odd])
+        other = random_integrals(tracer, bundles.only(odd), RANDOM_RAYS[level])
         moments[odd], error[odd], rays = other.moments, other.error_mm, rays + other.rays
     return Integral(moments, error, odd, rays)
 
@@ -88,27 +118,25 @@ _Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
 """Moments and status of each level, and rays traced."""
 
 
-def _over_points(
-    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, levels: list[int], _: float
-) -> _Levels:
-    found = edges(tracer.arrays, tracer.positions_mm(*x_px.T), lens, FINE if levels[-1] > 0 else ROUGH)
-    parts = [found.moments(planes, NODES[level], level == levels[-1]) for level in levels]
+def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
+    positions = tracer.positions_mm(*bundles.x_px.T)
+    found = edges(tracer.arrays, positions, bundles.microlens, FINE if levels[-1] > 0 else ROUGH)
+    parts = [found.moments(bundles.planes, NODES[level], level == levels[-1]) for level in levels]
     return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
 
 
-def _over_squares(
-    tracer: Tracer, x_px: np.ndarray, lens: np.ndarray, planes: np.ndarray, levels: list[int], square_px: float
-) -> _Levels:
-    result, rays = [], 0
+def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
+    result, rays, n = [], 0, len(bundles.x_px)
     for level in levels:
         offset, share = footprint.nodes(SQUARE_NODES[level])
-        moments, status = np.empty((len(x_px), COLUMNS)), np.empty(len(x_px), np.int64)
+        moments, status = np.empty((n, COLUMNS)), np.empty(n, np.int64)
         stretch = max(1, _NODES_AT_ONCE // (len(share) * NODES[level][0] * NODES[level][1]))
-        for first in range(0, len(x_px), stretch):
+        for first in range(0, n, stretch):
             here = slice(first, first + stretch)
-            x = (x_px[here, None] + square_px * offset).reshape(-1, 2)
-            behind, on = (np.repeat(values[here], len(share), axis=0) for values in (lens, planes))
-            ((found, state),), more = _over_points(tracer, x, behind, on, [level], 0.0)
+            some = bundles.only(here)
+            x = (some.x_px[:, None] + bundles.square_px * offset).reshape(-1, 2)
+            behind, on = (np.repeat(values, len(share), axis=0) for values in (some.microlens, some.planes))
+            ((found, state),), more = _over_points(tracer, Bundles(x, behind, on), [level])
             moments[here] = footprint.joined(found.reshape(-1, len(share), COLUMNS), share)
             status[here] = _worst(state.reshape(-1, len(share)))
             rays += more
@@ -122,27 +150,18 @@ def _worst(status: np.ndarray) -> np.ndarray:
     return np.where((status == NOT_STAR_SHAPED).any(axis=1), NOT_STAR_SHAPED, some)
 
 
-def random_integrals(
-    tracer: Tracer,
-    x_px: np.ndarray,
-    lens: np.ndarray,
-    planes: np.ndarray,
-    rays: int,
-    square_px: float = 0.0,
-    stream: int = 0,
-    anchor_px: np.ndarray | None = None,
-) -> Integral:
+def random_integrals(tracer: Tracer, bundles: Bundles, rays: int, stream: int = 0) -> Integral:
     """The same by so many scrambled Sobol points each; random numbers depend on the anchor's pixel and the stream."""
-    known = ~np.isnan(x_px).any(axis=1)
-    x_px = np.where(known[:, None], x_px, 0.0)
-    anchor_px = x_px if anchor_px is None else anchor_px
-    near = np.hypot(*(anchor_px - x_px).T) <= _ANCHORED_PX
-    anchor_px = np.where(near[:, None], anchor_px, x_px)
-    positions, anchors = tracer.positions_mm(*x_px.T), tracer.positions_mm(*anchor_px.T)
+    lit = bundles.lit()
+    anchor_px = lit.x_px if bundles.anchor_px is None else bundles.anchor_px
+    near = np.hypot(*(anchor_px - lit.x_px).T) <= _ANCHORED_PX
+    anchor_px = np.where(near[:, None], anchor_px, lit.x_px)
+    positions, anchors = tracer.positions_mm(*lit.x_px.T), tracer.positions_mm(*anchor_px.T)
     numbers = np.rint(anchor_px).astype(np.int64) + np.array([stream * _STREAM_PX, 0])
-    moments = tracer.moments(positions, np.where(known, lens, SKIP), planes, rays, numbers, square_px, anchors)
+    starts = Starts(numbers, anchors, positions, lit.microlens)
+    moments = tracer.moments_of(starts, bundles.planes, rays, bundles.square_px)
     error = np.sqrt(moments[:, VARIANCE : VARIANCE + 2])
-    return Integral(moments, error, np.ones(len(x_px), bool), int(known.sum()) * max(rays, REPLICAS))
+    return Integral(moments, error, np.ones(len(error), bool), int(bundles.known.sum()) * max(rays, REPLICAS))
 
 
 def pooled(found: Integral, coarser_mm: np.ndarray) -> Integral:

@@ -138,34 +138,39 @@ class Tracer:
     def moments(
         self,
         positions_mm: np.ndarray,
-        lens: np.ndarray,
+        microlens: np.ndarray,
         planes: np.ndarray,
         samples: int,
         pixels: np.ndarray,
         square_px: float = 0.0,
-        anchors_mm: np.ndarray | None = None,
     ) -> np.ndarray:
+        """Moments of the bundles of positions (n, 2) behind their microlenses (n,), each in its own region.
+
+        Random numbers depend on the pixels (n, 2); all else is as in `moments_of`.
+        """
+        return self.moments_of(Starts(pixels, positions_mm, positions_mm, microlens), planes, samples, square_px)
+
+    def moments_of(self, starts: Starts, planes: np.ndarray, samples: int, square_px: float = 0.0) -> np.ndarray:
         """Moments of bundles on two planes (2, 4, 3), or two of each position (n, 2, 4, 3); (n, COLUMNS).
 
         Rays start at the positions, or anywhere on squares of the edge `square_px` around them. They go through points
-        of the regions of anchors (n, 2) less than a pixel away, or else of the positions: where these move and anchors
-        and pixels do not, moments change smoothly. See `camera.tracing.moments`.
+        of the regions of anchors less than a pixel away: where positions move and anchors and pixels do not, moments
+        change smoothly. See `camera.tracing.moments`.
         """
-        result = np.empty((len(positions_mm), COLUMNS))
+        result = np.empty((len(starts.positions), COLUMNS))
         planes = np.ascontiguousarray(planes.reshape(-1, 2, 4, 3))
         bits = sobol_bits(samples // REPLICAS)
-        positions, pixels = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(pixels, np.int64)
-        anchors = positions if anchors_mm is None else np.ascontiguousarray(anchors_mm, float)
         seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF
-        square, lens = square_px * self.camera.sensor.pitch_mm, np.ascontiguousarray(lens, np.int64)
-        draws, starts = Samples(bits, seed, square), Starts(pixels, anchors, positions, lens)
+        draws = Samples(bits, seed, square_px * self.camera.sensor.pitch_mm)
+        kinds = np.int64, np.float64, np.float64, np.int64
+        starts = Starts(*(np.ascontiguousarray(part, kind) for part, kind in zip(starts, kinds, strict=True)))
         if self.device is not None:
             from pipeline.camera.tracing.device_moments import moments_on_device
 
             moments_on_device(self.arrays, planes, draws, starts, result)
         else:
             bundle_kernels.bundle_moments(self.arrays, planes, draws, starts, result)
-        bundle_kernels.bundle_moments.count(int(np.count_nonzero(lens != SKIP)) * samples, len(self.table))
+        bundle_kernels.bundle_moments.count(int(np.count_nonzero(starts.microlens != SKIP)) * samples, len(self.table))
         return result
 
     @cached_property
@@ -179,14 +184,14 @@ class Tracer:
         CameraError
             Nothing leaves there, so that no irradiance can be relative to it.
         """
-        lens, position = np.array([NO_MICROLENS]), np.zeros((1, 2))
+        microlens, position = np.array([NO_MICROLENS]), np.zeros((1, 2))
         if self.lattice is not None:
-            lens = np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[:1]
-            position = self.vertices_mm[lens]
+            microlens = np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[:1]
+            position = self.vertices_mm[microlens]
         planes = parallel_planes(1.0, 2.0)
-        rows, status, _ = edges(self.arrays, position, lens).moments(planes[None], _REFERENCE_NODES)
+        rows, status, _ = edges(self.arrays, position, microlens).moments(planes[None], _REFERENCE_NODES)
         if status[0] == NOT_STAR_SHAPED:
-            rows = self.moments(position, lens, planes, _REFERENCE_RAYS, np.array([[-1, -1]]))
+            rows = self.moments(position, microlens, planes, _REFERENCE_RAYS, np.array([[-1, -1]]))
         weight = float(rows[0, WEIGHT])
         if not 0 < weight < math.inf:
             where = "the sensor on the axis" if self.lattice is None else "the middle of the microlens in the middle"

@@ -8,7 +8,10 @@ import numpy as np
 from pipeline.jit.decorators import kernel
 from pipeline.optics.kernels import PACKET
 
-_TURNS, _RUNS = 4000, 5
+_TURNS = 4000
+"""Turns of a run: with a packet of values some milliseconds, long beside a reading of the clock."""
+_RUNS = 5
+"""Runs, of which the fastest counts: what else the processor does can only slow them."""
 
 
 @kernel

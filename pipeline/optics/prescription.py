@@ -8,7 +8,9 @@ from pipeline.errors import PipelineError
 from pipeline.records.declared import settle
 
 _UPRIGHT_DEG = 90.0
+"""Tilt from which on a surface no longer faces the light [deg]."""
 _HEIGHTS = 64
+"""Equal parts of a semi-diameter at whose ends the gap of two surfaces is taken: sags are smooth between them."""
 
 
 class PrescriptionError(PipelineError):

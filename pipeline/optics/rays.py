@@ -22,7 +22,10 @@ from pipeline.optics.table import (
     motion_of,
 )
 
-_STEPS, _RESIDUAL_MM = 8, 1e-9
+_STEPS = 8
+"""Steps of Newton's method from the conic to the asphere: more than the five of `optics.aspheres`, for all rays."""
+_RESIDUAL_MM = 1e-9
+"""Distance from the surface beyond which a ray has missed it [mm]: that of `optics.aspheres`."""
 
 
 def front_grid(table: np.ndarray, count: int) -> np.ndarray:

@@ -147,9 +147,10 @@ def _tiles(tracer: Tracer, rows: tuple[int, int]) -> tuple[Blocks, np.ndarray]:
 
 def _behind(tracer: Tracer, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
     """The block that each microlens lights, and the places of the microlenses of pixels among them (n, s)."""
-    lens = np.unique(strata[strata != SKIP])
+    microlens = np.unique(strata[strata != SKIP])
     place = np.full(len(images.centre_mm) + 1, -1)
-    place[lens] = np.arange(len(lens))
-    reach = images.reach_mm[lens] + tracer.camera.sensor.pitch_mm
+    place[microlens] = np.arange(len(microlens))
+    reach = images.reach_mm[microlens] + tracer.camera.sensor.pitch_mm
     step = 2 * _NODES_WITHIN * reach / (NODES - 1)
-    return Blocks(lens, np.ascontiguousarray(images.centre_mm[lens]), step), place[np.where(strata == SKIP, -1, strata)]
+    own = place[np.where(strata == SKIP, -1, strata)]
+    return Blocks(microlens, np.ascontiguousarray(images.centre_mm[microlens]), step), own

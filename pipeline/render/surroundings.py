@@ -20,7 +20,10 @@ _TOUCHING_MM = 1e-6
 _MESH_MM, _GRAZING = 0.01, 10.0
 """How far a bent target's mesh may be from its own points, besides its sag and the distance of marked points from it,
 these along rays that graze."""
-_SOME, _PRODUCTS_AT_ONCE = 97, 1 << 23
+_SOME = 97
+"""Step between the points that are asked first: a prime, so that it falls into step with no mesh."""
+_PRODUCTS_AT_ONCE = 1 << 23
+"""Products of planes and points at once: 64 MiB; no answer depends on it."""
 
 
 class Surroundings:

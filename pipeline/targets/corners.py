@@ -16,10 +16,15 @@ from pipeline.targets.target import AnyTarget
 
 _CIRCLE_MM = 1e-3
 """Radius of the circle on which colours are compared: far below any feature, far above roundings."""
-_DIRECTIONS, _BISECTIONS = 64, 40
+_DIRECTIONS = 64
+"""Directions in which colours are compared, less than 6 degrees apart: a corner of four sectors has four changes."""
+_BISECTIONS = 40
+"""Halvings of the 6 degrees in which an edge lies: to 1e-13 rad, less than roundings of points of the circle."""
 _FIRST = 0.4321
 """No pattern has an edge in such a share of a circle's 64 parts, in which it would be seen on one side only."""
 _STRAIGHT_RAD = 1e-6
+"""Angle by which an edge may bend in its corner [rad]: roundings of points a micrometre from each other in sheets of
+metres are below it."""
 
 
 @dataclass(frozen=True, slots=True)

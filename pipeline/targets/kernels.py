@@ -14,8 +14,10 @@ from pipeline.targets.surface_kernels import CYLINDER_RADIUS, cylinder_hit, heig
 KINDS = ("Polygon", "Disc", "Spokes", "Checks")
 """Shapes of a drawing, by the numbers that the kernels know them by."""
 POLYGON, DISC, SPOKES, CHECKS = range(4)
+"""These numbers."""
 
 NOT_PAINTED = -1.0
+"""Colour of a point beside a shape: none of black, 0, and white, 1."""
 COLOUR, LEFT, RIGHT, BOTTOM, TOP = range(5)
 """Places in the numbers of a polygon: 0 for black or 1 for white, and its bounds."""
 MIDDLE_X, MIDDLE_Y, RADIUS = 1, 2, 3
@@ -25,6 +27,7 @@ SPOKES_COUNT, INNER, OUTER, PHASE = 0, 3, 4, 5
 COLUMNS, ROWS, SQUARE = range(3)
 """Of checks: inner corners along x and y, and the edge of a square."""
 NUMBERS = 6
+"""Places for the numbers of a shape: spokes need all."""
 
 
 class DrawingArrays(NamedTuple):

@@ -28,6 +28,7 @@ from pipeline.targets.kernels import (
 BESIDE, MIXED = -1.0, -2.0
 """What a box may be besides 0, black, and 1, white: off the sheet; of several colours, or perhaps so."""
 _MOST_BINS = 16
+"""Bins that a box may lie in before it passes for mixed: a look at more costs more than the rays that it may save."""
 
 
 @inline

@@ -14,7 +14,9 @@ from pipeline.jit.decorators import buffers, inline
 COLUMNS, ROWS, HALF_X, HALF_Y, HEIGHTS = range(5)
 """Places in the shape of a board; from the last one on are its heights, or two deflections."""
 CYLINDER_RADIUS = 0
+"""Place in the shape of a cylinder."""
 _STEPS = 20
+"""Steps of Newton's method at most: digits double near the board, and a ray that grazes it has to end."""
 _PRECISION = 1e-12
 """Of a Newton step [mm]; the last one taken is some digits smaller yet."""
 

@@ -56,7 +56,7 @@ def _rows(
 
 def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
     """Parts of the fine grid where images of points (p, 3) may lie, with room for the search."""
-    found = candidates(rig.tracer, rig.images, points_mm)
+    found = candidates(rig, points_mm)
     centre = np.rint(fine_from_image(found.x_px, supersampling)).astype(int)
     room = np.ceil(found.reach_px * supersampling).astype(int) + 2
     return [

@@ -4,6 +4,7 @@ J knows nothing of it: it is made of all rays that leave. Rows whose share is 0 
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,29 @@ METHOD = (
 _STREAM = 0x0CC1
 """Random numbers here are none of those of images."""
 _RAYS_PER_CHUNK = 1 << 19
+"""Rays that are traced before they are looked for: 64 bytes each, 32 MiB."""
+
+
+class PointBundles(NamedTuple):
+    """Bundles that look at target points.
+
+    Attributes
+    ----------
+    microlens : (n,) int64
+        Row of the microlens of each, or NO_MICROLENS.
+    x_px : (n, 2) float64
+        Image positions.
+    planes : (n, 4, 3) float64
+        Tangent planes at the points.
+    """
+
+    microlens: np.ndarray
+    x_px: np.ndarray
+    planes: np.ndarray
+
+    def only(self, rows: np.ndarray) -> "PointBundles":
+        """Some of them."""
+        return PointBundles(*(part[rows] for part in self))
 
 
 def seen(
@@ -57,7 +81,7 @@ def seen(
 
 
 def visibility(
-    rig: Rig, surroundings: Surroundings, target: int, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray
+    rig: Rig, surroundings: Surroundings, target: int, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Visible share of the bundles at image positions (n, 2), and its standard error, (n,) each.
 
@@ -67,34 +91,28 @@ def visibility(
     ----------
     target : int
         Number of the target that the points belong to.
-    lens : (n,) int64
+    microlens : (n,) int64
         Row of each position's microlens.
     planes : (n, 4, 3) float64
         The tangent plane of each row's point.
     """
-    share, error = np.ones(len(x_px)), np.zeros(len(x_px))
+    share, error, bundles = np.ones(len(x_px)), np.zeros(len(x_px)), PointBundles(microlens, x_px, planes)
     rows = np.flatnonzero(surroundings.may_hide(planes[:, 0], planes[:, 3]))
     for rays in (LOOK_RAYS, RAYS):
         each = max(1, _RAYS_PER_CHUNK // rays)
         for some in (rows[first : first + each] for first in range(0, len(rows), each)):
-            share[some], error[some] = shares(rig, surroundings, target, lens[some], x_px[some], planes[some], rays)
+            share[some], error[some] = shares(rig, surroundings, target, bundles.only(some), rays)
         rows = rows[(share[rows] > 0) & (share[rows] < 1)]
     return share, error
 
 
 def shares(
-    rig: Rig,
-    surroundings: Surroundings,
-    target: int,
-    lens: np.ndarray,
-    x_px: np.ndarray,
-    planes: np.ndarray,
-    rays: int,
+    rig: Rig, surroundings: Surroundings, target: int, bundles: PointBundles, rays: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """`visibility` by so many rays each; NaN where none of them leaves. Fewer rays are the first ones of more."""
-    n, tracer = len(lens), rig.tracer
+    (microlens, x_px, planes), n, tracer = bundles, len(bundles.x_px), rig.tracer
     # The places of the microlenses are the replicas.
-    strata, bits = np.repeat(lens[:, None], REPLICAS, axis=1), sobol_bits(rays // REPLICAS)
+    strata, bits = np.repeat(microlens[:, None], REPLICAS, axis=1), sobol_bits(rays // REPLICAS)
     edge_mm = rig.square_px * tracer.camera.sensor.pitch_mm
     counts = np.full_like(strata, rays // REPLICAS)
     squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts)

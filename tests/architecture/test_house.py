@@ -5,6 +5,7 @@ import importlib
 import re
 import sys
 from collections.abc import Iterator
+from itertools import zip_longest
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,8 @@ MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_bytes()) for path in MODULES}
 MOST_MODULES, MOST_LINES, LONGEST = 14, 400, 60
 """Modules in a folder, lines of a module, lines of a function without its docstring."""
+REASONED = ("camera", "optics", "render", "targets", "truth")
+"""Rooms whose numbers have reasons."""
 
 
 @pytest.fixture(scope="module")
@@ -80,3 +83,30 @@ def test_packages_but_the_top_one_are_empty_or_say_why():
     """The fingerprint of a task's code follows imports."""
     full = [str(path.relative_to(PACKAGE)) for path in MODULES if path.name == "__init__.py" and path.stat().st_size]
     assert full == ["__init__.py", "scene/__init__.py"]
+
+
+def is_made_of_numbers(value: ast.expr) -> bool:
+    """Whether an expression is made of numbers, other constants and functions of libraries, and of nothing else."""
+    known = (ast.Tuple, ast.List, ast.Dict, ast.UnaryOp, ast.BinOp, ast.Call, ast.keyword, ast.Attribute, ast.Name)
+    parts = [node for node in ast.walk(value) if isinstance(node, ast.expr | ast.keyword)]
+    values = [node.value for node in parts if isinstance(node, ast.Constant)]
+    has_name = any(isinstance(node, ast.Name) and node.id.isupper() for node in parts)
+    return (
+        all(isinstance(node, (*known, ast.Constant)) for node in parts)
+        and all(type(number) in (int, float) for number in values)
+        and bool(values or has_name)
+    )
+
+
+def test_numbers_have_reasons():
+    """A docstring below a constant has its unit and why it has that value; one for all that are assigned together."""
+    offenders = []
+    for room in REASONED:
+        for path in sorted((PACKAGE / room).rglob("*.py")):
+            body = TREES[path].body
+            for node, below in zip_longest(body, body[1:]):
+                if isinstance(node, ast.Assign | ast.AnnAssign) and node.value and is_made_of_numbers(node.value):
+                    text = below.value if isinstance(below, ast.Expr) else None
+                    if not (isinstance(text, ast.Constant) and isinstance(text.value, str)):
+                        offenders.append(f"{path}:{node.lineno}: {ast.unparse(node)}")
+    assert offenders == []

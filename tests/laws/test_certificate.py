@@ -84,7 +84,7 @@ def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.Mo
     traced, trace = [], judges.random_integrals
 
     def counted(*arguments: Any, **others: Any) -> Any:
-        traced.append(arguments[4])
+        traced.append(arguments[2])
         return trace(*arguments, **others)
 
     monkeypatch.setattr(judges, "random_integrals", counted)

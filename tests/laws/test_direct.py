@@ -14,7 +14,7 @@ from laws.test_truth import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, RULE_OF_BIAS
 
-from pipeline.camera.integrals import NODES, integrals
+from pipeline.camera.integrals import NODES, Bundles, integrals
 from pipeline.camera.integrating.quadrature import INTEGRATED, NOT_STAR_SHAPED, edges
 from pipeline.camera.parts.camera import Camera, Sampling, Sensor
 from pipeline.camera.rig import Rig
@@ -120,7 +120,7 @@ def test_behind_microlenses_the_edge_has_many_corners() -> None:
     x = np.random.default_rng(5).uniform([30, 30], [97, 65], (24, 2))
     owner = rig.images.owner(tracer.positions_mm(*x.T))
     planes = np.repeat(np.stack([target_plane(pose)] * 2)[None], len(x), axis=0)
-    found = integrals(tracer, x, owner, planes, 1)
+    found = integrals(tracer, Bundles(x, owner, planes), 1)
     assert not found.is_random.any()
     checked = 0
     for i, start in enumerate(tracer.positions_mm(*x.T)):
@@ -147,7 +147,7 @@ def test_a_ring_is_not_star_shaped_and_random_rays_take_over() -> None:
     x = np.array([[20.0, 30.0]])
     _, status, _ = edges(tracer.arrays, tracer.positions_mm(*x.T), lens_row).moments(planes, NODES[1])
     assert status.tolist() == [NOT_STAR_SHAPED]
-    found = integrals(tracer, x, lens_row, planes, 2)
+    found = integrals(tracer, Bundles(x, lens_row, planes), 2)
     assert found.is_random.all() and np.all(found.error_mm > 0)
     rows = solved(rig_of(camera), Checkerboard(columns=2, rows=1, square_mm=1.4), rigs.facing(440.0))
     assert rows.counts["random"] == 2

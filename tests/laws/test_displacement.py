@@ -17,7 +17,7 @@ from laws.test_symmetry import assert_independent_of_bounds, outside, passing, p
 from naive import brute, textbook
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
-from tolerances import BORESIGHT_MM, MOVED_MM, REVERSED_MM, SIGMAS
+from tolerances import BORESIGHT_MM, MOVED_MM, REVERSED_MM, ROUNDING_MM, SIGMAS
 
 from pipeline.camera.figures.field_curves import field_curves
 from pipeline.camera.focusing.focus_request import with_matched_stop
@@ -349,6 +349,25 @@ def test_results_of_a_displaced_lens_do_not_depend_on_the_sampling_bounds(kind: 
         positions = np.array([[0.0, 0.0], [5.0, 1.0], [-3.0, 12.0], [18.0, -2.0], [-19.0, -14.0], [19.5, 14.5]])
         lens = np.full(6, NO_MICROLENS)
     assert_independent_of_bounds(camera, positions, lens, least_lit=6)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(3, 3), (4, 7), (9, 5)])
+def test_outlines_that_are_bilinear_over_a_grid_come_back_at_any_point_and_beyond_it_those_of_its_border(
+    rows: int, columns: int
+) -> None:
+    """Four nodes say all of a + b x + c y + d x y, whatever each coordinate of each vertex has for a, b, c and d."""
+    rng, step = np.random.default_rng(rows), 1.5
+    factors, polygon = rng.uniform(-1, 1, (4, DIRECTIONS, 2)), np.empty((64, 2))
+    half = np.array([columns - 1, rows - 1]) / 2 * step
+
+    def outline(x: float, y: float) -> np.ndarray:
+        return np.tensordot([1.0, x, y, x * y], factors, 1)
+
+    lines = [(np.arange(count) - (count - 1) / 2) * step for count in (rows, columns)]
+    grid = np.array([[outline(x, y) for x in lines[1]] for y in lines[0]])
+    for point in rng.uniform(-1.3 * half, 1.3 * half, (200, 2)):
+        assert outline_at(step, grid, *point, polygon) == DIRECTIONS
+        np.testing.assert_allclose(polygon[:DIRECTIONS], outline(*np.clip(point, -half, half)), 0, ROUNDING_MM)
 
 
 def test_a_grid_on_any_plane_gives_the_outlines_of_its_points() -> None:

@@ -13,7 +13,7 @@ from naive.test_microlenses import camera_with
 from published.test_library_lenses import prescription
 from tolerances import SIGMAS
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.integrating import edge_search, flux
 from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, Edges, bounded, edges
@@ -48,7 +48,7 @@ def test_direct_has_all_the_light_at_the_corners_of_the_field(name: str) -> None
     at_random = rng.uniform([0.0, 0.0], [95.0, 63.0], (6, 2))
     x = np.concatenate([CORNERS_PX, at_random])
     planes = np.repeat(np.stack([target_plane(pose)] * 2)[None], len(x), axis=0)
-    found = integrals(tracer, x, np.full(len(x), NO_MICROLENS), planes, 1)
+    found = integrals(tracer, Bundles(x, np.full(len(x), NO_MICROLENS), planes), 1)
     assert not found.is_random.any()
     for row, start in zip(found.moments, tracer.positions_mm(*x.T), strict=True):
         hit, weight = everywhere(tracer, start, pose, rng)

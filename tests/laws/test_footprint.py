@@ -10,7 +10,7 @@ from laws import rigs
 from laws.test_direct import rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.integrating import footprint
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.rig import Rig
@@ -52,7 +52,7 @@ def test_the_shift_falls_with_the_square_of_the_edge(point: Rig) -> None:
     start = point.images.centre_mm[[0]] + np.array([[0.0998, 0.0291]])
     x, planes, lens = point.tracer.pixels_at(start), np.stack([target_plane(POSE)] * 2)[None], np.array([0])
     where, *shifts = (
-        integrals(point.tracer, x, lens, planes, 4, edge).moments[0, :2] for edge in (0.0, 0.5, 0.25, 0.125)
+        integrals(point.tracer, Bundles(x, lens, planes, edge), 4).moments[0, :2] for edge in (0.0, 0.5, 0.25, 0.125)
     )
     length = [float(np.hypot(*(shift - where))) for shift in shifts]
     assert length[0] / length[1] == pytest.approx(4.0, rel=HALVED_SQUARE)
@@ -113,7 +113,7 @@ def test_a_tracer_has_the_hit_fraction_of_a_square(point: Rig) -> None:
     x, planes = point.tracer.pixels_at(point.images.centre_mm[[3]]), np.stack([target_plane(POSE)] * 2)[None]
     wide = dataclasses.replace(point, tracer=Tracer(point.tracer.camera, 5))
     for edge in (0.0, 4.0):
-        exact = integrals(wide.tracer, x, np.array([3]), planes, 2, edge).moments
+        exact = integrals(wide.tracer, Bundles(x, np.array([3]), planes, edge), 2).moments
         assert wide.hit_fraction(exact)[0] == pytest.approx(1.0, rel=0, abs=1e-6)
 
 

@@ -11,7 +11,7 @@ from laws import rigs
 from naive import slow_microlens, textbook
 from tolerances import MEAN_SHARE, SAMPLED_SHARE, SIGMAS
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -59,7 +59,8 @@ def test_position_images_and_quadrature_have_the_closed_form_of_a_disc(hole_grid
     assert hole_grid.hit_fraction.min() < 0.55
     rig, some = Rig(Tracer(hole()), None), np.array([[31.5, 23.5], [2.0, 5.0], [60.0, 47.0], [31.5, 0.0]])
     planes = np.repeat(parallel_planes(500.0, 600.0)[None], len(some), axis=0)
-    found = rig.hit_fraction(integrals(rig.tracer, some, np.full(len(some), NO_MICROLENS), planes, 1).moments)
+    bundles = Bundles(some, np.full(len(some), NO_MICROLENS), planes)
+    found = rig.hit_fraction(integrals(rig.tracer, bundles, 1).moments)
     np.testing.assert_allclose(found, share_of_light(*some.T), rtol=MEAN_SHARE)
 
 
@@ -94,6 +95,6 @@ def test_behind_microlenses_it_is_the_share_that_the_main_lens_lets_through(tmp_
         assert error < 0.01
         assert abs(grid.hit_fraction[row, column] - expected) < SIGMAS * error + SAMPLED_SHARE
         planes = parallel_planes(400.0, 470.0)[None]
-        quadrature = rig.hit_fraction(integrals(tracer, x, np.array([cell]), planes, 2).moments)[0]
+        quadrature = rig.hit_fraction(integrals(tracer, Bundles(x, np.array([cell]), planes), 2).moments)[0]
         assert abs(quadrature - expected) < SIGMAS * error + MEAN_SHARE
     assert partly >= 2

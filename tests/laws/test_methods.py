@@ -12,7 +12,7 @@ from laws.random_scenes import random_camera, random_pose, random_target
 from scipy import stats
 from tolerances import ONCE_IN_A_MILLION
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -116,7 +116,7 @@ def second_order_px(scene: Scene, rows: Correspondences) -> np.ndarray:
     x = np.stack([rows.found.x_px, rows.found.y_px], axis=1)
     near_far = scene.grid.near_mm, scene.grid.far_mm
     planes = np.repeat(parallel_planes(*near_far)[None], len(x), axis=0)
-    flat = integrals(scene.rig.tracer, x, scene.rig.microlens(rows.found.cell), planes, 2).moments
+    flat = integrals(scene.rig.tracer, Bundles(x, scene.rig.microlens(rows.found.cell), planes), 2).moments
     shift = np.empty((len(x), 2))
     for row, (moments, point) in enumerate(zip(flat, rows.found.point, strict=True)):
         pose = scene.pose @ scene.points.frames[scene.points.plane[point]]

@@ -7,7 +7,7 @@ import pytest
 from naive.test_microlenses import KINDS, PIXELS, camera_with
 from tolerances import QUADRATURE_MM, SIGMAS
 
-from pipeline.camera.integrals import NODES, integrals, random_integrals
+from pipeline.camera.integrals import NODES, Bundles, integrals, random_integrals
 from pipeline.camera.integrating.quadrature import INTEGRATED, edges
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -38,13 +38,14 @@ def test_quadrature_and_random_rays_agree(kind: str, pixels: str) -> None:
     exact, status, _ = edges(tracer.arrays, tracer.positions_mm(*x.T), lens).moments(planes, (48, 1024))
     assert (status == INTEGRATED).all()
 
-    random = [random_integrals(Tracer(camera, seed), x, lens, planes, RAYS).moments for seed in range(SEEDS)]
+    bundles = Bundles(x, lens, planes)
+    random = [random_integrals(Tracer(camera, seed), bundles, RAYS).moments for seed in range(SEEDS)]
     columns = [0, 1, WEIGHT]
     scatter = np.std(random, axis=0, ddof=1)[:, columns] / np.sqrt(SEEDS)
     assert np.all(np.abs(np.mean(random, axis=0) - exact)[:, columns] < SIGMAS * scatter)
 
     for level in range(1, len(NODES)):
-        found = integrals(tracer, x, lens, planes, level)
+        found = integrals(tracer, bundles, level)
         assert not found.is_random.any()
         actual = np.abs(found.moments[:, :2] - exact[:, :2]).max()
         assert actual < found.error_mm.max() + QUADRATURE_MM

@@ -12,7 +12,7 @@ import pytest
 from laws import rigs
 from tolerances import SIGMAS
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.integrating.polar_bundle import Polar, bundle_hits
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
@@ -137,6 +137,7 @@ def test_a_hole_in_a_bundle_is_noticed_unless_it_is_too_small_to_matter(percent:
     in_stop = np.stack([off * np.cos(turn), off * np.sin(turn)], axis=1)
     x = np.array([31.5, 23.5]) - in_stop * (SENSOR_MM + HOLE_BEFORE_MM) / HOLE_BEFORE_MM / sensor.pitch_mm
     planes = np.repeat(parallel_planes(TARGET_MM, TARGET_MM)[None], HOLES, axis=0)
-    found = [integrals(tracer, x, np.full(HOLES, NO_MICROLENS), planes, level) for level in (1, 2)]
+    bundles = Bundles(x, np.full(HOLES, NO_MICROLENS), planes)
+    found = [integrals(tracer, bundles, level) for level in (1, 2)]
     noticed = [np.mean(one.is_random) * 100 for one in found]
     assert noticed[0] >= FOUND_PERCENT[percent] and noticed[1] >= noticed[0]

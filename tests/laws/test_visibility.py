@@ -29,7 +29,7 @@ from pipeline.targets.surfaces import Cube, Cylinder, HeightMap, Stairs, Warped
 from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import faces_camera, tangent_planes
-from pipeline.truth.visibility import LOOK_RAYS, RAYS, seen, shares, visibility
+from pipeline.truth.visibility import LOOK_RAYS, RAYS, PointBundles, seen, shares, visibility
 
 RADIUS_MM, FOCAL_MM, BEHIND_MM = 6.0, 14.9, 15.9
 FOCUS_MM = 1 / (1 / FOCAL_MM - 1 / BEHIND_MM)
@@ -406,11 +406,12 @@ def test_more_rays_go_where_a_row_is_partly_hidden() -> None:
     expected = share_of_segment(0.7 / (1 - 150.0 / FOCUS_MM))
     planes = np.zeros((1, 4, 3))
     planes[:, 0], planes[:, 3] = point, [0.0, 0.0, -1.0]
+    bundle = PointBundles(np.array([-1]), x_px, planes)
     for seed in range(10):
         rig = ideal(seed)
-        assert at(rig, around, point, x_px)[0] == shares(rig, around, 0, np.array([-1]), x_px, planes, RAYS)[0]
+        assert at(rig, around, point, x_px)[0] == shares(rig, around, 0, bundle, RAYS)[0]
         for rays, found in errors.items():
-            found.append(shares(rig, around, 0, np.array([-1]), x_px, planes, rays)[0][0] - expected)
+            found.append(shares(rig, around, 0, bundle, rays)[0][0] - expected)
     look, whole = (np.sqrt(np.mean(np.square(found))) for found in errors.values())
     assert whole < look / 4
 

@@ -10,7 +10,7 @@ from naive import brute, textbook
 from naive.test_bundle import GROUPS, POSES, deviations
 from tolerances import SIGMAS
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, target_plane
@@ -83,7 +83,7 @@ def test_in_the_penumbra_the_pixel_pulls_j_to_the_brighter_side(off_mm: float, p
     assert pull_px == 0 or pull @ bright > 0.9 * np.hypot(*pull)
     assert np.abs(deviations(traced(camera, start, 1.0, row), square)).max() < SIGMAS
     x, planes = tracer.pixels_at(start[None]), np.stack([target_plane(pose) for pose in POSES])[None]
-    found = integrals(tracer, x, np.array([row]), planes, 3, 1.0)
+    found = integrals(tracer, Bundles(x, np.array([row]), planes, 1.0), 3)
     assert not found.is_random[0]
     here = found.moments[0, [*range(COVARIANCE + 10), WEIGHT]]
     error = square.std(axis=0, ddof=1) / np.sqrt(GROUPS)

@@ -25,7 +25,15 @@ _WEAK_F_NUMBER = 100.0
 _TOO_WIDE, _TOO_SMALL, _OVERLAP = 1.25, 0.95, 1.05
 """Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
 distance of micro-images."""
-_GRID, _ZOOMS, _HALVINGS, _CROSSINGS = 81, 5, 12, 12_001
+_GRID = 81
+"""Rays along each side of a grid over the rear surface: odd, so that one of them goes through its middle."""
+_ZOOMS = 5
+"""Grids, each 4 / `_GRID` as wide as the one before: meshes of the last are some 1e-7 of the surface's radius wide."""
+_HALVINGS = 12
+"""Bisections of the way to a dark corner: to 1/4096 of it, and the message has four digits."""
+_CROSSINGS = 12_001
+"""Rays along a line through the rear vertex: about half as far apart as those that `camera.pupil.chief_ray` tries, over
+a longer way, so that no chief ray found there is missed here."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,14 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import unbounded
 
 _SAMPLES = 1 << 14
-_NEWTON_STEPS, _DIFFERENCE_MM = 6, 1e-3
+"""Random rays of each height: an integral over so many scrambled points is right to about 1e-4 of it, less than a
+curve shows."""
+_NEWTON_STEPS = 6
+"""Steps from the middle of the sensor to the image of the axis: chief rays are all but linear over that way, so that
+each gains several digits."""
+_DIFFERENCE_MM = 1e-3
+"""Difference of the derivatives [mm]: roundings of a trace, 1e-13 mm, leave ten digits, and chief rays hardly bend
+over it."""
 
 
 @dataclass(frozen=True, slots=True)

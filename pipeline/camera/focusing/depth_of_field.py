@@ -14,7 +14,11 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import FirstOrder, first_order
 
 _LEAST_SPAN = 0.1
+"""Least distance of near and far plane from the middle focus, over that focus distance [1]: planes are only a matter of
+conditioning, and between closer ones lines would be known less sharply."""
 _FARTHEST = 2.0
+"""Distance of the farthest far plane over that of the middle focus [1]: a depth of field may end at infinity, where no
+plane can be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

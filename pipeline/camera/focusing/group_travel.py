@@ -17,8 +17,11 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription, PrescriptionError, least_gap_mm
 
 _LONGEST = 10.0
+"""Focal lengths that a block may travel with nothing in its way [1]: longer than any mount."""
 _STEPS = 400
+"""Equal parts of the travel that are searched for a solution: two within one part would both be missed."""
 _BISECTIONS = 100
+"""Halvings of such a part at most: a double has 53 bits, and the search ends where it has no middle left."""
 
 
 def moved(prescription: Prescription, names: tuple[str, ...], shift_mm: float) -> Prescription:

@@ -23,7 +23,11 @@ from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, SEMI_DIAMETE
 PASSES = -1
 """Label of a ray that leaves the camera; other labels name what blocks it."""
 _STRAIGHT = 1 << 10
+"""Step of labels from one straight edge of an aperture to the next; below it they count surfaces, and no lens has a
+thousand."""
 _GOLDEN_U, _GOLDEN_V = 0.7548776662466927, 0.5698402909980532
+"""Steps of an additive sequence that fills the unit square evenly: 1 / g and 1 / g^2 for the real root of g^3 = g + 1
+(Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018)."""
 
 
 class Labels(NamedTuple):

@@ -10,6 +10,8 @@ from pipeline.camera.integrating.ways import Ways
 PROBES = 3
 """Rays over the whole bound per direction of a quadrature."""
 _STEPS = 12
+"""Bisections of the edge in the direction of a ray that disagrees: to 1/4096 of the way to the polygon, and what
+disagrees by less agrees."""
 _CHANCE, _ERRORS = 3.0, 4.0
 """So many rays, and standard errors of their number, may pass beyond the chords of an edge for nothing."""
 

@@ -12,6 +12,7 @@ from pipeline.camera.tracing.records import CameraArrays
 _POLYGON = 1 << 20
 """Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
 _EDGE_STEPS = 24
+"""Bisections of an edge: to 3e-8 of the way to the polygon, so that a weight errs by less than 1e-7 by it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +22,7 @@ class Ways:
     Attributes
     ----------
     arrays : CameraArrays
-    positions, lens : (n, 2) float64, (n,) int64
+    positions, microlens : (n, 2) float64, (n,) int64
         Sensor positions and their microlens.
     polygons, counts : (n, MAX_VERTICES, 2) float64, (n,) int64
         Polygons that enclose what passes.
@@ -33,7 +34,7 @@ class Ways:
 
     arrays: CameraArrays
     positions: np.ndarray
-    lens: np.ndarray
+    microlens: np.ndarray
     polygons: np.ndarray
     counts: np.ndarray
     free_sr: np.ndarray
@@ -53,7 +54,7 @@ class Ways:
     def probe(self, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
         label = np.empty(len(owner), np.int64)
-        edge_kernels.probe(self.arrays, self.positions, self.lens, owner, np.ascontiguousarray(points), label)
+        edge_kernels.probe(self.arrays, self.positions, self.microlens, owner, np.ascontiguousarray(points), label)
         edge_kernels.probe.count(len(owner), len(self.arrays.table))
         return label
 
@@ -68,7 +69,7 @@ class Ways:
         edge_search.reach(self.polygons, self.counts, self.centres, spokes, label)
         label += _POLYGON
         radius = np.empty(len(owner))
-        way = self.positions, self.lens, self.centres, spokes
+        way = self.positions, self.microlens, self.centres, spokes
         rays = edge_search.find_edges(self.arrays, *way, steps, radius, label)
         edge_search.find_edges.count(rays, len(self.arrays.table))
         return radius, label, spokes.limit, rays

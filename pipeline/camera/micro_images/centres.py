@@ -14,8 +14,11 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP, outlines
 from pipeline.optics.first_order import exit_pupil
 
 _STEPS = 12
+"""Steps to a chief ray at most: each leaves a small part of the miss, and a microlens that needs more is an error."""
 _TOLERANCE = 1e-12
+"""Miss in slope that ends the search [1]: thousands of roundings of a slope."""
 _ROUNDING_MM = 1e-9
+"""Room beyond the reach of a micro-image [mm], so that roundings leave no light out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +82,12 @@ def micro_images(tracer: Tracer) -> MicroImages:
 def _centres(tracer: Tracer) -> np.ndarray:
     """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
     lenses = tracer.arrays.lenses
-    lens, count = np.arange(len(lenses)), len(lenses)
+    microlens, count = np.arange(len(lenses)), len(lenses)
     centre = lenses[:, :2].copy()
     position, direction, passes = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for _ in range(_STEPS):
-        aims = vertex_aims(tracer, lens, centre)
-        microlens_kernels.rays_before(tracer.arrays, lens, centre, aims, position, direction, passes)
+        aims = vertex_aims(tracer, microlens, centre)
+        microlens_kernels.rays_before(tracer.arrays, microlens, centre, aims, position, direction, passes)
         slope = direction[:, :2] / direction[:, 2:]
         miss = slope - chief_slopes(tracer.table, tracer.stop_row, position)
         centre += lenses[:, [microlens_kernels.AIM]] * miss
@@ -93,16 +96,16 @@ def _centres(tracer: Tracer) -> np.ndarray:
     raise CameraError("no chief ray was found through some microlens", hint="is a microlens too strong for its slope?")
 
 
-def vertex_aims(tracer: Tracer, lens: np.ndarray, positions_mm: np.ndarray) -> np.ndarray:
+def vertex_aims(tracer: Tracer, microlens: np.ndarray, positions_mm: np.ndarray) -> np.ndarray:
     """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None
     if is_plain(array):
-        return tracer.arrays.lenses[lens, :2]
-    point, aims = np.zeros((len(lens), 3)), np.empty((len(lens), 2))
+        return tracer.arrays.lenses[microlens, :2]
+    point, aims = np.zeros((len(microlens), 3)), np.empty((len(microlens), 2))
     heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
-    point[:, 2] = np.array(heights)[tracer.lattice.type[lens]] if heights else 0.0
-    microlens_kernels.aims_for(tracer.arrays, lens, positions_mm, point, aims)
+    point[:, 2] = np.array(heights)[tracer.lattice.type[microlens]] if heights else 0.0
+    microlens_kernels.aims_for(tracer.arrays, microlens, positions_mm, point, aims)
     return aims
 
 

@@ -15,11 +15,19 @@ from pipeline.camera.micro_images.pinhole_kernels import Bisections, Pencils
 from pipeline.camera.tracing.records import CameraArrays
 
 RIM = 384
-"""Points around an aperture."""
+"""Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
 _COARSE, _FINE = 24, 9
+"""Points that are tried: first all around, then from the neighbour before the one that goes dark last to the neighbour
+behind it."""
 _STRIDE = RIM // _COARSE
+"""Points of the rim from one coarse point to the next."""
 _FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
-_COARSE_STEPS, _FINE_STEPS, _WIDENINGS = 7, 8, 20
+"""Points of the rim from one fine point to the next: the fine ones span two coarse strides."""
+_COARSE_STEPS, _FINE_STEPS = 7, 8
+"""Bisections by coarse points, to 1/128 of a step, and then by fine ones, to 1/256 of what these leave."""
+_WIDENINGS = 20
+"""Steps inwards or outwards at most to where light and dark meet: a step is nearly a third of the pupil's image or of
+the penumbra, the smaller of both, and the search begins near the edge."""
 
 
 class _Points(NamedTuple):

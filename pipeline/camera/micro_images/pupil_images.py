@@ -15,12 +15,20 @@ from pipeline.camera.micro_images.pinhole_kernels import Bisections, Pencils, Se
 from pipeline.camera.tracing.records import CameraArrays
 
 DIRECTIONS = 24
-_EDGE_STEPS, _CORNER_STEPS = 17, 10
+"""Directions of a first look at an edge, 15 degrees apart: where one thing blocks all around, even nodes converge
+faster than any power of their number."""
+_EDGE_STEPS = 17
+"""Bisections of an edge: to 1e-5 of its reach."""
+_CORNER_STEPS = 10
+"""Bisections of the 15 degrees in which a corner lies: to 0.015 degrees."""
 _AROUND, _LEAST_PER_ARC = 48, 8
 """Nodes over a full circle with corners, and on each arc at least."""
 _OFF_CENTRE = 0.1
 """Share of the mean radius: a base that lies farther from the middle moves there."""
-_SPREAD, _GOLDEN_RAD = 256, 2.399963229728653
+_SPREAD = 256
+"""Points of a spiral that are tried where a base is dark: one per 1/256 of the disc that light can reach."""
+_GOLDEN_RAD = 2.399963229728653
+"""Turn from one to the next [rad]: the golden angle, (3 - sqrt(5)) pi, which fills a disc evenly (Vogel, 1979)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Microlenses that light each pixel of some rows of the image: the same as `MicroImages.contributors`, pixel by pixel.
 
-Lenses are laid onto the pixels that they may light, instead of looking up the lenses of every pixel in a tree.
+Microlenses are laid onto the pixels that they may light, instead of looking up those of every pixel in a tree.
 """
 
 import math
@@ -62,14 +62,15 @@ def _lay(discs, positions, width, distance, strata, filled):
     A disc beyond its own reach keeps its place as `SKIP`: the first place is that of the pixel's own cell.
     """
     height = positions.shape[0] // width
-    for lens in range(discs.centre_mm.shape[0]):
-        x, y, far = discs.centre_px[lens, 0], discs.centre_px[lens, 1], discs.farthest_px
+    for microlens in range(discs.centre_mm.shape[0]):
+        x, y, far = discs.centre_px[microlens, 0], discs.centre_px[microlens, 1], discs.farthest_px
         if not (x > -far - 1.0 and x < width + far and y > -far - 1.0 and y < height + far):
             continue
         for j in range(max(0, math.ceil(y - far)), min(height - 1, math.floor(y + far)) + 1):
             for i in range(max(0, math.ceil(x - far)), min(width - 1, math.floor(x + far)) + 1):
                 n = j * width + i
-                across, up = positions[n, 0] - discs.centre_mm[lens, 0], positions[n, 1] - discs.centre_mm[lens, 1]
+                across = positions[n, 0] - discs.centre_mm[microlens, 0]
+                up = positions[n, 1] - discs.centre_mm[microlens, 1]
                 away = math.sqrt(across * across + up * up)
                 if away > discs.farthest_mm:
                     continue
@@ -81,4 +82,4 @@ def _lay(discs, positions, width, distance, strata, filled):
                     distance[n, place], strata[n, place] = distance[n, place - 1], strata[n, place - 1]
                     place -= 1
                 distance[n, place] = away
-                strata[n, place] = lens if away <= discs.reach_mm[lens] else SKIP
+                strata[n, place] = microlens if away <= discs.reach_mm[microlens] else SKIP

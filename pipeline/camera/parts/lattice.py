@@ -9,6 +9,8 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
 
 _TOLERANCE_MM = 1e-9
+"""Room at the border of an array [mm], as CONVENTIONS.md states: vertices are sums that round, and stand right on it
+where an extent is a multiple of the pitch."""
 
 
 @dataclass(frozen=True, slots=True)

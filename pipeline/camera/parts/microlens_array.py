@@ -12,6 +12,8 @@ from pipeline.records.declared import settle
 LAYOUTS = ("hexagonal", "hexagonal-columns", "square")
 MODELS = ("thin", "two-plane", "refractive")
 _AGREES = 1e-9
+"""Difference between a stated focal length and that of the faces [relative]: roundings of the two, and nothing that
+anybody measures."""
 LEAST_MM = 1e-9
 """Less than an atom: no distance is as small, and ratios of others to it stay finite."""
 _STRETCH = (0.75, 4 / 3)

@@ -22,6 +22,7 @@ PLANE_LIKE = 1e-9
 """A semi-diameter that fits every sphere, for figures near the axis [mm]."""
 
 _MOST_EDGES = 6
+"""Edges that a table of faces has room for: those of a hexagonal cell; a square one has four."""
 
 
 @dataclass(frozen=True, slots=True)

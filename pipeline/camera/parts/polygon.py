@@ -10,6 +10,8 @@ import numpy as np
 from pipeline.jit.decorators import inline
 
 MAX_VERTICES = 64
+"""Vertices that a buffer holds: an aperture of up to 24 corners that the 24 edges of an outline cut has 48 at most,
+because a cut of a convex polygon adds one."""
 
 
 @inline

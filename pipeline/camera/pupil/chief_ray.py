@@ -12,11 +12,23 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import VERTEX, is_centred, motion_of, unbounded
 
 _STEPS = 25
+"""Steps of Newton's method or of the secant method at most: both multiply digits near the end, and what has not ended
+by then has gone astray."""
 _TOLERANCE_MM = 1e-12
+"""Distance from the centre of the stop that ends a search [mm]: about 70 roundings of a length near 100 mm."""
 _ACCEPTED_MM = 1e-9
+"""Distance at which a ray still is a chief ray [mm]: roundings of steep rays keep some searches from their end."""
 _DIFFERENCE_MM = 1e-4
+"""Difference of derivatives [mm]: roundings, 1e-13 mm, leave nine digits, and what is wrong costs a step, no more."""
 _HALVINGS = 10
-_REACHES, _TRIED, _BISECTIONS = 2.0, 4001, 60
+"""Halvings of a step that comes no nearer, at most: to a thousandth of it."""
+_REACHES = 2.0
+"""Half of the way that is searched for a crossing where secants fail, over paraxial crossing and distance together [1]:
+rays of more than 60 degrees."""
+_TRIED = 4001
+"""Crossings that are tried there: two changes of sign closer than a 2000th of the half way are not seen."""
+_BISECTIONS = 60
+"""Halvings between two of them: a double has 53 bits."""
 _TOO_WIDE = (
     "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
 )

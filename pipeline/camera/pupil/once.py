@@ -9,6 +9,7 @@ import numpy as np
 
 F = TypeVar("F", bound=Callable[..., Any])
 _KEPT = 8
+"""Results that are kept per function: more than a camera has planes to be asked for, and few enough to hold."""
 
 
 def once(function: F) -> F:

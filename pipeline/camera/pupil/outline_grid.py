@@ -25,8 +25,13 @@ from pipeline.optics.table import enclosing, motion_of
 
 _NODES = 12
 """From the middle of the grid to its farther edge."""
-_TRACED, _BISECTIONS = 240, 16
+_TRACED = 240
+"""Directions of an edge, 1.5 degrees apart: ten per edge of an outline; a grid has hundreds of points, where
+`camera.pupil.outlines` has 48."""
+_BISECTIONS = 16
+"""Halvings of the way to an edge, 2.5 semi-diameters of the rear surface: to 4e-5 of one, far less than the margin."""
 _DARK_RINGS = 2
+"""Rings of dark points that outlines go on to: interpolation reads the first, second differences there the second."""
 
 
 @dataclass(frozen=True, slots=True)

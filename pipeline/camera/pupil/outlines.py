@@ -22,12 +22,18 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing
 
 HEIGHTS = 48
+"""Heights from the axis to the farthest point; `MARGIN` covers what lies between."""
 DIRECTIONS = 24
+"""Edges of an outline, 15 degrees apart: around a circle it is 0.6 percent larger in area, rays that are lost."""
 MARGIN = 0.02
 """Inflation of an outline about its centre: covers interpolation in height and what lies between traced directions."""
 _TRACED = 720
+"""Directions of an edge, half a degree apart: 30 per edge of an outline."""
 _BISECTIONS = 26
+"""Halvings of the way to an edge, 2.5 semi-diameters of the rear surface: to 4e-8 of one."""
 _GRID = 65
+"""Rays along each side of a grid over the rear surface where the chief ray does not pass: a sliver narrower than a 64th
+of it counts as dark."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ POWER, HALF_ANGLE, ROLL_OFF, BY_AREA = 0, 1, 2, 3
 rays weigh area of the sampling plane, 0 if irradiance."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+"""Nodes along a piece of an edge on [-1, 1], and their weights: exact to the 31st degree, of a smooth integrand."""
 
 
 @inline

@@ -18,11 +18,13 @@ from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 from pipeline.optics.table import EDGES, INNER_SQUARED, SEMI_DIAMETER_SQUARED
 
 NODES = 4
-"""Along an axis of a block."""
+"""Nodes along an axis of a block: a cubic has four coefficients."""
 _RIM, _RING = 16, 7
+"""Rays of a node around the polygon that bounds its rays, and about halfway in."""
 RAYS = _RIM + _RING + 1
-"""Of a node: around the polygon that bounds its rays, halfway in, and in the middle; as SIMD likes it, three eights."""
+"""Rays of a node with the one in the middle: three times eight, as SIMD likes it."""
 _HALFWAY = 0.55
+"""Place of the inner rays between the middle, 0, and the polygon, 1: about halfway."""
 _AT_ONCE = 2
 """Rows of nodes that are traced together: 192 rays."""
 

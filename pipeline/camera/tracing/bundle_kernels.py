@@ -19,7 +19,10 @@ from pipeline.camera.tracing.sobol import hash32
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
-_IMAGE_STREAM, START_STREAM = 1 << 16, 2 * REPLICAS
+_IMAGE_STREAM = 1 << 16
+"""First stream of random numbers of images, four for each microlens of a pixel: far behind those of moments."""
+START_STREAM = 2 * REPLICAS
+"""First stream of where rays start on a square: behind two per replica for where they go."""
 _SHARE = PACKET // REPLICAS
 """Samples of each replica in a packet."""
 CIRCUMRADIUS = 0.7072

@@ -19,6 +19,7 @@ from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 X, Y, FOCAL, KIND, Z, AIM, BY_START, BY_AIM, OUTLINE_X, OUTLINE_Y, BASE_X, BASE_Y, MARGIN, INFLATION = range(14)
 """Columns of `lenses`. Plain microlenses have the first three."""
 PLAIN_COLUMNS, COLUMNS = 3, 14
+"""Numbers of columns of `lenses`, where all microlenses are plain and where they are not."""
 
 DISC, MODEL, TURN = 4, 5, 6
 """Places in `detail` behind those of `camera.tracing.acceptance`: radius of the disc or 0, the model, the turn (9)."""

@@ -26,10 +26,13 @@ from pipeline.errors import PipelineError
 from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
 
 _DISC_SIDES = 24
+"""Sides of the polygon around a disc: 0.6 percent larger in area, rays that are lost."""
 _OUTSIDE = 1 + 1e-6
 """Sides of a polygon around a disc keep off it: what blocks a ray next to the edge is then the disc everywhere."""
 _RIM = 48
+"""Points around an aperture: a multiple of 4 and 6, so that corners of a cell are among them."""
 _TRIALS = 4096
+"""Random rays of a microlens that measure the margin of the linear map; `_SAFETY` covers what they miss."""
 _SAFETY = 1.2
 """Over the largest error of the linear map among the trials."""
 _MODELS = {"two-plane": microlens_kernels.TWO_PLANE, "refractive": microlens_kernels.REFRACTIVE}
@@ -213,15 +216,15 @@ class _Placed:
         for kind in np.unique(self.lattice.type):
             own = np.flatnonzero(self.lattice.type == kind)
             order = own[np.argsort(self.lattice.z_mm[own], kind="stable")]
-            for lens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
+            for microlens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
                 angle, far = rng.uniform(0, 2 * np.pi, _TRIALS), around * np.sqrt(rng.uniform(0, 1, _TRIALS))
-                starts = rows[lens, :2] + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+                starts = rows[microlens, :2] + far[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
                 points = mosaic.rims[kind][rng.integers(0, _RIM, _TRIALS)]
-                which = np.full(_TRIALS, lens)
+                which = np.full(_TRIALS, microlens)
                 aims = np.empty((_TRIALS, 2))
                 microlens_kernels.aims_for(camera, which, starts, points, aims)
-                inflation = max(inflation, _excess(aims - rows[lens, :2], aperture))
-                inner = rows[lens, :2] + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - rows[lens, :2])
+                inflation = max(inflation, _excess(aims - rows[microlens, :2], aperture))
+                inner = rows[microlens, :2] + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - rows[microlens, :2])
                 margin = max(margin, self._error(camera, which, starts, inner))
         rows[:, microlens_kernels.INFLATION] = _SAFETY * inflation + 1e-9
         rows[:, microlens_kernels.MARGIN] = _SAFETY * margin + 1e-9

@@ -26,6 +26,7 @@ from pipeline.camera.tracing.microlens_kernels import (
 from pipeline.jit.decorators import buffers, inline, kernel, unit
 
 NO_MICROLENS, SKIP = -1, -2
+"""Numbers in place of the row of a microlens: a camera without any; nothing to trace."""
 SHORTEST_EDGE_MM = 1e-9
 """Shorter edges of an outline are corners: they bound nothing, and rounding may turn them round."""
 

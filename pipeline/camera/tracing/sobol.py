@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.jit.decorators import inline
 
 DIMENSIONS = 4
+"""Random numbers of a ray: two say where it goes, and two where on a square it starts."""
 _PRIMITIVE = {1: (1, 0, (1,)), 2: (2, 1, (1, 3)), 3: (3, 1, (1, 3, 1))}
 """Per dimension after the first: degree s, coefficients a, initial m of Joe and Kuo's table."""
 

@@ -18,6 +18,7 @@ from pipeline.optics.glass.medium import Medium
 
 _TABLE = Path(__file__).with_name("catalogue.csv.gz")
 _NEAR_NAMES = 4
+"""Names that a hint has at most: more would not be read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,13 +13,15 @@ from pipeline.optics.glass.errors import AmbiguousGlass, BadFormula, GlassError,
 from pipeline.optics.glass.medium import Medium
 
 MAX_INDEX_DIFFERENCE = 5e-4
+"""Difference beyond which a printed index belongs to another glass [1]: prints are rounded to 1e-3."""
 MAX_ABBE_DIFFERENCE = 0.5
-"""A printed index or Abbe number further off than this belongs to another glass: prints are rounded to 1e-3 and 0.1."""
+"""Difference beyond which a printed Abbe number belongs to another glass [1]: prints are rounded to 0.1, mostly."""
 
 MODEL_RANGE_NM = (400.0, 700.0)
 """Wavelengths over which the normal line was fitted."""
 
 _SCHOTT_EXPONENTS = (2, -2, -4, -6, -8)
+"""Powers of the wavelength [um] behind the constant in Schott's formula for the squared index."""
 _KINDS = ("constant(", "cauchy(", "sellmeier(", "schott(")
 _FORMULAS = "constant(n), cauchy(a, b, ...), sellmeier(b1, c1, b2, c2, ...), schott(a0, a1, ..., a5)"
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.camera.micro_images.centres import MicroImages
 from pipeline.camera.micro_images.nearby import NOBODY, Nearby, nearby_of
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
@@ -16,8 +17,12 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor
 
 _FLIP = np.array([1.0, -1.0, -1.0])
+"""Signs of x, y and z that turn the vision frame into the lens frame, and back."""
 _FAN, _WIDE_FAN = 16, 96
+"""Rays along the diameter of a fan: towards the entrance pupil, and, where none of these comes through, towards the
+whole front surface, of which the pupil may be a small part."""
 _PUPIL_SLACK = 1.3
+"""Radius of the fan over that of the paraxial entrance pupil [1]: the real one moves and grows off the axis."""
 _REACH_PX, _BLUR_SHARE = 4.0, 0.25
 """Guesses behind microlenses were seen to miss by up to 1.5 px; without them by a tenth of the blur's width."""
 _CELL_SLACK = 0.3
@@ -30,7 +35,7 @@ class Candidates:
 
     Attributes
     ----------
-    point, lens : (n,) int64
+    point, microlens : (n,) int64
     x_px : (n, 2) float64
         Where the image of the point may lie.
     reach_px : (n,) float64
@@ -40,15 +45,16 @@ class Candidates:
     """
 
     point: np.ndarray
-    lens: np.ndarray
+    microlens: np.ndarray
     x_px: np.ndarray
     reach_px: np.ndarray
     rays: int
 
 
-def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray) -> Candidates:
+def candidates(rig: Rig, points_mm: np.ndarray) -> Candidates:
     """All candidates of points (p, 3); points whose light does not get through have none."""
-    point, lens, guess, reach, rays = [], [], [], [], 0
+    tracer, images = rig.tracer, rig.images
+    point, microlens, guess, reach, rays = [], [], [], [], 0
     vertices = None if images is None else nearby_of(tracer.vertices_mm)
     table, fans = towards_sensor(tracer.camera.prescription), _fans(tracer)
     for number, p in enumerate(points_mm):
@@ -63,12 +69,13 @@ def candidates(tracer: Tracer, images: MicroImages | None, points_mm: np.ndarray
             blur_px = 0.0
             seen, x = _through_microlenses(tracer, images, vertices, crossing, slope)
         point.append(np.full(len(seen), number))
-        lens.append(seen)
+        microlens.append(seen)
         guess.append(tracer.pixels_at(x))
         reach.append(np.full(len(seen), _REACH_PX + _BLUR_SHARE * blur_px))
     if not point:
         return Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), rays)
-    return Candidates(np.concatenate(point), np.concatenate(lens), np.concatenate(guess), np.concatenate(reach), rays)
+    behind, x_px, reach_px = (np.concatenate(parts) for parts in (microlens, guess, reach))
+    return Candidates(np.concatenate(point), behind, x_px, reach_px, rays)
 
 
 def _fans(tracer: Tracer) -> list[np.ndarray]:

@@ -13,24 +13,28 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.table import unbounded
 
 _STEPS = 20
+"""Steps at most: the derivative is kept, so that each step leaves the same small part of the miss."""
 _DONE_PX, _ACCEPTED_PX = 1e-10, 1e-7
+"""Steps that end the search of all points, and last steps of points that are found [px]: roundings keep some points
+from the former, and the latter is a ten-thousandth of the default claim."""
 _DIFFERENCE_PX = 0.05
+"""Half the difference of derivatives [px]: chief rays bend little over it, and roundings cancel few digits."""
 
 
-def chief_points(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+def chief_points(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """Positions whose chief ray meets the origin of a plane, (n, 2) [px]; NaN where there is none.
 
     Parameters
     ----------
-    lens : (n,) int64
+    microlens : (n,) int64
     x_px : (n, 2) float64
         Where to begin.
     planes : (n, 4, 3) float64
         Tangent planes with their target points as origins.
     """
     x = x_px.copy()
-    miss = _chief_hits(tracer, lens, x, planes)
-    jacobian = chief_jacobian(tracer, lens, x, planes)
+    miss = _chief_hits(tracer, microlens, x, planes)
+    jacobian = chief_jacobian(tracer, microlens, x, planes)
     with np.errstate(invalid="ignore"):
         regular = np.abs(np.linalg.det(jacobian)) > 0
     inverse = np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))
@@ -41,20 +45,20 @@ def chief_points(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.
         x = x + step
         if not (np.abs(step) > _DONE_PX).any():
             break
-        miss = _chief_hits(tracer, lens, x, planes)
+        miss = _chief_hits(tracer, microlens, x, planes)
     return np.where((np.abs(step) < _ACCEPTED_PX).all(axis=1)[:, None], x, np.nan)
 
 
-def chief_jacobian(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+def chief_jacobian(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN where there are none."""
     change = [
-        _chief_hits(tracer, lens, x_px + step, planes) - _chief_hits(tracer, lens, x_px - step, planes)
+        _chief_hits(tracer, microlens, x_px + step, planes) - _chief_hits(tracer, microlens, x_px - step, planes)
         for step in _DIFFERENCE_PX * np.eye(2)
     ]
     return np.stack(change, axis=2) / (2 * _DIFFERENCE_PX)
 
 
-def _chief_hits(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+def _chief_hits(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """Hits of the chief rays of image positions on their planes, (n, 2) [mm]."""
     hits = np.full(x_px.shape, np.nan)
     known = np.flatnonzero(np.isfinite(x_px).all(axis=1))
@@ -62,10 +66,10 @@ def _chief_hits(tracer: Tracer, lens: np.ndarray, x_px: np.ndarray, planes: np.n
     if tracer.lattice is None:
         aims = chief_crossings(tracer.table, tracer.stop_row, tracer.on_film(positions))
     else:
-        aims = vertex_aims(tracer, lens[known], positions)
+        aims = vertex_aims(tracer, microlens[known], positions)
     aimed = np.isfinite(aims).all(axis=1)
     known, positions, aims = known[aimed], positions[aimed], aims[aimed]
     arrays = tracer.arrays._replace(table=unbounded(tracer.arrays.table))
     if len(known):
-        hits[known] = single_hits(arrays, positions, lens[known], aims, planes[known])
+        hits[known] = single_hits(arrays, positions, microlens[known], aims, planes[known])
     return hits

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
@@ -18,7 +18,10 @@ from pipeline.truth.rows import Correspondences, Found, which_exist
 _GRACE_PX = 1.0
 """Rough solutions so far outside of their cell or of the image may still turn out to lie inside."""
 _APART_MM = 10.0
+"""Distance of the second upright plane behind the point's own [mm]: rays are straight, so that any distance would do
+that is far above roundings."""
 _BLUR_LEVEL = 1
+"""Level of the quadrature for the blur: a second moment is read to fewer digits than a position."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +40,8 @@ class Guess:
 def guesses(rig: Rig, planes: np.ndarray) -> tuple[Guess, int]:
     """All pairs of a target point that faces the camera and a micro-image that may see it; the rays traced for it."""
     facing = np.flatnonzero(faces_camera(planes))
-    found = candidates(rig.tracer, rig.images, planes[facing, 0])
-    return Guess(facing[found.point], np.maximum(found.lens, 0), found.x_px), found.rays
+    found = candidates(rig, planes[facing, 0])
+    return Guess(facing[found.point], np.maximum(found.microlens, 0), found.x_px), found.rays
 
 
 def solve(
@@ -118,14 +121,14 @@ def blur_of(
     moments : (n, COLUMNS) float64
         Of the bundles on those planes; those that start on squares are traced again from the positions.
     """
-    lens, rays = rig.microlens(cell), 0
+    microlens, rays = rig.microlens(cell), 0
     if rig.square_px:
-        of_points = integrals(rig.tracer, x_px, lens, np.stack([planes, planes], axis=1), _BLUR_LEVEL)
+        of_points = integrals(rig.tracer, Bundles(x_px, microlens, np.stack([planes, planes], axis=1)), _BLUR_LEVEL)
         moments, rays = of_points.moments, of_points.rays
     blurred = blur.in_image(matrix_4(moments[:, COVARIANCE:WEIGHT])[:, :2, :2], jacobian)
     z = planes[:, 0, 2]
     upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
     upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
-    across = integrals(rig.tracer, x_px, lens, upright, 0)
+    across = integrals(rig.tracer, Bundles(x_px, microlens, upright), 0)
     _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
     return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays

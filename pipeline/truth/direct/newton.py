@@ -8,16 +8,23 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pipeline.camera.integrals import LEVELS, Integral, integrals, pooled
+from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pooled
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.truth.direct.chief_points import chief_jacobian
 
-_STEPS, _RETREATS = 14, 8
+_STEPS = 14
+"""Rough steps at most: steps that do not get short by then lead to no solution nearby."""
+_RETREATS = 8
+"""Halvings at most of a way that leads into the dark: to 1/256 of it."""
 _DIFFERENCE_PX = 0.25
+"""Half the difference of derivatives [px]: wide beside the errors of a rough integral, narrow beside a micro-image."""
 _ROUGH_PX = 0.05
+"""Length of a step after which finer integrals take over [px]: the derivative holds so near to a solution."""
 _LONGEST_STEP_PX = 8.0
+"""Length to which steps are cut [px]: a derivative far from the solution must throw no row out of its micro-image."""
 _FINE_STEPS = 3
+"""Steps of one level at most: `_TRUST` leaves a thousandth of the first after three."""
 _TRUST = 0.1
 """Near a solution the derivative holds to a tenth, mostly to far less, and so does a step. With random rays it is
 noisy, and what the step before has left says how far it holds."""
@@ -32,7 +39,7 @@ class Search:
 
     Parameters
     ----------
-    lens : (n,) int64
+    microlens : (n,) int64
     planes : (n, 4, 3) float64
         Tangent planes whose origins are the target points: J(x) = 0 is solved.
     x_px, home_px : (n, 2) float64
@@ -65,13 +72,13 @@ class Search:
     def __init__(
         self,
         tracer: Tracer,
-        lens: np.ndarray,
+        microlens: np.ndarray,
         planes: np.ndarray,
         x_px: np.ndarray,
         home_px: np.ndarray,
         square_px: float = 0.0,
     ) -> None:
-        self.tracer, self.lens, self.home_px, self.square_px = tracer, lens, home_px, square_px
+        self.tracer, self.microlens, self.home_px, self.square_px = tracer, microlens, home_px, square_px
         self.planes = np.stack([planes, planes], axis=1)
         self.x_px, self.anchor_px, self.rays = x_px.copy(), x_px.copy(), 0
         n = len(x_px)
@@ -87,7 +94,7 @@ class Search:
         Chief rays say nearly how bundles move, at a fraction of the price: their derivative begins.
         """
         rows = self._leave_the_dark()
-        self.jacobian[rows] = chief_jacobian(self.tracer, self.lens[rows], self.x_px[rows], self.planes[rows, 0])
+        self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], self.planes[rows, 0])
         self.inverse[rows] = _inverse(self.jacobian[rows])
         self._derive(rows[np.isnan(self.inverse[rows]).any(axis=(1, 2))])
         for _ in range(_STEPS):
@@ -203,8 +210,8 @@ class Search:
         return self._integral(rows, x_px, 0).moments[:, :2]
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
-        bundles = x_px, self.lens[rows], self.planes[rows], level, self.square_px, self.anchor_px[rows]
-        found = integrals(self.tracer, *bundles)
+        bundles = Bundles(x_px, self.microlens[rows], self.planes[rows], self.square_px, self.anchor_px[rows])
+        found = integrals(self.tracer, bundles, level)
         self.rays += found.rays
         self.is_random[rows] = found.is_random
         self.random_mm[rows] = np.where(found.is_random[:, None], found.error_mm, np.nan)

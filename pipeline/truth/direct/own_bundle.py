@@ -8,12 +8,13 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.camera.integrals import integrals
+from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.rig import Rig
 from pipeline.truth.direct.direct_rows import blur_of
 from pipeline.truth.rows import Correspondences
 
 _LEVEL = 1
+"""Level of the quadrature: light and blur are read to fewer digits than a position."""
 
 
 def with_own_bundles(rig: Rig, rows: Correspondences, planes: np.ndarray, min_hit_fraction: float) -> Correspondences:
@@ -29,7 +30,8 @@ def with_own_bundles(rig: Rig, rows: Correspondences, planes: np.ndarray, min_hi
     others = np.flatnonzero(rows.method != "direct")
     found = rows.found.only(others)
     x_px, on = np.stack([found.x_px, found.y_px], axis=1), planes[found.point]
-    bundles = integrals(rig.tracer, x_px, rig.microlens(found.cell), np.stack([on, on], axis=1), _LEVEL, rig.square_px)
+    wanted = Bundles(x_px, rig.microlens(found.cell), np.stack([on, on], axis=1), rig.square_px)
+    bundles = integrals(rig.tracer, wanted, _LEVEL)
     blurred, rho, rays = blur_of(rig, found.cell, x_px, on, found.jacobian, bundles.moments)
     hit_fraction, blur_px2, rho_px = rows.hit_fraction.copy(), rows.blur_px2.copy(), rows.rho_px.copy()
     hit_fraction[others], blur_px2[others], rho_px[others] = rig.hit_fraction(bundles.moments), blurred, rho

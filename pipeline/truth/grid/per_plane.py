@@ -24,6 +24,7 @@ _WINDOW_STEPS = 16
 """Half the size of a window around a single point, in steps of the fine grid on the target; at f/2, 45 degrees and
 20 mm of defocus the mean ray misses the mean of the hits by one."""
 _PADDING_PX = 4
+"""Pixels around a window: what the search may read around a row at K = 1, `REACH_STEPS`."""
 _BAND_POSITIONS = 1 << 20
 """Fine positions of a band, about 400 bytes each. Rows do not depend on it."""
 

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 _OFFSETS = np.arange(4) - 1.5
+"""Columns, and rows, of the 16 values from the middle of their quad [steps of the grid]."""
 _STEPS = 6
+"""Steps of Newton's method: digits double at each, and a quadratic that is nearly a plane is where it begins."""
 _FREEDOM = 16 - 6
 """Values less coefficients."""
 

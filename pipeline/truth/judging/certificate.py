@@ -26,6 +26,8 @@ KINDS = ("position images", "direct")
 """Kinds of rows: how one was found says by which rule it is judged."""
 
 _BINS_PX = (0.0, 1.0, 2.0, 4.0)
+"""Distances from the border of a cell or of the image at which bins begin [px]: the search reads values up to two
+pixels around a row, so that rows nearer to a border have fewer of them."""
 
 
 def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, Any]:

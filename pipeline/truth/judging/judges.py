@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from pipeline.camera.integrals import pooled, random_integrals
+from pipeline.camera.integrals import Bundles, pooled, random_integrals
 from pipeline.camera.rig import Rig
 from pipeline.truth.direct.newton import Search, errors_px
 from pipeline.truth.judging.judged import Rows
@@ -16,7 +16,10 @@ difference counts with so many standard errors less to refute a claim, and with 
 _RANDOM_RAYS = tuple(1 << power for power in range(14, 23, 2))
 """Rays of a row, level by level: more of them only where a row is not yet known to keep the claim, by `SHARPER`
 standard errors, and its own is not below half of what is believed."""
-_TURNS, _ROUGH_PX = 3, 0.01
+_TURNS = 3
+"""Steps of Newton's method at most with the same number of rays: the first leaves little, and more rays follow."""
+_ROUGH_PX = 0.01
+"""Length of a step that needs no other with so many rays [px]: what Newton's method leaves of it is far smaller."""
 _BATCHES = 6
 """Batches of the most rays, in all: for rows that keep the judge from a decision."""
 
@@ -105,16 +108,9 @@ class _RandomRays:
         Random numbers are those of the row's pixel, wherever it goes: at a border with others J would jump.
         """
         planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
-        bundles = (
-            x,
-            self.rig.microlens(self.rows.cell[here]),
-            planes,
-            rays,
-            self.rig.square_px,
-            stream,
-            self.rows.x_px[here],
-        )
-        found = random_integrals(self.rig.tracer, *bundles)
+        microlens = self.rig.microlens(self.rows.cell[here])
+        bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
+        found = random_integrals(self.rig.tracer, bundles, rays, stream)
         self._error_mm[here] = found.error_mm
         sigma = errors_px(self.inverse[here], pooled(found, self._coarser_mm[here]))
         return -np.einsum("nij,nj->ni", self.inverse[here], found.moments[:, :2]), sigma

@@ -1,11 +1,28 @@
 """A bundle as a function of the image position: hits and weights of its nodes, interpolated between positions."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.camera.integrating.polar_bundle import Polar, bundle_hits
 from pipeline.camera.tracer import Tracer
+
+
+class Grid(NamedTuple):
+    """Positions that are traced for a map.
+
+    Attributes
+    ----------
+    x_px, half_px : (2,) float64
+        Middle of the grid, and half its size along each axis.
+    order : int
+        Number of positions along each axis.
+    """
+
+    x_px: np.ndarray
+    half_px: np.ndarray
+    order: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,32 +65,23 @@ class BundleMap:
         return result
 
 
-def bundle_map(
-    tracer: Tracer,
-    lens: int,
-    x_px: np.ndarray,
-    half_px: np.ndarray,
-    plane: np.ndarray,
-    order: int,
-    shares: np.ndarray,
-    directions: int,
-) -> BundleMap | None:
-    """Trace bundles at `order` squared positions; None where one of them is cut, dark or not star-shaped.
+def bundle_map(tracer: Tracer, microlens: int, plane: np.ndarray, grid: Grid, nodes: Polar) -> BundleMap | None:
+    """Trace the bundles of a grid of positions; None where one of them is cut, dark or not star-shaped.
 
     Parameters
     ----------
-    lens : int
-        Row of the microlens, or NO_MICROLENS.
+    microlens : int
+        Its row, or NO_MICROLENS.
     plane : (4, 3) float64
         Rows origin, first axis, second axis, normal; vision frame.
-    shares, directions
-        Of the nodes, see `camera.integrating.polar_bundle.Polar`.
+    nodes : Polar
+        About the inner point of the position in the middle.
     """
-    offsets = -np.cos(np.pi * np.arange(order) / (order - 1))
-    grid = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
-    positions = tracer.positions_mm(*(x_px + half_px * grid).T)
-    found = bundle_hits(tracer.arrays, positions, lens, plane, Polar(shares, directions, about=len(grid) // 2))
+    offsets = -np.cos(np.pi * np.arange(grid.order) / (grid.order - 1))
+    places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
+    positions = tracer.positions_mm(*(grid.x_px + grid.half_px * places).T)
+    found = bundle_hits(tracer.arrays, positions, microlens, plane, nodes._replace(about=len(places) // 2))
     if not found.whole.all():
         return None
     fields = np.concatenate([found.on_plane, found.density_sr[..., None]], axis=-1)
-    return BundleMap(x_px, half_px, offsets, fields)
+    return BundleMap(grid.x_px, grid.half_px, offsets, fields)

@@ -15,14 +15,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.rig import Rig
-from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
+from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
 """Traced positions along an axis, rings and directions of the bundle, rings and directions of the disc."""
-_LOOK_PX, _SLACK, _LARGER = 0.5, 1.05, 1.1
-_BOXES, _STEPS, _DONE_PX = 4, 12, 1e-7
+_LOOK_PX = 0.5
+"""Half the size of the first look [px]: a pixel is wide enough for derivatives that guess the size of the disc."""
+_SLACK, _LARGER = 1.05, 1.1
+"""Size of a traced box over that of the guessed disc, and of the largest disc that the box still serves [1]:
+polynomials hold a little beyond their nodes."""
+_BOXES = 4
+"""Boxes at most, each guessed from what the one before has seen."""
+_STEPS = 12
+"""Steps at most to where a node sees a point: the derivative is kept, so that each leaves the same small part."""
+_DONE_PX = 1e-7
+"""Step that ends the search [px]: a ten-thousandth of the default claim."""
 _DIFFERENCE = 1e-4
+"""Half the difference of derivatives over half the size of the box [1]: polynomials of low degree err by about its
+square."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +54,10 @@ class Centroid:
 
 def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float) -> Centroid:
     """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
-    lens, found = int(rig.microlens(np.array([cell]))[0]), np.full((2, 2), np.nan)
+    microlens, found = int(rig.microlens(np.array([cell]))[0]), np.full((2, 2), np.nan)
     lost = Centroid(np.full(2, np.nan), np.nan)
-    look = bundle_map(rig.tracer, lens, x_px, np.full(2, _LOOK_PX), plane, 3, np.array([0.5, 1.0]), 16)
+    grid = Grid(x_px, np.full(2, _LOOK_PX), 3)
+    look = bundle_map(rig.tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
     if look is None:
         return lost
     seen = _linear(look, radius_mm * _circle(16))
@@ -53,7 +66,8 @@ def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm
         for _ in range(_BOXES):
             low, high = seen.min(axis=(0, 1, 2)), seen.max(axis=(0, 1, 2))
             half = (high - low) / 2
-            around = bundle_map(rig.tracer, lens, (low + high) / 2, _SLACK * half, plane, order, shares, directions)
+            grid = Grid((low + high) / 2, _SLACK * half, order)
+            around = bundle_map(rig.tracer, microlens, plane, grid, Polar(shares, directions))
             if around is None:
                 return lost
             seen = _seen(around, radius_mm * _circle(64))[0]

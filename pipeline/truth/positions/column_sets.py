@@ -102,13 +102,13 @@ def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, ro
 
 
 def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
-    around, lens, start = corners_of(target), rig.microlens(rows.cell), _positions(rows)
+    around, microlens, start = corners_of(target), rig.microlens(rows.cell), _positions(rows)
     edges = around.edges[rows.point] @ pose[:3, :3].T
     is_corner = np.isfinite(edges).all(axis=(1, 2))
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
     for i in np.flatnonzero(is_corner):
         plane, ratio = corner_plane(planes[i], edges[i]), float(around.mean_over_contrast[rows.point[i]])
-        found = saddle(rig.tracer, int(lens[i]), start[i], plane, ratio)
+        found = saddle(rig.tracer, int(microlens[i]), start[i], plane, ratio)
         x[i], error[i] = found.x_px, found.error_px
     lost = is_corner & np.isnan(x[:, 0])
     return _noted("saddle", x, {"not a corner of four sectors": ~is_corner, "none in the own micro-image": lost}, error)

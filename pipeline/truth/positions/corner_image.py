@@ -8,7 +8,9 @@ from pipeline.truth.positions import saddle_kernels as kernels
 from pipeline.truth.positions.bundle_map import BundleMap
 
 _DIFFERENCE_PX = 0.05
+"""Half the difference of a Hessian [px]: a corner that is seen through a pixel bends little over it."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+"""Nodes on [-1, 1] along each part of a pixel's side, and their weights: exact to the seventh degree."""
 _SIDES = np.array([[[1, -1], [1, 1]], [[-1, -1], [-1, 1]], [[-1, 1], [1, 1]], [[-1, -1], [1, -1]]]) / 2
 """Ends of the right, left, lower and upper side of a pixel."""
 

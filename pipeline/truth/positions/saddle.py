@@ -10,19 +10,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
-from pipeline.truth.positions.bundle_map import bundle_map
+from pipeline.truth.positions.bundle_map import Grid, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 from pipeline.truth.positions.saddle_start import start_of
 
 _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
 """Rings and directions of the bundle's triangles; their error falls with the square of these numbers."""
 _GOOD_PX = 5e-4
-_ORDER, _CENTRED_PX = 3, 0.25
+"""Error at which no finer level follows [px]: half of the default claim."""
+_ORDER = 3
+"""Positions along an axis through which polynomials go: bundles change nearly linearly over a pixel."""
+_CENTRED_PX = 0.25
+"""Distance of the saddle from the middle of the traced positions at which it is believed [px]: the polynomials hold
+there."""
 _HALF_PX = 0.5 + _CENTRED_PX
 """Positions are traced out to the sides of a pixel that lies so far off the middle."""
-_ROUNDS, _STEPS = 8, 20
-_LONGEST_PX, _DONE_PX = 1.0, 1e-7
+_ROUNDS = 8
+"""Times at most that positions are traced anew about where the saddle was found: what moves on after that is lost."""
+_STEPS = 20
+"""Steps of Newton's method at most between two traces."""
+_LONGEST_PX = 1.0
+"""Way after which positions are traced anew [px], and twice the longest step: the map spans a pixel and a half."""
+_DONE_PX = 1e-7
+"""Step that ends the search [px]: a ten-thousandth of the default claim."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +59,7 @@ def corner_plane(plane: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.stack([plane[0], first / (first @ edges[0]), second / (second @ edges[1]), normal])
 
 
-def saddle(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Saddle:
+def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Saddle:
     """Find the saddle near an image position.
 
     Parameters
@@ -59,14 +71,14 @@ def saddle(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio
     ratio : float
         (white + black) / (white - black).
     """
-    lost, start = Saddle(np.full(2, np.nan), np.nan), start_of(tracer, lens, x_px, plane, ratio)
+    lost, start = Saddle(np.full(2, np.nan), np.nan), start_of(tracer, microlens, x_px, plane, ratio)
     if start is None:
         return lost
     x_px, moved, apart, hessian = start.x_px, np.inf, np.full(2, np.nan), np.full((2, 2), np.nan)
     for level, (rings, directions) in enumerate(_LEVELS):
         for _ in range(_ROUNDS):
-            shares = np.arange(rings + 1) / rings
-            around = bundle_map(tracer, lens, x_px, np.full(2, _HALF_PX), plane, _ORDER, shares, directions)
+            nodes = Polar(np.arange(rings + 1) / rings, directions)
+            around = bundle_map(tracer, microlens, plane, Grid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
             if around is None:
                 return lost
             image = CornerImage(around, ratio)

@@ -4,13 +4,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
-from pipeline.truth.positions.bundle_map import BundleMap, bundle_map
+from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 
-_RINGS, _DIRECTIONS, _ORDER, _HALF_PX = 16, 64, 3, 0.75
+_RINGS, _DIRECTIONS = 16, 64
+"""Rings and directions of the bundle: the coarsest level of `saddle`, because a guess will do."""
+_ORDER, _HALF_PX = 3, 0.75
+"""Positions along an axis through which polynomials go, and half the way that they span [px]: as in `saddle`."""
 _DIFFERENCE_PX = 0.25
-_WIDE_PX, _SWEEPS, _ROUGH = 1.0, 3, 0.02
+"""Half the difference of derivatives [px]: within the positions that are traced."""
+_WIDE_PX = 1.0
+"""Standard deviation of a bundle from which on its image may have several stationary points [px]: a narrower one is
+smoothed by the pixel."""
+_SWEEPS = 3
+"""Times that both edges are followed in turn: each brings the guess nearer."""
+_ROUGH = 0.02
+"""Precision of a way along an edge over the standard deviation [1]: Newton's method goes on from there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +39,13 @@ class Start:
     spread_px: float
 
 
-def start_of(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Start | None:
+def start_of(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Start | None:
     """The position where both edges halve the bundle; of a wide one that where each edge halves it on the other.
 
     None where bundles around J's position are cut. Parameters are those of `saddle.saddle`.
     """
-    half, shares = np.full(2, _HALF_PX), np.arange(_RINGS + 1) / _RINGS
-    around = bundle_map(tracer, lens, x_px, half, plane, _ORDER, shares, _DIRECTIONS)
+    half, nodes = np.full(2, _HALF_PX), Polar(np.arange(_RINGS + 1) / _RINGS, _DIRECTIONS)
+    around = bundle_map(tracer, microlens, plane, Grid(x_px, half, _ORDER), nodes)
     if around is None:
         return None
     weight = _weights(around.at(x_px))
@@ -44,7 +55,7 @@ def start_of(tracer: Tracer, lens: int, x_px: np.ndarray, plane: np.ndarray, rat
     spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
     if spread < _WIDE_PX:
         return Start(x_px, spread)
-    wide = bundle_map(tracer, lens, x_px, half + spread, plane, _ORDER, shares, _DIRECTIONS)
+    wide = bundle_map(tracer, microlens, plane, Grid(x_px, half + spread, _ORDER), nodes)
     if wide is None:
         return None
     x_px = _halved(CornerImage(wide, ratio), x_px, px_per_mm, spread)
