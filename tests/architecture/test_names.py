@@ -24,7 +24,7 @@ LEFT = {
     "deliver.deliver",
     "profile._add",
     "views._hidden",
-    "graph._add_white",
+    "dataset_graph._add_white",
     "truth.correspondences",
     "truth_table.columns_of",
     "bundle_map.bundle_map",
