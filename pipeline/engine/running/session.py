@@ -33,6 +33,8 @@ from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.places import flaw_of
 
 _SOURCES_KEPT = 4
+"""Sources of a project in the store: the last one, two before it, and the oldest, of which results may still be
+there."""
 
 
 def build(

@@ -115,7 +115,7 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
 
 
 def _said(rule: Condition, prim: Usd.Prim) -> str:
-    """What a stage says by the property of a condition."""
+    """Quotation of what a stage says by the property of a condition."""
     return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
 
 
@@ -124,7 +124,7 @@ def _without(rule: Condition, prim: Usd.Prim) -> str:
 
 
 def _wanted(rule: Condition) -> str:
-    """What a stage has to say for a condition to hold."""
+    """Statement with which a condition would hold."""
     tokens = " or ".join(f'"{token}"' for token in rule.tokens)
     return f"{rule.name} = {tokens}" if tokens else rule.name
 

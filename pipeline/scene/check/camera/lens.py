@@ -16,8 +16,8 @@ from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
 
-# Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
+"""Overlap of surfaces that counts as touching, which is built [mm]: numbers in prescriptions have far fewer digits."""
 _STEEPEST = 10.0
 """Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
 _BLAMED = {"ideal-lens": "plen:focalLength", "aperture-value": "plen:innerSemiDiameter"}

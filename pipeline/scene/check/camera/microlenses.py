@@ -13,7 +13,9 @@ from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read
 
 _D_LINE_NM = 587.56
+"""Light in which an array is looked at without a camera [nm]: the helium d line, for which catalogues state indices."""
 _ANY_DISTANCE_MM = 1.0
+"""Distance from the sensor of an array without a camera [mm]: nothing that is checked of it alone depends on it."""
 _NOMINAL = 0.01
 """Largest relative deviation of a focal length from that of the faces without a warning."""
 
