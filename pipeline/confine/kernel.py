@@ -4,8 +4,11 @@ import ctypes
 import sys
 
 NO_NEW_PRIVILEGES = 38
+"""PR_SET_NO_NEW_PRIVS of linux/prctl.h: no program that is executed from now on gains rights."""
 END_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of linux/prctl.h: a signal when the parent ends."""
 FILTER_CALLS = 22
+"""PR_SET_SECCOMP of linux/prctl.h."""
 
 
 def prctl(option: int, *arguments: object) -> bool:

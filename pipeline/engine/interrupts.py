@@ -22,6 +22,7 @@ GRACE_S = 2.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _TRY_AGAIN_S = 0.05
+"""Time between two looks whether a signal was heard [s]: short beside `GRACE_S`, and long beside the cost of a look."""
 
 
 class Stopped(BaseException):

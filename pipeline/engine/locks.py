@@ -21,8 +21,12 @@ from typing import Any
 from pipeline.engine.interrupts import impatient
 
 _POLL_S = 0.02
+"""Time between two tries for a lock [s]: the system waits without end or not at all, so that a wait with an end tries
+again. A lock is held for milliseconds or for a whole build."""
 _SILENT_S = 1.0
+"""Wait that nobody is told of [s]: most locks are free before."""
 _REPEAT_S = 60.0
+"""Time after which a wait is told again [s]: a terminal that says nothing for minutes looks dead."""
 _NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 Say = Callable[[str], None]

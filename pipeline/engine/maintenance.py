@@ -19,6 +19,8 @@ from pipeline.engine.store.workspace import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
 
 DEFAULT_LIMIT = 50 * 10**9
+"""Size of the store beyond which the collector removes what was unused longest [bytes], unless $PIPELINE_CACHE_SIZE
+says otherwise. A choice: a small share of the disks of today."""
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 

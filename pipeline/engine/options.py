@@ -13,6 +13,7 @@ from pipeline.records.declared import number, settle, whole
 _MOST = 10_000
 """Workers, and tries of a task: a slip of the finger, not a wish."""
 _SHORTEST_S = 1e-3
+"""Shortest time limit of a task [s]: no task meets a shorter one, and 0 does not mean that there is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

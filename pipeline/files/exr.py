@@ -23,13 +23,15 @@ import OpenEXR
 from pipeline.files.damaged import MAX_COMPRESSION_RATIO, DamagedFile
 
 TILE_PX = 128
+"""Edge of a tile [px], 64 KiB of a channel: large enough to pack well, small beside the part of an image that a viewer
+shows."""
 
 # Lossless, and every reader of multi-part files knows it. Zstandard packs tighter and a third faster, but only the
 # newest readers know that.
 _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 
-# Encode in the calling thread: more threads are not faster at our sizes, and workers share the machine already.
 _IN_CALLING_THREAD = 0
+"""Threads that encode besides the calling one: more are not faster at our sizes, and workers share the machine."""
 
 CRC, PART_COUNT = "content_crc32", "part_count"
 

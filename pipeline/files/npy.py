@@ -12,6 +12,7 @@ from numpy.lib import format as npy
 from pipeline.files.damaged import DamagedFile
 
 _HEADER_BYTES = 4096
+"""Longest header of a file [bytes]: that of a plain array has 128, and what a header says is parsed as Python."""
 
 
 def write_npy(path: str | Path, array: np.ndarray) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline.files.drawings import SAYS, write_drawing
 
 _POINTS_PER_MM = 72 / 25.4
+"""Unit of a page: 72 points are an inch."""
 
 
 def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:

@@ -78,34 +78,30 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")
-    _add_white(graph, files, entry, reads, name, f"{folder}/white", f"{folder}/")
+    files |= _white_files(_add_white(graph, entry, reads, name), f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
         shown = shown_f_number(f_number)
         stopped = add(graph, f"stop/{name}/{shown}", Stop(f_number=f_number), reads)
         at = f"{folder}/white/{shown}"
-        _add_white(graph, files, entry, {"camera": stopped}, f"{name}/{shown}", at, f"{at}.")
+        files |= _white_files(_add_white(graph, entry, {"camera": stopped}, f"{name}/{shown}"), at, f"{at}.")
 
 
-def _add_white(
-    graph: TaskGraph,
-    files: dict[str, Source],
-    entry: CameraEntry,
-    reads: dict[str, str],
-    name: str,
-    white_at: str,
-    tables_at: str,
-) -> None:
-    """The white image and the micro-images of a camera with its stop as set."""
+def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:
+    """The tasks of the white image and of the tables of micro-images, if any, of a camera with its stop as set."""
     exposure, bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
     parts = [WhiteTile(exposure=exposure, rows=rows) for rows in bands]
     tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
     white = add(graph, f"white/{name}", White(exposure=exposure, tiles=len(tiles)), {**reads, **tiles})
-    files[f"{white_at}.exr"] = (white, "white.exr")
-    files[f"{white_at}.png"] = (white, "white.png")
-    if entry.asked.microlenses:
-        tables = _add_micro_images(graph, entry, reads, name)
-        for table in ("micro_images.csv", "micro_image_outlines.csv"):
-            files[f"{tables_at}{table}"] = (tables, table)
+    return white, _add_micro_images(graph, entry, reads, name) if entry.asked.microlenses else None
+
+
+def _white_files(tasks: tuple[str, str | None], white_at: str, tables_at: str) -> dict[str, Source]:
+    """Files of a white image and of its tables, which begin with `white_at` and `tables_at`."""
+    white, tables = tasks
+    files: dict[str, Source] = {f"{white_at}.{kind}": (white, f"white.{kind}") for kind in ("exr", "png")}
+    if tables is not None:
+        files |= {f"{tables_at}{table}": (tables, table) for table in ("micro_images.csv", "micro_image_outlines.csv")}
+    return files
 
 
 def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> str:

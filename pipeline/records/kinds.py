@@ -14,6 +14,7 @@ from typing import Any
 WRONG = object()
 """What no kind holds."""
 _WIDEST = 1 << 63
+"""First whole number that 64 bits with a sign do not hold."""
 _LARGEST = 1e12
 """Magnitude of lengths, of angles and of anything else that a camera has: their squares are finite."""
 _WORDS = {int: "a whole number", str: "a text", bool: "True or False", Path: "a Path", type(None): "None"}

@@ -15,9 +15,13 @@ from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spok
 from pipeline.targets.target import Target
 
 BAR_MM = 100.0
+"""Length of the bar that shows the scale of a print [mm]: on a ruler, half a millimetre of it is half a per cent."""
 _MARGIN_MM = 10.0
+"""Blank edge of a page [mm]: most printers leave some 5 mm blank themselves."""
 _BAR_SPACE_MM = 9.0
+"""Height of the bar with its words [mm]: ticks of 4, a gap of 1 below, and room above."""
 _TEXT_MM, _LINE_MM = 3.0, 4.2
+"""Size of letters and distance of lines [mm]: 8.5 points, readable at arm's length, and 1.4 times that."""
 
 Point = tuple[float, float]
 Curve = tuple[Point, ...]

@@ -33,10 +33,13 @@ _STEEPEST = math.tan(math.radians(86))
 _WIDEST_RAD = math.radians(60)
 """Half the field of a lens alone whose image circle is looked for, as a lens without distortion would have it."""
 _RAYS = 7
+"""Rays of a bundle in the drawing of the whole camera: odd, so that one is in the middle; more would fill the lens."""
 _FAN = 2001
+"""Rays that are tried across the lens to find those that pass: finer than pixels of the drawing, odd for the middle."""
 _AHEAD = 0.35
 """Length drawn before the lens over the length from the first vertex to the sensor."""
 _WIDTH_PX, _MARGIN_PX = 1200, 40
+"""Width of the drawing and its blank edge [px]: a page of a browser, and room for the words at the edge."""
 _INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
 """Enlarged microlenses: height of the picture, rays, and how many MLA pitches it shows."""
 

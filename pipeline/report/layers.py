@@ -15,6 +15,8 @@ Line = tuple[Point, Point]
 WIDTH, HEIGHT, GAP = 210.0, 44.0, 60.0
 """Size of a box, and room between columns [px]."""
 _BOX_GAP, _LANE_GAP, _SWEEPS = 18.0, 10.0, 8
+"""Room between boxes and between lines of a column [px], and how often columns are sorted by their neighbours, to the
+right and back: each sweep mends what the one before has moved, and the last ones move little."""
 
 
 @dataclass(frozen=True, slots=True)

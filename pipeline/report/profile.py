@@ -5,6 +5,8 @@ from typing import Any
 
 Row = dict[str, Any]
 """Fields of a row: name, count, seconds, rays, crossings, peak_bytes."""
+_SUMS = ("count", "seconds", "rays", "crossings")
+"""Fields that are summed; of `peak_bytes` the largest counts."""
 
 
 def profile(tasks: Iterable[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
@@ -26,21 +28,20 @@ def profile(tasks: Iterable[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
     for kind, made in tasks:
         total, loading = total + made["cpu_seconds"], loading + made["loading_seconds"]
         rays, crossings = (sum(one[name] for one in made["kernels"].values()) for name in ("rays", "crossings"))
-        _add(kinds, kind, 1, made["cpu_seconds"], rays, crossings, made["peak_bytes"])
+        _add(kinds, kind, {**made, "count": 1, "seconds": made["cpu_seconds"], "rays": rays, "crossings": crossings})
         for name, one in made["kernels"].items():
-            _add(kernels, name, one["calls"], one["seconds"], one["rays"], one["crossings"], 0)
+            _add(kernels, name, {**one, "count": one["calls"], "peak_bytes": 0})
     within = sum(row["seconds"] for row in kernels.values())
     facts = {"cpu_seconds": total, "loading_seconds": loading, "other_seconds": max(0.0, total - loading - within)}
     return {**facts, "kinds": _dearest_first(kinds), "kernels": _dearest_first(kernels)}
 
 
-def _add(
-    rows: dict[str, Row], name: str, count: int, seconds: float, rays: int, crossings: int, peak_bytes: int
-) -> None:
+def _add(rows: dict[str, Row], name: str, costs: dict[str, Any]) -> None:
+    """Add the costs of one task or kernel, which may have other fields besides those of a row."""
     row = rows.setdefault(name, {"name": name, "count": 0, "seconds": 0.0, "rays": 0, "crossings": 0, "peak_bytes": 0})
-    for key, value in (("count", count), ("seconds", seconds), ("rays", rays), ("crossings", crossings)):
-        row[key] += value
-    row["peak_bytes"] = max(row["peak_bytes"], peak_bytes)
+    for key in _SUMS:
+        row[key] += costs[key]
+    row["peak_bytes"] = max(row["peak_bytes"], costs["peak_bytes"])
 
 
 def _dearest_first(rows: dict[str, Row]) -> list[Row]:

@@ -7,6 +7,7 @@ from typing import Any
 from pipeline.camera.figures.field_curves import FieldCurves
 
 _WIDTH = 30
+"""Characters before the value of a row: the longest name fits."""
 _COUNTED = "distances are counted from the aperture stop, + towards the scene"
 
 

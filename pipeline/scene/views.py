@@ -2,12 +2,16 @@
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.camera.figures.outlook import Fate, Outlook, covered_mm, outlook, pupil_points_mm
 from pipeline.camera.parts.camera import Camera
 from pipeline.scene.dataset import Dataset, Frame, TargetEntry
+
+if TYPE_CHECKING:
+    from pipeline.render.surroundings import Surroundings
 
 _POINTS = 8_000
 """So many points of a target are looked at in all frames together; where there are more, some of each frame."""
@@ -57,7 +61,8 @@ def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
     if len(dataset.targets) + len(dataset.occluders) > 1:
         for index in range(0, len(frames), 1 + len(frames) // _HIDING):
             seen = np.flatnonzero(fate[index] == Fate.SEEN)
-            hidden = _hidden(dataset, frames[index], name, camera, number, places[index, seen], fronts[index, seen])
+            around = _surroundings(dataset, frames[index], name)
+            hidden = _hidden(around, camera, number, places[index, seen], fronts[index, seen])
             fate[index, seen[hidden]] = HIDDEN
     for index in range(len(frames) if camera.microlenses is None else 0):
         seen = np.flatnonzero(fate[index] == Fate.SEEN)
@@ -92,10 +97,8 @@ def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:
     return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
 
 
-def _hidden(
-    dataset: Dataset, frame: Frame, name: str, camera: Camera, number: int, points_mm: np.ndarray, front: np.ndarray
-) -> np.ndarray:
-    """Points that something hides from every tried place of the entrance pupil, (n,) bool."""
+def _surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
+    """Everything in a frame, as a camera has it before it."""
     from pipeline.render.surroundings import Surroundings  # Embree, for few datasets
 
     targets = [(entry.target, _pose(frame, name, entry.name)) for entry in dataset.targets]
@@ -105,7 +108,13 @@ def _hidden(
         for entry in dataset.occluders
         if entry.prim_path in frame.world_from_occluder
     ]
-    surroundings = Surroundings(targets, occluders)
+    return Surroundings(targets, occluders)
+
+
+def _hidden(
+    surroundings: "Surroundings", camera: Camera, number: int, points_mm: np.ndarray, front: np.ndarray
+) -> np.ndarray:
+    """Points of a target that something hides from every tried place of the entrance pupil, (n,) bool."""
     hidden = surroundings.may_hide(points_mm, front)
     front_mm = -camera.prescription.vertices_from_stop_mm[0]
     for pupil in pupil_points_mm(camera) if hidden.any() else ():

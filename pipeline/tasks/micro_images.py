@@ -36,6 +36,7 @@ OUTLINES_HEADER = (
     "empty: the vertex throws no light onto the centroid",
 )
 _DECIMALS = 6
+"""Decimals of the radii of outlines [px]: two more than their bisection is good for."""
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

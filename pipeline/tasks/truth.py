@@ -13,11 +13,10 @@ from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table, write_table
 from pipeline.records.plain import from_plain
-from pipeline.targets.points import TargetPoints
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
 from pipeline.tasks.artefacts.ray_grid import RayFile, rows_of
 from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_of
-from pipeline.tasks.artefacts.truth_table import TargetNote, column_order, columns_of, header_of
+from pipeline.tasks.artefacts.truth_table import PosedPoints, TargetNote, column_order, columns_of, header_of
 from pipeline.tasks.params.placed import View
 from pipeline.tasks.params.truth import Truth as Params
 from pipeline.tasks.params.truth import TruthTable
@@ -28,7 +27,7 @@ from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sa
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, Rays
 from pipeline.truth.grid.second_order import corrected
-from pipeline.truth.planes import faces_camera, tangent_planes
+from pipeline.truth.planes import faces_camera
 from pipeline.truth.positions.column_sets import column_names, column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -75,16 +74,17 @@ def target_rows(
         if some_points is not None and name not in some_points:
             continue
         target, pose = placed_target(entry)
-        points = target.points()
+        posed = PosedPoints(name, target.points(), pose)
+        points = posed.points
         some = slice(*some_points[name]) if some_points is not None else slice(0, len(points.kinds))
         traced = functools.partial(_traced, positions, name, len(points.frames)) if positions else None
-        found = correspondences(rig, rays, settings, points, pose, traced, some)
+        found = correspondences(rig, rays, settings, posed, traced, some)
         if found is None:
             notes.append(TargetNote(target=name, counts=None))
             continue
-        planes, sets = tangent_planes(pose, points.position_mm, points.plane_axes), []
+        planes, sets = posed.planes, []
         found, visibility = seen(rig, surroundings, number, found, planes)
-        rows = columns_of(table, name, points, pose, rig, found, visibility)
+        rows = columns_of(table, posed, rig, found, visibility)
         for extra in settings.column_sets:
             positions_of = column_set(extra, rig, target, pose, planes, found.found)
             rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))
@@ -113,8 +113,7 @@ def correspondences(
     rig: Rig,
     rays: Rays | None,
     settings: TruthSettings,
-    points: TargetPoints,
-    pose: np.ndarray,
+    posed: PosedPoints,
     traced: Traced | None,
     some: slice = slice(None),
 ) -> Correspondences | None:
@@ -122,14 +121,15 @@ def correspondences(
 
     That method may be asked for some points alone; the rows are the same.
     """
-    planes = tangent_planes(pose, points.position_mm, points.plane_axes)
+    planes = posed.planes
     if not faces_camera(planes).any():
         return None
     if rays is None:
         asked = np.zeros_like(planes)
         asked[:, 0], asked[some] = planes[:, 0], planes[some]  # the others are turned neither to the camera nor away
         return solved(rig, settings, asked)
-    rows = correspond_points(points, rays, pose, unfiltered(settings), _position_images(settings.method, traced))
+    images = _position_images(settings.method, traced)
+    rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered(settings), images)
     return None if rows is None else finished(rig, rows, planes, settings)
 
 

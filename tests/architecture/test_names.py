@@ -19,12 +19,6 @@ RECORDS = {
 TABLES = {"detail", "lenses", "own", "row"}
 """Names of arrays whose columns have names."""
 LEFT = {
-    "deliver.deliver",
-    "profile._add",
-    "views._hidden",
-    "dataset_graph._add_white",
-    "truth.correspondences",
-    "truth_table.columns_of",
     "building.build",
     "planning.plan",
 }

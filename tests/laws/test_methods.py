@@ -20,6 +20,7 @@ from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Warped
 from pipeline.targets.target import Target
+from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import correspondences
 from pipeline.truth.grid import per_plane
@@ -63,7 +64,7 @@ class Scene:
             def traced(number: int, rows: slice, columns: slice) -> np.ndarray:
                 return images[number][rows, columns]
 
-        found = correspondences(self.rig, grid, settings, self.points, self.pose, traced)
+        found = correspondences(self.rig, grid, settings, PosedPoints("Board", self.points, self.pose), traced)
         assert found is not None
         return found
 

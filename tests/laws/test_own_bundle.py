@@ -10,6 +10,7 @@ from laws.test_direct import rig_of
 from pipeline.camera.tracing.moments import COVARIANCE
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
+from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.truth import correspondences
 from pipeline.truth.planes import tangent_planes
 from pipeline.truth.settings import TruthSettings
@@ -26,7 +27,7 @@ def test_rows_of_position_images_have_the_light_and_blur_of_their_own_bundle(met
     rig, grid = rig_of(camera), rigs.ray_grid(tmp_path, camera, 1, 256)
     settings = TruthSettings(method=method, filter="none", accuracy_px=0.2 if method == "moments" else None)
     points = Target(board).points()
-    rows = correspondences(rig, grid, settings, points, pose, None)
+    rows = correspondences(rig, grid, settings, PosedPoints("Board", points, pose), None)
     assert rows is not None
     traced = rows.only(rows.method != "direct")
     found = traced.found

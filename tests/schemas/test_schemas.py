@@ -1,6 +1,7 @@
 """The schema library: fresh, documented, registered, and visible to programs that do not know us."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 from pxr import Gf, Plug, Sdf, Usd, Vt
 
+from pipeline.scene.usd.conditions import conditions_in
 from pipeline.scene.usd.register import library_path, plugin_path
 from pipeline.scene.usd.values import range_of
 
@@ -172,6 +174,51 @@ def test_required_and_target_names_are_properties():
     for schema, facts in types.items():
         named = [*facts.get("plenRequired", []), *facts.get("plenTargets", {})]
         assert set(named) <= set(definition(schema).GetPropertyNames() if named else [])
+
+
+CONDITIONS = [
+    (schema, name, rule)
+    for schema, name in ATTRIBUTES
+    for rules in [conditions_in(documentation(schema, name))]
+    for rule in (*rules.needed, *rules.only)
+]
+
+
+def test_every_line_that_begins_like_a_condition_is_read_as_one():
+    lines = [
+        line
+        for schema, name in ATTRIBUTES
+        for line in documentation(schema, name).splitlines()
+        if re.match(r"\s*(needed|only)\b.*:", line, re.IGNORECASE)
+    ]
+
+    assert len(lines) == len(CONDITIONS) > 50
+
+
+def test_conditions_name_properties_of_the_same_schema_and_tokens_that_these_may_have():
+    for schema, name, rule in CONDITIONS:
+        assert rule.name in definition(schema).GetPropertyNames(), (schema, name)
+        allowed = definition(schema).GetPropertyMetadata(rule.name, "allowedTokens") or ()
+        assert set(rule.tokens) <= set(allowed), (schema, name)
+        assert rule.tokens or not allowed, f"{schema} {name}: which values of {rule.name}?"
+
+
+def test_what_is_read_for_a_value_of_another_property_is_what_the_schema_says_belongs_to_it():
+    from pipeline.scene.read.microlenses import FACES
+    from pipeline.scene.read.prims import ACCEPTANCE_VALUES, APERTURE_VALUES
+    from pipeline.scene.read.targets import SHAPES
+
+    read = {
+        ("PlenSurface", "plen:apertureShape"): {token: {*fields.values()} for token, fields in APERTURE_VALUES.items()},
+        ("PlenSensor", "plen:acceptance"): {token: {*fields.values()} for token, fields in ACCEPTANCE_VALUES.items()},
+        ("PlenCheckerboard", "plen:shape"): {token: {*fields.values()} for token, (_, fields) in SHAPES.items()},
+        ("PlenMicrolensArray", "plen:model"): {"refractive": {*FACES.values()}},
+    }
+    for (schema, decides), values in read.items():
+        for token, names in values.items():
+            for name in names:
+                only = conditions_in(documentation(schema, name)).only
+                assert [(rule.name, rule.tokens) for rule in only] == [(decides, (token,))]
 
 
 def test_a_foreign_program_finds_the_schemas_and_the_library_by_path():

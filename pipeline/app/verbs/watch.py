@@ -16,7 +16,9 @@ from pipeline.errors import Exit, Interrupted
 from pipeline.machine.another_python import command
 
 _LOOK_S = 0.15
+"""Time between two looks at the files [s]: a person hardly notices it, and a look is one `stat` per file."""
 _QUIET_S = 0.3
+"""Time without a change after which an edit is whole [s]: twice the time between looks."""
 
 Looks = dict[Path, tuple[int, int] | None]
 

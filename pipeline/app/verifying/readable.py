@@ -19,6 +19,8 @@ from pipeline.machine.another_python import command
 from pipeline.machine.processor import settings
 
 MEMORY_BYTES = 4 * 2**30
+"""Memory of the process that opens the files of a folder [bytes], as that of the process that reads a foreign stage: a
+file is read as a whole, and may be built to fill any memory."""
 _FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
 """A file may take so long, and longer if it is large."""
 _TOO_LARGE = f"needs more than {MEMORY_BYTES // 2**30} GiB of memory"

@@ -26,6 +26,8 @@ from pipeline.truth.visibility import seen
 ROWS = 64
 """So many rows are about what the drawn points of a camera have together."""
 _FEWEST_POINTS = 4
+"""Points that are drawn at least, where a point has more rows than should be drawn in all: every microlens may see
+it."""
 _SAME_PX = 1e-6
 """Positions from the same random rays [px]: they differ by rounding."""
 _SAME_SIGMA = 1e-3
@@ -35,6 +37,7 @@ _SAME_SHARE = 1e-3
 _SAME_BLUR = 0.02
 """Share of the blur's trace: it is as exact as the derivative of J, which the last steps of the solution change."""
 _SAME_BLUR_PX2 = 1e-5
+"""Least tolerance of a blur [px^2], for points in focus, where the share of the trace is nothing: (0.003 px)^2."""
 _SAME_OTHERS_PX = 2e-3
 """Tolerance of the positions of column sets [px]: they err by some 1e-4 px."""
 _EDGE_PX, _EDGE_SHARE = 1e-3, 1e-3

@@ -43,20 +43,35 @@ class Delivery:
     finished: bool = True
 
 
-def deliver(
-    out: Path,
-    files: Mapping[str, Source],
-    head: dict[str, Any],
-    *,
-    records: Mapping[str, Record],
-    store: Store,
-    warn: Callable[[str], None] = lambda text: None,
-    stage_id: str = "",
-    whole: bool = True,
-) -> Delivery:
-    """Make `out` hold `files` and a manifest, and nothing of an earlier build of the stage `stage_id`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """Everything that an output folder shall hold.
 
-    If the delivery is not `whole`, put `files` there and leave the rest.
+    Attributes
+    ----------
+    files : mapping of str to Source
+        By their paths in the folder.
+    head : dict
+        Facts of the manifest about the build.
+    records : mapping of str to Record
+        What the tasks gave whose results are among the files.
+    stage_id : str
+        The stage that is built: a folder holds builds of one.
+    whole : bool
+        Whether these are all files of the build; if not, other files of it may stay.
+    """
+
+    files: Mapping[str, Source]
+    head: dict[str, Any]
+    records: Mapping[str, Record]
+    stage_id: str = ""
+    whole: bool = True
+
+
+def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], None] = lambda text: None) -> Delivery:
+    """Make `out` hold the files and a manifest, and nothing of an earlier build of the same stage.
+
+    If the contents are not `whole`, put their files there and leave the rest.
 
     Raises
     ------
@@ -68,19 +83,21 @@ def deliver(
     DamagedBlob
         A result went from the store since it was made; the previous build is still whole.
     """
-    entries = {path: _entry(source, records) for path, source in sorted(files.items())}
+    entries = {path: _entry(source, contents.records) for path, source in sorted(contents.files.items())}
     _check_paths(entries)
-    keys = {name: record["key"] for name, record in records.items()}
-    goal = _Goal(files=files, entries=entries, manifest=manifest.render(head, keys, entries), store=store)
+    keys = {name: record["key"] for name, record in contents.records.items()}
+    goal = _Goal(
+        files=contents.files, entries=entries, manifest=manifest.render(contents.head, keys, entries), store=store
+    )
     with chosen_place("write to", out):
         out.mkdir(parents=True, exist_ok=True)
     # The store's lock may reach other machines; the folder's own reaches builders with other stores.
     flight, errand = store.single_flight(name_of(out), f"fills {out}"), Errand(say=store.say_waiting)
     with flight, locked_folder(out, errand=errand) as alone, _errors_told(out, goal):
-        there = manifest.read_of(out, head.get("stage"))
-        if not whole:
+        there = manifest.read_of(out, contents.head.get("stage"))
+        if not contents.whole:
             goal = replace(goal, whole=False, manifest=there.data if _agrees(there, entries) else None)
-        seen = Seen(out, store, stage_id)
+        seen = Seen(out, store, contents.stage_id)
         seen.require_same_stage()
         folder = Folder(out, warn)
         folder.remove_old_asides(alone=alone)  # also where nothing changes: a builder may have died after its last file

@@ -12,6 +12,7 @@ from pipeline.limits import limits
 
 NAME = "manifest.json"
 FORMAT = 1
+"""Version of the manifest: it rises when readers of the old one would misread the new one."""
 _BYTES_PER_FRAME = 1 << 14
 """Ten times what the files and tasks of a frame of a camera take in a manifest."""
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from pipeline.spelling import nearest
 
 _TOLD = 6
+"""Names in one hint: one line of a terminal."""
 
 
 def unpadded(name: str) -> str:

@@ -51,6 +51,8 @@ _first_seen: dict[str, str] = {}
 """Digest of every module's source when this process first read it, at the latest before a task imported it."""
 
 _MANY = 4000
+"""Modules that the note in the store may know: about ten times those of this package. A note with more is full of
+sources that are gone, and begins anew."""
 _remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest of a module's name and source
 
 

@@ -20,7 +20,10 @@ from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 
 _CONNECT_S = 30
+"""Patience with a scheduler that does not answer [s]: that of Dask itself for a connection."""
 _NO_WORKERS_S = 120.0
+"""Patience with a cluster without workers [s]: batch systems start them when there is room, and a person should hear of
+none at all."""
 _OF_DASK = re.compile(r"distributed\.")
 _SETTINGS = {
     # A worker that holds the interpreter's lock for long is not dead.

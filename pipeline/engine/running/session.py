@@ -17,7 +17,7 @@ from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.maintenance import collect, limit_from_environment
 from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller, Known
 from pipeline.engine.output import manifest
-from pipeline.engine.output.deliver import Delivery, deliver
+from pipeline.engine.output.deliver import Contents, Delivery, deliver
 from pipeline.engine.output.output_index import Seen
 from pipeline.engine.output.status import TaskStatus, status
 from pipeline.engine.planning.forecast import Forecast, Past, Size, forecast, means_by_kind
@@ -33,6 +33,8 @@ from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.places import flaw_of
 
 _SOURCES_KEPT = 4
+"""Sources of a project in the store: the last one, two before it, and the oldest, of which results may still be
+there."""
 
 
 def build(
@@ -144,14 +146,21 @@ class _Build:
         project, outcome = self.project, self.outcome
         if len(outcome.records) < len(self.graph) or outcome.interrupted is not None:
             return
-        places: dict[str, Any] = {"records": outcome.records, "store": self.store, "warn": self.warn}
-        places["stage_id"] = project.stage_id
         if self.options.targets:
-            wanted = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
-            self.delivery = deliver(project.out, wanted, self.head, **places, whole=False) if wanted else None
+            files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
         elif self.is_whole:
+            files = dict(project.files)
             self.head = {**self.head, **_findings(project, outcome, self.store)}
-            self.delivery = deliver(project.out, project.files, self.head, **places)
+        else:
+            return
+        contents = Contents(
+            files=files,
+            head=self.head,
+            records=outcome.records,
+            stage_id=project.stage_id,
+            whole=not self.options.targets,
+        )
+        self.delivery = deliver(project.out, contents, self.store, self.warn) if files else None
 
 
 def _require_place(project: Project) -> None:

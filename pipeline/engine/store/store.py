@@ -45,6 +45,7 @@ from pipeline.user_cache import user_cache
 
 _BELOW = "below"
 _FORMAT = 1
+"""Version of records in the store: it rises when a field changes, and a record of another version is not taken."""
 _COSTS = ("seconds", "cpu_seconds", "loading_seconds", "peak_bytes", "calls", "rays", "crossings")
 
 Entry = dict[str, Any]

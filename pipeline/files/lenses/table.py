@@ -32,6 +32,8 @@ NAMES = {
 
 _QUANTITY = {re.sub(r"[\s_-]+", " ", name): quantity for quantity, names in NAMES.items() for name in names}
 _LARGEST_INDEX = 5.0
+"""Index that no medium of a lens has: germanium, the highest of the usual ones, has 4.0 in the infrared. Numbers beyond
+it are radii or thicknesses in a wrong column."""
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "inch": 25.4}
 _STOP_WORDS = {"stop", "ast", "aperture stop", "iris", "diaphragm"}
 _SKIPPED = {"object", "obj", "image", "img"}

@@ -2,9 +2,9 @@
 
 import unicodedata
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from pipeline.scene.check.occluders import check_occluders
 from pipeline.scene.check.unnamed import check_invisible, check_unnamed
@@ -24,8 +24,8 @@ def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
     return prim if prim and prim.IsA("PlenDataset") else None
 
 
-def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a PlenDataset, its poses left out."""
+def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
+    """Problems of a PlenDataset, its poses left out; `wrong` are the prims whose own values are."""
     yield from _check_frames(root)
     cameras = targets(root, "plen:cameras", "Camera")
     for prim in cameras:
@@ -39,7 +39,7 @@ def check_dataset(root: Usd.Prim) -> Iterator[Problem]:
             yield problem(prim, "outside-dataset", message)
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)
-    yield from check_occluders(root)
+    yield from check_occluders(root, wrong)
     yield from check_unnamed(root)
     yield from check_invisible(root)
 

@@ -1,12 +1,11 @@
 """Occluders: meshes that can be built, that keep their shape, and that leave the lens alone."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 
 import numpy as np
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from pipeline.frames import apply
-from pipeline.scene.check.properties import check_properties
 from pipeline.scene.read.occluders import is_visible, read_occluder
 from pipeline.scene.read.prims import camera_from_world, camera_name, read_prescription, stage_mm_per_unit
 from pipeline.scene.usd.meshes import SHAPE
@@ -17,15 +16,15 @@ from pipeline.scene.usd.values import read, target, targets
 from pipeline.targets.errors import TargetError
 
 
-def check_occluders(root: Usd.Prim) -> Iterator[Problem]:
-    """Problems of the occluders of a dataset, their poses left out."""
+def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
+    """Problems of the occluders of a dataset, their poses left out; `wrong` are the prims whose own values are."""
     meshes = {target(prim, "plen:mesh", "Mesh"): prim for prim in targets(root, "plen:targets", "PlenMeshTarget")}
     for prim in targets(root, "plen:occluders", "Mesh"):
         if prim in meshes:
             message = f"<{prim.GetPath()}> is the mesh of the target <{meshes[prim].GetPath()}>"
             hint = "targets hide each other and themselves without being named"
             yield problem(root.GetRelationship("plen:occluders"), "occluder-is-target", message, hint=hint)
-        elif not any(one.is_error for one in check_properties(prim)):
+        elif prim.GetPath() not in wrong:
             yield from _check_mesh(prim)
 
 

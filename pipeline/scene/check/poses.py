@@ -27,6 +27,8 @@ _ROUNDING = {
     UsdGeom.XformOp.PrecisionHalf: 1e-3,
 }
 _MENDABLE = 1e-3
+"""Deviation of a quaternion from unit length that is normalised with a warning: the resolution of half precision. What
+is worse was not meant as a rotation."""
 _RIGID = 1e-9
 """Largest deviation of the columns of a rotation from orthonormal ones."""
 

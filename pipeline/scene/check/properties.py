@@ -1,19 +1,26 @@
-"""Properties by their names: misspelt ones, missing ones, and relationships that point at nothing useful."""
+"""Properties by their names: misspelt, missing, meaningless ones, and relationships that point at nothing useful."""
 
 from collections.abc import Iterator
 
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.check.values import authored_values, check_attribute, check_value
+from pipeline.scene.usd.conditions import Condition, conditions_of, is_written
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem, specs
-from pipeline.scene.usd.values import FOREIGN, Rule, schema_facts, target_paths
+from pipeline.scene.usd.values import FOREIGN, Rule, read, schema_facts, target_paths
 from pipeline.spelling import nearest
 
 _MOVES = Rule(span=FOREIGN["xformOp"])
 _NAMED = 5  # of several targets of one relationship that are missing
 # Anyone may add properties here, on any prim.
 _FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
+_FAMILIES = {
+    "plen:apertureShape": "aperture-value",
+    "plen:shape": "shape-value",
+    "plen:typeTable": "microlens-types",
+}
+"""Codes of attributes that are missing or mean nothing, by the property that decides it; others have a common code."""
 
 
 def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
@@ -35,6 +42,7 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
         else:
             yield from _check_relationship(prop)
     yield from _check_required(prim, {nearest(name, known) for name in strange})
+    yield from _check_conditions(prim, {nearest(name, known) for name in strange})
 
 
 def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem | None:
@@ -73,15 +81,52 @@ def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
 
 def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
     """Names that are missing, except those whose names were misspelt: `meant` are the right names of these."""
-    ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
-    if prim.IsAbstract() or not all(prim.CanApplyAPI(name) for name in ours):
-        return  # a misapplied schema is reported as that
+    if not _is_meant_to_be_built(prim):
+        return
     for name in [name for names in schema_facts(prim, "plenRequired") for name in names if name not in meant]:
         relationship = prim.GetRelationship(name)
         if not (target_paths(relationship) if relationship else prim.GetAttribute(name).HasAuthoredValue()):
             wanted = wanted_target(prim, name)
             hint = f"point it at a {wanted}" if wanted else "it has no fallback: write it"
             yield problem(prim, "missing-value", f'{prim.GetTypeName()} needs "{name}"', hint=hint)
+
+
+def _is_meant_to_be_built(prim: Usd.Prim) -> bool:
+    """Whether a prim is a whole, and of the type that its applied schemas are for: `check_prim` names others."""
+    ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
+    return not prim.IsAbstract() and all(prim.CanApplyAPI(name) for name in ours)
+
+
+def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
+    """Attributes that others need, and attributes that mean nothing beside the others; `meant` as above."""
+    for name, rules in conditions_of(prim).items() if _is_meant_to_be_built(prim) else ():
+        written = is_written(prim, name)
+        needing = next((rule for rule in rules.needed if rule.holds(prim)), None)
+        if needing and not written and name not in meant:
+            place = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
+            code = _FAMILIES.get(needing.name, "missing-value")
+            hint = "it has no fallback: write it" if needing.tokens else f"write it, or leave {needing.name} out"
+            yield problem(place, code, f'{_said(needing, prim)} needs "{name}"', hint=hint)
+        failing = next((rule for rule in rules.only if rule.holds(prim) is False), None)
+        if written and failing:
+            what = f'"{name}" means nothing {_without(failing, prim)}'
+            place, code = prim.GetAttribute(name), _FAMILIES.get(failing.name, "unused-value")
+            yield problem(place, code, what, hint=f"remove it, or write {_wanted(failing)}")
+
+
+def _said(rule: Condition, prim: Usd.Prim) -> str:
+    """Quotation of what a stage says by the property of a condition."""
+    return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
+
+
+def _without(rule: Condition, prim: Usd.Prim) -> str:
+    return f"where {_said(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
+
+
+def _wanted(rule: Condition) -> str:
+    """Statement with which a condition would hold."""
+    tokens = " or ".join(f'"{token}"' for token in rule.tokens)
+    return f"{rule.name} = {tokens}" if tokens else rule.name
 
 
 def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:

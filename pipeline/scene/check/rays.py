@@ -12,6 +12,8 @@ CODE = "long-build"
 RAYS_PER_S = 4e6
 """A careful guess for one core of 2026: images of a singlet were traced at 8e6, moments of a double Gauss at 16e6."""
 LONG_S = 3 * 3600.0
+"""Computing time of a camera on one core from which on a build is doubted [s]: longer than one waits for it, and well
+short of a night, over which large datasets are built on purpose."""
 
 
 def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:

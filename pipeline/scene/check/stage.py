@@ -4,10 +4,10 @@ USD composes a stage with a typo in every attribute without a word, so the check
 tokens and ranges, and then ask whether the parts can be built.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
 from pathlib import Path
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.camera.focus import check_planes
@@ -15,7 +15,7 @@ from pipeline.scene.check.camera.glass import check_glass
 from pipeline.scene.check.camera.groups import check_groups, check_place
 from pipeline.scene.check.camera.lens import check_lens, check_nominal
 from pipeline.scene.check.camera.microlenses import check_microlenses
-from pipeline.scene.check.camera.parts import check_camera, check_sensor
+from pipeline.scene.check.camera.parts import check_camera
 from pipeline.scene.check.dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check.layers import check_layers
 from pipeline.scene.check.merged import check_merged
@@ -31,9 +31,6 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
     ("PlenLensGroup", check_place),
-    ("PlenMicrolensArray", check_microlenses),
-    ("PlenSensor", check_sensor),
-    ("PlenTarget", check_target),
 )
 
 
@@ -49,15 +46,19 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         return outside  # what such a layer says must not be quoted
     found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
     prims = all_prims(stage)
+    wrong: set[Sdf.Path] = set()
     for prim in prims:
-        found += [*check_prim(prim), *check_properties(prim)]
+        own = [*check_prim(prim), *check_properties(prim)]
+        found += own
+        if any(one.is_error for one in own):
+            wrong.add(prim.GetPath())
     if over := [one for prim in _parts(prims) for one in check_budgets(prim)]:
         return list(dict.fromkeys([*found, *over]))  # what follows makes points, poses and lattices
     for prim in _parts(prims):
-        found += _check_whole(prim)
+        found += _check_whole(prim, wrong)
     found += check_only_dataset(stage)
     if root := find_dataset(stage):
-        found += check_dataset(root)
+        found += check_dataset(root, wrong)
     if not any(one.is_error for one in found):
         # What follows computes with values that the checks so far have vouched for.
         for prim in _parts(prims):
@@ -75,8 +76,11 @@ def _is_camera(prim: Usd.Prim) -> bool:
     return bool(prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"))
 
 
-def _check_whole(prim: Usd.Prim) -> list[Problem]:
+def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
+    """Problems of the parts of one prim against each other; `wrong` are the prims whose own values are."""
     if merged := list(check_merged(prim)):
         return merged  # all else follows from it
     found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
+    found += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
+    found += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     return found + (list(check_camera(prim)) if _is_camera(prim) else [])

@@ -1,12 +1,11 @@
 """A target that cannot be built: values of its shape, its pattern against its surface, marked points off their mesh."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 
 import numpy as np
-from pxr import Usd
+from pxr import Sdf, Usd
 
-from pipeline.scene.check.properties import check_properties
-from pipeline.scene.read.targets import SHAPES, read_target
+from pipeline.scene.read.targets import read_target
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read, target
@@ -18,19 +17,18 @@ OFF_MESH_MM = 1e-3
 """A marked point this far from its mesh is drawn elsewhere than the truth says."""
 
 
-def check_target(prim: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a PlenTarget whose values are right one by one."""
-    parts = filter(None, (prim, target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None))
-    if any(one.is_error for part in parts for one in check_properties(part)):
-        return  # reported as that
-    found = [*_check_shape(prim), *_check_mesh(prim)]
-    yield from found
-    if found:
+def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
+    """Problems of a PlenTarget as a whole; `wrong` are the prims whose own values are."""
+    parts = [*_check_shape(prim), *_check_mesh(prim)]
+    yield from parts
+    mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
+    if parts or prim.GetPath() in wrong or (mesh and mesh.GetPath() in wrong):
         return
     try:
         record = read_target(prim)
-    except UnreadableValue:
-        return  # reported: the mesh is missing
+    except UnreadableValue as error:
+        yield problem(prim, "bad-target", error.what)
+        return
     except (ValueError, IndexError):
         message = "the mesh has colours or faces that do not fit its points"
         yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts, faceVertexIndices and displayColor")
@@ -58,22 +56,11 @@ def _check_contrast(prim: Usd.Prim, record: AnyTarget) -> Iterator[Problem]:
 
 
 def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
-    """Values that the shape needs, and values that it would not read."""
+    """A mesh that shall be bent."""
     shape = read(prim, "plen:shape")
-    if prim.IsA("PlenMeshTarget") and shape != "flat":
+    if prim.IsA("PlenMeshTarget") and shape not in ("flat", None):
         message = f'a mesh has its own shape, and "plen:shape" is {shape}'
         yield problem(prim.GetAttribute("plen:shape"), "shape-value", message, hint="remove it")
-        return
-    for other, (_, fields) in SHAPES.items():
-        for name in fields.values():
-            written = prim.GetAttribute(name).HasAuthoredValue()
-            if other == shape and not written:
-                message = f'a target of shape {shape} needs "{name}"'
-                yield problem(prim, "shape-value", message, hint="it has no fallback: write it")
-            if other != shape and written:
-                message = f'"{name}" belongs to the shape {other}, and this target is {shape}'
-                hint = f'write uniform token plen:shape = "{other}", or remove the value'
-                yield problem(prim.GetAttribute(name), "shape-value", message, hint=hint)
 
 
 def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:

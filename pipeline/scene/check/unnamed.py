@@ -15,7 +15,10 @@ from pipeline.scene.usd.values import target_paths, targets
 from pipeline.scene.write.for_viewers import PREVIEW
 
 _MOST_KINDS = 8
+"""Types of prims that are named, with one warning each: scenes made elsewhere have dozens, and errors must stay in
+sight."""
 _MOST_PATHS = 4
+"""Prims of a type that its warning names; the others are counted."""
 _AIDS = 'what is there for viewers alone says so with uniform token purpose = "guide"'
 
 

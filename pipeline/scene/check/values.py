@@ -15,6 +15,7 @@ from pipeline.scene.usd.values import LONGEST_TEXT, Range, Rule, bad_text, numbe
 _NAMED = 5  # of several wrong values of one attribute
 
 _NO_TILT = ((0.0, 0.0),)
+"""Tilts of a sensor that are built [deg]: none yet."""
 # What the schemas allow and the pipeline builds today, with the prim type in front where it depends on that. Attributes
 # that are not named here are supported as a whole.
 SUPPORTED: dict[str, tuple[Any, ...]] = {

@@ -14,6 +14,7 @@ from pipeline.scene.usd.used_layers import used_layers
 _ARCS = ("references", "payload", "inheritPaths", "specializes", "variantSelection")
 _ROOT = "/"
 _FORMAT = 1
+"""Version of the plain form: it rises when a field changes, and a record of another version is not read."""
 
 Site = tuple[str, str]
 """File and path of a spec."""

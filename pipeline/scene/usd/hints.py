@@ -14,6 +14,7 @@ _STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
 """Names of files of USD, and of those that `files.lenses` reads."""
 _TOLD = 4
+"""Names in one hint: the stage that was meant is among few, or not to be guessed."""
 _ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
 
 

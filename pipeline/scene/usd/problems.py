@@ -12,6 +12,8 @@ from pipeline.spelling import did_you_mean, printable
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
 _LONGEST_LINE = 1000
+"""Characters in a line of a problem: names and paths of a stage may be of any length, and words of ours stay far
+below."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,8 +15,8 @@ _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
 )
 _ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
-# All our attributes are uniform, and time samples on them are errors: every time gives the same value.
 _ANY_TIME = 0.0
+"""Time code at which values are read: our attributes are uniform, so that every time gives the same value."""
 
 
 class UnreadableValue(PipelineError):
@@ -129,6 +129,8 @@ def numbers(value: Any) -> np.ndarray:
 
 
 LONGEST_TEXT = 1000
+"""Characters of a text in a stage: names, glasses and formulas are far shorter, and longer ones would fill tables and
+terminals."""
 
 
 def bad_text(value: Any) -> str | None:

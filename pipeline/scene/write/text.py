@@ -11,6 +11,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
 
 _DOC_WIDTH = 112
+"""Characters in a line of documentation: indented, it stays within the 120 of the project."""
 
 
 def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:

@@ -9,6 +9,7 @@ from pipeline.camera.rig import Rig
 from pipeline.frames import apply
 from pipeline.targets.points import TargetPoints
 from pipeline.tasks.params.truth import TruthTable
+from pipeline.truth.planes import tangent_planes
 from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -47,14 +48,32 @@ def column_order(settings: TruthSettings) -> list[str]:
     return [*COLUMNS, *(name for column_set in settings.column_sets for name in column_names(column_set))]
 
 
+@dataclass(frozen=True, slots=True)
+class PosedPoints:
+    """Points of a target where a frame has it.
+
+    Attributes
+    ----------
+    target : str
+        Its name.
+    points : TargetPoints
+        In the target frame.
+    vision_from_target : (4, 4) float64
+        Its pose before the camera [mm].
+    """
+
+    target: str
+    points: TargetPoints
+    vision_from_target: np.ndarray
+
+    @property
+    def planes(self) -> np.ndarray:
+        """Tangent planes of all points in the vision frame, as `truth.planes.tangent_planes` has them."""
+        return tangent_planes(self.vision_from_target, self.points.position_mm, self.points.plane_axes)
+
+
 def columns_of(
-    table: TruthTable,
-    target: str,
-    points: TargetPoints,
-    pose: np.ndarray,
-    rig: Rig,
-    truth: Correspondences,
-    visibility: np.ndarray,
+    table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray
 ) -> dict[str, Any]:
     """Columns of one target, in the order of COLUMNS."""
     found, lattice = truth.found, rig.tracer.lattice
@@ -62,19 +81,19 @@ def columns_of(
     microlens = [[None] * rows] * 3
     if lattice is not None:
         microlens = [column[found.cell] for column in (lattice.k, lattice.l, lattice.type)]
-    point = points.position_mm[found.point]
+    point = posed.points.position_mm[found.point]
     blur = truth.blur_px2
     values = (
         [table.frame] * rows,
         [table.camera] * rows,
-        [target] * rows,
+        [posed.target] * rows,
         found.point,
         *microlens,
         found.x_px,
         found.y_px,
         *truth.sigma_px.T,
         *point.T,
-        *apply(pose, point).T,
+        *apply(posed.vision_from_target, point).T,
         truth.hit_fraction,
         visibility,
         blur[:, 0, 0],

@@ -16,7 +16,7 @@ from pipeline.errors import PipelineError
 from pipeline.scene.read.prims import lens_groups, read_camera
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target, target_paths
+from pipeline.scene.usd.values import read, target
 
 _SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
 _GROUPS = "plen:camera:focusGroups"
@@ -25,45 +25,35 @@ _F_NUMBERS = "plen:image:fNumbers"
 
 
 def check_request(camera: Usd.Prim) -> Iterator[Problem]:
-    """Attributes of a Camera with PlenCameraAPI that contradict each other, or mean nothing without another one."""
-    sensor, focus, kind, match = (camera.GetAttribute(name) for name in (_SENSOR, _FOCUS, _TYPE, _MATCH))
-    groups = camera.GetAttribute(_GROUPS)
+    """Attributes of a Camera with PlenCameraAPI that contradict each other, its lens or its microlenses."""
+    sensor, focus = camera.GetAttribute(_SENSOR), camera.GetAttribute(_FOCUS)
     if read(camera, _GROUPS):
-        yield from _check_groups(camera, groups)
+        yield from _check_groups(camera)
     elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
         message = f'"{_SENSOR}" and "{_FOCUS}" both say where the sensor stands'
         yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
     elif not (sensor.HasAuthoredValue() or focus.HasAuthoredValue()):
         message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
         yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
-    has_array = bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))
-    if kind.HasAuthoredValue() and not (focus.HasAuthoredValue() and has_array):
-        other = _FOCUS if has_array else "plen:camera:microlenses"
-        yield problem(kind, "unused-value", f'"{_TYPE}" means nothing without "{other}"')
-    if read(camera, _MATCH) == "microlenses" and not has_array:
-        message = f'"{_MATCH}" = "microlenses" means nothing without "plen:camera:microlenses"'
-        yield problem(match, "unused-value", message)
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     is_refractive = array and read(array, "plen:model") == "refractive"
     by_type = "plen:frontRadii" if is_refractive else "plen:focalLengths"
     focal_lengths, number = read(array, by_type) if array else None, read(camera, _TYPE)
     if focal_lengths and number is not None and number >= len(focal_lengths):
         message = f'"{_TYPE}" = {number}, but the array has {len(focal_lengths)} types, counted from 0'
-        yield problem(kind, "focus-type", message)
+        yield problem(camera.GetAttribute(_TYPE), "focus-type", message)
 
 
-def _check_groups(camera: Usd.Prim, groups: Usd.Attribute) -> Iterator[Problem]:
-    """Focusing groups that the lens does not have, or that nothing tells where to go."""
-    for name in (_SENSOR, _FOCUS):
-        if not camera.GetAttribute(name).HasAuthoredValue():
-            message = f'"{_GROUPS}" needs "{name}": groups move for a focus distance before a sensor that stays'
-            yield problem(groups, "missing-value", message, hint="write it, or leave the groups out")
+def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
+    """Focusing groups that the lens does not have."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     known = [group.GetName() for group in lens_groups(lens)] if lens else []
-    for name in read(camera, _GROUPS) if lens else ():
+    for name in (read(camera, _GROUPS) or ()) if lens else ():
         if name not in known:
             hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
-            yield problem(groups, "focus-groups", f'"{name}" is no PlenLensGroup of the lens', hint=hint)
+            yield problem(
+                camera.GetAttribute(_GROUPS), "focus-groups", f'"{name}" is no PlenLensGroup of the lens', hint=hint
+            )
 
 
 def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
@@ -75,9 +65,9 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
     except PipelineError:
         return  # a part is missing or wrong, and reported as that
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
-    if both and not read(camera, _GROUPS):
+    if both != bool(read(camera, _GROUPS)):
         return
-    if (read(camera, _GROUPS) and any(_check_groups(camera, camera.GetAttribute(_GROUPS)))) or _bad_type(record):
+    if any(_check_groups(camera)) or _bad_type(record):
         return
     found = _out_of_reach(record)
     if found:

@@ -11,13 +11,13 @@ from pxr import Usd
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import PrescriptionError, Surface, gaps_mm
-from pipeline.scene.read.prims import APERTURE_VALUES, ordered_surfaces, read_prescription, read_surface
+from pipeline.scene.read.prims import ordered_surfaces, read_prescription, read_surface
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
 
-# Surfaces that touch at the edge are built; numbers in prescriptions have far fewer digits.
 _TOUCH_MM = 1e-9
+"""Overlap of surfaces that counts as touching, which is built [mm]: numbers in prescriptions have far fewer digits."""
 _STEEPEST = 10.0
 """Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
 _BLAMED = {"ideal-lens": "plen:focalLength", "aperture-value": "plen:innerSemiDiameter"}
@@ -38,7 +38,6 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
     yield from _check_stop(lens, prims)
     parts = [_part(prim) for prim in prims]
     for part in parts:
-        yield from _check_aperture(part.prim)
         yield from _check_shape(part)
         yield from _check_steep(part)
     for front, behind in pairwise(parts):
@@ -112,25 +111,6 @@ def _part(prim: Usd.Prim) -> _Part:
         return _Part(prim, error=error)
     finite = math.isfinite(surface.thickness_mm + surface.semi_diameter_mm + surface.index)
     return _Part(prim, surface if finite else None)
-
-
-def _check_aperture(prim: Usd.Prim) -> Iterator[Problem]:
-    """Values that the shape of the aperture needs, and values that it would not read."""
-    shape = read(prim, "plen:apertureShape")
-    for other, fields in APERTURE_VALUES.items():
-        for name in fields.values():
-            written = prim.GetAttribute(name).HasAuthoredValue()
-            if other == shape and not written:
-                message = f'a surface with a {shape} aperture needs "{name}"'
-                yield problem(prim, "aperture-value", message, hint="it has no fallback: write it")
-            if other != shape and written:
-                message = f'"{name}" belongs to {other} apertures, and this one is {shape}'
-                hint = f'write uniform token plen:apertureShape = "{other}", or remove the value'
-                yield problem(prim.GetAttribute(name), "aperture-value", message, hint=hint)
-    is_turned = shape in ("rectangular", "polygonal")
-    if prim.GetAttribute("plen:apertureRotation").HasAuthoredValue() and not is_turned:
-        message = f'"plen:apertureRotation" has no meaning for a {shape} aperture'
-        yield problem(prim.GetAttribute("plen:apertureRotation"), "aperture-value", message, hint="remove it")
 
 
 def _check_shape(part: _Part) -> Iterator[Problem]:

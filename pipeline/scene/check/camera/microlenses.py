@@ -1,51 +1,39 @@
 """A microlens array whose attributes do not fit each other, or that cannot exist."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from pipeline.camera.tracing.microlens_tables import element_tables
 from pipeline.errors import PipelineError
 from pipeline.optics.glass.errors import GlassError, OutOfRange
-from pipeline.scene.read.microlenses import FACES, microlens_index, read_microlenses
+from pipeline.scene.read.microlenses import microlens_index, read_microlenses
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read
+from pipeline.scene.usd.values import read
 
 _D_LINE_NM = 587.56
+"""Light in which an array is looked at without a camera [nm]: the helium d line, for which catalogues state indices."""
 _ANY_DISTANCE_MM = 1.0
+"""Distance from the sensor of an array without a camera [mm]: nothing that is checked of it alone depends on it."""
 _NOMINAL = 0.01
 """Largest relative deviation of a focal length from that of the faces without a warning."""
 
 _NEAREST = 0.1
 """Least distance of the microlenses from the sensor over their pitch: in air no lens is faster than f/0.5."""
 
-_NEEDS = {
-    "thin": ("plen:focalLengths",),
-    "two-plane": ("plen:focalLengths", "plen:index", "plen:thickness"),
-    "refractive": ("plen:frontRadii", "plen:rearRadii", "plen:thickness"),
-}
-_FOR = {
-    "plen:index": ("two-plane", "refractive"),
-    "plen:thickness": ("two-plane", "refractive"),
-    "plen:glass": ("refractive",),
-    **dict.fromkeys(FACES.values(), ("refractive",)),
-}
 
-
-def check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a PlenMicrolensArray as a whole."""
-    parts = [*_check_extent(array), *_check_types(array), *_check_model(array), *_check_disc(array)]
+def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
+    """Problems of a PlenMicrolensArray as a whole; `wrong` are the prims whose own values are."""
+    parts = [*_check_extent(array), *_check_types(array), *_check_index(array)]
     yield from parts
-    if parts:
+    if parts or array.GetPath() in wrong:
         return
     try:
         record = read_microlenses(array, _ANY_DISTANCE_MM, _D_LINE_NM)
         element_tables(record)
     except GlassError as error:
         yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
-    except UnreadableValue:
-        return  # reported as a missing value or a wrong type
     except PipelineError as error:
         yield problem(array, "microlens-array", error.what, hint=error.hint)
     else:
@@ -91,29 +79,27 @@ def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_types(array: Usd.Prim) -> Iterator[Problem]:
-    table, period = array.GetAttribute("plen:typeTable"), array.GetAttribute("plen:typePeriod")
-    if bool(read(array, "plen:typeTable")) != period.HasAuthoredValue():
-        message = '"plen:typeTable" and "plen:typePeriod" go together'
-        yield problem(period if period.HasAuthoredValue() else table, "microlens-types", message)
-        return
+    table, period = array.GetAttribute("plen:typeTable"), read(array, "plen:typePeriod")
+    if bool(read(array, "plen:typeTable")) != bool(period):
+        return  # one without the other is reported as that
     refractive = read(array, "plen:model") == "refractive"
     name = "plen:frontRadii" if refractive else "plen:focalLengths"
     count, square = len(read(array, name) or ()), read(array, "plen:layout") == "square"
     if not count:
         return  # reported as missing
-    if not period.HasAuthoredValue():
+    if not period:
         if count != 1 and (count != 3 or square):
             where = "square" if square else "hexagonal"
             message = f"{count} microlens types on a {where} lattice, and no rule which lens has which"
             known = "1 type" if square else "1 type, and 3"
             hint = f"there are rules for {known}; else write plen:typeTable and plen:typePeriod"
             if count == 2:
-                table, period = ("[0, 1, 1, 0]", "(2, 2)") if square else ("[0, 1]", "(1, 2)")
+                both = ("[0, 1, 1, 0]", "(2, 2)") if square else ("[0, 1]", "(1, 2)")
                 how = "a checkerboard" if square else "rows in turn"
-                hint += f", for {how} plen:typeTable = {table} and plen:typePeriod = {period}"
+                hint += f", for {how} plen:typeTable = {both[0]} and plen:typePeriod = {both[1]}"
             yield problem(array.GetAttribute(name), "microlens-types", message, hint=hint)
         return
-    (along, across), values = read(array, "plen:typePeriod") or (0, 0), read(array, "plen:typeTable")
+    (along, across), values = period, read(array, "plen:typeTable")
     if len(values) != along * across:
         message = f'"plen:typeTable" has {len(values)} entries for a period of {along} x {across}'
         yield problem(table, "microlens-types", message, hint=f"write {along * across}, those of l = 0 first")
@@ -124,37 +110,17 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
         yield problem(table, "microlens-types", f'"plen:typeTable" {what} of {count} types, counted from 0')
 
 
-def _check_model(array: Usd.Prim) -> Iterator[Problem]:
-    model = read(array, "plen:model")
-    if model not in _NEEDS:
-        return  # reported as a bad token
-    needs = [name for name in _NEEDS[model] if not read(array, name)]
+def _check_index(array: Usd.Prim) -> Iterator[Problem]:
+    """Refractive microlenses have an index or a glass, and not both."""
+    if read(array, "plen:model") != "refractive":
+        return
     has_index, has_glass = read(array, "plen:index") is not None, bool(read(array, "plen:glass"))
-    for name in needs:
-        message = f'microlenses of the model "{model}" need "{name}"'
-        yield problem(array, "missing-value", message, hint="it has no fallback: write it")
-    if model == "refractive" and not (has_index or has_glass):
+    if not (has_index or has_glass):
         message = 'microlenses of the model "refractive" need "plen:index" or "plen:glass"'
         yield problem(array, "missing-value", message, hint="they have no fallback: write one of them")
-    if model == "refractive" and has_index and has_glass:
+    if has_index and has_glass:
         message = '"plen:index" and "plen:glass" both give the index of the microlenses'
         yield problem(array.GetAttribute("plen:index"), "two-indices", message, hint="keep one of them")
-    for name, models in _FOR.items():
-        attribute = array.GetAttribute(name)
-        if attribute.HasAuthoredValue() and model not in models:
-            message = f'"{name}" means nothing to microlenses of the model "{model}"'
-            yield problem(attribute, "unused-value", message, hint=f"it belongs to: {', '.join(models)}")
-
-
-def _check_disc(array: Usd.Prim) -> Iterator[Problem]:
-    attribute = array.GetAttribute("plen:discDiameter")
-    is_disc = read(array, "plen:aperture") == "disc"
-    if is_disc and not attribute.HasAuthoredValue():
-        message = 'the aperture "disc" needs "plen:discDiameter"'
-        yield problem(array, "missing-value", message, hint="it has no fallback: write it")
-    elif attribute.HasAuthoredValue() and not is_disc:
-        message = '"plen:discDiameter" means nothing without plen:aperture = "disc"'
-        yield problem(attribute, "unused-value", message)
 
 
 def _check_nominal(array: Usd.Prim, derived: tuple[float, ...]) -> Iterator[Problem]:

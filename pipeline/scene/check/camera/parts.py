@@ -10,7 +10,7 @@ from pipeline.optics.prescription import Prescription
 from pipeline.scene.check.camera.focus import check_focus, check_request
 from pipeline.scene.check.camera.glass import check_wavelength
 from pipeline.scene.check.camera.microlenses import check_microlens_glass, check_near_microlenses
-from pipeline.scene.read.prims import ACCEPTANCE_VALUES, read_prescription
+from pipeline.scene.read.prims import read_prescription
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, target, target_paths
@@ -26,7 +26,6 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
             yield problem(relationship, "several-targets", message)
     for name in ("plen:truth:samples", "plen:image:samples"):
         yield from _check_samples(camera, name)
-    yield from _check_microlens_distance(camera)
     yield from check_request(camera)
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if lens:
@@ -40,19 +39,6 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         yield from _check_behind_lens(camera, prescription)
         yield from _check_near_far(camera, prescription)
         yield from check_focus(camera)
-
-
-def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:
-    """An acceptance of the pixels without its numbers, or numbers without their acceptance."""
-    shape = read(sensor, "plen:acceptance")
-    for other, values in ACCEPTANCE_VALUES.items():
-        for name in values.values():
-            attribute = sensor.GetAttribute(name)
-            if shape == other and read(sensor, name) is None:
-                message = f'the acceptance "{shape}" needs "{name}"'
-                yield problem(sensor, "missing-value", message, hint="it has no fallback: write it")
-            elif shape in ACCEPTANCE_VALUES and shape != other and attribute.HasAuthoredValue():
-                yield problem(attribute, "unused-value", f'"{name}" means nothing without plen:acceptance = "{other}"')
 
 
 def _prescription(camera: Usd.Prim, lens: Usd.Prim | None) -> Prescription | None:
@@ -72,17 +58,6 @@ def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
         power = REPLICAS * 2 ** (per_replica.bit_length() - 1)
         message = f'"{name}" = {samples} is not {REPLICAS} times a power of two'
         yield problem(camera.GetAttribute(name), "samples", message, hint=f"take {power} or {2 * power}")
-
-
-def _check_microlens_distance(camera: Usd.Prim) -> Iterator[Problem]:
-    attribute = camera.GetAttribute("plen:camera:microlensDistance")
-    has_array = bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))
-    if has_array and not attribute.HasAuthoredValue():
-        message = 'a camera with microlenses needs "plen:camera:microlensDistance"'
-        yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
-    elif attribute.HasAuthoredValue() and not has_array:
-        message = '"plen:camera:microlensDistance" means nothing without "plen:camera:microlenses"'
-        yield problem(attribute, "unused-value", message)
 
 
 def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:

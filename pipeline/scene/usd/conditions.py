@@ -1,0 +1,86 @@
+"""Conditions of attributes, as the schemas document them: where one is needed, and where it means nothing."""
+
+import re
+from dataclasses import dataclass
+
+from pxr import Usd
+
+from pipeline.scene.usd.values import read, rule_of, target_paths
+
+_LINE = re.compile(r"^\s*(Needed|Only) with: (\S+)(?: = (\S+(?:, \S+)*))?\s*$", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """A line `Needed with:` or `Only with:` of an attribute's documentation.
+
+    Attributes
+    ----------
+    name : str
+        The property that decides.
+    tokens : tuple of str
+        Its values with which the condition holds; empty: any, as long as something is written.
+    """
+
+    name: str
+    tokens: tuple[str, ...] = ()
+
+    def holds(self, prim: Usd.Prim) -> bool | None:
+        """Whether it holds on a prim; None where the value that decides is itself wrong."""
+        if not self.tokens:
+            return is_written(prim, self.name)
+        value = read(prim, self.name)
+        return None if value is None else value in self.tokens
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """All conditions of an attribute.
+
+    Attributes
+    ----------
+    needed : tuple of Condition
+        Any of them that holds makes the attribute a needed one.
+    only : tuple of Condition
+        All of them have to hold, or else the attribute means nothing.
+    """
+
+    needed: tuple[Condition, ...] = ()
+    only: tuple[Condition, ...] = ()
+
+
+def conditions_in(documentation: str) -> Conditions:
+    """The conditions that a documentation states."""
+    found: dict[str, list[Condition]] = {"Needed": [], "Only": []}
+    for which, name, tokens in _LINE.findall(documentation):
+        found[which].append(Condition(name=name, tokens=tuple(tokens.split(", ")) if tokens else ()))
+    return Conditions(needed=tuple(found["Needed"]), only=tuple(found["Only"]))
+
+
+_KNOWN: dict[tuple[str, tuple[str, ...]], dict[str, Conditions]] = {}
+
+
+def conditions_of(prim: Usd.Prim) -> dict[str, Conditions]:
+    """Conditions of the attributes of a prim that have some, by name."""
+    key = (str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas()))
+    if key not in _KNOWN:
+        definition = prim.GetPrimDefinition()
+        names = (name for name in definition.GetPropertyNames() if name.startswith("plen:"))
+        found = {name: conditions_in(definition.GetPropertyMetadata(name, "documentation") or "") for name in names}
+        _KNOWN[key] = {name: one for name, one in found.items() if one != Conditions()}
+    return _KNOWN[key]
+
+
+def is_written(prim: Usd.Prim, name: str) -> bool:
+    """Whether a stage says something by a property.
+
+    Nothing is said by a relationship without targets, an empty text or array, and the fallback itself: a stage writes
+    these to take back what a file below it says.
+    """
+    rule = rule_of(prim, name)
+    if rule is None:
+        return bool(target_paths(prim.GetRelationship(name)))
+    if not prim.GetAttribute(name).HasAuthoredValue():
+        return False
+    value = read(prim, name)
+    return value is None or value not in ((), "", rule.fallback)
