@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 _SHOWN = 12
+"""Runs of numbers in a text: about a line of a terminal."""
 
 
 def ranges(numbers: Iterable[int]) -> str:

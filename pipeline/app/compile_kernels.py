@@ -85,6 +85,7 @@ def _plenoptic(tilt_x_deg: float) -> Tracer:
 
 
 _POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
+"""The middle of a sensor without microlenses [mm]: any position compiles the same code."""
 
 
 def _bundles() -> None:

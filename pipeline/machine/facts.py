@@ -42,6 +42,7 @@ ARGUMENTS = 999
 """Arguments for each function. glibc with FMA and without differs for about one in a thousand; a multiple of 9."""
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+"""Multiples of it, modulo 1, never repeat and lie about evenly."""
 
 
 def facts(libraries: Collection[str]) -> dict[str, str]:

@@ -14,6 +14,8 @@ from pathlib import Path
 from pipeline.errors import EnvironmentFault
 
 _FOLDER, _FILE = stat.S_ISGID | 0o777, 0o666
+"""Most rights of what is made in a shared store; those of its root folder are taken from them. What is made belongs to its
+group."""
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 

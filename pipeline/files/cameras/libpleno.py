@@ -20,6 +20,7 @@ from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _LAYOUTS = {0: "square", 1: "hexagonal", 2: "hexagonal-columns"}
 _SIN_60 = math.sqrt(3) / 2
+"""Distance of the rows of a hexagonal lattice over its pitch."""
 _UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 """Rotation of an array of whose rotation the file says nothing: the unit matrix."""
 _NO_TILT_DEG = 1e-9
