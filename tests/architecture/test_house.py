@@ -97,7 +97,7 @@ def is_made_of_numbers(value: ast.expr) -> bool:
 
 
 def test_numbers_have_reasons():
-    """A docstring below a constant, or a comment, has its unit and why it has that value; one for all assigned together."""
+    """A docstring below a constant, or a comment, has its unit and why it has that value."""
     offenders = []
     for path, tree in TREES.items():
         lines = path.read_text(encoding="utf-8").splitlines()

@@ -14,8 +14,7 @@ from pathlib import Path
 from pipeline.errors import EnvironmentFault
 
 _FOLDER, _FILE = stat.S_ISGID | 0o777, 0o666
-"""Most rights of what is made in a shared store; those of its root folder are taken from them. What is made belongs to its
-group."""
+"""Rights of what is made in a store that all may write to; of others what its root folder lacks is taken away."""
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
