@@ -14,7 +14,7 @@ from pathlib import Path
 from pipeline.errors import EnvironmentFault
 
 _FOLDER, _FILE = stat.S_ISGID | 0o777, 0o666
-"""Rights of what is made in a store that all may write to; of others what its root folder lacks is taken away."""
+"""Bits of the root folder's rights that folders and files in it take over."""
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 

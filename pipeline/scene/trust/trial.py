@@ -13,7 +13,7 @@ from pipeline.scene.usd.problems import Problem, shown_path
 
 _READING = "reading: "
 BOUNDS = Bounds(cpu_s=20, wall_s=60)
-"""Time for a stage with binary layers: `check` is to end within seconds, and by the clock a busy machine takes longer."""
+"""Time for a stage with binary layers: `check` is to end within seconds; by the clock a busy machine takes longer."""
 
 
 def trial(root: Path, roots: list[Path]) -> Iterator[Problem]:
