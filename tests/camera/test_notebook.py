@@ -118,7 +118,7 @@ def test_wrong_kinds_are_named_with_what_is_wanted() -> None:
 def test_a_sensor_may_be_a_row_a_column_or_a_pixel_and_no_less() -> None:
     for width_px, height_px in ((1, 48), (64, 1), (1, 1)):
         sensor = pipeline.Sensor(width_px=width_px, height_px=height_px, pitch_mm=0.01)
-        assert len(dataclasses.replace(CAMERA, sensor=sensor).bundle(0.0, 0.0).weight_sr)
+        assert len(pipeline.bundle(dataclasses.replace(CAMERA, sensor=sensor), 0.0, 0.0).weight_sr)
     for width_px, height_px in ((0, 48), (64, 0)):
         error = answer(lambda w=width_px, h=height_px: pipeline.Sensor(width_px=w, height_px=h, pitch_mm=0.01))
         assert error.what == f"a sensor of {width_px} x {height_px} pixels of 0.01 mm"

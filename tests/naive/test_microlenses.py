@@ -12,6 +12,7 @@ from laws import rigs
 from naive import slow_microlens, textbook
 from tolerances import ROUNDING_MM, SIGMAS
 
+import pipeline
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
@@ -118,7 +119,7 @@ def test_most_rays_that_are_aimed_at_a_microlens_leave_the_camera(kind: str) -> 
     row = int(np.flatnonzero((tracer.lattice.k == 3) & (tracer.lattice.l == -5))[0])
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     rim = images.centre_mm[row] + 0.9 * images.radius_mm * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    leave = [len(camera.bundle(*place, samples=512).weight_sr) / 512 for place in tracer.pixels_at(rim)]
+    leave = [len(pipeline.bundle(camera, *place, samples=512).weight_sr) / 512 for place in tracer.pixels_at(rim)]
     assert np.mean(leave) > 2 / 3
 
 
