@@ -14,7 +14,7 @@ import numpy as np
 from lenses import EXAMPLES
 
 import pipeline
-from pipeline.camera.micro_images.centres import micro_images, owners
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.errors import EnvironmentFault
 from pipeline.jit.device import device_name, is_simulated
@@ -49,7 +49,7 @@ def race(name: str, device: str, count: int) -> None:
     i = np.arange(count)
     x, y = (i + 0.5) / count * sensor.width_px - 0.5, i * 0.6180339887498949 % 1.0 * sensor.height_px - 0.5
     positions = tracer.positions_mm(x, y)
-    lens = owners(micro_images(tracer) if entry.camera.microlenses else None, positions)
+    lens = Rig.of(tracer).microlens_at(positions)
     pixels = np.stack([np.rint(x), np.rint(y)], axis=1)
     assert entry.camera.near_mm is not None and entry.camera.far_mm is not None
     planes = parallel_planes(entry.camera.near_mm, entry.camera.far_mm)

@@ -20,9 +20,8 @@ from kept import keep
 
 import pipeline
 from pipeline.camera.integrating.quadrature import ROUGH, edges
-from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.tasks.artefacts.cameras import owners
 
 EXAMPLES = ("01_conventional", "02_plenoptic")
 SAMPLES = (64, 256, 1024, 4096, 16384)
@@ -47,7 +46,7 @@ class Field:
         dataset = pipeline.open_dataset(ROOT / "examples" / name / "dataset.usda", allow_roots=[ROOT])
         entry, away_mm = dataset.cameras[0], -dataset.frames[0].world_from_target["Board"][2][3]
         self.tracer = Tracer(entry.camera, 1)
-        self.images = micro_images(self.tracer) if entry.camera.microlenses else None
+        self.rig = Rig.of(self.tracer)
         sensor, random = entry.camera.sensor, np.random.default_rng(5)
         self.x_px = random.uniform(0, [sensor.width_px - SQUARE, sensor.height_px - SQUARE], (count, 2))
         self.planes = parallel_planes(away_mm, away_mm + 1.0)
@@ -58,7 +57,7 @@ class Field:
 
     def lens_of(self, x_px: np.ndarray) -> np.ndarray:
         """Microlens behind each position, -1 for none there."""
-        return owners(self.images, self.tracer.positions_mm(*x_px.T))
+        return self.rig.microlens_at(self.tracer.positions_mm(*x_px.T))
 
     def quadrature(
         self,
@@ -119,7 +118,7 @@ def measure(field: Field) -> list[Row]:
     for nodes in LEVELS:
         seconds, j = timed(lambda nodes=nodes: field.quadrature(field.x_px, nodes, field.lens, rays.append))
         rows.append(field.row(f"{nodes[0]} x {nodes[1]} nodes", j, rays[-1] / n, seconds / n))
-    if field.images is None:
+    if field.rig.images is None:
         seconds, j = timed(lambda: field.squares(rays.append))
         each = n * SQUARE**2
         rows.append(field.row(f"squares of {SQUARE} x {SQUARE}", j, rays[-1] / each, seconds / each))

@@ -22,7 +22,7 @@ from kept import keeping
 from lenses import EXAMPLES, Race, codev_double_gauss, tronnier
 
 import pipeline
-from pipeline.camera.micro_images.centres import micro_images, owners
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet, trace_rays
 from pipeline.optics.limit import crossings_per_second
@@ -247,12 +247,11 @@ def run_bundles(name: str, stage: Path, count: int, turns: int) -> None:
 
 def _positions(entry: CameraEntry, count: int) -> tuple[Tracer, np.ndarray, np.ndarray, np.ndarray]:
     tracer, sensor = Tracer(entry.camera, entry.sampling.seed), entry.camera.sensor
-    images = micro_images(tracer) if entry.camera.microlenses else None
     # A rank-1 lattice (golden ratio) covers the sensor without a period of the microlenses.
     i = np.arange(count)
     x, y = (i + 0.5) / count * sensor.width_px - 0.5, i * 0.6180339887498949 % 1.0 * sensor.height_px - 0.5
     positions = tracer.positions_mm(x, y)
-    return tracer, positions, owners(images, positions), np.stack([np.rint(x), np.rint(y)], axis=1)
+    return tracer, positions, Rig.of(tracer).microlens_at(positions), np.stack([np.rint(x), np.rint(y)], axis=1)
 
 
 def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.micro_images.centres import micro_images, owners
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Samples, Squares, room_for
@@ -77,8 +77,7 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
         raise CameraError(f"samples is {samples}", hint=f"a power of two, e.g. {1 << samples.bit_length() - 1}")
     tracer = Tracer(camera, seed)
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
-    images = micro_images(tracer) if camera.microlenses else None
-    microlens = owners(images, position)[:, None]
+    microlens = Rig.of(tracer).microlens_at(position)[:, None]
     pixel, rays = np.array([[round(x_px), round(y_px)]]), room_for(samples)
     squares = Squares(pixel, position, microlens, np.full_like(microlens, samples))
     count = bundle_kernels.image_rays(tracer.arrays, Samples(sobol_bits(samples), seed, 0.0), squares, rays)

@@ -42,6 +42,10 @@ class Rig:
         """Row of the microlens of each cell, or NO_MICROLENS."""
         return cell if self.images is not None else np.full(len(cell), NO_MICROLENS)
 
+    def microlens_at(self, positions_mm: np.ndarray) -> np.ndarray:
+        """Row of the microlens in whose cell each position of the sensor (n, 2) lies, or NO_MICROLENS."""
+        return np.full(len(positions_mm), NO_MICROLENS) if self.images is None else self.images.owner(positions_mm)
+
     def home_px(self, cell: np.ndarray) -> np.ndarray:
         """Position in each cell where light arrives for certain: its centre, or that of the image."""
         sensor = self.tracer.camera.sensor

@@ -10,8 +10,8 @@ import warnings
 import numpy as np
 from laws import rigs
 
-from pipeline.camera.micro_images.centres import micro_images, owners
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.jit.device import device_name
 
@@ -48,7 +48,7 @@ def compare(name: str, camera: Camera, samples: int, square_px: float) -> None:
     i = np.arange(count)
     pixels = np.stack([(i + 1) * sensor.width_px // 4, (i + 1) * sensor.height_px // 5], axis=1)
     positions = tracer.positions_mm(*pixels.T)
-    lens = owners(micro_images(tracer) if camera.microlenses else None, positions)
+    lens = Rig.of(tracer).microlens_at(positions)
     arguments = positions, lens, parallel_planes(400.0, 900.0), samples, pixels, square_px
     expected = tracer.moments(*arguments)
     found = dataclasses.replace(tracer, device=device_name()).moments(*arguments)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from laws.random_scenes import random_camera, random_pose, random_target
 
-from pipeline.camera.micro_images.centres import MicroImages, micro_images, strata
+from pipeline.camera.micro_images.centres import MicroImages, micro_images
 from pipeline.camera.micro_images.strata import pixel_strata, positions_of
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
@@ -120,6 +120,7 @@ def test_sampled_pixels_are_those_of_the_whole_scene(seed: int) -> None:
 def test_lenses_laid_onto_pixels_are_those_that_a_tree_finds(plenoptic: Camera) -> None:
     tracer = Tracer(plenoptic)
     images, rows = micro_images(tracer), (10, 50)
-    found, known = pixel_strata(tracer, images, rows), strata(tracer, images, positions_of(tracer, rows))
+    found = pixel_strata(tracer, images, rows)
+    known = images.contributors(positions_of(tracer, rows), plenoptic.sensor.pitch_mm * np.sqrt(0.5))
     assert np.array_equal(found[:, : known.shape[1]], known)
     assert np.all(found[:, known.shape[1] :] == SKIP)

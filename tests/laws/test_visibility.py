@@ -14,7 +14,6 @@ from naive import brute
 from scipy.integrate import quad
 from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE
 
-from pipeline.camera.micro_images.centres import owners
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.rig import Rig
 from pipeline.frames import apply
@@ -440,7 +439,7 @@ def test_the_light_in_an_image_falls_as_the_visibility(rig: Rig) -> None:
     x_px = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     planes = np.zeros((len(x_px), 4, 3))
     planes[:, 0], planes[:, 3] = [0.0, 0.0, distance_mm], [0.0, 0.0, -1.0]
-    lens = owners(rig.images, rig.tracer.positions_mm(*x_px.T))
+    lens = rig.microlens_at(rig.tracer.positions_mm(*x_px.T))
     share, _ = visibility(rig, Surroundings([(card, pose)], [(wall, HERE)]), 0, lens, x_px, planes)
     assert share.min() > 0.3 and share.max() < 0.9
     np.testing.assert_allclose(dark.ravel(), share, rtol=0, atol=LIT_SHARE)

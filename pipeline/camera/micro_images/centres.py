@@ -10,7 +10,7 @@ from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.microlens_tables import is_plain
-from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP, outlines_at
+from pipeline.camera.tracing.sampling_bounds import SKIP, outlines_at
 from pipeline.optics.first_order import exit_pupil
 
 _STEPS = 12
@@ -124,18 +124,3 @@ def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
     edge = (polygons - base[:, None]) / by_start[:, None, None] - (centre - lenses[:, :2])[:, None]
     corner = np.hypot(*aperture.T).max() * (1 + (lenses[0, microlens_kernels.INFLATION] if np.ndim(margin) else 0.0))
     return np.hypot(*edge.T).max(axis=0) + (corner * np.abs(by_aim) + margin) / np.abs(by_start) + _ROUNDING_MM
-
-
-def owners(images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
-    """Microlens of each sensor position: the owner of its cell, or NO_MICROLENS throughout."""
-    if images is None:
-        return np.full(len(positions_mm), NO_MICROLENS)
-    return images.owner(positions_mm)
-
-
-def strata(tracer: Tracer, images: MicroImages | None, positions_mm: np.ndarray) -> np.ndarray:
-    """Microlenses that light of the pixel around each position may pass, that of its own cell first, (n, s)."""
-    if images is None:
-        return np.full((len(positions_mm), 1), NO_MICROLENS)
-    # Contiguous: kernels are compiled for that alone.
-    return np.ascontiguousarray(images.contributors(positions_mm, tracer.camera.sensor.pitch_mm * np.sqrt(0.5)))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.camera.figures.equivalent_pinhole import Pinhole
-from pipeline.camera.micro_images.centres import MicroImages, micro_images, owners
+from pipeline.camera.micro_images.centres import MicroImages, micro_images
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
@@ -100,4 +100,4 @@ def stretches(rig: Rig, supersampling: int, first_row: int, end_row: int) -> Ite
         index = np.arange(first, min(first + _POSITIONS_AT_ONCE, count))
         pixels = np.stack([index % width, index // width + first_row], axis=1)
         positions = rig.tracer.positions_mm(*image_from_fine(pixels.T, supersampling))
-        yield Stretch(index, pixels, positions, owners(rig.images, positions))
+        yield Stretch(index, pixels, positions, rig.microlens_at(positions))

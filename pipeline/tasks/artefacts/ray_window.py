@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.micro_images.centres import owners
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes, target_plane
@@ -61,7 +60,7 @@ def window_around(rig: Rig, x_px: np.ndarray, sampling: Sampling) -> Window:
     index = np.arange(width * height)
     pixels = np.stack([index % width, index // width], axis=1) + first * k
     positions = rig.tracer.positions_mm(*image_from_fine(pixels.T, k))
-    piece = Stretch(index, pixels, positions, owners(rig.images, positions))
+    piece = Stretch(index, pixels, positions, rig.microlens_at(positions))
     return Window(_grid(rig, piece, (height, width), first, sampling), first, piece)
 
 
