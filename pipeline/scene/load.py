@@ -27,8 +27,10 @@ from pipeline.scene.usd.hints import without_followers
 from pipeline.scene.usd.instances import check_instances
 from pipeline.scene.usd.opening import changed, open_stage
 from pipeline.scene.usd.problems import Problem, StageError, shortened, shown_path
+from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import knowing
 from pipeline.scene.usd.used_layers import used_layers
+from pipeline.scene.usd.values import UnreadableValue
 from pipeline.scene.write.flatten import flattened, text_for_viewers
 
 
@@ -130,7 +132,9 @@ def _loaded(layers: Look, look: bool) -> Loaded:
     try:
         dataset = read_dataset(root) if root else None
         cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
-    except PipelineError as error:  # no check has said so
+    except UnreadableValue as error:  # no check has said so
+        return _refused([*problems, problem(error.thing, error.code, error.what)])
+    except PipelineError as error:  # nor that
         file, code = shown_path(layers.root), error.code or "unreadable"
         return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
     if look:

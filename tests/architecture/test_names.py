@@ -89,3 +89,26 @@ def test_a_row_of_a_microlens_is_not_called_a_lens() -> None:
             if named == "lens" and re.search(r"\b(ndarray|int)\b", ast.unparse(node.annotation or ast.Constant(""))):
                 found.append(f"{name}:{node.lineno}")
     assert found == []
+
+
+FORBIDDEN = {"lenslet", "pitch", "apex", "iris", "interface", "proxies", "board_corner"}
+"""Names that the table Words of CONVENTIONS.md lists under "not"."""
+MAIN_LENS = {"FirstOrder", "Prescription"}
+
+
+def test_parameters_keep_the_words_of_the_conventions() -> None:
+    """In the physics `lens` is the main lens; the row of a microlens is `microlens`."""
+    found = [
+        f"{name}:{node.name}: {argument.arg}"
+        for name, tree in trees("camera", "optics", "render", "targets", "truth")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        for argument in (*node.args.args, *node.args.kwonlyargs)
+        if argument.arg in FORBIDDEN
+        or (argument.arg == "lens" and name.split("/")[0] in ("camera", "truth") and not is_main_lens(argument))
+    ]
+    assert found == []
+
+
+def is_main_lens(argument: ast.arg) -> bool:
+    return argument.annotation is not None and ast.unparse(argument.annotation) in MAIN_LENS

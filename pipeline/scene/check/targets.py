@@ -27,7 +27,7 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     try:
         record = read_target(prim)
     except UnreadableValue as error:
-        yield problem(prim, "bad-target", error.what)
+        yield problem(error.thing, error.code, error.what)
         return
     except (ValueError, IndexError):
         message = "the mesh has colours or faces that do not fit its points"

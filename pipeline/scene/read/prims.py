@@ -190,7 +190,7 @@ def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
     names = need(prim, "plen:surfaces")
     first = surfaces.index(names[0]) if names and names[0] in surfaces else 0
     if not names or list(names) != surfaces[first : first + len(names)]:
-        raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another")
+        raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another", prim)
     return Group(
         name=prim.GetName(),
         first=first,

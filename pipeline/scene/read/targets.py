@@ -114,7 +114,7 @@ def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
     """A PlenMeshTarget: faces become triangles, corners and colours go to the target frame and to radiance."""
     mesh_prim = target(prim, "plen:mesh", "Mesh")
     if mesh_prim is None:
-        raise UnreadableValue(f'<{prim.GetPath()}> has no usable "plen:mesh"')
+        raise UnreadableValue('"plen:mesh" has to name one Mesh', prim.GetRelationship("plen:mesh") or prim)
     mesh = UsdGeom.Mesh(mesh_prim)
     shape = fans(mesh)
     points = np.array(shape.points, float).reshape(-1, 3)

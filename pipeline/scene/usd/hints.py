@@ -5,6 +5,7 @@ from pathlib import Path
 
 from pipeline.scene.usd.problems import Problem, shown_path
 from pipeline.scene.usd.register import library_path
+from pipeline.scene.usd.values import UnreadableValue
 from pipeline.spelling import nearest
 
 _DUPLICATE = re.compile(r"Duplicate items exist for field '\w+' at '[^']*\.([^']+)'(.*)", re.DOTALL)
@@ -101,7 +102,11 @@ def _meant(name: str, found: set[str], quoted: str, folder: Path) -> str:
 
 
 def without_followers(problems: list[Problem]) -> list[Problem]:
-    """Problems without those that a reference to a missing file brings about at its prim and below."""
+    """Problems without those that follow from others.
+
+    These are what a reference to a missing file brings about at its prim and below, and values that a reader could not
+    use on a prim of which another error is told.
+    """
     broken = {one.at for one in problems if one.code == "usd-invalid-asset-path" and one.at}
 
     def follows(one: Problem) -> bool:
@@ -110,4 +115,8 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
         named = [one.at or "", *re.findall(r"<([^>]*)>", one.message)]
         return any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
 
-    return [one for one in problems if not follows(one)]
+    def prim(one: Problem) -> str:
+        return (one.at or "").partition(".")[0]
+
+    told = {prim(one) for one in problems if one.is_error and one.code != UnreadableValue.code}
+    return [one for one in problems if not follows(one) and (one.code != UnreadableValue.code or prim(one) not in told)]

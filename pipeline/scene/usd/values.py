@@ -20,7 +20,19 @@ _ANY_TIME = 0.0
 
 
 class UnreadableValue(PipelineError):
-    """A value that is missing or of a wrong type; the checks of values have said so already."""
+    """A value that is missing or wrong, met by a reader; told where no other error names its prim.
+
+    Attributes
+    ----------
+    thing : Usd.Prim or Usd.Property
+        The place to mend it.
+    """
+
+    code = "unreadable-value"
+
+    def __init__(self, what: str, thing: Usd.Prim | Usd.Property) -> None:
+        super().__init__(what)
+        self.thing = thing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,7 +245,7 @@ def need(prim: Usd.Prim, name: str) -> Any:
     """
     value = read(prim, name)
     if value is None:
-        raise UnreadableValue(f'<{prim.GetPath()}> has no usable "{name}"')
+        raise UnreadableValue(f'<{prim.GetPath()}> has no usable "{name}"', prim.GetAttribute(name) or prim)
     return value
 
 

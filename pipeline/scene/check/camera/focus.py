@@ -16,7 +16,7 @@ from pipeline.errors import PipelineError
 from pipeline.scene.read.prims import lens_groups, read_camera
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target
+from pipeline.scene.usd.values import UnreadableValue, read, target
 
 _SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
 _GROUPS = "plen:camera:focusGroups"
@@ -62,8 +62,11 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
         return
     try:
         record = read_camera(camera)
+    except UnreadableValue as unread:
+        yield problem(unread.thing, unread.code, unread.what)
+        return
     except PipelineError:
-        return  # a part is missing or wrong, and reported as that
+        return  # parts that do not fit each other: the checks of lens and microlenses name them
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
     if both != bool(read(camera, _GROUPS)):
         return

@@ -27,8 +27,8 @@ def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
                 medium_behind(prim, lens)
             except GlassError as error:
                 yield problem(_where(prim), error.code, error.what, hint=error.hint)
-            except UnreadableValue:
-                pass  # reported as a missing value or a wrong type
+            except UnreadableValue as error:
+                yield problem(error.thing, error.code, error.what)
     last = _known(prims[-1], lens) if prims and _is_catalogue(lens) else None
     if last and last.label != "air" and read(prims[-1], "plen:index") == 1:  # else check_lens has said so
         message = f"the medium behind the last surface is {last.label}, and only air is supported yet"

@@ -91,11 +91,11 @@ def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 class _Part(NamedTuple):
-    """A surface: its prim and its record, or why there is none if its values one by one are right."""
+    """A surface: its prim and its record, or why there is none."""
 
     prim: Usd.Prim
     surface: Surface | None = None
-    error: PrescriptionError | None = None
+    error: PrescriptionError | UnreadableValue | None = None
 
     @property
     def name(self) -> str:
@@ -105,18 +105,18 @@ class _Part(NamedTuple):
 def _part(prim: Usd.Prim) -> _Part:
     try:
         surface = read_surface(prim)
-    except UnreadableValue:
-        return _Part(prim)  # reported as a missing value or a wrong type
-    except PrescriptionError as error:
+    except (UnreadableValue, PrescriptionError) as error:
         return _Part(prim, error=error)
     finite = math.isfinite(surface.thickness_mm + surface.semi_diameter_mm + surface.index)
     return _Part(prim, surface if finite else None)
 
 
 def _check_shape(part: _Part) -> Iterator[Problem]:
-    """A surface whose values do not go together; those that are wrong alone the checks of values have reported."""
+    """A surface whose values do not go together, or one of which cannot be used."""
     error = part.error
-    if error is not None and error.code:
+    if isinstance(error, UnreadableValue):
+        yield problem(error.thing, error.code, error.what)
+    elif error is not None and error.code:
         attribute = _BLAMED.get(error.code)
         place = part.prim.GetAttribute(attribute) if attribute else part.prim
         yield problem(place, error.code, error.what, hint=error.hint)

@@ -10,7 +10,7 @@ from pipeline.optics.glass.errors import GlassError, OutOfRange
 from pipeline.scene.read.microlenses import microlens_index, read_microlenses
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read
+from pipeline.scene.usd.values import UnreadableValue, read
 
 _D_LINE_NM = 587.56
 """Light in which an array is looked at without a camera [nm]: the helium d line, for which catalogues state indices."""
@@ -34,6 +34,8 @@ def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem
         element_tables(record)
     except GlassError as error:
         yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
+    except UnreadableValue as error:
+        yield problem(error.thing, error.code, error.what)
     except PipelineError as error:
         yield problem(array, "microlens-array", error.what, hint=error.hint)
     else:

@@ -13,7 +13,7 @@ from pipeline.scene.check.camera.microlenses import check_microlens_glass, check
 from pipeline.scene.read.prims import read_prescription
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target, target_paths
+from pipeline.scene.usd.values import UnreadableValue, read, target, target_paths
 
 
 def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
@@ -34,19 +34,17 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     if array:
         yield from check_microlens_glass(camera, array)
         yield from check_near_microlenses(camera, array)
-    prescription = _prescription(camera, lens)
+    try:
+        prescription = read_prescription(lens, read(camera, "plen:camera:wavelength")) if lens else None
+    except UnreadableValue as error:
+        yield problem(error.thing, error.code, error.what)
+        return
+    except PipelineError:
+        return  # surfaces or glasses that the checks of the lens and of the wavelength name
     if prescription:
         yield from _check_behind_lens(camera, prescription)
         yield from _check_near_far(camera, prescription)
         yield from check_focus(camera)
-
-
-def _prescription(camera: Usd.Prim, lens: Usd.Prim | None) -> Prescription | None:
-    """The record of a lens; None where lens or wavelength are wrong already, and reported as that."""
-    try:
-        return read_prescription(lens, read(camera, "plen:camera:wavelength")) if lens else None
-    except PipelineError:
-        return None
 
 
 def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
