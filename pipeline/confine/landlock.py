@@ -17,7 +17,8 @@ from pathlib import Path
 
 from pipeline.confine.kernel import NO_NEW_PRIVILEGES, prctl, syscall
 
-_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446  # the same on all machines
+_CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
+"""Numbers of the calls, the same on all machines."""
 _ASK_VERSION = 1
 """LANDLOCK_CREATE_RULESET_VERSION of linux/landlock.h, as all below."""
 _PATH_BENEATH = 1
@@ -26,7 +27,8 @@ _READ_FILE, _READ_DIR = 1 << 2, 1 << 3
 """LANDLOCK_ACCESS_FS_READ_FILE and _READ_DIR."""
 _RIGHTS_OF_VERSION = {1: 13, 2: 14, 3: 15, 4: 15, 5: 16}
 """Number of rights about files that each version knows; those after 5 know no more."""
-_NO_TCP, _NO_SCOPES = 0b11, 0b11  # bind and connect; abstract sockets and signals
+_NO_TCP, _NO_SCOPES = 0b11, 0b11
+"""Rights that are taken away: to bind and connect; to reach abstract sockets and to signal."""
 
 
 def version() -> int:

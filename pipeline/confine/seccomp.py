@@ -23,10 +23,12 @@ _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
 """Statements of a filter by linux/bpf_common.h: LD + W + ABS, JMP + JEQ, JMP + JGE, JMP + JSET, RET."""
 _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000
 """SECCOMP_RET_ALLOW, and SECCOMP_RET_ERRNO with the number of an error in its low half."""
-_NUMBER, _MACHINE, _FIRST, _SECOND, _THIRD = 0, 4, 16, 24, 32  # in struct seccomp_data: low halves of arguments
+_NUMBER, _MACHINE, _FIRST, _SECOND, _THIRD = 0, 4, 16, 24, 32
+"""Places in struct seccomp_data [bytes]: number of the call, machine, low halves of the arguments."""
 _X32 = 0x40000000
 """__X32_SYSCALL_BIT of asm/unistd.h: the same calls once more, for programs with short pointers."""
-_A_THREAD = 0x10000  # CLONE_THREAD
+_A_THREAD = 0x10000
+"""CLONE_THREAD of linux/sched.h."""
 _TO_WRITE = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 
 # Numbers of the calls on x86_64 and aarch64; -1 where a machine has no such call.

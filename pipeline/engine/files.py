@@ -15,7 +15,8 @@ from pipeline.errors import EnvironmentFault
 
 _CHUNK = 1 << 20
 """Bytes that are read at once, 1 MiB: large beside the cost of a call, small beside the memory of a worker."""
-_FICLONE = 0x40049409  # linux/fs.h: share the blocks of another file, copy on write
+_FICLONE = 0x40049409
+"""FICLONE of linux/fs.h: share the blocks of another file, copy on write."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _REFUSED = (errno.EROFS, errno.EACCES, errno.EPERM)
 _MACHINE_ERRORS = (*_FULL, *_REFUSED, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.ESTALE)

@@ -6,7 +6,8 @@ from typing import Protocol
 
 from pipeline.report.layers import GAP, HEIGHT, WIDTH, Line, Point, layout
 
-_MARGIN = 20.0  # px
+_MARGIN = 20.0
+"""Blank edge of the drawing [px]."""
 
 
 class Node(Protocol):

@@ -16,7 +16,8 @@ from pipeline.engine.output import manifest
 from pipeline.engine.store.workspace import ABANDONED_S
 
 ASIDE = ".pipeline-"
-_MANY = 3  # warnings of one kind; the rest is counted
+_MANY = 3
+"""Warnings of one kind that are told one by one; the rest is counted."""
 _ASIDE_NAME = re.compile(rf"{re.escape(ASIDE)}(?P<host>.+)-[0-9a-f]{{32}}")
 
 

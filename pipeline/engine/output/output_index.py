@@ -18,7 +18,8 @@ from pipeline.engine.output import manifest
 from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
 
-_CLOCK_TICK_NS = 20_000_000  # file systems stamp times in ticks: two writes within one cannot be told apart
+_CLOCK_TICK_NS = 20_000_000
+"""Tick of the time stamps of a file system [ns], generously: two writes within one cannot be told apart."""
 
 
 class Seen:

@@ -11,10 +11,14 @@ from pipeline.edits import Edit
 from pipeline.engine.planning.forecast import Forecast
 from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
 
-_SHOWN = 5  # groups of tasks alike of which one is explained
-_REASONS_SHOWN = 6  # of one task in a plan: without its edit, a turned board changes a dozen numbers
-_SAMPLES_SHOWN = 3  # of one attribute
-_PATHS_SHOWN = 4  # of the edits behind tasks that are only counted
+_SHOWN = 5
+"""Groups of tasks alike of which one is explained."""
+_REASONS_SHOWN = 6
+"""Reasons that are shown of one task in a plan: without its edit, a turned board changes a dozen numbers."""
+_SAMPLES_SHOWN = 3
+"""Time samples that are shown of one attribute."""
+_PATHS_SHOWN = 4
+"""Paths that are shown of the edits behind tasks that are only counted."""
 
 
 def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) -> Iterator[str]:

@@ -10,7 +10,8 @@ from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.planning.task_spec import Record, Spec, Specs
 from pipeline.engine.store.store import Store
 
-_LONGEST = 72  # characters of a value in a text
+_LONGEST = 72
+"""Characters of a value in a text: with what stands before it, one line of a terminal."""
 
 
 class ReasonType(enum.StrEnum):

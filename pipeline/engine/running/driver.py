@@ -18,9 +18,12 @@ from pipeline.engine.running.memory import Budget, available_bytes
 from pipeline.engine.store.store import Store
 from pipeline.machine.processor import pin
 
-MAX_DEATHS = 3  # of workers in one task
-MAX_COMPANY = 8  # tasks that share work in one go: what they share is cheap by then, and a death costs all of them
-_TICK_S = 0.25  # how long a signal may wait for the loop
+MAX_DEATHS = 3
+"""Workers that may die in one task before it counts as failed."""
+MAX_COMPANY = 8
+"""Tasks that share work in one go: what they share is cheap by then, and a death costs all of them."""
+_TICK_S = 0.25
+"""Time that a signal may wait for the loop [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

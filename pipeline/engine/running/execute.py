@@ -29,7 +29,8 @@ from pipeline.records.plain import from_plain
 Plain = dict[str, Any]
 
 _logs = threading.Lock()
-_LINES = 12  # of an error that a failure carries
+_LINES = 12
+"""Lines of an error that a failure carries."""
 _REPORT = "this is a bug of ours: please report it with the log and your stage"
 
 

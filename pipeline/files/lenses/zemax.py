@@ -17,7 +17,8 @@ from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
 
 _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
 _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter
-_PLACEHOLDER = (1.5, 40.0)  # what Zemax writes where it keeps no nd and Vd
+_PLACEHOLDER = (1.5, 40.0)
+"""Index and Abbe number that Zemax writes where it keeps none."""
 _SAME_INDEX = 5e-4
 """Difference of a printed index from the catalogue's that is still the same glass, as in
 `optics.glass.row` for stages."""

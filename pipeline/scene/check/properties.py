@@ -12,7 +12,8 @@ from pipeline.scene.usd.values import FOREIGN, Rule, read, schema_facts, target_
 from pipeline.spelling import nearest
 
 _MOVES = Rule(span=FOREIGN["xformOp"])
-_NAMED = 5  # of several targets of one relationship that are missing
+_NAMED = 5
+"""Missing targets of one relationship that are named one by one; the others are counted."""
 # Anyone may add properties here, on any prim.
 _FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 _FAMILIES = {

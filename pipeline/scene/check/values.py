@@ -12,7 +12,8 @@ from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import line_of
 from pipeline.scene.usd.values import LONGEST_TEXT, Range, Rule, bad_text, numbers, plain, rule_of
 
-_NAMED = 5  # of several wrong values of one attribute
+_NAMED = 5
+"""Wrong values of one attribute that are named."""
 
 _NO_TILT = ((0.0, 0.0),)
 """Tilts of a sensor that are built [deg]: none yet."""
