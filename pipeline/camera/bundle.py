@@ -14,9 +14,9 @@ from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.declared import number, whole
 
 _FARTHEST_PX = 1 << 23
-"""Half of what streams of random numbers lie apart: no sensor is as wide."""
+"""Farthest image position [px]: half of what streams of random numbers lie apart, and no sensor is as wide."""
 _MOST_RAYS = 1 << 24
-"""They take 1 GiB."""
+"""Most rays of a call: they take 1 GiB."""
 _LAST_SEED = (1 << 31) - 1
 """Largest seed: the one of a stage, `plen:seed`, is a signed integer of 32 bits."""
 

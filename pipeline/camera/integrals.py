@@ -18,18 +18,21 @@ from pipeline.camera.tracing.sampling_bounds import SKIP
 NODES = ((6, 16), (8, 32), (12, 64), (16, 128), (24, 256))
 """Levels of the quadrature: nodes along the radius and over the circle. The error is that of the level before."""
 SQUARE_NODES = (2, 3, 5, 8, 12)
-"""Nodes of the same levels along each edge of a square that rays start on."""
+"""Nodes of the same levels along each edge of a square that rays start on: half as many again from level to level, as
+along the radius."""
 RANDOM_RAYS = (1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20)
-"""Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for."""
+"""Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for: four times as many
+halve a standard error at least."""
 LEVELS = len(NODES)
 """Number of levels, the same in the three lists above."""
 
 _STREAM_PX = 1 << 24
-"""Pixels of another stream lie so far off: no sensor is as wide."""
+"""Distance of the pixels of another stream of random numbers [px]: no sensor is as wide."""
 _ANCHORED_PX = 0.5
-"""Regions of anchors farther away may miss rays that pass."""
+"""Farthest anchor [px]: a region holds for positions less than a pixel away, and is not asked for more than half of
+that."""
 _NODES_AT_ONCE = 1 << 22
-"""Nodes of quadrature of a stretch of squares: what fits into memory."""
+"""Nodes of quadrature of a stretch of squares: bounds memory, and no result depends on it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
 
 _LEAST_POWER_PER_MM = 1e-9
-"""A focal length of a thousand kilometres."""
+"""Power below which a lens has no focus [1/mm]: a focal length of a thousand kilometres."""
 _AT_FOCUS_MM = 1e-9
 """An image as near as this to the rear focus is that of an object at infinity: rounding decides the rest. Behind a lens
 of 10 mm such an object is a hundred thousand kilometres away."""

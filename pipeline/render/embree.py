@@ -11,7 +11,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 _RAYS_PER_CALL = 1 << 18
-"""Bounds the float32 copies of a call to about 7 MB."""
+"""Rays of a call of Embree: float32 copies of them take about 7 MB."""
 
 
 class MeshScene:

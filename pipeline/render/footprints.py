@@ -18,11 +18,12 @@ from pipeline.render import footprint_kernels as kernels
 from pipeline.targets.patches import Patch
 
 _TILE_PX = 32
-"""Edge of a block of a sensor without microlenses."""
+"""Edge of a block of a sensor without microlenses [px]: a cubic follows its rays, and 16 nodes serve a thousand
+pixels."""
 _NODES_WITHIN = 0.75
-"""How far the nodes behind a microlens reach, of how far its light does: in the corners of that square is none."""
+"""Reach of the nodes behind a microlens over that of its light [1]: in the corners of that square there is none."""
 TOUCHING_MM = 1e-2
-"""Room about a solid: its true surface may stand so far before its mesh."""
+"""Room about a solid [mm]: its true surface may stand so far before its mesh."""
 
 
 class Places(NamedTuple):

@@ -23,7 +23,7 @@ from pipeline.targets.patches import CYLINDER, MESH, PLANE, Patch
 from pipeline.targets.target import AnyTarget
 
 _FEW = 8
-"""Flat sheets that are tried one by one for every ray; Embree's tree is faster for more."""
+"""Flat sheets at most that are tried one by one for every ray; Embree's tree is faster for more."""
 
 
 class TargetLight:

@@ -16,10 +16,10 @@ from pipeline.targets.patches import PLANE
 from pipeline.targets.target import AnyTarget
 
 _TOUCHING_MM = 1e-6
-"""What stands before a plane by less than this lies on it: roundings at 1 m, and surfaces that touch."""
+"""Distance before a plane within which a thing lies on it [mm]: roundings at 1 m, and surfaces that touch."""
 _MESH_MM, _GRAZING = 0.01, 10.0
-"""How far a bent target's mesh may be from its own points, besides its sag and the distance of marked points from it,
-these along rays that graze."""
+"""Room of a bent target's mesh about its own points [mm], and factor [1] for its sag and for the distance of marked
+points from it, along rays that graze."""
 _SOME = 97
 """Step between the points that are asked first: a prime, so that it falls into step with no mesh."""
 _PRODUCTS_AT_ONCE = 1 << 23

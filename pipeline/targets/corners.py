@@ -15,7 +15,7 @@ from pipeline.targets.patterns.pattern import Pattern
 from pipeline.targets.target import AnyTarget
 
 _CIRCLE_MM = 1e-3
-"""Radius of the circle on which colours are compared: far below any feature, far above roundings."""
+"""Radius of the circle on which colours are compared [mm]: far below any feature, far above roundings."""
 _DIRECTIONS = 64
 """Directions in which colours are compared, less than 6 degrees apart: a corner of four sectors has four changes."""
 _BISECTIONS = 40

@@ -11,9 +11,10 @@ from pipeline.targets import kernels
 from pipeline.targets.drawing import Drawing
 
 SAG_MM = 1e-4
-"""How far a mesh may stay from a curved surface. It matters at silhouettes only: hits are refined to the surface."""
+"""Farthest that a mesh may stay from a curved surface [mm]. It matters at silhouettes only: hits are refined to the
+surface."""
 _MOST_CELLS = 600
-"""Of a mesh along an axis; a surface that is bent more gets a coarser mesh, and says so."""
+"""Cells of a mesh along an axis at most: a surface that is bent more gets a coarser mesh, and says so."""
 
 Kind = Literal["plane", "heights", "cylinder", "mesh"]
 PLANE: Kind = "plane"

@@ -17,15 +17,15 @@ from pipeline.targets.patches import CYLINDER, PLANE, Patch
 from pipeline.targets.target import Target
 
 _DISC_STEPS, _SIDE_STEPS = 16, 10
-"""Rectangles across a disc, and along a slanted side of a polygon."""
+"""Rectangles across a disc, and along a slanted side of a polygon: enough for a look, and no number comes from them."""
 _SPOKE_STEPS, _MOST_SPOKE_STEPS = 4, 160
-"""Rectangles per spoke across a star."""
+"""Rectangles per spoke across a star, and at most: enough for a look."""
 _AROUND, _ACROSS = 64, 24
 """Faces around a cylinder, and along each direction of a bent board, at least."""
 _MOST_CELLS, _MOST_SHAPES = 100_000, 20_000
 """Limits of a piece of a target; what has more is shown as a blank sheet of the mean of its two colours."""
 _SAME = 7
-"""Digits, relative to the half sheet, to which lines of different shapes are one."""
+"""Digits, relative to the half sheet, to which lines of different shapes are one: between roundings and any gap."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,14 +17,15 @@ from pipeline.render.surroundings import Surroundings
 from pipeline.truth.rows import Correspondences
 
 LOOK_RAYS, RAYS = 1 << 10, 1 << 14
-"""Random rays of a row that something may hide, and of one that is partly hidden; over all replicas."""
+"""Random rays of a row that something may hide, which is mostly all or nothing, and of one that is partly hidden; over
+all replicas."""
 METHOD = (
     f"share of the leaving weight that comes to the surface at the point unhindered, by {LOOK_RAYS} random rays,"
     f" {RAYS} where it is partly hidden; 1 without a ray where nothing stands before the tangent plane"
 )
 """The method, for headers."""
 _STREAM = 0x0CC1
-"""Random numbers here are none of those of images."""
+"""Change of the seed: random numbers here are none of those of images."""
 _RAYS_PER_CHUNK = 1 << 19
 """Rays that are traced before they are looked for: 64 bytes each, 32 MiB."""
 

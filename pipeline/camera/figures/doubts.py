@@ -19,9 +19,9 @@ from pipeline.optics.rays import front_grid, traced
 from pipeline.optics.table import VERTEX, motion_of, unbounded
 
 _PITCHES_MM = (2e-4, 0.5)
-"""Pixels are wider than half a wavelength of light and narrower than half a millimetre."""
+"""Pitches of pixels [mm]: wider than half a wavelength of light, and narrower than half a millimetre."""
 _WEAK_F_NUMBER = 100.0
-"""A microlens so weak bends light by less than its own diffraction does."""
+"""F-number from which on a microlens bends light by less than its own diffraction does."""
 _TOO_WIDE, _TOO_SMALL, _OVERLAP = 1.25, 0.95, 1.05
 """Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
 distance of micro-images."""

@@ -25,7 +25,8 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 
 _COLUMNS, _ROWS = 17, 13
-"""Image positions that are traced, the corners of the image among them."""
+"""Image positions that are traced, the corners of the image among them: 442 coordinates for eleven parameters at
+most."""
 _LEVEL = 2
 """Level of the quadrature: means are right to 1e-8 mm."""
 _STEPS = 40

@@ -17,7 +17,7 @@ from pipeline.optics.rays import front_grid, traced
 from pipeline.optics.table import towards_sensor
 
 _FLIP = np.array([1.0, -1.0, -1.0])
-"""Between the vision frame and that in which light travels to the sensor along +z."""
+"""Signs of x, y and z between the vision frame and that in which light travels to the sensor along +z."""
 _RINGS, _SPOKES = (0.5, 0.95, 1.25), 8
 """Radii of rings of rays, over that of the paraxial entrance pupil, and rays on each."""
 _WIDE, _TRIED = 25, 8

@@ -16,7 +16,8 @@ from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 
 _INSIDE = 1 - 1e-7
-"""Rays at the edge itself must pass; it is known to 3e-8 of the way to the bound."""
+"""Place of the outermost rays over that of the edge [1]: they must pass, and the edge is known to 3e-8 of the way to
+the bound."""
 
 
 @dataclass(frozen=True, slots=True)

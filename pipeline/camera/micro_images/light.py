@@ -28,7 +28,7 @@ from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.optics.table import INNER_SQUARED, SEMI_DIAMETER_SQUARED
 
 OUTLINE_DEG = tuple(range(0, 360, 15))
-"""Directions of outlines, from +x towards +y of the image."""
+"""Directions of outlines [deg], from +x towards +y of the image."""
 _NEIGHBOUR = 1e-3
 """Distance of the neighbours of an aperture point over the radius of the ring [1]: central differences err by about its
 square, a millionth."""

@@ -128,4 +128,5 @@ class Sampling:
 
 
 REPLICAS = 4
-"""Independently scrambled replicas of every bundle; their spread gives the sampling error."""
+"""Independently scrambled replicas of every bundle: their spread gives the sampling error, and
+of more of them each would have fewer rays."""

@@ -15,7 +15,7 @@ _AGREES = 1e-9
 """Difference between a stated focal length and that of the faces [relative]: roundings of the two, and nothing that
 anybody measures."""
 LEAST_MM = 1e-9
-"""Less than an atom: no distance is as small, and ratios of others to it stay finite."""
+"""Least length of an array [mm]: less than an atom, and ratios of others to it stay finite."""
 _STRETCH = (0.75, 4 / 3)
 """Within these ratios of the pitches a cell of a stretched hexagonal lattice still has its six edges."""
 

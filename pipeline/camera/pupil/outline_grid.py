@@ -24,7 +24,7 @@ from pipeline.camera.pupil.outlines import (
 from pipeline.optics.table import enclosing, motion_of
 
 _NODES = 12
-"""From the middle of the grid to its farther edge."""
+"""Steps from the middle of the grid to its farther edge; what interpolation leaves between is added to an outline."""
 _TRACED = 240
 """Directions of an edge, 1.5 degrees apart: ten per edge of an outline; a grid has hundreds of points, where
 `camera.pupil.outlines` has 48."""

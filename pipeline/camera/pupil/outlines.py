@@ -26,7 +26,8 @@ HEIGHTS = 48
 DIRECTIONS = 24
 """Edges of an outline, 15 degrees apart: around a circle it is 0.6 percent larger in area, rays that are lost."""
 MARGIN = 0.02
-"""Inflation of an outline about its centre: covers interpolation in height and what lies between traced directions."""
+"""Inflation of an outline about its centre [1]: covers interpolation in height and what lies between traced
+directions."""
 _TRACED = 720
 """Directions of an edge, half a degree apart: 30 per edge of an outline."""
 _BISECTIONS = 26

@@ -34,7 +34,7 @@ _RIM = 48
 _TRIALS = 4096
 """Random rays of a microlens that measure the margin of the linear map; `_SAFETY` covers what they miss."""
 _SAFETY = 1.2
-"""Over the largest error of the linear map among the trials."""
+"""Margin over the largest error of the linear map among the trials [1]: others may be a little larger."""
 _MODELS = {"two-plane": microlens_kernels.TWO_PLANE, "refractive": microlens_kernels.REFRACTIVE}
 
 

@@ -24,7 +24,8 @@ whole front surface, of which the pupil may be a small part."""
 _PUPIL_SLACK = 1.3
 """Radius of the fan over that of the paraxial entrance pupil [1]: the real one moves and grows off the axis."""
 _REACH_PX, _BLUR_SHARE = 4.0, 0.25
-"""Guesses behind microlenses were seen to miss by up to 1.5 px; without them by a tenth of the blur's width."""
+"""Room around a guess [px], and more of it by the width of the blur [1]: guesses behind microlenses were seen to miss
+by up to 1.5 px; without them by a tenth of the blur's width."""
 _CELL_SLACK = 0.3
 """A guess may lie so many pitches farther from its own micro-image's centre than from the nearest one."""
 

@@ -10,7 +10,7 @@ from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
 _SIGMAS = 2.0
-"""A row is trusted if so many of its expected errors stay below the claim."""
+"""Expected errors of a row that must stay below the claim [1]: one in twenty errs by more than two of them."""
 
 
 def polished(rig: Rig, found: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:

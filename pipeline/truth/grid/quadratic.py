@@ -13,7 +13,7 @@ _OFFSETS = np.arange(4) - 1.5
 _STEPS = 6
 """Steps of Newton's method: digits double at each, and a quadratic that is nearly a plane is where it begins."""
 _FREEDOM = 16 - 6
-"""Values less coefficients."""
+"""Degrees of freedom of a fit: 16 values less 6 coefficients."""
 
 
 @dataclass(frozen=True, slots=True)

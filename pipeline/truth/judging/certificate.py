@@ -15,13 +15,13 @@ from pipeline.truth.judging.judged import Rows
 from pipeline.truth.judging.judges import SHARPER, differences, rms
 
 WITHIN = 0.95
-"""Share of the rows of a table that must lie within the claim."""
+"""Share of the rows of a table that must lie within the claim [1]: two standard deviations of normal errors."""
 WORST = 5.0
-"""No row may differ by more than so many claims."""
+"""Claims by which the worst row may differ [1]: `WITHIN` alone would let one in twenty be anywhere."""
 NOTHING = "nothing to certify: the tables have no row"
 """Why there is no verdict where no point was seen."""
 NO_CLAIM_PX = 1e-3
-"""Accuracy that is aimed at where nothing is claimed."""
+"""Accuracy that is aimed at where nothing is claimed [px]: what tables claim by default."""
 KINDS = ("position images", "direct")
 """Kinds of rows: how one was found says by which rule it is judged."""
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 ROWS = 64
-"""Most rows that are solved again for each camera."""
+"""Rows at most that are solved again for each camera, so that a large build pays no more for them."""
 _FEWEST, _ONE_IN = 16, 8
 """Rows that a build solves again: one in so many, but so many at least. More would cost more than the build itself."""
 

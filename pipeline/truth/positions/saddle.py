@@ -26,7 +26,7 @@ _CENTRED_PX = 0.25
 """Distance of the saddle from the middle of the traced positions at which it is believed [px]: the polynomials hold
 there."""
 _HALF_PX = 0.5 + _CENTRED_PX
-"""Positions are traced out to the sides of a pixel that lies so far off the middle."""
+"""Half the way that traced positions span [px]: out to the sides of a pixel that lies so far off the middle."""
 _ROUNDS = 8
 """Times at most that positions are traced anew about where the saddle was found: what moves on after that is lost."""
 _STEPS = 20
