@@ -112,3 +112,11 @@ def test_parameters_keep_the_words_of_the_conventions() -> None:
 
 def is_main_lens(argument: ast.arg) -> bool:
     return argument.annotation is not None and ast.unparse(argument.annotation) in MAIN_LENS
+
+
+def test_no_test_imports_another_one() -> None:
+    """Helpers stand in modules of helpers."""
+    tests = sorted((ROOT / "tests").rglob("*.py"))
+    nodes = [(path, node) for path in tests for node in ast.walk(ast.parse(path.read_bytes()))]
+    froms = [(path, node.module) for path, node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+    assert [(path.name, module) for path, module in froms if module.split(".")[-1].startswith("test_")] == []

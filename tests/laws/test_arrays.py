@@ -9,18 +9,18 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
+from laws.holes import behind_a_hole, detail_of
 from tolerances import ORDER, ROUNDING_MM, STRATIFIED
 
 from pipeline.camera.focusing.depth_of_field import foci
 from pipeline.camera.micro_images.centres import micro_images
-from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.acceptance import disc_weight, region_weight
-from pipeline.camera.tracing.microlens_kernels import TURN, aims_for, rays_before
+from pipeline.camera.tracing.microlens_kernels import aims_for, rays_before
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
 from pipeline.optics.first_order import first_order
 from pipeline.render.imaging import irradiance_and_crosstalk
@@ -127,11 +127,6 @@ def test_cells_tile_the_plane(layout: str, stretch: float, area: float) -> None:
     np.testing.assert_allclose(corners.mean(axis=0), 0.0, atol=1e-14)
 
 
-def detail_of(power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
-    """Numbers of an acceptance for the kernels."""
-    return np.array([power, math.radians(half_deg), math.radians(roll_deg), *[0.0] * (TURN + 6)])
-
-
 def test_a_disc_weighs_pi_sine_squared_and_from_aside_what_many_edges_weigh() -> None:
     """On the axis in closed form; off it the polygons around and inside a disc enclose its weight, ever closer."""
     assert disc_weight(3.0, 0.0, 0.0, 4.0) == pytest.approx(math.pi * 9 / 25, rel=1e-15)
@@ -166,21 +161,6 @@ def test_a_cone_takes_what_lies_in_it(aside: float) -> None:
     theta = np.radians(25 + 5 * node)
     beyond = math.radians(5) * weight @ ((np.radians(30) - theta) / math.radians(10) * np.sin(2 * theta) * math.pi)
     assert soft == pytest.approx(hard + beyond, rel=1e-12)
-
-
-def behind_a_hole(array: MicrolensArray, **pixels: object) -> Tracer:
-    """Microlenses, and no main lens."""
-    sensor = Sensor(width_px=60, height_px=60, pitch_mm=0.02, **pixels)
-    return Tracer(
-        Camera(
-            prescription=rigs.hole(500.0),
-            sensor=sensor,
-            sensor_distance_mm=20.0,
-            microlenses=array,
-            near_mm=100.0,
-            far_mm=200.0,
-        )
-    )
 
 
 @pytest.mark.parametrize(

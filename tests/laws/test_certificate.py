@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_direct import rig_of, solved
+from laws.solving import rig_of, solved
 
 from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard

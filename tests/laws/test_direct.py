@@ -10,13 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from laws import rigs
-from laws.test_truth import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
+from laws.fast_lens import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
+from laws.solving import STEPS, by_quadrature, rig_of, solved
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, RULE_OF_BIAS
 
 from pipeline.camera.integrals import NODES, Bundles, integrals
-from pipeline.camera.integrating.quadrature import INTEGRATED, NOT_STAR_SHAPED, edges
-from pipeline.camera.parts.camera import Camera, Sampling, Sensor
+from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, edges
+from pipeline.camera.parts.camera import Sampling, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, VARIANCE, WEIGHT
@@ -29,28 +30,6 @@ from pipeline.truth.grid.position_image import crossing_share, on_target
 from pipeline.truth.grid.second_order import correction
 from pipeline.truth.judging.certificate import Rows, certify
 from pipeline.truth.planes import tangent_planes
-from pipeline.truth.rows import Correspondences
-
-STEPS = np.array([[0.0, 0.0], [0.05, 0.0], [-0.05, 0.0], [0.0, 0.05], [0.0, -0.05]])
-
-
-def rig_of(camera: Camera, seed: int = 0) -> Rig:
-    tracer = Tracer(camera, seed)
-    return Rig.of(tracer)
-
-
-def solved(rig: Rig, board: Checkerboard, pose: np.ndarray, accuracy_px: float = 1e-4) -> Correspondences:
-    planes = tangent_planes(pose, board.points_mm())
-    return solve(rig, guesses(rig, planes)[0], planes, accuracy_px, 0.05)
-
-
-def by_quadrature(camera: Camera, positions: np.ndarray, planes: np.ndarray, nodes: tuple[int, int]) -> np.ndarray:
-    lens = np.full(len(positions), NO_MICROLENS)
-    moments, status, _ = edges(Tracer(camera).arrays, positions, lens).moments(
-        np.repeat(planes[None], len(positions), axis=0), nodes
-    )
-    assert (status == INTEGRATED).all()
-    return moments
 
 
 def test_known_biases_are_those_of_brute_force() -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_apertures import HEXAGON, inside
-from laws.test_surfaces import BENT, beam, oblique
-from laws.test_symmetry import assert_independent_of_bounds, outside, passing, plenoptic_positions, sampling_region
+from laws.apertures import HEXAGON, inside
+from laws.bounds import assert_independent_of_bounds, outside, passing, plenoptic_positions, sampling_region
+from laws.surfaces import BENT, beam, oblique
 from naive import brute, textbook
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_symmetry import plenoptic_positions
+from laws.bounds import plenoptic_positions
 from naive import textbook
-from naive.test_microlenses import camera_with
-from published.test_library_lenses import prescription
+from naive.kinds import camera_with
+from published.library import prescription
 from tolerances import SIGMAS
 
 from pipeline.camera.integrals import Bundles, integrals

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_direct import rig_of, solved
+from laws.solving import rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
 from pipeline.camera.integrals import Bundles, integrals

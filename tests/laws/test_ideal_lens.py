@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from laws.ideal_lens import F_MM, thin
 from tolerances import REVERSED_MM, ROUNDING_MM
 
 import pipeline
@@ -11,13 +12,6 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, PrescriptionError, Surface
 from pipeline.optics.table import towards_scene, towards_sensor
-
-F_MM = 49.9
-
-
-def thin(focal_mm: float = F_MM, semi_mm: float = 6.0) -> Prescription:
-    """An ideal thin lens that is its own stop."""
-    return Prescription(surfaces=(Surface(focal_length_mm=focal_mm, semi_diameter_mm=semi_mm, is_stop=True),))
 
 
 def through(table: np.ndarray, start: np.ndarray, aims: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

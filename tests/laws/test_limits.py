@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from laws.convergence import orders
 from tolerances import ORDER, STORED_PX
 
 from pipeline.camera.parts.camera import Sensor
@@ -24,11 +25,6 @@ from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.settings import TruthSettings
 
 PINHOLE_MM = 1e-6
-
-
-def orders(errors: list[float]) -> np.ndarray:
-    """Observed orders of convergence of errors whose step halves each time."""
-    return np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 35.0])

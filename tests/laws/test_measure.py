@@ -10,9 +10,9 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_arrays import behind_a_hole, detail_of
-from laws.test_direct import STEPS, by_quadrature, rig_of, solved
-from laws.test_truth import PIXEL_MM, POINT_MM, fast
+from laws.fast_lens import PIXEL_MM, POINT_MM, fast
+from laws.holes import behind_a_hole, detail_of
+from laws.solving import STEPS, by_quadrature, rig_of, solved
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, NOISY_PX, ORDER, STRATIFIED
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_direct import rig_of
+from laws.solving import rig_of
 
 from pipeline.camera.tracing.moments import COVARIANCE
 from pipeline.targets.patterns.checkerboard import Checkerboard

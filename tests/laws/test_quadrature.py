@@ -4,7 +4,7 @@ its stated error covers its actual one.
 
 import numpy as np
 import pytest
-from naive.test_microlenses import KINDS, PIXELS, camera_with
+from naive.kinds import KINDS, PIXELS, camera_with
 from tolerances import QUADRATURE_MM, SIGMAS
 
 from pipeline.camera.integrals import NODES, Bundles, integrals, random_integrals

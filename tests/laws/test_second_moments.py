@@ -4,7 +4,8 @@ any derivative of J.
 
 import numpy as np
 import pytest
-from laws.test_second_order import FAR_MM, MEAN, NEAR_MM, OBLIQUE, turned
+from laws.fast_lens import FAR_MM, NEAR_MM
+from laws.oblique import MEAN, OBLIQUE, turned
 from tolerances import ORDER, ROUNDING_MM
 
 from pipeline.truth import blur

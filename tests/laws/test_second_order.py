@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_truth import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
-from scipy.spatial.transform import Rotation
+from laws.fast_lens import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
+from laws.oblique import MEAN, OBLIQUE, turned
 from tolerances import ORDER
 
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.frames import rigid
 from pipeline.truth.grid.position_image import crossing_share, on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.grid.second_order import corrected, correction
@@ -54,17 +53,6 @@ def test_what_the_correction_leaves_is_what_is_known(stop_semi_mm, offset_mm, ti
 def test_on_an_untilted_plane_nothing_is_corrected():
     before, after = shifts_px(fast(17.1), rigs.facing(454.36))
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-9)
-
-
-def turned(*angles_deg: float) -> np.ndarray:
-    """A target that looks at the camera, turned about x, then y, then z of the vision frame."""
-    turn = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
-    return rigid(turn @ np.diag([1.0, -1.0, -1.0]), [3.0, -2.0, 440.0])
-
-
-OBLIQUE = {"vertical": (0, 35, 0), "horizontal": (35, 0, 0), "both": (25, -30, 0), "both, rolled": (-30, 20, 70)}
-"""Axes about which targets are turned [deg]."""
-MEAN = np.array([2.0, -1.0, 5.0, 3.0])
 
 
 def left_mm(pose: np.ndarray, deviations: np.ndarray) -> float:

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_limits import orders
+from laws.convergence import orders
+from laws.surfaces import BENT, beam, oblique
 from tolerances import FOCUS_MM, ORDER, REVERSED_MM, SYMPLECTIC, TEXTBOOK_MM
 
 from pipeline.frames import VISION_FROM_CAMERA
@@ -16,37 +17,6 @@ from pipeline.optics.prescription import Prescription, PrescriptionError, Surfac
 from pipeline.optics.table import towards_scene, towards_sensor
 
 HEIGHTS = np.array([0.5, 2.0, 4.0, 6.0, 8.0])
-BENT = Prescription(
-    surfaces=(
-        Surface(
-            radius_mm=30.0,
-            conic=-0.8,
-            even_coefficients=(1e-3, 2e-6, -3e-9, 1e-12),
-            thickness_mm=8.0,
-            index=1.6,
-            semi_diameter_mm=13.0,
-        ),
-        Surface(radius_mm=-80.0, conic=-2.5, thickness_mm=3.0, semi_diameter_mm=13.0),
-        Surface(semi_diameter_mm=6.0, thickness_mm=4.0, is_stop=True),
-        Surface(
-            radius_mm=-60.0,
-            conic=0.6,
-            even_coefficients=(0.0, -4e-6, 0.0, 0.0, 0.0, 1e-14),
-            odd_coefficients=(2e-5, 1e-7),
-            thickness_mm=3.0,
-            index=1.7,
-            semi_diameter_mm=10.0,
-        ),
-        Surface(radius_mm=-50.0, semi_diameter_mm=10.0),
-    )
-)
-"""Conics on both sides of the sphere, even and odd terms, none of them weak."""
-
-
-def beam(heights: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rays parallel to the axis, at an azimuth that favours no coordinate."""
-    position = np.stack([0.6 * heights, 0.8 * heights, np.full_like(heights, z_mm)], axis=1)
-    return position, np.tile([0.0, 0.0, 1.0], (len(heights), 1))
 
 
 def axis_crossings(position: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -87,14 +57,6 @@ def test_a_cartesian_conic_focuses_a_parallel_beam_perfectly(before: float, behi
     focus = 5.0 + behind * radius / (behind - before)
     tolerance = FOCUS_MM * abs(focus / 50) ** 2
     np.testing.assert_allclose(axis_crossings(position, direction), focus, rtol=0, atol=tolerance)
-
-
-def oblique(count: int, half_mm: float, slope: float, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rays from anywhere on a square, with any slope up to a limit."""
-    rng = np.random.default_rng(11)
-    position = np.column_stack([rng.uniform(-half_mm, half_mm, (count, 2)), np.full(count, z_mm)])
-    way = np.column_stack([rng.uniform(-slope, slope, (count, 2)), np.ones(count)])
-    return position, way / np.linalg.norm(way, axis=1, keepdims=True)
 
 
 def both(one: Surface, other: Surface) -> list[list[np.ndarray]]:

@@ -5,14 +5,13 @@ and the bounds within which it happens to sample.
 import numpy as np
 import pytest
 from laws import rigs
+from laws.bounds import assert_independent_of_bounds, moments, outside, passing, plenoptic_positions, sampling_region
 from scipy.spatial.transform import Rotation
 from tolerances import HONEST, REVERSED_MM, ROUNDING_MM, SIGMAS
 
-from pipeline.camera.micro_images.centres import micro_images
-from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import VARIANCE
-from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, bound, new_region
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import VISION_FROM_CAMERA, apply, inverse, rigid
 from pipeline.graph.poses import vision_from_target
 from pipeline.optics.kernels import trace_rays
@@ -61,20 +60,6 @@ def test_mirrored_rays_stay_mirrored_to_the_last_bit(mirror: tuple[int, int, int
     np.testing.assert_array_equal(one[0] * mirror, other[0])
     np.testing.assert_array_equal(one[1] * mirror, other[1])
     np.testing.assert_array_equal(one[2], other[2])
-
-
-def moments(tracer: Tracer, positions: np.ndarray, lens: np.ndarray, samples: int, first_pixel: int = 0) -> np.ndarray:
-    """Of positions as if they belonged to pixels numbered from `first_pixel`: those decide the random numbers."""
-    pixels = np.stack([np.arange(len(positions)) + first_pixel, np.zeros(len(positions), int)], axis=1)
-    return tracer.moments(positions, lens, parallel_planes(374.0, 494.0), samples, pixels)
-
-
-def plenoptic_positions(tracer: Tracer, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions all over the cells of microlenses all over the array, and the microlens of each."""
-    images, rng = micro_images(tracer), np.random.default_rng(8)
-    lens = rng.integers(0, len(images.centre_mm), count)
-    positions = images.centre_mm[lens] + rng.uniform(-0.12, 0.12, (count, 2))
-    return positions, images.owner(positions)
 
 
 def test_the_position_image_of_a_centred_rig_is_odd() -> None:
@@ -139,47 +124,6 @@ def test_results_do_not_depend_on_the_sampling_bounds(kind: str) -> None:
         camera = rigs.plenoptic()
         positions, lens = plenoptic_positions(Tracer(camera), 40)
     assert_independent_of_bounds(camera, positions, lens, least_lit=6)
-
-
-def assert_independent_of_bounds(camera: Camera, positions: np.ndarray, lens: np.ndarray, least_lit: int) -> None:
-    """Moments with tight and with wide bounds agree within their standard errors over 16 seeds, singly and pooled."""
-    runs = [
-        np.stack([moments(Tracer(camera, seed, margin), positions, lens, 1024) for seed in range(16)])[..., :15]
-        for margin in (0.02, 0.3)
-    ]
-    lit = np.all([~np.isnan(run).any(axis=(0, 2)) for run in runs], axis=0)
-    assert lit.sum() >= least_lit
-    (tight, tight_error), (wide, wide_error) = (
-        (run[:, lit].mean(axis=0), run[:, lit].std(axis=0, ddof=1) / 4.0) for run in runs
-    )
-    error = np.hypot(tight_error, wide_error)
-    deviation = (tight - wide) / np.where(error > 0, error, 1.0)
-    assert np.all(np.abs(tight - wide)[error == 0] < ROUNDING_MM)
-    assert np.abs(deviation).max() < SIGMAS
-    assert np.sqrt(np.mean(deviation[error > 0] ** 2)) < HONEST[1]
-
-
-def sampling_region(tracer: Tracer, position: np.ndarray, lens: int) -> np.ndarray:
-    """Vertices of the region that the tracer samples for a position, (n, 2)."""
-    region = new_region()
-    return region.polygon[: bound(tracer.arrays, lens, *position, 0.0, region).vertices]
-
-
-def outside(polygon: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Whether points lie outside of a convex counter-clockwise polygon."""
-    if len(polygon) < 3:
-        return np.ones(len(points), bool)
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    side = edge[:, 0] * (points[:, 1, None] - polygon[:, 1]) - edge[:, 1] * (points[:, 0, None] - polygon[:, 0])
-    return (side < 0).any(axis=1)
-
-
-def passing(tracer: Tracer, start_z: float, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Whether rays through points of the plane z = `start_z` pass the lens."""
-    alive = np.ones(len(points))
-    start = np.column_stack([points, np.full(len(points), start_z)])
-    trace_rays(tracer.table, start, direction / np.linalg.norm(direction, axis=1, keepdims=True), alive)
-    return alive > 0
 
 
 @pytest.mark.parametrize("stop_semi_mm", [pytest.param(2.0, marks=pytest.mark.heavy), 8.0, 17.1])

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from laws.fast_lens import FAR_MM, NEAR_MM, PIXEL_MM, POINT_MM, fast
 from naive import brute, textbook
 from tolerances import FIRST_ORDER_BLUR, HONEST, ROUNDING_MM, RULE_OF_BIAS
 
-from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import MEAN, VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -26,9 +27,6 @@ from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
-NEAR_MM, FAR_MM, PIXEL_MM = 374.36, 494.36, 0.005
-POINT_MM = np.array([7.0, 4.0])
-
 
 def both_methods(tracer: Tracer, positions: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """J as the mean of hits and by two planes, from the same rays, (n, 2) each."""
@@ -37,12 +35,6 @@ def both_methods(tracer: Tracer, positions: np.ndarray, pose: np.ndarray) -> tup
     mean_of_hits = tracer.moments(positions, lens, planes, 8192, pixels)[:, :2]
     found = tracer.moments(positions, lens, parallel_planes(NEAR_MM, FAR_MM), 8192, pixels)
     return mean_of_hits, on_target(found[:, :2], found[:, 2:4], NEAR_MM, FAR_MM, pose)
-
-
-def fast(stop_semi_mm: float) -> Camera:
-    """The camera of the known biases."""
-    sensor = Sensor(width_px=4000, height_px=3000, pitch_mm=PIXEL_MM)
-    return rigs.bare(rigs.tronnier(stop_semi_mm), sensor, 131.81, (NEAR_MM, FAR_MM))
 
 
 def test_on_untilted_planes_two_planes_are_the_mean_of_the_hits() -> None:

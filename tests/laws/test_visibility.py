@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_direct import rig_of
-from laws.test_ideal_lens import thin
+from laws.ideal_lens import thin
+from laws.solving import rig_of
 from naive import brute
 from scipy.integrate import quad
 from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from naive import brute, textbook
+from naive.bundles import GROUPS, POSES, RAYS, deviations
 from tolerances import SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images
@@ -17,9 +18,6 @@ from pipeline.render.imaging import irradiance
 from pipeline.render.light import TargetLight
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
-
-POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
-RAYS, GROUPS = 5_000, 16
 
 
 def brute_moments(camera: Camera, start: np.ndarray, vertex: np.ndarray | None, focal: float | None) -> np.ndarray:
@@ -41,12 +39,6 @@ def packed_moments(camera: Camera, start: np.ndarray, lens: int) -> np.ndarray:
     planes, pixel = np.stack([target_plane(pose) for pose in POSES]), np.zeros((1, 2))
     rows = [Tracer(camera, n).moments(start[None], np.array([lens]), planes, 2048, pixel) for n in range(GROUPS)]
     return np.concatenate(rows)[:, [*range(COVARIANCE + 10), WEIGHT]]
-
-
-def deviations(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Differences of column means over their standard error, each from its own repetitions."""
-    error = np.sqrt((one.var(axis=0, ddof=1) + other.var(axis=0, ddof=1)) / GROUPS)
-    return (one.mean(axis=0) - other.mean(axis=0)) / error
 
 
 @pytest.mark.parametrize("start_mm", [(0.0, 0.0), (7.0, 4.0), (-14.0, 16.0)])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from naive import brute, textbook
-from naive.test_bundle import GROUPS, POSES, deviations
+from naive.bundles import GROUPS, POSES, deviations
 from tolerances import SIGMAS
 
 from pipeline.camera.integrals import Bundles, integrals

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from naive import brute, slow_microlens, textbook
-from naive.test_microlenses import KINDS, camera_with, vertex_of
+from naive.kinds import KINDS, camera_with, vertex_of
 from tolerances import MICRO_IMAGE_PX, SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images

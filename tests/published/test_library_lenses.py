@@ -8,15 +8,13 @@ import re
 from pathlib import Path
 
 import pytest
-from pxr import Sdf, Usd
+from published.library import ROOT, path_of, prescription
+from pxr import Sdf
 from tolerances import NOMINAL_EFL, PRINTED_4_MM, PRINTED_BFD_MM
 
 from pipeline.optics.first_order import first_order
-from pipeline.optics.prescription import Prescription
 from pipeline.scene.load import load
-from pipeline.scene.read.prims import read_prescription
 
-ROOT = Path(__file__).resolve().parents[2]
 LENSES = json.loads((Path(__file__).parent / "library_lenses.json").read_text(encoding="utf-8"))["lenses"]
 FAR_FROM_NOMINAL = {  # and said to be, in the README of the library
     "double_gauss_50mm_canon",
@@ -25,17 +23,6 @@ FAR_FROM_NOMINAL = {  # and said to be, in the README of the library
     "double_meniscus_100mm_protar",
     "double_meniscus_100mm_topogon",
 }
-
-
-def path_of(name: str) -> Path:
-    """The file of a lens of the library."""
-    return ROOT / f"stages/lenses/{name}.usda"
-
-
-def prescription(name: str) -> Prescription:
-    """A lens of the library."""
-    stage = Usd.Stage.Open(path_of(name).as_posix())
-    return read_prescription(stage.GetDefaultPrim())
 
 
 def test_every_file_is_in_the_table_and_the_readme() -> None:

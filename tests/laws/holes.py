@@ -1,0 +1,31 @@
+"""Microlenses without a main lens, and acceptances as kernels read them."""
+
+import math
+
+import numpy as np
+from laws import rigs
+
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.microlens_kernels import TURN
+
+
+def detail_of(power: float = 0.0, half_deg: float = 0.0, roll_deg: float = 0.0) -> np.ndarray:
+    """Numbers of an acceptance for the kernels."""
+    return np.array([power, math.radians(half_deg), math.radians(roll_deg), *[0.0] * (TURN + 6)])
+
+
+def behind_a_hole(array: MicrolensArray, **pixels: object) -> Tracer:
+    """Microlenses, and no main lens."""
+    sensor = Sensor(width_px=60, height_px=60, pitch_mm=0.02, **pixels)
+    return Tracer(
+        Camera(
+            prescription=rigs.hole(500.0),
+            sensor=sensor,
+            sensor_distance_mm=20.0,
+            microlenses=array,
+            near_mm=100.0,
+            far_mm=200.0,
+        )
+    )
