@@ -27,6 +27,16 @@ def test_build_prints_the_folder_on_stdout_and_the_rest_on_stderr(pipeline, stag
     assert (code, log) == (0, "")
 
 
+def test_data_and_log_keep_their_order_in_one_pipe(command, stage, monkeypatch):
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    process = command("check", stage(problems=[["error", "a mistake"]]), stderr=subprocess.STDOUT)
+    said = process.communicate()[0].splitlines()
+    assert [line for line in said if "mistake" in line or "checked" in line] == [
+        "stage:1: error: a mistake",
+        "1 stage checked: 1 error, 0 warnings",
+    ]
+
+
 def test_json_is_one_object_as_the_contract_says(pipeline, stage, tmp_path):
     code, output, _ = pipeline("build", stage(), "-j2", "--json", "-o", "here")
     summary = json.loads(output)

@@ -147,5 +147,7 @@ def number_of(count: int, thing: str) -> str:
 
 
 def note(text: str) -> None:
-    """Print what is not data to stderr."""
+    """Print what is not data to stderr, after the data that was said before: both may end in one pipe."""
+    with contextlib.suppress(OSError):  # that is told when the command ends
+        sys.stdout.flush()
     print(text, file=sys.stderr, flush=True)
