@@ -94,8 +94,8 @@ class Verdict:
 class Sandbox:
     """A copy of the tree, and of the kernels that are compiled for it.
 
-    Kernels are kept in a folder for all sources together: after one edit all would be compiled again. So `jit/decorators.py` of
-    the copy takes the folder as it is told, and only those that a mistake reaches are removed from it.
+    Kernels are kept in a folder for all sources together: after one edit all would be compiled again. So
+    `jit/decorators.py` of the copy takes the folder as it is told, and only those that a mistake reaches are removed.
     """
 
     def __init__(self, folder: Path, nearest: int, root: Path = ROOT) -> None:
