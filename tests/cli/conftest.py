@@ -33,20 +33,26 @@ def command(tmp_path, kit, cache):
 
 
 @pytest.fixture
-def pipeline(tmp_path, kit, monkeypatch, capsys):
-    """Run the command in this process, in the same folder: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-    for name, module in toy_command.fakes().items():
-        monkeypatch.setitem(sys.modules, name, module)
+def in_this_process(monkeypatch, capsys):
+    """Run the command in this process: exit code, stdout, stderr."""
 
     def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
+        monkeypatch.setattr("sys.argv", ["pipeline", *map(str, arguments)])
         with pytest.raises(SystemExit) as end:
             cli.main()
         return end.value.code, *capsys.readouterr()
 
     return run
+
+
+@pytest.fixture
+def pipeline(tmp_path, kit, monkeypatch, in_this_process):
+    """The same with toy tasks, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    for name, module in toy_command.fakes().items():
+        monkeypatch.setitem(sys.modules, name, module)
+    return in_this_process
 
 
 @pytest.fixture

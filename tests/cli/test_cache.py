@@ -4,21 +4,13 @@ import json
 
 import pytest
 
-from pipeline import cli
 from pipeline.engine.store.store import Store
 
 
 @pytest.fixture
-def pipeline(cache, monkeypatch, capsys):
-    """Run the command in this process: exit code, stdout, stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+def pipeline(cache, in_this_process):
+    """The command with a store of its own."""
+    return in_this_process
 
 
 @pytest.fixture

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import cli
-
 ROOT = Path(__file__).resolve().parents[2]
 TINY = str(ROOT / "tests/data/tiny_conventional/dataset.usda")
 DRAWINGS = [
@@ -18,18 +16,11 @@ DRAWINGS = [
 
 
 @pytest.fixture
-def pipeline(tmp_path, monkeypatch, capsys):
+def pipeline(tmp_path, monkeypatch, in_this_process):
     """Run the command in this process: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+    return in_this_process
 
 
 @pytest.mark.parametrize("place", ["no/such/drawing", "file/drawing", "folder"])

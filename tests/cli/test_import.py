@@ -2,24 +2,15 @@
 
 import pytest
 
-from pipeline import cli
-
 TABLE = "# A doublet\n50 4 1.5 18\n-50 2 1 18\n0 3 0 10\n-40 3 1.6 18\n-60 0 1 18\n"
 
 
 @pytest.fixture
-def pipeline(tmp_path, monkeypatch, capsys):
+def pipeline(tmp_path, monkeypatch, in_this_process):
     """Run the command in an empty folder with a lens table: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.dat").write_text(TABLE)
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+    return in_this_process
 
 
 def test_a_lens_goes_to_stdout_and_what_was_decided_to_stderr(pipeline):

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 import pipeline as package
-from pipeline import cli
 from pipeline.camera.parts.camera import Camera
 from pipeline.files.jsonfile import json_bytes
 from pipeline.report.drawing import bundle
@@ -24,17 +23,10 @@ TINY = str(ROOT / "tests/data/tiny_plenoptic/dataset.usda")
 
 
 @pytest.fixture
-def pipeline(tmp_path, monkeypatch, capsys):
+def pipeline(tmp_path, monkeypatch, in_this_process):
     """Run the command in this process: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *arguments])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+    return in_this_process
 
 
 def test_the_papers_rig_shows_its_published_figures(pipeline):

@@ -4,24 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import cli
-
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = ROOT / "stages/targets"
 
 
 @pytest.fixture
-def pipeline(tmp_path, monkeypatch, capsys):
+def pipeline(tmp_path, monkeypatch, in_this_process):
     """Run the command in this process: exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["pipeline", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, *capsys.readouterr()
-
-    return run
+    return in_this_process
 
 
 def test_the_page_says_what_a_target_is(pipeline):

@@ -104,13 +104,13 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 def _not_for_long() -> Iterator[None]:
     """Skip a test whose time is up: no verdict, compiled kernels judge the mistake."""
     if time.process_time() - _begun > ALL_S:
-        pytest.skip("others have taken long")
+        pytest.skip("NOT JUDGED in plain Python: the tests before it have taken all of the time")
     signal.signal(signal.SIGPROF, _end)
     signal.setitimer(signal.ITIMER_PROF, EACH_S)
     try:
         with np.errstate(all="ignore"):
             yield
     except TooLong:
-        pytest.skip("takes long in plain Python")
+        pytest.skip("NOT JUDGED in plain Python: it takes too long there")
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)

@@ -45,7 +45,7 @@ class Saddle:
     ----------
     x_px : (2,) float64
     error_px : float
-        Of the triangles that stand for the bundle.
+        Error by the triangles that stand for the bundle.
     """
 
     x_px: np.ndarray
