@@ -3,12 +3,8 @@
 import ast
 import importlib
 import re
-import sys
-from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "pipeline"
@@ -16,14 +12,6 @@ MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 TREES = {path: ast.parse(path.read_bytes()) for path in MODULES}
 MOST_MODULES, MOST_LINES, LONGEST = 14, 400, 60
 """Modules in a folder, lines of a module, lines of a function without its docstring."""
-
-
-@pytest.fixture(scope="module")
-def house() -> Iterator[object]:
-    """The script that counts: docs/house.py."""
-    sys.path.insert(0, str(ROOT / "docs"))
-    yield importlib.import_module("house")
-    sys.path.remove(str(ROOT / "docs"))
 
 
 def docstring_lines(node: ast.AST) -> int:
