@@ -33,6 +33,9 @@ ROUND_TRIP_MM = 1e-9
 REVERSED_MM = 1e-12
 """A ray traced there and back [mm]: about 40 roundings of numbers near 100 mm (1.4e-14 mm each)."""
 
+BISECTED = 1e-12
+"""Forty bisections of an angle or a way near 1 [1 or rad]: 2^-40 is 9e-13; sums of some hundred shares err less."""
+
 ROUNDING_MM = 1e-10
 """Two ways to compute the same length near 500 mm [mm]: roundings grow where lines cross at small angles."""
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.boundary import halved
 from pipeline.camera.focusing.focus_request import matched_stop_mm
 from pipeline.camera.focusing.stop import widest_stop_mm
 from pipeline.camera.parts.camera import Camera
@@ -154,11 +155,10 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
             hint="the lens has no image so far out: is the pixel pitch in mm, and the sensor or array not too large?",
         )
     if not _is_lit(tracer, corner):
-        low, high = 0.0, 1.0
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            low, high = (middle, high) if _is_lit(tracer, middle * corner) else (low, middle)
-        what = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {low * far:.4g} mm"
+        lit, _ = halved(
+            lambda share: np.array([_is_lit(tracer, share[0] * corner)]), np.zeros(1), np.ones(1), _HALVINGS
+        )
+        what = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {lit[0] * far:.4g} mm"
         hint = "the image circle of the lens is smaller than the sensor: take a smaller sensor, or another lens"
         yield Doubt("image-circle", "image", what, hint)
 

@@ -13,10 +13,10 @@ from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.parts.polygon import fan, point_in_fan
 from pipeline.camera.tracing.microlens_kernels import DISC, KIND, MODEL, PLAIN, X, Y, free_weight, towards_microlens
 from pipeline.camera.tracing.moments import accumulate, clear, cross, cross_packet, finish, set_pivot
-from pipeline.camera.tracing.packets import aim_mixed, aim_packet, send_mixed
+from pipeline.camera.tracing.packets import aim_mixed, send_mixed
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
-from pipeline.jit.decorators import buffers, inline, kernel, unit
+from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.optics.kernels import PACKET, Packet, new_packet, trace_packet
 from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, SEMI_DIAMETER_SQUARED
 
@@ -187,16 +187,6 @@ def _label_faces(camera, microlens, owner, points, start, size, packet, label):
         labels = Labels(label[here], weight[here])  # a clearance nobody wants
         label_surfaces(faces, rows + 1, rows, part, end - first, labels)
         first = end
-
-
-@buffers
-def what_blocks(camera, microlens, start, size, packet, label):
-    """Labels of rays from positions behind one microlens, or none; its sides and faces are not told apart."""
-    labels, alive = Labels(label, np.empty(PACKET)), packet.alive
-    aim_packet(camera, microlens, start, size, packet)
-    for i in range(size):
-        label[i] = PASSES if alive[i] > 0.0 else camera.table.shape[0]
-    label_surfaces(camera.table, 0, PASSES, packet, size, labels)
 
 
 @unit

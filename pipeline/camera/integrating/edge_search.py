@@ -1,4 +1,9 @@
-"""Search of the edge of what passes, from inner points of bundles, by real rays. Kernels only; vision frame, mm."""
+"""Search of the edge of what passes, from inner points of bundles, by real rays. Kernels only; vision frame, mm.
+
+Unlike the searches of `camera.boundary`, this one asks of a ray not only whether it passes but by what clearance, and
+interpolates: to 3e-8 of a way behind a double Gauss it takes 7 rays where halving takes 25. Method `direct` spends most
+of its time here. So the loop is a kernel, too, in which new ways take the places of those that are found.
+"""
 
 import math
 from typing import NamedTuple

@@ -7,15 +7,16 @@ corners. A corner is where the aperture that blocks changes. All of it needs a r
 point; one that is not is reported, not integrated.
 """
 
-import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.camera import boundary
 from pipeline.camera.integrating import edge_kernels
 from pipeline.camera.integrating.edge_kernels import PASSES, Nodes
 from pipeline.camera.integrating.flux import PROBES, holds_all
 from pipeline.camera.integrating.ways import Ways
+from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.parts.polygon import MAX_VERTICES
 from pipeline.camera.tracing.acceptance import HALF_ANGLE
 from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN_COLUMNS
@@ -33,8 +34,6 @@ _INNER_PROBES = 256
 """Points all over the polygon that are tried where its middle is dark: a region of a few hundredths of it is found."""
 _LEAST_PER_ARC = 4
 """Nodes on the shortest arc: exact up to the seventh degree."""
-_MOST_PER_ARC = 64
-"""Nodes on the longest piece of an arc: NumPy vouches for Gauss-Legendre nodes up to 100."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +66,14 @@ class Edges(Ways):
 
     Attributes
     ----------
-    corner_owner, corner_rad : (c,) int64, (c,) float64
-        Corners of the edges: positions, ascending, and directions from the inner point, ascending.
+    corners : boundary.Corners
+        Corners of the edges.
     rays : int
         Traced so far.
     effort : Effort
     """
 
-    corner_owner: np.ndarray
-    corner_rad: np.ndarray
+    corners: boundary.Corners
     rays: int
     effort: Effort
 
@@ -103,10 +101,10 @@ class Edges(Ways):
         """
         n = len(self.positions)
         result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
-        owner, angle, share = _directions(self, nodes[1])
+        owner, angle, share = boundary.directions(self.lit, self.corners, nodes[1], _LEAST_PER_ARC)
         radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
         if len(owner):
-            node, weight = _gauss(nodes[0])
+            node, weight = unit_nodes(nodes[0])
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             start, length = self._pieces(owner, along, radius)
             r = (start[..., None] + length[..., None] * node).reshape(len(owner), -1)
@@ -155,8 +153,8 @@ def edges(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray,
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
     _, label, _, fine = found.find(owner, angle, effort.corner_edge_steps)
-    corner_owner, corner, again = _corners(found, owner, angle, label)
-    return replace(found, corner_owner=corner_owner, corner_rad=corner, rays=found.rays + fine + again)
+    corners, again = _corners(found, label)
+    return replace(found, corners=corners, rays=found.rays + fine + again)
 
 
 def inner_points(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray) -> Edges:
@@ -174,12 +172,12 @@ def bounded(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarra
     n = len(positions)
     polygons, counts, free = np.zeros((n, MAX_VERTICES, 2)), np.zeros(n, np.int64), np.zeros(n)
     edge_kernels.bounds(arrays, positions, microlens, polygons, counts, free)
-    none = np.zeros(0, np.int64), np.zeros(0)
-    return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), *none, 0, FINE)
+    none = boundary.Corners(np.zeros(0, np.int64), np.zeros(0))
+    return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), none, 0, FINE)
 
 
 def _settle_centres(found: Edges) -> int:
-    """Write an inner point of every region: its centre, or the passing probe nearest to the mean of them."""
+    """Write an inner point of every region: the middle of its polygon where that is lit, else one of a search."""
     candidates = np.flatnonzero(found.counts >= 3)
     inside = np.arange(MAX_VERTICES) < found.counts[candidates, None]
     middle = (found.polygons[candidates] * inside[..., None]).sum(axis=1) / found.counts[candidates, None]
@@ -188,12 +186,7 @@ def _settle_centres(found: Edges) -> int:
     missed = candidates[~passed]
     points = found.spread(missed, _INNER_PROBES)
     label = found.probe(np.repeat(missed, _INNER_PROBES), points.reshape(-1, 2)).reshape(-1, _INNER_PROBES)
-    lit = label == PASSES
-    some = lit.any(axis=1)
-    missed, points, lit = missed[some], points[some], lit[some]
-    mean = np.where(lit[..., None], points, 0.0).sum(axis=1) / lit.sum(axis=1)[:, None]
-    away = np.where(lit, np.hypot(*(points - mean[:, None]).transpose(2, 0, 1)), np.inf)
-    found.centres[missed] = points[np.arange(len(missed)), away.argmin(axis=1)]
+    found.centres[missed] = boundary.inner_points(points, label == PASSES)
     return len(candidates) + label.size
 
 
@@ -209,63 +202,15 @@ def _move_to_middle(found: Edges, owner: np.ndarray, angle: np.ndarray, radius: 
     return len(some)
 
 
-def _corners(
-    found: Edges, owner: np.ndarray, angle: np.ndarray, label: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Directions between which the label of the edge changes, bisected; `owner` comes in full circles.
+def _corners(found: Edges, label: np.ndarray) -> tuple[boundary.Corners, int]:
+    """Corners of all edges from their labels in the first directions, and the number of rays."""
+    rays = 0
 
-    A third label in between is an arc that the first directions missed: then there are two corners instead of one.
-    """
-    circle = label.reshape(-1, _FIRST_DIRECTIONS)
-    following = np.roll(circle, -1, axis=1).ravel()
-    changes = np.flatnonzero(label != following)
-    owner, left, before, after = owner[changes], angle[changes], label[changes], following[changes]
-    right, rays = left + 2 * np.pi / _FIRST_DIRECTIONS, 0
-    for _ in range(found.effort.corner_steps):
-        middle = (left + right) / 2
-        _, here, _, more = found.find(owner, middle, found.effort.corner_edge_steps)
+    def label_at(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        nonlocal rays
+        _, label, _, more = found.find(owner, angle, found.effort.corner_edge_steps)
         rays += more
-        is_left, new = here == before, (here != before) & (here != after)
-        parts = (
-            (owner, np.where(is_left, middle, left), np.where(is_left, right, middle), before),
-            (owner[new], middle[new], right[new], here[new]),
-        )
-        after = np.concatenate([np.where(new, here, after), after[new]])
-        owner, left, right, before = (np.concatenate(pair) for pair in zip(*parts, strict=True))
-        order = np.lexsort((left, owner))
-        owner, left, right, before, after = (values[order] for values in (owner, left, right, before, after))
-    return owner, (left + right) / 2, rays
+        return label
 
-
-def _directions(found: Edges, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions of a quadrature and the angles that they stand for, sorted by owner."""
-    live = ~np.isnan(found.centres[:, 0])
-    live[found.corner_owner] = False
-    smooth = np.flatnonzero(live)
-    owners = [np.repeat(smooth, wanted)]
-    angles = [np.tile(2 * np.pi * np.arange(wanted) / wanted, len(smooth))]
-    shares = [np.full(len(owners[0]), 2 * np.pi / wanted)]
-    owner, start = found.corner_owner, found.corner_rad
-    last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
-    first = np.searchsorted(owner, owner)
-    length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start
-    pieces = np.ceil(wanted * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)
-    owner, length, start = (np.repeat(values, pieces) for values in (owner, length / pieces, start))
-    start = start + length * (np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces))
-    number = np.maximum(np.ceil(wanted * length / (2 * np.pi)).astype(int), _LEAST_PER_ARC)
-    for count in np.unique(number):
-        node, weight = _gauss(int(count))
-        here = number == count
-        owners.append(np.repeat(owner[here], count))
-        angles.append((start[here, None] + length[here, None] * node).ravel())
-        shares.append((length[here, None] * weight).ravel())
-    order = np.argsort(np.concatenate(owners), kind="stable")
-    owner, angle, share = (np.concatenate(parts)[order] for parts in (owners, angles, shares))
-    return owner, angle, share
-
-
-@functools.cache
-def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of Gauss and Legendre on [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (nodes + 1) / 2, weights / 2
+    each = label.reshape(-1, _FIRST_DIRECTIONS)
+    return boundary.corners(label_at, found.lit, each, found.effort.corner_steps), rays

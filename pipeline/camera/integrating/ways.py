@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.boundary import even_angles
 from pipeline.camera.integrating import edge_kernels, edge_search
 from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.integrating.edge_search import Spokes
@@ -40,10 +41,14 @@ class Ways:
     free_sr: np.ndarray
     centres: np.ndarray
 
+    @property
+    def lit(self) -> np.ndarray:
+        """Rows of the positions that have an inner point, ascending."""
+        return np.flatnonzero(~np.isnan(self.centres[:, 0]))
+
     def spokes(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Evenly spaced directions about every inner point: positions, ascending, and angles."""
-        live = np.flatnonzero(~np.isnan(self.centres[:, 0]))
-        return np.repeat(live, count), np.tile(2 * np.pi * np.arange(count) / count, len(live))
+        return np.repeat(self.lit, count), np.tile(even_angles(count), len(self.lit))
 
     def spread(self, rows: np.ndarray, count: int) -> np.ndarray:
         """So many points all over the polygons of some positions, (rows, count, 2)."""

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.boundary import halved, widened
 from pipeline.camera.integrating.edge_kernels import PASSES
-from pipeline.camera.micro_images import pinhole_kernels
-from pipeline.camera.micro_images.pinhole_kernels import Bisections, Pencils
+from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays
+from pipeline.camera.micro_images.pinhole_rays import look
 from pipeline.camera.tracing.records import CameraArrays
 
 RIM = 384
@@ -73,7 +74,7 @@ class Contours:
         """
         tried = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
         step = np.broadcast_to(step[:, None], outside.shape)
-        high, _ = self._darkened(outside, step, tried)
+        _, high = self._darkened(outside, outside, step, tried)
         low, where = high - step, np.full(high.shape, -1)
         for _ in range(_WIDENINGS):
             here = self._lit(low, tried)
@@ -84,31 +85,28 @@ class Contours:
             low, high = np.where(inward, low - step, low), np.where(inward, low, high)
         low, high, where = self._bisected(low, high, where, tried, _COARSE_STEPS)
         tried = _Points(where - _STRIDE, _FINE, _FINE_STRIDE)
-        high, low = self._darkened(high, high - low, tried, low)
+        low, high = self._darkened(low, high, high - low, tried)
         low, high, _ = self._bisected(low, high, where, tried, _FINE_STEPS)
         return np.where(where >= 0, (low + high) / 2, np.nan)
 
     def _darkened(
-        self, high: np.ndarray, step: np.ndarray, tried: _Points, low: np.ndarray | None = None
+        self, low: np.ndarray, high: np.ndarray, step: np.ndarray, tried: _Points
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Outer bounds moved outwards until they are dark, inner ones along."""
-        low = high if low is None else low
-        for _ in range(_WIDENINGS):
-            lit = self._lit(high, tried) >= 0
-            if not lit.any():
-                break
-            low, high = np.where(lit, high, low), np.where(lit, high + step, high)
-        return high, low
+        """Outer bounds moved outwards by steps until they are dark, inner ones along."""
+        return widened(lambda far: self._lit(far, tried) >= 0, low, high, lambda far: far + step, _WIDENINGS)
 
     def _bisected(
         self, low: np.ndarray, high: np.ndarray, where: np.ndarray, tried: _Points, steps: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Narrowed bounds between light and dark, and the rim point that was lit last."""
-        for _ in range(steps):
-            middle = (low + high) / 2
-            here = self._lit(middle, tried)
-            low, high = np.where(here >= 0, middle, low), np.where(here >= 0, high, middle)
+
+        def passes(distance: np.ndarray) -> np.ndarray:
+            nonlocal where
+            here = self._lit(distance, tried)
             where = np.where(here >= 0, here, where)
+            return here >= 0
+
+        low, high = halved(passes, low, high, steps)
         return low, high, where
 
     def _lit(self, distance: np.ndarray, tried: _Points) -> np.ndarray:
@@ -118,13 +116,10 @@ class Contours:
         which = (first[..., None] + stride * np.arange(count)) % RIM
         starts = self._origins[:, None] + distance[..., None] * self._directions
         rings = self._rims.points.shape[1] // RIM
-        starts = np.repeat(starts, count * rings, axis=1)
-        low, blocker = np.zeros(starts.shape[:2]), np.empty(starts.shape[:2], np.int64)
-        points = (which[..., None] + RIM * np.arange(rings)).reshape(n, -1)
-        ways = Bisections(points, starts, np.zeros(starts.shape), low, low, blocker)
-        pinhole_kernels.edges(self._camera, self._rims, ways, 0)
-        pinhole_kernels.edges.count(blocker.size, len(self._camera.table))
-        passes = (blocker.reshape(n, d, count, rings) == PASSES).any(axis=3)
+        points = which[..., None] + RIM * np.arange(rings)
+        each = count * rings
+        rays = Rays(np.repeat(np.arange(n), d * each), points.ravel(), np.repeat(starts.reshape(-1, 2), each, axis=0))
+        passes = (look(self._camera, self._rims, rays) == PASSES).reshape(n, d, count, rings).any(axis=3)
         # The middle of the first run: far from each other two parts of the rim may be lit.
         begins = np.argmax(passes & ~np.roll(passes, 1, axis=2), axis=2)[..., None]
         run = np.take_along_axis(passes, (begins + np.arange(count)) % count, axis=2)

@@ -18,6 +18,7 @@ from pipeline.camera.micro_images.contours import RIM, Contours
 from pipeline.camera.micro_images.pinhole_kernels import Pencils
 from pipeline.camera.micro_images.pupil_images import Apertures
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
@@ -190,8 +191,7 @@ def _ring(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Their distance makes the mean of r^4 right as well; on a regular hexagon the rule is exact to the fifth degree.
     """
-    node, weight = np.polynomial.legendre.leggauss(4)
-    node, weight = (node + 1) / 2, weight / 2
+    node, weight = unit_nodes(4)
     u, v = (grid.ravel() for grid in np.meshgrid(node, node))
     first, second = corners, np.roll(corners, -1, axis=0)
     area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]

@@ -9,18 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.edge_kernels import PASSES, what_blocks
+from pipeline.camera.integrating.edge_kernels import PASSES, Labels, label_packet
 from pipeline.camera.tracing.acceptance import HALF_ANGLE, accepted_share, is_limited
 from pipeline.camera.tracing.microlens_kernels import AIM, MODEL, PLAIN, X, Y, aim_for
-from pipeline.camera.tracing.packets import send_packet
+from pipeline.camera.tracing.packets import send_mixed
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
 LIGHT, BY_X, BY_Y, FILLED, SUMS = range(5)
 """Columns of the sums of `add_light`; the last is their number."""
-_WIDENINGS = 12
-"""Times that the reach of a search grows by half while light passes at its end: up to 86-fold."""
 _BLOCKED = 0
 """Label of a blocked ray where nobody asks what blocks it: any but `PASSES`."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -45,27 +43,22 @@ class Pencils(NamedTuple):
     points: np.ndarray
 
 
-class Bisections(NamedTuple):
-    """Ways on the sensor along which the edges of pencils are bisected.
+class Rays(NamedTuple):
+    """Rays from the sensor through points of microlens apertures.
 
     Attributes
     ----------
-    which : (n, d) int64
-        Of the points of the type, that which the light of each way passes.
-    bases, directions : (n, d, 2) float64
-        Where ways begin, and unit vectors.
-    low, high : (n, d) float64
-        Bounds, narrowed; outer ones that are lit move outwards first.
-    blocker : (n, d) int64
-        Written: what blocks the ray from the outer bound, see `probes.what_blocks`. After 0 steps PASSES or another.
+    owner : (m,) int64
+        The row of pencils that each belongs to, ascending.
+    which : (m,) int64
+        The point of its type that it passes.
+    starts : (m, 2) float64
+        Sensor positions.
     """
 
+    owner: np.ndarray
     which: np.ndarray
-    bases: np.ndarray
-    directions: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    blocker: np.ndarray
+    starts: np.ndarray
 
 
 class Sectors(NamedTuple):
@@ -90,66 +83,46 @@ class Sectors(NamedTuple):
 
 
 @kernel
-def edges(camera, pencils, ways, steps):
-    """Bisect, along ways on the sensor, how far from their beginning light passes a point of the aperture.
+def look(camera, pencils, rays, is_named, label):
+    """Trace rays and say which pass, or what blocks them.
 
     Parameters
     ----------
     pencils : Pencils
-    ways : Bisections
-    steps : int
-        Bisections. 0: only say which rays from the outer bounds pass.
+    rays : Rays
+    is_named : bool
+        Whether labels of blocked rays name what blocks them, as `edge_kernels.label_packet` does, which costs more.
+        Else they are all the same.
+    label : (m,) int64
+        Written: PASSES or another.
     """
-    packet, found, far = new_packet(), np.empty(PACKET, np.int64), np.empty(PACKET)
-    start, passing = SensorPoints(np.empty(PACKET), np.empty(PACKET)), packet.alive
-    which, bases, directions, low, high, blockers = ways
-    for n in range(pencils.microlens.shape[0]):
-        microlens, points = pencils.microlens[n], pencils.points[pencils.kind[n]]
-        for first in range(0, which.shape[1], PACKET):
-            size, step, widenings = min(PACKET, which.shape[1] - first), 0, _WIDENINGS
-            here = slice(first, first + size)
-            inner, outer, blocker = low[n, here], high[n, here], blockers[n, here]
-            part = Bisections(which[n, here], bases[n, here], directions[n, here], inner, outer, blocker)
-            while True:
-                for i in range(size):
-                    far[i] = outer[i] if step == 0 else 0.5 * (inner[i] + outer[i])
-                _start(camera, microlens, points, part, far, start, packet)
-                send_packet(camera, microlens, start, size, packet)
-                if step > 0:
-                    for i in range(size):
-                        inner[i] = far[i] if passing[i] > 0.0 else inner[i]
-                        outer[i] = outer[i] if passing[i] > 0.0 else far[i]
-                    step += 1
-                elif steps > 0:
-                    widenings, step = widenings - 1, 1
-                    for i in range(size):
-                        if passing[i] > 0.0 and widenings > 0:
-                            inner[i], outer[i], step = far[i], 1.5 * far[i], 0
-                if step > steps or steps == 0:
-                    break
-            for i in range(size):
-                blocker[i] = PASSES if passing[i] > 0.0 else _BLOCKED
-            if steps > 0:
-                for i in range(size):
-                    far[i] = outer[i]
-                _start(camera, microlens, points, part, far, start, packet)
-                what_blocks(camera, microlens, start, size, packet, found)
-                for i in range(size):
-                    blocker[i] = found[i]
+    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
+    points, named = np.empty((PACKET, 2)), Labels(np.empty(PACKET, np.int64), np.empty(PACKET))
+    for first in range(0, rays.owner.shape[0], PACKET):
+        size = min(PACKET, rays.owner.shape[0] - first)
+        owner = rays.owner[first : first + size]
+        for i in range(size):
+            x, y = rays.starts[first + i]
+            start.x[i], start.y[i] = x, y
+            packet.x[i], packet.y[i] = _aim(camera, pencils, owner[i], rays.which[first + i], x, y)
+            points[i, 0], points[i, 1] = packet.x[i], packet.y[i]
+        if is_named:
+            label_packet(camera, pencils.microlens, owner, points, start, size, packet, named)
+        else:
+            send_mixed(camera, pencils.microlens, owner, start, size, packet)
+        for i in range(size):
+            seen = PASSES if packet.alive[i] > 0.0 else _BLOCKED
+            label[first + i] = named.label[i] if is_named else seen
 
 
 @inline
-def _start(camera, microlens, points, ways, far, start, packet):
-    """Set where the rays of some ways of one microlens start, so far along each, and their aim points."""
-    lenses, x, y = camera.lenses, packet.x, packet.y
-    for i in range(ways.which.shape[0]):
-        start.x[i] = ways.bases[i, 0] + far[i] * ways.directions[i, 0]
-        start.y[i] = ways.bases[i, 1] + far[i] * ways.directions[i, 1]
-        px, py, pz = points[ways.which[i]]
-        if camera.mosaic.detail[MODEL] == PLAIN:
-            x[i], y[i] = lenses[microlens, X] + px, lenses[microlens, Y] + py
-        else:
-            x[i], y[i] = aim_for(camera, microlens, start.x[i], start.y[i], px, py, pz)
+def _aim(camera, pencils, owner, which, start_x, start_y):
+    """The point of the sampling plane that a ray from the sensor through a point of an aperture passes."""
+    microlens = pencils.microlens[owner]
+    px, py, pz = pencils.points[pencils.kind[owner], which]
+    if camera.mosaic.detail[MODEL] == PLAIN:
+        return camera.lenses[microlens, X] + px, camera.lenses[microlens, Y] + py
+    return aim_for(camera, microlens, start_x, start_y, px, py, pz)
 
 
 @inline

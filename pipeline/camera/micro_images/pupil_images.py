@@ -4,14 +4,16 @@ The edge of such an image is bisected with real rays along directions from an in
 thing blocks all around. Else nodes of Gauss and Legendre lie on the arcs between corners, where what blocks changes.
 """
 
-import functools
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.boundary import corners, directions, even_angles, halved, inner_points, widened
 from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.micro_images import pinhole_kernels
-from pipeline.camera.micro_images.pinhole_kernels import Bisections, Pencils, Sectors
+from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, Sectors
+from pipeline.camera.micro_images.pinhole_rays import look
 from pipeline.camera.tracing.records import CameraArrays
 
 DIRECTIONS = 24
@@ -19,6 +21,8 @@ DIRECTIONS = 24
 faster than any power of their number."""
 _EDGE_STEPS = 17
 """Bisections of an edge: to 1e-5 of its reach."""
+_WIDENINGS = 11
+"""Times that the reach of a search grows by half while light passes at its end: up to 86-fold."""
 _CORNER_STEPS = 10
 """Bisections of the 15 degrees in which a corner lies: to 0.015 degrees."""
 _AROUND, _LEAST_PER_ARC = 48, 8
@@ -49,144 +53,116 @@ class Apertures:
     shares: np.ndarray
 
     def light(self, middle: np.ndarray, shift: np.ndarray, limit: np.ndarray) -> np.ndarray:
-        """Light of each microlens, its moments from `middle`, what it fills: (n, 4), see `pencils.add_light`.
+        """Light of each microlens, its moments from `middle`, the area that it fills: (n, 4), see `add_light`.
 
         Parameters
         ----------
         middle : (n, 2) float64
             About the middle of the light through the vertex.
         shift : (n,) float64
-            How far that moves per distance of the point in the aperture.
+            Movement of that per distance of the point in the aperture.
         limit : (n,) float64
-            About how far light through one point may reach.
+            About the farthest reach of light through one point.
         """
         n, m = len(self.pencils.microlens), len(self.shares)
         owner, which = np.divmod(np.arange(n * m), m)
         off_vertex = self.pencils.points[self.pencils.kind, :, 0, :2]
         bases = (middle[:, None] + shift[:, None, None] * off_vertex).reshape(-1, 2)
         lit = self._settle(owner, which, bases, limit)
-        along = _circle(np.tile(_even(), m))
-        # All pencils of a microlens in one go: packets fill.
-        radius, blocker = self.edges(
-            np.arange(n),
-            np.tile(np.repeat(np.arange(m), DIRECTIONS), (n, 1)),
-            np.repeat(bases, DIRECTIONS, axis=0).reshape(n, -1, 2),
-            np.broadcast_to(along, (n, *along.shape)),
-            limit,
-        )
-        radius, blocker = radius.reshape(-1, DIRECTIONS), blocker.reshape(-1, DIRECTIONS)
+        tips = _Tips(owner, which, bases, limit[owner])
+        row, angle = np.repeat(np.arange(n * m), DIRECTIONS), np.tile(even_angles(DIRECTIONS), n * m)
+        radius, blocker = (values.reshape(-1, DIRECTIONS) for values in self._edges(tips, row, angle))
         off, is_round = _middles(radius, blocker)
-        sums, rounds = np.zeros((n, pinhole_kernels.SUMS)), np.flatnonzero(lit & is_round)
-        angle = np.full((len(rounds), DIRECTIONS), 2 * np.pi / DIRECTIONS)
-        sectors = _sectors(owner[rounds], which[rounds], bases[rounds], _even(), radius[rounds], angle)
-        pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
+        sums, rounds = np.zeros((n, pinhole_kernels.SUMS)), np.repeat(lit & is_round, DIRECTIONS)
+        share = np.full(np.count_nonzero(rounds), 2 * np.pi / DIRECTIONS)
+        found = _sectors(tips, row[rounds], angle[rounds], radius.ravel()[rounds], share)
+        pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, found, sums)
         others = np.flatnonzero(lit & ~is_round)
         if len(others):
-            owner, which, bases, off = owner[others], which[others], bases[others], off[others]
-            moved = bases + off
-            passes = self._passes(owner, which[:, None], moved[:, None])[:, 0]
-            bases = np.where(passes[:, None], moved, bases)
-            turn, angle = self._between_corners(owner, which, bases, limit[owner])
-            radius, _ = self._around(owner, which, bases, turn, limit[owner])
-            sectors = _sectors(owner, which, bases, turn, radius, angle)
-            pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
+            found = self._between_corners(tips.only(others), off[others])
+            pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, found, sums)
         return sums
 
     def reach(self, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Reach of light through the vertex from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
-        owner = np.arange(len(self.pencils.microlens))
-        vertex = np.zeros(len(owner), np.int64)
-        lit = self._passes(owner, vertex[:, None], origins[:, None])
-        shape = len(owner), len(directions)
-        which, starts = np.zeros(shape, np.int64), np.broadcast_to(origins[:, None], (*shape, 2))
-        radius, _ = self.edges(owner, which, starts, np.broadcast_to(directions, (*shape, 2)), limit)
-        return np.where(lit, radius, np.nan)
+        n, d = len(self.pencils.microlens), len(directions)
+        owner, vertex = np.arange(n), np.zeros(n, np.int64)
+        lit = self._passes(owner, vertex, origins)
+        tips = _Tips(owner, vertex, origins, limit)
+        radius, _ = self._reaches(tips, np.repeat(owner, d), np.tile(directions, (n, 1)))
+        return np.where(lit[:, None], radius.reshape(n, d), np.nan)
 
-    def edges(
-        self,
-        owner: np.ndarray,
-        which: np.ndarray,
-        bases: np.ndarray,
-        directions: np.ndarray,
-        limit: np.ndarray,
-        steps: int = _EDGE_STEPS,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Reach of light of microlenses `owner` (p,) along directions (p, d, 2), and what blocks it, (p, d)."""
-        low, high = np.zeros(which.shape), np.repeat(limit[:, None].astype(float), which.shape[1], axis=1)
-        blocker = np.empty(which.shape, np.int64)
-        # Of one layout, and writable, lest the kernel is compiled once more.
-        which, bases, directions = (np.require(given, requirements=("C", "W")) for given in (which, bases, directions))
-        own, points = self.pencils, np.ascontiguousarray(self.pencils.points[:, :, 0])
-        through = Pencils(own.microlens[owner], own.kind[owner], points)
-        pinhole_kernels.edges(self.camera, through, Bisections(which, bases, directions, low, high, blocker), steps)
-        pinhole_kernels.edges.count(blocker.size * (steps + 2), len(self.camera.table))
-        return (low + high) / 2, blocker
+    def _edges(self, tips: "_Tips", row: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Reach of light from the tips of some rows (m,), ascending, at angles (m,), and what blocks it, (m,) each."""
+        return self._reaches(tips, row, _circle(angle))
 
-    def _around(
-        self, owner: np.ndarray, which: np.ndarray, bases: np.ndarray, turn: np.ndarray, limit: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Edges of single pencils (p,) along angles (p, d)."""
-        shape = turn.shape
-        points, starts = np.broadcast_to(which[:, None], shape), np.broadcast_to(bases[:, None], (*shape, 2))
-        return self.edges(owner, points, starts, _circle(turn), limit)
+    def _reaches(self, tips: "_Tips", row: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same along unit vectors (m, 2)."""
+        owner, which, bases, limit = tips.only(row)
 
-    def _passes(self, owner: np.ndarray, which: np.ndarray, positions: np.ndarray) -> np.ndarray:
-        """Whether rays from sensor positions (p, d, 2) through points (p, d) pass."""
-        nowhere = np.zeros(positions.shape)
-        which = np.broadcast_to(which, positions.shape[:2])
-        return self.edges(owner, which, positions, nowhere, np.zeros(len(owner)), 0)[1] == PASSES
+        def label(far: np.ndarray, is_named: bool = False) -> np.ndarray:
+            return look(self.camera, self._points, Rays(owner, which, bases + far[:, None] * along), is_named)
+
+        def passes(far: np.ndarray) -> np.ndarray:
+            return label(far) == PASSES
+
+        bounds = widened(passes, np.zeros(len(row)), limit, lambda far: 1.5 * far, _WIDENINGS)
+        low, high = halved(passes, *bounds, _EDGE_STEPS)
+        return (low + high) / 2, label(high, is_named=True)
+
+    @property
+    def _points(self) -> Pencils:
+        """The pencils without neighbours of their points."""
+        return self.pencils._replace(points=np.ascontiguousarray(self.pencils.points[:, :, 0]))
+
+    def _passes(self, owner: np.ndarray, which: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Whether rays from sensor positions (m, 2) through points (m,) pass."""
+        return look(self.camera, self._points, Rays(owner, which, starts)) == PASSES
 
     def _settle(self, owner: np.ndarray, which: np.ndarray, bases: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether light passes each point at all, (p,); bases that are dark move to a position that is not."""
-        n, m = len(self.pencils.microlens), len(self.shares)
-        lit = self._passes(np.arange(n), which.reshape(n, m), bases.reshape(n, m, 2)).ravel()
+        lit = self._passes(owner, which, bases)
         dark = np.flatnonzero(~lit)
         number = np.arange(_SPREAD)
         spiral = np.sqrt(number / _SPREAD)[:, None] * _circle(number * _GOLDEN_RAD)
         tried = bases[dark, None] + limit[owner[dark], None, None] * spiral
-        passes = self._passes(owner[dark], which[dark, None], tried)
-        for row, around, ok in zip(dark, tried, passes, strict=True):
-            if ok.any():
-                some = around[ok]
-                bases[row] = some[np.argmin(np.hypot(*(some - some.mean(axis=0)).T))]
-                lit[row] = True
+        passes = self._passes(np.repeat(owner[dark], _SPREAD), np.repeat(which[dark], _SPREAD), tried.reshape(-1, 2))
+        moved = inner_points(tried, passes.reshape(-1, _SPREAD))
+        lit[dark] = ~np.isnan(moved[:, 0])
+        bases[lit & np.isin(np.arange(len(lit)), dark)] = moved[lit[dark]]
         return lit
 
-    def _between_corners(
-        self, owner: np.ndarray, which: np.ndarray, bases: np.ndarray, limit: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (p, d) for a quadrature around pencils that are not round, and what they stand for; 0 fills up."""
-        turn = np.tile(_even(), (len(owner), 1))
-        _, blocker = self._around(owner, which, bases, turn, limit)
-        changes = blocker != np.roll(blocker, -1, axis=1)
-        # As many columns as the pencil with the most corners; of the others some columns mean nothing.
-        order = np.argsort(~changes, axis=1, kind="stable")[:, : max(1, int(changes.sum(axis=1).max()))]
-        left, before = turn[0][order], np.take_along_axis(blocker, order, axis=1)
-        width = 2 * np.pi / DIRECTIONS
-        for _ in range(_CORNER_STEPS):
-            width /= 2
-            _, here = self._around(owner, which, bases, left + width, limit)
-            left = np.where(here == before, left + width, left)
-        number = changes.sum(axis=1)
-        arcs = [_on_arcs(row[:count] + width / 2) for row, count in zip(left, number, strict=True)]
-        size = max(len(angles) for angles, _ in arcs)
-        padded = np.zeros((2, len(arcs), size))
-        for row, (angles, shares) in enumerate(arcs):
-            padded[0, row, : len(angles)], padded[1, row, : len(angles)] = angles, shares
-        return padded[0], padded[1]
+    def _between_corners(self, tips: "_Tips", off: np.ndarray) -> Sectors:
+        """Sectors of pencils that are not round, from their middles, `off` their tips (p, 2), where those are lit."""
+        moved = tips.bases + off
+        passes = self._passes(tips.owner, tips.which, moved)
+        tips, rows = tips._replace(bases=np.where(passes[:, None], moved, tips.bases)), np.arange(len(off))
+        even = np.repeat(rows, DIRECTIONS), np.tile(even_angles(DIRECTIONS), len(rows))
+        label = self._edges(tips, *even)[1].reshape(-1, DIRECTIONS)
+        found = corners(lambda row, angle: self._edges(tips, row, angle)[1], rows, label, _CORNER_STEPS)
+        row, angle, share = directions(rows, found, _AROUND, _LEAST_PER_ARC, DIRECTIONS)
+        order = np.lexsort((angle, row))
+        row, angle, share = row[order], angle[order], share[order]
+        return _sectors(tips, row, angle, self._edges(tips, row, angle)[0], share)
 
 
-def _sectors(
-    owner: np.ndarray, which: np.ndarray, bases: np.ndarray, turn: np.ndarray, radius: np.ndarray, angle: np.ndarray
-) -> Sectors:
-    """Sectors of pencils (p,) with edges (p, d)."""
-    count, turn = radius.shape[1], np.broadcast_to(turn, radius.shape)
-    tips = np.repeat(owner, count), np.repeat(which, count), np.repeat(bases, count, axis=0)
-    return Sectors(*tips, _circle(turn.ravel()), radius.ravel(), angle.ravel())
+class _Tips(NamedTuple):
+    """Tips of sectors: rows of microlenses and points of apertures (p,), sensor positions (p, 2), first bounds (p,)."""
+
+    owner: np.ndarray
+    which: np.ndarray
+    bases: np.ndarray
+    limit: np.ndarray
+
+    def only(self, rows: np.ndarray) -> "_Tips":
+        """Some of them, or some several times."""
+        return _Tips(*(values[rows] for values in self))
 
 
-def _even() -> np.ndarray:
-    return 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+def _sectors(tips: _Tips, row: np.ndarray, angle: np.ndarray, radius: np.ndarray, share: np.ndarray) -> Sectors:
+    """Sectors at the tips of some rows (f,)."""
+    owner, which, bases, _ = tips.only(row)
+    return Sectors(owner, which, bases, _circle(angle), radius, share)
 
 
 def _circle(angle: np.ndarray) -> np.ndarray:
@@ -197,24 +173,6 @@ def _circle(angle: np.ndarray) -> np.ndarray:
 def _middles(radius: np.ndarray, blocker: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Middles of regions (p, directions) from their bases, and whether one thing blocks all around near a middle."""
     area = np.maximum(1.5 * (radius**2).sum(axis=1), np.finfo(float).tiny)
-    off = (radius**3) @ _circle(_even()) / area[:, None]
+    off = (radius**3) @ _circle(even_angles(DIRECTIONS)) / area[:, None]
     same = (blocker == blocker[:, :1]).all(axis=1)
     return off, same & (np.hypot(*off.T) < _OFF_CENTRE * radius.mean(axis=1))
-
-
-def _on_arcs(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of Gauss and Legendre on the arcs between corners, and their weights; even ones where there are none."""
-    if not len(corners):
-        return _even(), np.full(DIRECTIONS, 2 * np.pi / DIRECTIONS)
-    angles, shares = [], []
-    for start, end in zip(corners, [*corners[1:], corners[0] + 2 * np.pi], strict=True):
-        node, weight = _gauss(max(_LEAST_PER_ARC, int(np.ceil(_AROUND * (end - start) / (2 * np.pi)))))
-        angles.append(start + (end - start) * node)
-        shares.append((end - start) * weight)
-    return np.concatenate(angles), np.concatenate(shares)
-
-
-@functools.cache
-def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    node, weight = np.polynomial.legendre.leggauss(count)
-    return (node + 1) / 2, weight / 2

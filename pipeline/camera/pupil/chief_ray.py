@@ -6,6 +6,7 @@ point and the axis, and one height is sought; in any other lens two coordinates 
 
 import numpy as np
 
+from pipeline.camera.boundary import halved
 from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import apply, inverse
 from pipeline.optics.kernels import trace_rays
@@ -199,13 +200,14 @@ def _by_halving(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
     if not len(ends) or not np.isfinite(per_mm):
         return float("nan")
     first = ends[np.argmin(np.abs(crossings[ends] - per_mm * height_mm))]
-    low, high, sign = crossings[first], crossings[first + 1], np.sign(miss[first + 1] - miss[first])
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        beyond = sign * _stop_height(rear, plane_mm, points[:1], np.array([middle]))[0] > 0
-        low, high = (low, middle) if beyond else (middle, high)
-    found = _stop_height(rear, plane_mm, points[:1], np.array([high]))[0]
-    return float(high) if abs(found) < _ACCEPTED_MM else float("nan")
+    sign = np.sign(miss[first + 1] - miss[first])
+
+    def is_short(crossing: np.ndarray) -> np.ndarray:
+        return ~(sign * _stop_height(rear, plane_mm, points[:1], crossing) > 0)
+
+    _, found = halved(is_short, crossings[[first]], crossings[[first + 1]], _BISECTIONS)
+    left = _stop_height(rear, plane_mm, points[:1], found)
+    return float(found[0]) if abs(left[0]) < _ACCEPTED_MM else float("nan")
 
 
 def _stop_height(

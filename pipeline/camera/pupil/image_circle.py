@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.camera.boundary import halved
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.outlines import passing_points
 from pipeline.optics.table import enclosing
@@ -42,9 +43,5 @@ def lit_share(table: np.ndarray, stop_row: int, start_mm: np.ndarray, end_mm: np
     lit = is_lit(shares)
     if lit[-1]:
         return 1.0
-    low, step = float(shares[lit].max(initial=0.0)), 1 / _STEPS
-    for _ in range(_BISECTIONS):
-        step /= 2
-        if is_lit(np.array([low + step]))[0]:
-            low += step
-    return low
+    last = shares[lit].max(initial=0.0, keepdims=True)
+    return float(halved(is_lit, last, last + 1 / _STEPS, _BISECTIONS)[0][0])

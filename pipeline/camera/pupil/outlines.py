@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.boundary import even_angles, halved, inner_points
 from pipeline.camera.pupil.chief_ray import chief_heights
 from pipeline.camera.pupil.once import once
 from pipeline.optics.kernels import trace_rays
@@ -109,7 +110,7 @@ def _on_axis(plane_mm: float, heights: np.ndarray) -> np.ndarray:
 def _inner_points(table: np.ndarray, stop_row: int, plane_mm: float, heights: np.ndarray) -> np.ndarray:
     """A passing point per height, (n, 2); NaN where nothing passes.
 
-    The chief ray where it passes, else the centroid of the passing rays of a grid (strong vignetting).
+    The chief ray where it passes, else one of a grid of rays (strong vignetting).
     """
     chief = np.zeros((heights.size, 2))
     chief[:, 0] = chief_heights(table, stop_row, plane_mm, heights)
@@ -117,14 +118,13 @@ def _inner_points(table: np.ndarray, stop_row: int, plane_mm: float, heights: np
 
 
 def passing_points(table: np.ndarray, starts: np.ndarray, chief: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """The crossings of chief rays where they pass, else centroids of what passes of a grid about a middle, else NaN."""
+    """The crossings of chief rays where they pass, else inner points by a grid about a middle, (n, 2); NaN: dark."""
     result = chief.copy()
     radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     u = np.linspace(-radius, radius, _GRID)
     grid = middle + np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
     for i in np.flatnonzero(~passes(table, starts, result)):
-        ok = passes(table, starts[i], grid)
-        result[i] = grid[ok].mean(axis=0) if ok.any() else np.nan
+        result[i] = inner_points(grid[None], passes(table, starts[i], grid)[None])[0]
     return result
 
 
@@ -144,17 +144,18 @@ def edges(
     """
     ray = directions_of(directions)
     shape = (len(inside), directions)
-    low, high = np.zeros(shape), np.full(shape, 2.5 * np.sqrt(table[0, SEMI_DIAMETER_SQUARED]) + slack_mm)
-    for _ in range(bisections):
-        middle = (low + high) / 2
-        ok = passes(table, starts[:, None], inside[:, None] + middle[..., None] * ray)
-        low, high = np.where(ok, middle, low), np.where(ok, high, middle)
-    return inside[:, None] + high[..., None] * ray
+    farthest = np.full(shape, 2.5 * np.sqrt(table[0, SEMI_DIAMETER_SQUARED]) + slack_mm)
+
+    def passing(far: np.ndarray) -> np.ndarray:
+        return passes(table, starts[:, None], inside[:, None] + far[..., None] * ray)
+
+    _, dark = halved(passing, np.zeros(shape), farthest, bisections)
+    return inside[:, None] + dark[..., None] * ray
 
 
 def directions_of(count: int) -> np.ndarray:
     """Unit vectors at even angles from +x, (count, 2)."""
-    angle = 2 * np.pi * np.arange(count) / count
+    angle = even_angles(count)
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.integrating.polar_bundle import Polar
+from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.rig import Rig
 from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 
@@ -62,7 +63,7 @@ def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm
         return lost
     seen = _linear(look, radius_mm * _circle(16))
     for number, (order, rings, directions, *disc) in enumerate((_ROUGH, _FINE)):
-        shares, weight = _gauss(rings)
+        shares, weight = unit_nodes(rings)
         for _ in range(_BOXES):
             low, high = seen.min(axis=(0, 1, 2)), seen.max(axis=(0, 1, 2))
             half = (high - low) / 2
@@ -84,7 +85,7 @@ def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm
 
 
 def _centroid(around: BundleMap, measure: np.ndarray, radius_mm: float, disc: list[int]) -> np.ndarray:
-    shares, weight = _gauss(disc[0])
+    shares, weight = unit_nodes(disc[0])
     points = radius_mm * (shares[:, None, None] * _circle(disc[1])).reshape(-1, 2)
     x, density, area = _seen(around, points)
     light = density * area * np.repeat(shares * weight, disc[1]) * measure[:, None]
@@ -129,9 +130,3 @@ def _jacobian(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
 def _circle(count: int) -> np.ndarray:
     angle = 2 * np.pi * np.arange(count) / count
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of Gauss and Legendre on [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (nodes + 1) / 2, weights / 2

@@ -1,0 +1,166 @@
+"""The boundary of what passes, for whoever can tell whether a ray does: the one search of it in this package.
+
+Pupils, image circles, quadrature over bundles, micro-images and their contours all look at a region that light fills.
+Each brings its own predicate, a function that traces rays, and takes the rest from here: bounds that are moved outwards
+until they are dark, and halved; an inner point; corners, where what blocks changes; directions and their shares of the
+circle between corners. All ways are searched side by side, so that a predicate gets whole arrays of rays.
+
+One search is not of this kind, and says why: `camera.integrating.edge_search`.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.camera.parts.gauss import unit_nodes
+
+_MOST_PER_ARC = 64
+"""Nodes on the longest piece of an arc: NumPy vouches for Gauss-Legendre nodes up to 100."""
+
+Passes = Callable[[np.ndarray], np.ndarray]
+"""Whether light passes at some distance along each way, (...) float64 to (...) bool."""
+LabelAt = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Labels of what ends the light of regions (m,) int64 in directions (m,) float64 [rad], (m,) int64."""
+
+
+def widened(
+    passes: Passes, low: np.ndarray, high: np.ndarray, farther: Passes, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outer bounds moved outwards until they are dark, and inner ones that follow to the last lit place.
+
+    Parameters
+    ----------
+    low, high : (...) float64
+        Inner and outer bounds.
+    farther : callable
+        The next outer bounds, (...) to (...).
+    most : int
+        Moves at most.
+    """
+    for _ in range(most):
+        lit = passes(high)
+        if not lit.any():
+            break
+        low, high = np.where(lit, high, low), np.where(lit, farther(high), high)
+    return low, high
+
+
+def halved(passes: Passes, low: np.ndarray, high: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the boundary along many ways, (...) each, after so many bisections: lit at `low`, dark at `high`."""
+    for _ in range(steps):
+        middle = (low + high) / 2
+        lit = passes(middle)
+        low, high = np.where(lit, middle, low), np.where(lit, high, middle)
+    return low, high
+
+
+def inner_points(points: np.ndarray, lit: np.ndarray) -> np.ndarray:
+    """The lit one of some points (n, m, 2) that is nearest to the mean of all lit ones, (n, 2); NaN where none is.
+
+    The mean itself may be dark: a crescent's is.
+
+    Parameters
+    ----------
+    lit : (n, m) bool
+    """
+    number = lit.sum(axis=1)[:, None]
+    mean = np.where(lit[..., None], points, 0.0).sum(axis=1) / np.maximum(number, 1)
+    away = np.where(lit, np.hypot(*(points - mean[:, None]).transpose(2, 0, 1)), np.inf)
+    nearest = points[np.arange(len(points)), away.argmin(axis=1)]
+    return np.where(number > 0, nearest, np.nan)
+
+
+def even_angles(count: int) -> np.ndarray:
+    """Angles all around, from +x on, (count,) [rad]."""
+    return 2 * np.pi * np.arange(count) / count
+
+
+class Corners(NamedTuple):
+    """Corners of regions: rows of the regions, ascending, and directions from their inner points, ascending [rad]."""
+
+    owner: np.ndarray
+    angle: np.ndarray
+
+
+def corners(label_at: LabelAt, rows: np.ndarray, label: np.ndarray, steps: int) -> Corners:
+    """Directions between which the label of the edge changes, bisected.
+
+    A third label in between is an arc that the first directions missed: then there are two corners instead of one.
+
+    Parameters
+    ----------
+    rows : (n,) int64
+        Rows of regions, ascending.
+    label : (n, d) int64
+        Labels of each in `even_angles(d)`.
+    steps : int
+        Bisections of the angle between two of these directions.
+    """
+    count = label.shape[1]
+    region, place = np.nonzero(label != np.roll(label, -1, axis=1))
+    before, after = label[region, place], np.roll(label, -1, axis=1)[region, place]
+    owner, left = rows[region], even_angles(count)[place]
+    right = left + 2 * np.pi / count
+    for _ in range(steps):
+        middle = (left + right) / 2
+        here = label_at(owner, middle)
+        is_left, new = here == before, (here != before) & (here != after)
+        parts = (
+            (owner, np.where(is_left, middle, left), np.where(is_left, right, middle), before),
+            (owner[new], middle[new], right[new], here[new]),
+        )
+        after = np.concatenate([np.where(new, here, after), after[new]])
+        owner, left, right, before = (np.concatenate(pair) for pair in zip(*parts, strict=True))
+        order = np.lexsort((left, owner))
+        owner, left, right, before, after = (values[order] for values in (owner, left, right, before, after))
+    return Corners(owner, (left + right) / 2)
+
+
+class Directions(NamedTuple):
+    """Directions of a quadrature: rows of regions (m,), ascending; angles and the part of the circle of each [rad]."""
+
+    owner: np.ndarray
+    angle: np.ndarray
+    share: np.ndarray
+
+
+def directions(
+    rows: np.ndarray, found: Corners, around: int, least_per_arc: int, even: int | None = None
+) -> Directions:
+    """Directions all around regions: evenly spaced, or Gauss-Legendre nodes on every arc between two corners.
+
+    Parameters
+    ----------
+    rows : (n,) int64
+        Rows of regions, ascending: those without a corner get evenly spaced directions.
+    around, least_per_arc : int
+        Nodes over a full circle with corners, and on its shortest arc.
+    even : int or None
+        Directions where there is no corner; None: as many as over a circle with corners.
+    """
+    even = around if even is None else even
+    smooth = rows[~np.isin(rows, found.owner)]
+    parts = [(np.repeat(smooth, even), np.tile(even_angles(even), len(smooth)), 2 * np.pi / even)]
+    owner, start, length = _arcs(found, around)
+    number = np.maximum(np.ceil(around * length / (2 * np.pi)).astype(int), least_per_arc)
+    for count in np.unique(number).tolist():
+        node, weight = unit_nodes(count)
+        here = number == count
+        angle = (start[here, None] + length[here, None] * node).ravel()
+        parts.append((np.repeat(owner[here], count), angle, (length[here, None] * weight).ravel()))
+    owner, angle = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    share = np.concatenate([np.broadcast_to(part[2], part[0].shape) for part in parts])
+    order = np.argsort(owner, kind="stable")
+    return Directions(owner[order], angle[order], share[order])
+
+
+def _arcs(found: Corners, around: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of regions, starts and lengths of the arcs between corners, long ones in pieces."""
+    owner, start = found
+    last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
+    first = np.searchsorted(owner, owner)
+    length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start
+    pieces = np.ceil(around * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)
+    owner, length, start = (np.repeat(values, pieces) for values in (owner, length / pieces, start))
+    return owner, start + length * (np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)), length
