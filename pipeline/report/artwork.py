@@ -9,8 +9,9 @@ import math
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
-from html import escape
 
+from pipeline.report import svg as svg_file
+from pipeline.report.svg import FINE, Point, number
 from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
 from pipeline.targets.target import Target
 
@@ -23,7 +24,6 @@ _BAR_SPACE_MM = 9.0
 _TEXT_MM, _LINE_MM = 3.0, 4.2
 """Size of letters and distance of lines [mm]: 8.5 points, readable at arm's length, and 1.4 times that."""
 
-Point = tuple[float, float]
 Curve = tuple[Point, ...]
 """One point: a line to it; three: a Bezier curve by two control points."""
 
@@ -146,26 +146,20 @@ def svg(pages: list[Page]) -> str:
     for page in pages:
         top += page.height_mm
         items += [_svg_path(path, top) for path in page.paths]
-        font = f'font-family="Helvetica, Arial, sans-serif" font-size="{_TEXT_MM:g}"'
-        items += [f'<text x="{_n(x)}" y="{_n(top - y)}" {font}>{escape(words)}</text>' for words, (x, y) in page.lines]
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_n(width)}mm" height="{_n(height)}mm"'
-        f' viewBox="0 0 {_n(width)} {_n(height)}">'
-    )
-    paper = f'<rect width="{_n(width)}" height="{_n(height)}" fill="#ffffff"/>'
-    return "\n".join([head, paper, *items, "</svg>", ""])
+        items += [
+            svg_file.words(words, (x, top - y), font_family="Helvetica, Arial, sans-serif", font_size=_TEXT_MM)
+            for words, (x, y) in page.lines
+        ]
+    return svg_file.document((width, height), *items, unit="mm")
 
 
 def _svg_path(path: Path, top: float) -> str:
-    parts = []
+    steps: list[tuple[str, Curve]] = []
     for start, curves in path.outlines:
-        parts.append(f"M{_n(start[0])} {_n(top - start[1])}")
-        for curve in curves:
-            letter = "L" if len(curve) == 1 else "C"
-            parts.append(letter + " ".join(f"{_n(x)} {_n(top - y)}" for x, y in curve))
-        parts.append("Z")
+        steps += [("M", (start,)), *(("L" if len(curve) == 1 else "C", curve) for curve in curves), ("Z", ())]
+    placed = [(letter, [(x, top - y) for x, y in points]) for letter, points in steps]
     colour = "#000000" if path.is_black else "#ffffff"
-    return f'<path fill="{colour}" fill-rule="evenodd" d="{"".join(parts)}"/>'
+    return svg_file.path(placed, FINE, fill=colour, fill_rule="evenodd")
 
 
 def pdf_content(page: Page) -> str:
@@ -174,18 +168,13 @@ def pdf_content(page: Page) -> str:
     for path in page.paths:
         parts.append("0 g" if path.is_black else "1 g")
         for start, curves in path.outlines:
-            parts.append(f"{_n(start[0])} {_n(start[1])} m")
+            parts.append(f"{number(start[0])} {number(start[1])} m")
             for curve in curves:
                 letter = "l" if len(curve) == 1 else "c"
-                parts.append(" ".join(f"{_n(x)} {_n(y)}" for x, y in curve) + f" {letter}")
+                parts.append(" ".join(f"{number(x)} {number(y)}" for x, y in curve) + f" {letter}")
             parts.append("h")
         parts.append("f*")
     for words, (x, y) in page.lines:
         escaped = words.replace("\\", r"\\").replace("(", r"\(").replace(")", r"\)")
-        parts.append(f"0 g BT /F1 {_TEXT_MM:g} Tf {_n(x)} {_n(y)} Td ({escaped}) Tj ET")
+        parts.append(f"0 g BT /F1 {_TEXT_MM:g} Tf {number(x)} {number(y)} Td ({escaped}) Tj ET")
     return "\n".join(parts)
-
-
-def _n(value: float) -> str:
-    """A number with as many digits as a nanometre needs."""
-    return f"{value + 0.0:.6f}".rstrip("0").rstrip(".") if abs(value) > 5e-7 else "0"

@@ -8,7 +8,6 @@ from the stop, + towards the sensor, as light travels; the drawing is to scale.
 
 import dataclasses
 import math
-from html import escape
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +23,7 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
+from pipeline.report import svg as svg_file
 
 _FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
 _RIM = 0.99
@@ -43,7 +43,7 @@ _WIDTH_PX, _MARGIN_PX = 1200, 40
 _INSET_PX, _INSET_RAYS, _INSET_LENSES = 320, 81, 3.4
 """Enlarged microlenses: height of the picture, rays, and how many MLA pitches it shows."""
 
-Points = list[tuple[float, float]]
+Points = list[svg_file.Point]
 
 
 def svg(camera: Camera, title: str, film: str = "sensor") -> str:
@@ -66,12 +66,12 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     _draw_stop(sheet, camera.prescription, half)
     _draw_film(sheet, camera, film)
     _draw_scale(sheet, left, camera.sensor_distance_mm, half)
-    sheet.words(_MARGIN_PX, 22, escape(f"{title}; rays from objects at {_place(middle_focus(camera))}"), 14, "start")
+    sheet.words((_MARGIN_PX, 22), f"{title}; rays from objects at {_place(middle_focus(camera))}", 14, "start")
     if camera.microlenses is None:
         return sheet.text(height)
     before = f"{camera.microlenses.distance_mm:g} mm before the sensor"
     words = f"microlenses at the centre of the sensor, {before}; more rays of the point there"
-    sheet.words(_MARGIN_PX, height + 20, words, 11, "start")
+    sheet.words((_MARGIN_PX, height + 20), words, 11, "start")
     sheet.items.append(_inset(camera, camera.microlenses, left, height + 28))
     return sheet.text(height + _INSET_PX + 28 + _MARGIN_PX)
 
@@ -113,8 +113,8 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
         sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
         sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[own])}", "end")
     sheet.line([(end, low), (end, high)], "#111111", 3)
-    box = f'x="{_MARGIN_PX}" y="{top_px:.0f}" width="{_WIDTH_PX - 2 * _MARGIN_PX}" height="{_INSET_PX}"'
-    return f"<svg {box}>\n" + "\n".join(sheet.items) + "\n</svg>"
+    box = {"x": _MARGIN_PX, "y": round(top_px), "width": _WIDTH_PX - 2 * _MARGIN_PX, "height": _INSET_PX}
+    return svg_file.element("svg", "", *sheet.items, "", **box)
 
 
 def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> list[Points]:
@@ -322,7 +322,7 @@ def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None
     for tick in range(math.ceil(left / step), math.floor(right / step) + 1):
         sheet.line([(tick * step, -half), (tick * step, -half - 4 / sheet.scale)], "#555555", 0.8)
         words = f"{tick * step:g}" + (" mm" if tick == 0 else "")
-        sheet.words(*sheet.place(tick * step, -half - 18 / sheet.scale), words, 11)
+        sheet.words(sheet.place(tick * step, -half - 18 / sheet.scale), words, 11)
 
 
 def _place(distance: float) -> str:
@@ -330,36 +330,37 @@ def _place(distance: float) -> str:
 
 
 class _Sheet:
-    """Collects the elements of a drawing; x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
+    """Elements of a drawing in the making; x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
 
     def __init__(self, left: float, scale: float, axis_px: float) -> None:
         self.left, self.scale, self.axis_px = left, scale, axis_px
         self.items: list[str] = []
 
-    def place(self, x: float, y: float) -> tuple[float, float]:
+    def place(self, x: float, y: float) -> svg_file.Point:
+        """A point in pixels of the drawing, y downwards."""
         return _MARGIN_PX + (x - self.left) * self.scale, self.axis_px - y * self.scale
 
-    def _path(self, points: Points) -> str:
-        return " ".join(f"{x:.2f},{y:.2f}" for x, y in (self.place(*point) for point in points))
-
     def line(self, points: Points, colour: str, width: float, dashes: str = "") -> None:
-        style = f'stroke="{colour}" stroke-width="{width:g}"' + (f' stroke-dasharray="{dashes}"' if dashes else "")
-        self.items.append(f'<polyline points="{self._path(points)}" fill="none" {style}/>')
+        """Draw a line, in mm; `dashes` are lengths in pixels."""
+        dashed = {"stroke_dasharray": dashes} if dashes else {}
+        placed = [self.place(*point) for point in points]
+        self.items.append(svg_file.line(placed, stroke=colour, stroke_width=width, **dashed))
 
     def area(self, points: Points, colour: str) -> None:
-        self.items.append(
-            f'<polygon points="{self._path(points)}" fill="{colour}" stroke="#24506e" stroke-width="0.6"/>'
-        )
+        """Fill a polygon, in mm."""
+        placed = [self.place(*point) for point in points]
+        self.items.append(svg_file.area(placed, fill=colour, stroke="#24506e", stroke_width=0.6))
 
     def label(self, x: float, y: float, words: str, anchor: str = "middle") -> None:
+        """Write words a little above a point, in mm."""
         x_px, y_px = self.place(x, y)
-        self.words(x_px, y_px - 6, words, 11, anchor)
+        self.words((x_px, y_px - 6), words, 11, anchor)
 
-    def words(self, x_px: float, y_px: float, words: str, size: int, anchor: str = "middle") -> None:
-        style = f'font-family="sans-serif" font-size="{size}" text-anchor="{anchor}" fill="#222222"'
-        self.items.append(f'<text x="{x_px:.1f}" y="{y_px:.1f}" {style}>{words}</text>')
+    def words(self, at_px: svg_file.Point, words: str, size: int, anchor: str = "middle") -> None:
+        """Write words at a point, in pixels."""
+        style = {"font_family": "sans-serif", "font_size": str(size), "text_anchor": anchor, "fill": "#222222"}
+        self.items.append(svg_file.words(words, at_px, **style))
 
     def text(self, height: float) -> str:
-        size = f'width="{_WIDTH_PX}" height="{height:.0f}" viewBox="0 0 {_WIDTH_PX} {height:.0f}"'
-        head = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n<rect width="100%" height="100%" fill="white"/>\n'
-        return head + "\n".join(self.items) + "\n</svg>\n"
+        """The text of the SVG file."""
+        return svg_file.document((_WIDTH_PX, round(height)), *self.items)
