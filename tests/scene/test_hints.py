@@ -163,3 +163,21 @@ def test_a_stage_with_other_units_than_all_that_it_uses_is_told_once_and_at_its_
     assert problem.code == code and "in all 3 layers that it uses" in problem.message
     assert path.read_text(encoding="utf-8").splitlines()[problem.line - 1].strip() == wrong
     assert problem.file.endswith(path.name)
+
+
+PLATE = """    def PlenLens "Lens" (prepend references = @lenses/cooke_triplet_50mm.usda@)
+    {
+        uniform double plen:nominalFocalLength = 50
+"""
+
+
+def test_a_lens_without_power_goes_by_no_focal_length(tmp_path):
+    """Alone it may be one, for example a window; with a focal length in its name it is a slip."""
+    names = ("S1", "S2", "S3", "Stop", "S5", "S6")
+    flat = "".join(f'over "{name}"\n{{\n    uniform double plen:radius = inf\n}}\n' for name in names)
+    text = (HEAD + PLATE + flat + "    }\n}\n").replace("PlenDataset", "Xform")
+    (tmp_path / "s.usda").write_text(text)
+    (one,) = load(tmp_path / "s.usda").problems
+    assert (one.code, one.severity) == ("focal-length", "warning") and one.message.endswith("but it has no power")
+    (tmp_path / "s.usda").write_text(text.replace("plen:nominalFocalLength = 50", "plen:nominalFocalLength = None"))
+    assert load(tmp_path / "s.usda").problems == []

@@ -62,7 +62,7 @@ def PlenDataset "Dataset"
             def PlenSurface "Front"
             {{
                 uniform double plen:index = 1
-                uniform double plen:radius = 50
+                uniform double plen:focalLength = 45
                 uniform double plen:semiDiameter = 5
                 uniform double plen:thickness = 3
             }}

@@ -14,6 +14,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.errors import PipelineError
 from pipeline.ranges import frames_in_words
 from pipeline.scene.dataset import Dataset
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.views import HIDDEN, MERGED, View, look, spacing_px
@@ -24,8 +25,9 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
     for entry in dataset.cameras:
         try:
             camera = focused(entry.camera)
-        except (PipelineError, ArithmeticError):
-            continue  # reported as that
+        except (PipelineError, ArithmeticError) as error:
+            yield of_reader(stage.GetPrimAtPath(entry.prim_path), error)
+            continue
         for number, target in enumerate(dataset.targets):
             if not target.target.points().kinds:
                 continue  # there is nothing to see

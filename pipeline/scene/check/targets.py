@@ -6,6 +6,7 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from pipeline.scene.read.targets import read_target
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read, target
@@ -27,7 +28,7 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     try:
         record = read_target(prim)
     except UnreadableValue as error:
-        yield problem(error.thing, error.code, error.what)
+        yield of_reader(prim, error)
         return
     except (ValueError, IndexError):
         message = "the mesh has colours or faces that do not fit its points"

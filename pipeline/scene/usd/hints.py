@@ -3,8 +3,12 @@
 import re
 from pathlib import Path
 
-from pipeline.scene.usd.problems import Problem, shown_path
+from pxr import Usd
+
+from pipeline.errors import PipelineError
+from pipeline.scene.usd.problems import IMPOSSIBLE, Problem, shown_path
 from pipeline.scene.usd.register import library_path
+from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue
 from pipeline.spelling import nearest
 
@@ -104,8 +108,8 @@ def _meant(name: str, found: set[str], quoted: str, folder: Path) -> str:
 def without_followers(problems: list[Problem]) -> list[Problem]:
     """Problems without those that follow from others.
 
-    These are what a reference to a missing file brings about at its prim and below, and values that a reader could not
-    use on a prim of which another error is told.
+    These are what a reference to a missing file brings about at its prim and below, values that a reader could not
+    use on a prim of which another error is told, and what parts cannot make up where any other error is.
     """
     broken = {one.at for one in problems if one.code == "usd-invalid-asset-path" and one.at}
 
@@ -119,4 +123,18 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
         return (one.at or "").partition(".")[0]
 
     told = {prim(one) for one in problems if one.is_error and one.code != UnreadableValue.code}
-    return [one for one in problems if not follows(one) and (one.code != UnreadableValue.code or prim(one) not in told)]
+    kept = [one for one in problems if not follows(one) and (one.code != UnreadableValue.code or prim(one) not in told)]
+    has_reason = any(one.is_error and one.code != IMPOSSIBLE for one in kept)
+    return [one for one in kept if one.code != IMPOSSIBLE or not has_reason]
+
+
+def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:
+    """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim.
+
+    Every check that reads the same reports it, and `check` names it once.
+    """
+    if isinstance(error, UnreadableValue):
+        return problem(error.thing, error.code, error.what)
+    if isinstance(error, PipelineError):
+        return problem(thing, IMPOSSIBLE, error.what, hint=error.hint)
+    return problem(thing, IMPOSSIBLE, "the lens has no first-order figures: it bends no light")

@@ -11,6 +11,8 @@ from pipeline.spelling import did_you_mean, printable
 
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
+IMPOSSIBLE = "impossible"
+"""Code of parts that do not make up what their prim stands for. Where another error is told it follows from that."""
 _LONGEST_LINE = 1000
 """Characters in a line of a problem: names and paths of a stage may be of any length, and words of ours stay far
 below."""
@@ -88,7 +90,7 @@ def blamed_on(file: str | None, line: int | None, at: str) -> Iterator[None]:
     except (UsageError, EnvironmentFault):
         raise
     except PipelineError as error:
-        problem = Problem(code="impossible", message=error.what, file=file, line=line, at=at, hint=error.hint)
+        problem = Problem(code=IMPOSSIBLE, message=error.what, file=file, line=line, at=at, hint=error.hint)
         raise StageError([problem]) from error
 
 

@@ -76,7 +76,7 @@ def types_in(layer: Sdf.Layer) -> list[str]:
 
 
 def view_of(camera: CameraEntry) -> Viewfinder | None:
-    """Field of view of a camera; None of one that cannot be built: to say so is the business of others."""
+    """Field of view of a camera, for viewers; None of one that cannot be built, of which `check` reports why."""
     try:
         return viewfinder(solved(camera.camera))
     except PipelineError:

@@ -11,6 +11,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.read.prims import ordered_surfaces
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, target
@@ -22,8 +23,9 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
         prim = stage.GetPrimAtPath(entry.prim_path)
         try:
             camera = focused(entry.camera)
-        except (PipelineError, ArithmeticError):
-            continue  # reported as that
+        except (PipelineError, ArithmeticError) as error:
+            yield of_reader(prim, error)
+            continue
         try:
             for doubt in doubts(camera):
                 blamed = _blamed(prim, camera, doubt.part)
@@ -31,7 +33,7 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
         except CameraError as error:
             yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
         except ArithmeticError:
-            continue  # a pupil in the sensor, or in infinity: no figure says whether that was meant
+            continue  # A pupil in the sensor, or in infinity, can be traced, and no figure says whether it was meant.
 
 
 def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:

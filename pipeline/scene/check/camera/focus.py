@@ -14,9 +14,10 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.errors import PipelineError
 from pipeline.scene.read.prims import lens_groups, read_camera
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read, target
+from pipeline.scene.usd.values import read, target
 
 _SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
 _GROUPS = "plen:camera:focusGroups"
@@ -57,16 +58,14 @@ def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
-    """A focus out of reach; then warnings about what the microlenses see. Silent where something else is wrong."""
+    """A focus out of reach; then warnings about what the microlenses see."""
     if not target(camera, "plen:camera:sensor", "PlenSensor"):
         return
     try:
         record = read_camera(camera)
-    except UnreadableValue as unread:
-        yield problem(unread.thing, unread.code, unread.what)
+    except PipelineError as error:
+        yield of_reader(camera, error)
         return
-    except PipelineError:
-        return  # parts that do not fit each other: the checks of lens and microlenses name them
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
     if both != bool(read(camera, _GROUPS)):
         return
@@ -74,14 +73,14 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
         return
     found = _out_of_reach(record)
     if found:
-        name, error = found
-        yield problem(camera.GetAttribute(name), "out-of-reach", error.what, hint=error.hint)
+        name, reason = found
+        yield problem(camera.GetAttribute(name), "out-of-reach", reason.what, hint=reason.hint)
         return
     try:
         yield from _check_f_numbers(camera, solved(record))
         yield from _check_microlenses(camera, solved(record))
-    except (PipelineError, ArithmeticError):
-        return  # no lens that forms an image; what does not need one is checked elsewhere
+    except (PipelineError, ArithmeticError) as error:
+        yield of_reader(camera, error)
 
 
 def _bad_type(record: Camera | FocusRequest) -> bool:
@@ -115,8 +114,8 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
     except CameraError as error:
         name = _FOCUS if camera.GetAttribute(_FOCUS).HasAuthoredValue() else _SENSOR
         yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)
-    except (PipelineError, ArithmeticError):
-        return  # a lens without power
+    except (PipelineError, ArithmeticError) as error:
+        yield of_reader(camera, error)
 
 
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:

@@ -1,14 +1,15 @@
 """Glasses of a lens: known, one, and what is printed; and the light of a camera, for which they must be known."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from pxr import Usd
+from pxr import Sdf, Usd
 
 from pipeline.optics.glass.errors import GlassError
 from pipeline.optics.glass.medium import Medium
 from pipeline.optics.glass.row import names_an_entry
-from pipeline.scene.read.media import medium_behind, uses_catalogue
+from pipeline.scene.read.media import medium_behind
 from pipeline.scene.read.prims import ordered_surfaces
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
@@ -21,15 +22,9 @@ def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
     vendor says which entry is meant, and is compared with what is printed in any case.
     """
     prims = ordered_surfaces(lens)
-    for prim in prims:
-        if _counts(prim, lens):
-            try:
-                medium_behind(prim, lens)
-            except GlassError as error:
-                yield problem(_where(prim), error.code, error.what, hint=error.hint)
-            except UnreadableValue as error:
-                yield problem(error.thing, error.code, error.what)
-    last = _known(prims[-1], lens) if prims and _is_catalogue(lens) else None
+    media, found = _media(lens, [prim for prim in prims if _counts(prim, lens)])
+    yield from found
+    last = media.get(prims[-1].GetPath()) if prims and _is_catalogue(lens) else None
     if last and last.label != "air" and read(prims[-1], "plen:index") == 1:  # else check_lens has said so
         message = f"the medium behind the last surface is {last.label}, and only air is supported yet"
         yield problem(_where(prims[-1]), "not-yet-supported", message)
@@ -42,9 +37,10 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     if None in (camera_nm, lens_nm):
         return
     if _is_catalogue(lens):
+        media, found = _media(lens, ordered_surfaces(lens))
+        yield from found
         # Several elements of one glass are one problem of the camera.
-        media = {found.label: found for prim in ordered_surfaces(lens) if (found := _known(prim, lens))}
-        for medium in media.values():
+        for medium in {medium.label: medium for medium in media.values()}.values():
             try:
                 medium.index(camera_nm)
             except GlassError as error:
@@ -57,22 +53,24 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
 
 
 def _is_catalogue(lens: Usd.Prim) -> bool:
-    try:
-        return uses_catalogue(lens)
-    except UnreadableValue:
-        return False
+    return bool(read(lens, "plen:indexSource") == "catalogue")
 
 
 def _counts(surface: Usd.Prim, lens: Usd.Prim) -> bool:
     return _is_catalogue(lens) or names_an_entry(read(surface, "plen:glass") or "")
 
 
-def _known(surface: Usd.Prim, lens: Usd.Prim) -> Medium | None:
-    """The medium behind a surface; None where it is wrong already, and reported as that."""
-    try:
-        return medium_behind(surface, lens)
-    except (GlassError, UnreadableValue):
-        return None
+def _media(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Path, Medium], list[Problem]]:
+    """The media behind surfaces of a lens, by their paths, and the problems of those that are not there."""
+    media, found = dict[Sdf.Path, Medium](), list[Problem]()
+    for prim in prims:
+        try:
+            media[prim.GetPath()] = medium_behind(prim, lens)
+        except GlassError as error:
+            found.append(problem(_where(prim), error.code, error.what, hint=error.hint))
+        except UnreadableValue as error:
+            found.append(of_reader(prim, error))
+    return media, found
 
 
 def _where(surface: Usd.Prim) -> Usd.Property:

@@ -12,6 +12,7 @@ from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import PrescriptionError, Surface, gaps_mm
 from pipeline.scene.read.prims import ordered_surfaces, read_prescription, read_surface
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
@@ -53,11 +54,18 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
 def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
     """A focal length far from the one by which a PlenLens without errors goes."""
     nominal_mm = read(lens, "plen:nominalFocalLength")
+    if not nominal_mm or nominal_mm <= 0:
+        return
     try:
-        efl_mm = first_order(read_prescription(lens)).efl_mm if nominal_mm and nominal_mm > 0 else None
-    except (PipelineError, ArithmeticError):
-        return  # not named, or a lens without power
-    if efl_mm is None or abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
+        prescription = read_prescription(lens)
+    except PipelineError as error:
+        yield of_reader(lens, error)
+        return
+    try:
+        efl_mm = first_order(prescription).efl_mm
+    except (PrescriptionError, ArithmeticError):
+        efl_mm = math.inf  # A lens alone may be afocal, but then it goes by no focal length.
+    if abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
         return
     off = f"its focal length is {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
     message = f"the lens goes by {nominal_mm:g} mm, but {'it has no power' if math.isinf(efl_mm) else off}"

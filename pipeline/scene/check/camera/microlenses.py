@@ -8,6 +8,7 @@ from pipeline.camera.tracing.microlens_tables import element_tables
 from pipeline.errors import PipelineError
 from pipeline.optics.glass.errors import GlassError, OutOfRange
 from pipeline.scene.read.microlenses import microlens_index, read_microlenses
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
@@ -33,9 +34,9 @@ def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem
         record = read_microlenses(array, _ANY_DISTANCE_MM, _D_LINE_NM)
         element_tables(record)
     except GlassError as error:
-        yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
+        yield _of_glass(array, error)
     except UnreadableValue as error:
-        yield problem(error.thing, error.code, error.what)
+        yield of_reader(array, error)
     except PipelineError as error:
         yield problem(array, "microlens-array", error.what, hint=error.hint)
     else:
@@ -53,7 +54,7 @@ def check_near_microlenses(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Proble
 
 
 def check_microlens_glass(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem]:
-    """The light of a camera against what is known of the glass of its microlenses; `check_microlenses` names others."""
+    """The light of a camera against what is known of the glass of its microlenses."""
     wavelength_nm = read(camera, "plen:camera:wavelength")
     if read(array, "plen:model") != "refractive" or not read(array, "plen:glass") or wavelength_nm is None:
         return
@@ -62,8 +63,12 @@ def check_microlens_glass(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem
     except OutOfRange as error:
         hint = "choose a wavelength at which the glass of the microlenses is known"
         yield problem(camera.GetAttribute("plen:camera:wavelength"), error.code, error.what, hint=hint)
-    except GlassError:
-        return
+    except GlassError as error:
+        yield _of_glass(array, error)
+
+
+def _of_glass(array: Usd.Prim, error: GlassError) -> Problem:
+    return problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
 
 
 def _check_extent(array: Usd.Prim) -> Iterator[Problem]:

@@ -11,9 +11,10 @@ from pipeline.scene.check.camera.focus import check_focus, check_request
 from pipeline.scene.check.camera.glass import check_wavelength
 from pipeline.scene.check.camera.microlenses import check_microlens_glass, check_near_microlenses
 from pipeline.scene.read.prims import read_prescription
+from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read, target, target_paths
+from pipeline.scene.usd.values import read, target, target_paths
 
 
 def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
@@ -36,11 +37,9 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         yield from check_near_microlenses(camera, array)
     try:
         prescription = read_prescription(lens, read(camera, "plen:camera:wavelength")) if lens else None
-    except UnreadableValue as error:
-        yield problem(error.thing, error.code, error.what)
+    except PipelineError as error:
+        yield of_reader(camera, error)
         return
-    except PipelineError:
-        return  # surfaces or glasses that the checks of the lens and of the wavelength name
     if prescription:
         yield from _check_behind_lens(camera, prescription)
         yield from _check_near_far(camera, prescription)
