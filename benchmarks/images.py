@@ -176,15 +176,17 @@ class Now(Program):
     """The program that this file belongs to."""
 
     def white(self, rows: tuple[int, int]) -> Any:
+        from pipeline.camera.rig import Rig
         from pipeline.render.imaging import irradiance_and_crosstalk
 
-        white, foreign = irradiance_and_crosstalk(self.tracer, self.images, self.samples, None, rows)
+        white, foreign = irradiance_and_crosstalk(Rig(self.tracer, self.images), self.samples, None, rows)
         return np.array([white - foreign, foreign])
 
     def pictures(self, scenes: list[Any], rows: tuple[int, int], white: Any) -> np.ndarray:
+        from pipeline.camera.rig import Rig
         from pipeline.render.imaging import pictures
 
-        return pictures(self.tracer, self.images, self.samples, [scene.light for scene in scenes], white, rows)
+        return pictures(Rig(self.tracer, self.images), self.samples, [scene.light for scene in scenes], white, rows)
 
     def more(self, scenes: list[Any], rows: tuple[int, int], white: Any, alone: list[np.ndarray]) -> dict[str, float]:
         """Frames in company, to the bit what they are alone; rays of each; all rays of a frame, Embree asked or not."""
@@ -208,9 +210,10 @@ class Now(Program):
 
     def all_rays(self, scene: Any, rows: tuple[int, int]) -> np.ndarray:
         """An image without any shortcut."""
+        from pipeline.camera.rig import Rig
         from pipeline.render.imaging import irradiance
 
-        return irradiance(self.tracer, self.images, self.samples, scene.light.radiance, rows)
+        return irradiance(Rig(self.tracer, self.images), self.samples, scene.light.radiance, rows)
 
     def behind_card(self, scene: Any, corners: Any) -> Any:
         """The same scene with a triangle before it."""
@@ -225,10 +228,11 @@ class Now(Program):
     def reference(self, scenes: list[Any], rows: tuple[int, int], samples: int) -> np.ndarray:
         import dataclasses
 
+        from pipeline.camera.rig import Rig
         from pipeline.render.imaging import irradiance
 
         tracer = dataclasses.replace(self.tracer, seed=self.tracer.seed + 77)
-        return np.array([irradiance(tracer, self.images, samples, scene.light.radiance, rows) for scene in scenes])
+        return np.array([irradiance(Rig(tracer, self.images), samples, scene.light.radiance, rows) for scene in scenes])
 
 
 class Before(Program):

@@ -21,6 +21,7 @@ from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
 from pipeline.machine.another_python import command
@@ -112,9 +113,9 @@ def _pictures(tracer: Tracer) -> None:
     place[2, 3] = 100.0
     occluder = Occluder(vertices_mm=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), triangles=((0, 1, 2),))
     scenes = [TargetLight([(board, place)], 0.0), TargetLight([(board, place)], 0.0, [(occluder, place)])]
-    images = micro_images(tracer) if tracer.camera.microlenses else None
-    white, foreign = irradiance_and_crosstalk(tracer, images, 1, None)
-    pictures(tracer, images, 1, scenes, np.array([white - foreign, foreign]))
+    rig = Rig.of(tracer)
+    white, foreign = irradiance_and_crosstalk(rig, 1, None)
+    pictures(rig, 1, scenes, np.array([white - foreign, foreign]))
 
 
 def _pictures_of_a_lens() -> None:

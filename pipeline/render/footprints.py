@@ -11,10 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.micro_images.centres import MicroImages
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.beams import NODES, RAYS, Beams, Blocks, beams_of
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.render import footprint_kernels as kernels
+from pipeline.render.band import Band, Rows
 from pipeline.targets.patches import Patch
 
 _TILE_PX = 32
@@ -64,30 +66,15 @@ class Meeting(NamedTuple):
 
 
 class Sight:
-    """Footprints of the pixels of some rows, on whatever is before the camera.
+    """Footprints of the pixels of some rows, on whatever is before the camera."""
 
-    Parameters
-    ----------
-    rows : (int, int)
-    positions : (n, 2) float64
-        Their pixels, row by row, on the sensor, vision frame [mm].
-    strata : (n, s) int64
-        Microlenses that light each pixel, from `camera.micro_images.strata`.
-    """
-
-    def __init__(
-        self,
-        tracer: Tracer,
-        images: MicroImages | None,
-        rows: tuple[int, int],
-        positions: np.ndarray,
-        strata: np.ndarray,
-    ) -> None:
-        blocks, own = _tiles(tracer, rows) if images is None else _behind(tracer, images, strata)
-        self._edge_mm, self._blocks = tracer.camera.sensor.pitch_mm, blocks
+    def __init__(self, band: Band) -> None:
+        rig = band.rig
+        blocks, own = _tiles(rig.tracer, band.rows) if rig.images is None else _behind(rig, rig.images, band.strata)
+        self._edge_mm, self._blocks = rig.tracer.camera.sensor.pitch_mm, blocks
         parts = own[:, :1], own[:, 1:]
-        self._parts = [Places(positions, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
-        self._beams: Beams = beams_of(tracer.arrays, blocks)
+        self._parts = [Places(band.positions_mm, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
+        self._beams: Beams = beams_of(rig.tracer.arrays, blocks)
 
     def judged(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
@@ -134,7 +121,7 @@ def _across(z_mm: float) -> np.ndarray:
     return pose
 
 
-def _tiles(tracer: Tracer, rows: tuple[int, int]) -> tuple[Blocks, np.ndarray]:
+def _tiles(tracer: Tracer, rows: Rows) -> tuple[Blocks, np.ndarray]:
     """Tiles of the sensor, the same for whatever rows, and the tile of each pixel (n, 1)."""
     width = tracer.camera.sensor.width_px
     across, first, end = -(-width // _TILE_PX), rows[0] // _TILE_PX, -(-rows[1] // _TILE_PX)
@@ -146,12 +133,12 @@ def _tiles(tracer: Tracer, rows: tuple[int, int]) -> tuple[Blocks, np.ndarray]:
     return Blocks(np.full(len(middle), NO_MICROLENS), middle, step), np.ascontiguousarray(own.reshape(-1, 1))
 
 
-def _behind(tracer: Tracer, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
+def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
     """The block that each microlens lights, and the places of the microlenses of pixels among them (n, s)."""
     microlens = np.unique(strata[strata != SKIP])
     place = np.full(len(images.centre_mm) + 1, -1)
     place[microlens] = np.arange(len(microlens))
-    reach = images.reach_mm[microlens] + tracer.camera.sensor.pitch_mm
+    reach = images.reach_mm[microlens] + rig.tracer.camera.sensor.pitch_mm
     step = 2 * _NODES_WITHIN * reach / (NODES - 1)
     own = place[np.where(strata == SKIP, -1, strata)]
     return Blocks(microlens, np.ascontiguousarray(images.centre_mm[microlens]), step), own

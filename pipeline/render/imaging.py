@@ -9,21 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.micro_images.centres import MicroImages
-from pipeline.camera.micro_images.strata import pixel_strata, positions_of
-from pipeline.camera.tracer import Tracer
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
+from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Sight
 from pipeline.render.light import TargetLight
 
 Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(n, 3) origins and directions, vision frame, to (n,) radiances."""
-
-Rows = tuple[int, int]
-"""First and end of some rows of an image."""
 
 _RAYS_PER_CHUNK = 1 << 15
 """Rays that are traced before they are shaded, 64 bytes each: they stay in the cache."""
@@ -31,15 +27,13 @@ _FEWEST = 4
 """Inverse of the least share of the samples: of fewer rays one that is rare would stand out."""
 
 
-def irradiance(
-    tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None, rows: Rows | None = None
-) -> np.ndarray:
+def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | None = None) -> np.ndarray:
     """Integral of L over each pixel's rays, by the camera's weight, relative to that of a white scene on the axis.
+
+    Light through neighbouring microlenses is included.
 
     Parameters
     ----------
-    images : MicroImages or None
-        None for a conventional camera. Light through neighbouring microlenses is included.
     samples : int
         Rays per pixel and microlens, a power of two.
     radiance : callable or None
@@ -51,11 +45,11 @@ def irradiance(
     -------
     (height, width) float64
     """
-    return irradiance_and_crosstalk(tracer, images, samples, radiance, rows)[0]
+    return irradiance_and_crosstalk(rig, samples, radiance, rows)[0]
 
 
 def irradiance_and_crosstalk(
-    tracer: Tracer, images: MicroImages | None, samples: int, radiance: Radiance | None, rows: Rows | None = None
+    rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, and its part that came through other microlenses than that of the pixel's cell.
 
@@ -64,25 +58,19 @@ def irradiance_and_crosstalk(
     (height, width) float64, (height, width) float64
         See `irradiance`.
     """
-    band = _Band.of(tracer, images, rows)
-    result, foreign = np.zeros((2, len(band.positions)))
-    for rays in band.rays(samples, np.where(band.strata == SKIP, 0, samples)):
+    band = Band.of(rig, rows)
+    result, foreign = np.zeros((2, len(band.strata)))
+    for rays in _rays(band, samples, np.where(band.strata == SKIP, 0, samples)):
         origin, direction, share, _ = rays.leaving
         value = share if radiance is None else share * radiance(origin, direction)
         other = rays.way > 0
         result[rays.pixels] = np.bincount(rays.row, value, minlength=len(rays.pixels))
         foreign[rays.pixels] = np.bincount(rays.row[other], value[other], minlength=len(rays.pixels))
-    shape = band.rows[1] - band.rows[0], tracer.camera.sensor.width_px
-    return band.relative(result).reshape(shape), band.relative(foreign).reshape(shape)
+    return _relative(rig, result).reshape(band.shape), _relative(rig, foreign).reshape(band.shape)
 
 
 def pictures(
-    tracer: Tracer,
-    images: MicroImages | None,
-    samples: int,
-    scenes: Sequence[TargetLight],
-    white: np.ndarray,
-    rows: Rows | None = None,
+    rig: Rig, samples: int, scenes: Sequence[TargetLight], white: np.ndarray, rows: Rows | None = None
 ) -> np.ndarray:
     """Images of several scenes, (scenes, height, width): each, to the bit, what it is alone.
 
@@ -94,18 +82,18 @@ def pictures(
     white : (2, height, width) float64
         The white image of the same rows in these two parts, relative; a conventional camera has no second one.
     """
-    band = _Band.of(tracer, images, rows)
-    sight = Sight(tracer, images, band.rows, band.positions, band.strata)
+    band = Band.of(rig, rows)
+    sight, count = Sight(band), len(band.strata)
     parts = white.reshape(2, -1)
     colour = np.array([scene.seen(sight) for scene in scenes])
     wanted = np.isnan(colour)
     counts = _counts(samples, parts, wanted.any(axis=0), band.strata)
-    result = np.zeros((len(scenes), 2 * len(band.positions)))
-    for rays in band.rays(samples, counts):
-        part = rays.pixels[rays.row] + len(band.positions) * (rays.way > 0)
+    result = np.zeros((len(scenes), 2 * count))
+    for rays in _rays(band, samples, counts):
+        part = rays.pixels[rays.row] + count * (rays.way > 0)
         for scene, sampled, image in zip(scenes, wanted, result, strict=True):
             scene.add(rays.leaving, part, sampled.ravel(), image)
-    image = np.where(wanted, band.relative(result).reshape(wanted.shape), colour * parts)
+    image = np.where(wanted, _relative(rig, result).reshape(wanted.shape), colour * parts)
     return image.sum(axis=1).reshape(-1, *white.shape[1:])
 
 
@@ -150,43 +138,31 @@ class _Rays:
     way: np.ndarray
 
 
-@dataclass(frozen=True, slots=True)
-class _Band:
-    """Rows of an image: their pixels, row by row, on the sensor (n, 2), and the microlenses that light each (n, s)."""
+def _relative(rig: Rig, flux: np.ndarray) -> np.ndarray:
+    """Integrals of pixels, over that of a white scene on the axis."""
+    return flux / rig.tracer.reference_weight_sr
 
-    tracer: Tracer
-    rows: Rows
-    positions: np.ndarray
-    strata: np.ndarray
 
-    @classmethod
-    def of(cls, tracer: Tracer, images: MicroImages | None, rows: Rows | None) -> "_Band":
-        rows = rows or (0, tracer.camera.sensor.height_px)
-        return cls(tracer, rows, positions_of(tracer, rows), pixel_strata(tracer, images, rows))
-
-    def relative(self, flux: np.ndarray) -> np.ndarray:
-        """Integrals of pixels, over that of a white scene on the axis."""
-        return flux / self.tracer.reference_weight_sr
-
-    def rays(self, samples: int, counts: np.ndarray) -> Iterator[_Rays]:
-        """Rays of all pixels, so many through each microlens (n, s); the next stretch takes the arrays of the last."""
-        width, before = self.tracer.camera.sensor.width_px, self.rows[0] * self.tracer.camera.sensor.width_px
-        random = Samples(sobol_bits(samples), self.tracer.seed, self.tracer.camera.sensor.pitch_mm)
-        of_pixel = counts.sum(axis=1)
-        pixels = np.flatnonzero(of_pixel)
-        room = room_for(0)
-        for first, end in _stretches(of_pixel[pixels]):
-            some = pixels[first:end]
-            most = int(of_pixel[some].sum())
-            if len(room.share) < most:
-                room = room_for(most)
-            y_px, x_px = np.divmod(some + before, width)
-            strata = np.where(counts[some] > 0, self.strata[some], SKIP)
-            squares = Squares(np.stack([x_px, y_px], axis=1), self.positions[some], strata, counts[some])
-            count = bundle_kernels.image_rays(self.tracer.arrays, random, squares, room)
-            bundle_kernels.image_rays.count(most, len(self.tracer.table))
-            leaving = room.first(count)
-            yield _Rays(some, leaving, *np.divmod(leaving.owner, self.strata.shape[1]))
+def _rays(band: Band, samples: int, counts: np.ndarray) -> Iterator[_Rays]:
+    """Rays of all pixels, so many through each microlens (n, s); the next stretch takes the arrays of the last."""
+    tracer = band.rig.tracer
+    width = tracer.camera.sensor.width_px
+    random = Samples(sobol_bits(samples), tracer.seed, tracer.camera.sensor.pitch_mm)
+    of_pixel = counts.sum(axis=1)
+    pixels = np.flatnonzero(of_pixel)
+    room = room_for(0)
+    for first, end in _stretches(of_pixel[pixels]):
+        some = pixels[first:end]
+        most = int(of_pixel[some].sum())
+        if len(room.share) < most:
+            room = room_for(most)
+        y_px, x_px = np.divmod(some + band.rows[0] * width, width)
+        strata = np.where(counts[some] > 0, band.strata[some], SKIP)
+        squares = Squares(np.stack([x_px, y_px], axis=1), band.positions_mm[some], strata, counts[some])
+        count = bundle_kernels.image_rays(tracer.arrays, random, squares, room)
+        bundle_kernels.image_rays.count(most, len(tracer.table))
+        leaving = room.first(count)
+        yield _Rays(some, leaving, *np.divmod(leaving.owner, band.strata.shape[1]))
 
 
 def _stretches(rays: np.ndarray) -> Iterator[tuple[int, int]]:

@@ -37,7 +37,7 @@ def image_rows(
     rig = rig_of(inputs, exposure.seed)
     white, foreign = (read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN))
     parts = np.array([white - foreign, foreign])
-    return pictures(rig.tracer, rig.images, exposure.samples, list(map(_scene, views)), parts, rows)
+    return pictures(rig, exposure.samples, list(map(_scene, views)), parts, rows)
 
 
 def _scene(view: PaintedView) -> TargetLight:

@@ -24,7 +24,7 @@ def white_rows(
     """Rows from the first to an end, by default all, (h, w) float64 each, written for images: the white image, and its
     part through other microlenses than that of the pixel's cell."""
     rig = rig_of(inputs, exposure.seed)
-    parts = irradiance_and_crosstalk(rig.tracer, rig.images, exposure.samples, None, rows)
+    parts = irradiance_and_crosstalk(rig, exposure.samples, None, rows)
     for name, pixels in zip((WHITE, FOREIGN), parts, strict=True):
         write_npy(out / name, pixels)
     return parts

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pipeline
-from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.files.tables import read_table, write_table
@@ -122,6 +122,6 @@ def _image(name: str, seed: int) -> np.ndarray:
     tracer = Tracer(camera.camera, seed)
     targets = [(entry.target, vision_from_target(frame, camera.name, entry.name)) for entry in dataset.targets]
     light = TargetLight(targets, dataset.background)
-    images = micro_images(tracer) if camera.camera.microlenses else None
-    white, foreign = irradiance_and_crosstalk(tracer, images, camera.image_samples, None)
-    return pictures(tracer, images, camera.image_samples, [light], np.array([white - foreign, foreign]))[0]
+    rig = Rig.of(tracer)
+    white, foreign = irradiance_and_crosstalk(rig, camera.image_samples, None)
+    return pictures(rig, camera.image_samples, [light], np.array([white - foreign, foreign]))[0]

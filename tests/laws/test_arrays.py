@@ -13,11 +13,11 @@ from laws.holes import behind_a_hole, detail_of
 from tolerances import ORDER, ROUNDING_MM, STRATIFIED
 
 from pipeline.camera.focusing.depth_of_field import foci
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell, lattice
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.acceptance import disc_weight, region_weight
 from pipeline.camera.tracing.microlens_kernels import aims_for, rays_before
@@ -288,7 +288,7 @@ def test_crosstalk_is_absent_at_small_stops_and_grows_with_them() -> None:
     for stop_semi_mm in (2.0, 5.3, 8.0, 17.0):
         camera = dataclasses.replace(rigs.plenoptic(3.0, 40, 40, 0.01), prescription=rigs.tronnier(stop_semi_mm))
         tracer = Tracer(camera)
-        white, foreign = irradiance_and_crosstalk(tracer, micro_images(tracer), 64, None)
+        white, foreign = irradiance_and_crosstalk(Rig.of(tracer), 64, None)
         shares.append(foreign.sum() / white.sum())
     assert shares[0] < 1e-3
     assert np.all(np.diff(shares) > 0)

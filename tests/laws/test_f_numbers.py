@@ -13,6 +13,7 @@ from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import MicroLight, micro_light
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 from pipeline.render.imaging import irradiance
@@ -85,7 +86,7 @@ def test_pixels_of_the_white_image_have_the_same_centroid() -> None:
     y, x = np.mgrid[:48, :64]
     means = []
     for seed in range(16):
-        white = irradiance(Tracer(camera, seed), micro_images(tracer), 64, None)
+        white = irradiance(Rig(Tracer(camera, seed), micro_images(tracer)), 64, None)
         means.append([(white * x).sum() / white.sum(), (white * y).sum() / white.sum()])
     off = np.mean(means, axis=0) - tracer.pixels_at(found.centroid_mm)[0]
     error = np.std(means, axis=0, ddof=1) / 4

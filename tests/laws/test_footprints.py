@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from laws.random_scenes import random_camera, random_pose, random_target
 
-from pipeline.camera.micro_images.centres import MicroImages, micro_images
+from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.strata import pixel_strata, positions_of
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.render import imaging
+from pipeline.render.band import Band
 from pipeline.render.footprints import Sight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
@@ -31,23 +32,23 @@ CARD = Occluder(
 )
 
 
-def scene_of(seed: int) -> tuple[Tracer, MicroImages | None, TargetLight]:
+def scene_of(seed: int) -> tuple[Rig, TargetLight]:
     """A camera and what it looks at: a target, every third time a card before it."""
     rng = np.random.default_rng(seed)
     tracer = Tracer(random_camera(rng), seed)
-    images = micro_images(tracer) if tracer.camera.microlenses else None
-    pose = random_pose(rng, Rig(tracer, images))
+    rig = Rig.of(tracer)
+    pose = random_pose(rng, rig)
     card = pose.copy()
     card[:3, 3] *= rng.uniform(0.9, 0.97)
-    return tracer, images, TargetLight([(random_target(rng), pose)], 0.25, [(CARD, card)] if seed % 3 == 0 else [])
+    return rig, TargetLight([(random_target(rng), pose)], 0.25, [(CARD, card)] if seed % 3 == 0 else [])
 
 
-def extremes(tracer: Tracer, images: MicroImages | None, light: TargetLight) -> tuple[np.ndarray, np.ndarray]:
+def extremes(rig: Rig, light: TargetLight) -> tuple[np.ndarray, np.ndarray]:
     """Least and most light that any ray brings to both parts of each pixel, (2, n); infinite where none arrives."""
-    lenses = pixel_strata(tracer, images, ROWS)
-    band = imaging._Band.of(tracer, images, ROWS)
+    band = Band.of(rig, ROWS)
+    lenses = band.strata
     least, most = np.full(2 * len(lenses), np.inf), np.full(2 * len(lenses), -np.inf)
-    for rays in band.rays(SAMPLES, np.where(lenses == SKIP, 0, SAMPLES)):
+    for rays in imaging._rays(band, SAMPLES, np.where(lenses == SKIP, 0, SAMPLES)):
         part = rays.pixels[rays.row] + len(lenses) * (rays.way > 0)
         value = light.radiance(rays.leaving.origin, rays.leaving.direction)
         np.minimum.at(least, part, value)
@@ -55,16 +56,15 @@ def extremes(tracer: Tracer, images: MicroImages | None, light: TargetLight) -> 
     return least.reshape(2, -1), most.reshape(2, -1)
 
 
-def seen(tracer: Tracer, images: MicroImages | None, light: TargetLight) -> np.ndarray:
+def seen(rig: Rig, light: TargetLight) -> np.ndarray:
     """Colour of both parts of each pixel, (2, n), NaN where it is not sure."""
-    sight = Sight(tracer, images, ROWS, positions_of(tracer, ROWS), pixel_strata(tracer, images, ROWS))
-    return light.seen(sight)
+    return light.seen(Sight(Band.of(rig, ROWS)))
 
 
 @pytest.mark.parametrize("seed", range(SCENES))
 def test_no_ray_brings_another_colour(seed: int) -> None:
-    tracer, images, light = scene_of(seed)
-    colour, (least, most) = seen(tracer, images, light), extremes(tracer, images, light)
+    rig, light = scene_of(seed)
+    colour, (least, most) = seen(rig, light), extremes(rig, light)
     sure = (most >= least) & ~np.isnan(colour)
     assert np.array_equal(least[sure], colour[sure])
     assert np.array_equal(most[sure], colour[sure])
@@ -73,12 +73,10 @@ def test_no_ray_brings_another_colour(seed: int) -> None:
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
 def test_few_pixels_of_one_colour_are_not_called_so(kind: str, request: pytest.FixtureRequest) -> None:
     """Of a board in focus fewer pixels are doubted for nothing than have an edge."""
-    tracer = Tracer(request.getfixturevalue(kind))
-    images = micro_images(tracer) if tracer.camera.microlenses else None
-    rig = Rig(tracer, images)
+    rig = Rig.of(Tracer(request.getfixturevalue(kind)))
     board = Target(Checkerboard(columns=4, rows=3, square_mm=4.0))
     light = TargetLight([(board, random_pose(np.random.default_rng(1), rig))], 0.25)
-    colour, (least, most) = seen(tracer, images, light), extremes(tracer, images, light)
+    colour, (least, most) = seen(rig, light), extremes(rig, light)
     mixed = most > least
     assert 0.1 < mixed[0].mean() < 0.45
     assert np.isnan(colour[mixed]).all()
@@ -89,16 +87,16 @@ def test_few_pixels_of_one_colour_are_not_called_so(kind: str, request: pytest.F
 def test_the_error_is_that_of_all_samples(kind: str, request: pytest.FixtureRequest) -> None:
     """Against 2,048 samples, 16 samples where an edge may be leave what 16 everywhere leave, within a tenth."""
     camera: Camera = request.getfixturevalue(kind)
-    images = micro_images(Tracer(camera)) if camera.microlenses else None
+    rig = Rig.of(Tracer(camera))
     board = Target(Checkerboard(columns=4, rows=3, square_mm=4.0))
-    light = TargetLight([(board, random_pose(np.random.default_rng(1), Rig(Tracer(camera), images)))], 0.25)
-    exact = irradiance(Tracer(camera, 99), images, 2048, light.radiance, ROWS)
+    light = TargetLight([(board, random_pose(np.random.default_rng(1), rig))], 0.25)
+    exact = irradiance(Rig(Tracer(camera, 99), rig.images), 2048, light.radiance, ROWS)
     errors = []
     for seed in range(4):
-        tracer = Tracer(camera, seed)
-        white, foreign = irradiance_and_crosstalk(tracer, images, 16, None, ROWS)
-        found = pictures(tracer, images, 16, [light], np.array([white - foreign, foreign]), ROWS)[0]
-        errors.append([found - exact, irradiance(tracer, images, 16, light.radiance, ROWS) - exact])
+        rig = Rig(Tracer(camera, seed), rig.images)
+        white, foreign = irradiance_and_crosstalk(rig, 16, None, ROWS)
+        found = pictures(rig, 16, [light], np.array([white - foreign, foreign]), ROWS)[0]
+        errors.append([found - exact, irradiance(rig, 16, light.radiance, ROWS) - exact])
     now, all_samples = np.sqrt(np.mean(np.square(errors), axis=(0, 2, 3)))
     assert 0.001 < all_samples < 0.1
     assert now < 1.1 * all_samples
@@ -107,10 +105,10 @@ def test_the_error_is_that_of_all_samples(kind: str, request: pytest.FixtureRequ
 @pytest.mark.parametrize("seed", range(4))
 def test_sampled_pixels_are_those_of_the_whole_scene(seed: int) -> None:
     """Where all light comes through one microlens, or none: the same rays, the same sums."""
-    tracer, images, light = scene_of(seed)
-    white, foreign = irradiance_and_crosstalk(tracer, images, 16, None, ROWS)
-    found = pictures(tracer, images, 16, [light], np.array([white - foreign, foreign]), ROWS)[0]
-    whole = irradiance(tracer, images, 16, light.radiance, ROWS)
+    rig, light = scene_of(seed)
+    white, foreign = irradiance_and_crosstalk(rig, 16, None, ROWS)
+    found = pictures(rig, 16, [light], np.array([white - foreign, foreign]), ROWS)[0]
+    whole = irradiance(rig, 16, light.radiance, ROWS)
     alone = foreign == 0
     assert alone.mean() > 0.1
     assert np.allclose(found[alone], whole[alone], rtol=0, atol=1e-14)

@@ -12,6 +12,7 @@ from tolerances import ORDER, SIGMAS, STRATIFIED
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import projected_solid_angle, regular
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracing.packets import draw
@@ -89,7 +90,7 @@ def test_the_white_image_of_a_tiny_stop_follows_cos_to_the_fourth() -> None:
     """
     sensor = Sensor(width_px=17, height_px=13, pitch_mm=3.7)
     camera = rigs.bare(rigs.hole(0.01), sensor, 30.0, (100.0, 200.0))
-    images = np.stack([irradiance(Tracer(camera, seed), None, 256, None) for seed in range(16)])
+    images = np.stack([irradiance(Rig.of(Tracer(camera, seed)), 256, None) for seed in range(16)])
     node, weight = np.polynomial.legendre.leggauss(6)
     x = (np.arange(17)[:, None] - 8 + node / 2).ravel() * 3.7
     y = (np.arange(13)[:, None] - 6 + node / 2).ravel() * 3.7

@@ -20,6 +20,7 @@ from pipeline.camera.parts.camera import WEIGHTS, Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.acceptance import BY_AREA, region_weight
 from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
@@ -57,7 +58,7 @@ def test_a_hole_without_a_lens_lights_all_pixels_alike() -> None:
     """
     sensor, rays = Sensor(width_px=5, height_px=5, pitch_mm=2.4), 16_384
     camera = rigs.bare(rigs.hole(0.5), sensor, 8.0, (100.0, 200.0))
-    dark, flat = (irradiance(Tracer(weighed(camera, weight)), None, rays, None) for weight in WEIGHTS)
+    dark, flat = (irradiance(Rig.of(Tracer(weighed(camera, weight))), rays, None) for weight in WEIGHTS)
     assert dark[0, 0] < 0.5
     np.testing.assert_allclose(flat, 1.0, rtol=0, atol=4 * rays**-0.75)
 
@@ -144,7 +145,7 @@ def seen_mm(camera: Camera, plane: np.ndarray) -> np.ndarray:
         return radiance
 
     tracer = Tracer(camera)
-    x, y, white = (irradiance(tracer, None, 1 << 17, light)[0, 0] for light in (ramp(0), ramp(1), None))
+    x, y, white = (irradiance(Rig.of(tracer), 1 << 17, light)[0, 0] for light in (ramp(0), ramp(1), None))
     return np.array([x, y]) / white
 
 

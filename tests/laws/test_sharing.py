@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import write_json
 from pipeline.frames import rigid
@@ -37,16 +37,16 @@ ROWS = (20, 29)
 def test_scenes_in_company_are_scenes_alone(kind: str, request: pytest.FixtureRequest, monkeypatch) -> None:
     camera: Camera = request.getfixturevalue(kind)
     tracer = Tracer(camera, seed=3)
-    images = micro_images(tracer) if camera.microlenses else None
-    white, foreign = irradiance_and_crosstalk(tracer, images, 16, None, ROWS)
+    rig = Rig.of(tracer)
+    white, foreign = irradiance_and_crosstalk(rig, 16, None, ROWS)
     parts = np.array([white - foreign, foreign])
-    together = pictures(tracer, images, 16, SCENES, parts, ROWS)
+    together = pictures(rig, 16, SCENES, parts, ROWS)
     assert np.ptp(together[:4], axis=(1, 2)).min() > 0
     for scene, image in zip(SCENES, together, strict=True):
-        assert np.array_equal(image, pictures(tracer, images, 16, [scene], parts, ROWS)[0])
+        assert np.array_equal(image, pictures(rig, 16, [scene], parts, ROWS)[0])
     monkeypatch.setattr(imaging, "_RAYS_PER_CHUNK", 500)
-    assert np.array_equal(together, pictures(tracer, images, 16, SCENES, parts, ROWS))
-    first = [pictures(tracer, images, 16, SCENES, parts[:, a - 20 : b - 20], (a, b)) for a, b in ((20, 23), (23, 29))]
+    assert np.array_equal(together, pictures(rig, 16, SCENES, parts, ROWS))
+    first = [pictures(rig, 16, SCENES, parts[:, a - 20 : b - 20], (a, b)) for a, b in ((20, 23), (23, 29))]
     assert np.array_equal(together, np.concatenate(first, axis=1))
 
 

@@ -9,6 +9,7 @@ from laws.bounds import assert_independent_of_bounds, moments, outside, passing,
 from scipy.spatial.transform import Rotation
 from tolerances import HONEST, REVERSED_MM, ROUNDING_MM, SIGMAS
 
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import VARIANCE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -178,7 +179,7 @@ def test_a_tiny_stop_before_coarse_pixels_loses_no_light(stop_semi_mm: float, pi
     """Rays start all over a pixel, and what passes moves along: a bound for the centre alone loses several per cent."""
     camera = rigs.conventional(stop_semi_mm, 16, 12, pitch_mm)
     tight, wide = (
-        np.array([irradiance(Tracer(camera, seed, margin), None, 256, None).mean() for seed in range(8)])
+        np.array([irradiance(Rig.of(Tracer(camera, seed, margin)), 256, None).mean() for seed in range(8)])
         for margin in (0.02, 0.5)
     )
     error = np.hypot(tight.std(ddof=1), wide.std(ddof=1)) / np.sqrt(8)

@@ -429,7 +429,7 @@ def test_the_light_in_an_image_falls_as_the_visibility(rig: Rig) -> None:
 
     def own_light(*occluders) -> np.ndarray:
         light = TargetLight([(card, pose)], 0.0, occluders)
-        whole, foreign = irradiance_and_crosstalk(rig.tracer, rig.images, samples, light.radiance)
+        whole, foreign = irradiance_and_crosstalk(rig, samples, light.radiance)
         return whole - foreign
 
     free = own_light()

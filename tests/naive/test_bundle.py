@@ -11,6 +11,7 @@ from tolerances import SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -137,7 +138,7 @@ def test_pixels_are_as_bright_as_rays_summed_one_by_one(kind: str) -> None:
     light = TargetLight([(Target(BOARD), pose)], BACKGROUND)
     seeds = [Tracer(camera, seed) for seed in range(16)]
     images = micro_images(seeds[0]) if camera.microlenses else None
-    stack = np.stack([irradiance(t, images, 256, light.radiance) * t.reference_weight_sr for t in seeds])
+    stack = np.stack([irradiance(Rig(t, images), 256, light.radiance) * t.reference_weight_sr for t in seeds])
     for x, y in ((4, 3), (8, 1), (2, 6)):
         brute_values = [brute_pixel(camera, x, y, pose, rng) for _ in range(GROUPS)]
         error = np.hypot(np.std(stack[:, y, x], ddof=1) / 4, np.std(brute_values, ddof=1) / np.sqrt(GROUPS))

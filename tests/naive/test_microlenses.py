@@ -17,6 +17,7 @@ import pipeline
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT
@@ -171,7 +172,7 @@ def test_pixels_see_all_light_of_all_microlenses(kind: str, stop_semi_mm: float)
     camera = dataclasses.replace(camera, sensor=dataclasses.replace(camera.sensor, offset_x_mm=3.0, offset_y_mm=-2.0))
     tracer = Tracer(camera)
     images = micro_images(tracer)
-    found = np.array([irradiance(t, images, 64, None)[3, 4] * t.reference_weight_sr for t in _seeds(tracer)])
+    found = np.array([irradiance(Rig(t, images), 64, None)[3, 4] * t.reference_weight_sr for t in _seeds(tracer)])
     centre = np.array([3.0, -2.0])
     near = np.flatnonzero(np.hypot(*(tracer.vertices_mm - centre).T) < (0.55 if stop_semi_mm < 6 else 1.1))
     brute = []

@@ -1,0 +1,42 @@
+"""Rows of an image that is computed, and the microlenses that light their pixels."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.micro_images.strata import pixel_strata, positions_of
+from pipeline.camera.rig import Rig
+
+Rows = tuple[int, int]
+"""First and end of some rows of an image."""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Rows of an image.
+
+    Attributes
+    ----------
+    rig : Rig
+    rows : (int, int)
+    positions_mm : (n, 2) float64
+        Centres of their pixels on the sensor, row by row, vision frame.
+    strata : (n, s) int64
+        Microlenses that light each pixel, as `camera.micro_images.strata` finds them.
+    """
+
+    rig: Rig
+    rows: Rows
+    positions_mm: np.ndarray
+    strata: np.ndarray
+
+    @classmethod
+    def of(cls, rig: Rig, rows: Rows | None = None) -> "Band":
+        """The band of some rows, by default all."""
+        rows = rows or (0, rig.tracer.camera.sensor.height_px)
+        return cls(rig, rows, positions_of(rig.tracer, rows), pixel_strata(rig.tracer, rig.images, rows))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.rows[1] - self.rows[0], self.rig.tracer.camera.sensor.width_px
