@@ -7,8 +7,7 @@ from pxr import Usd
 from pipeline.optics.glass.errors import GlassError
 from pipeline.optics.glass.medium import Medium
 from pipeline.optics.glass.row import names_an_entry
-from pipeline.scene.read.media import medium_behind, uses_catalogue
-from pipeline.scene.read.prims import ordered_surfaces
+from pipeline.scene.read.media import medium_behind, ordered_surfaces, uses_catalogue
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
