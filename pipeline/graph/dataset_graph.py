@@ -12,7 +12,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.frame_contents import Things, matrix
-from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, exposure_of, light_of
+from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, channel_label, exposure_of, light_of
 from pipeline.graph.poses import target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles
 from pipeline.records.plain import from_plain
@@ -22,7 +22,7 @@ from pipeline.tasks.baselines import BASELINES
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
 from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
-from pipeline.tasks.params.images import White, WhiteTile
+from pipeline.tasks.params.images import ColourImage, White, WhiteTile
 from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
 from pipeline.tasks.params.placed import Matrix
 from pipeline.tasks.params.poses import Baselines, FramePoses, PosedFrame, RigFrame
@@ -46,6 +46,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
                 for frame in dataset.frames:
                     tasks.add(frame)
                 certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
+            _add_colours(graph, files, camera, dataset)
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
     return graph, files, certificates
@@ -112,6 +113,20 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -
         stopped = add(graph, f"stop/{name}/{shown}", Stop(f_number=f_number), reads)
         at = f"{folder}/white/{shown}"
         files |= _white_files(_add_white(graph, entry, {"camera": stopped}, f"{name}/{shown}"), at, f"{at}.")
+
+
+def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, dataset: Dataset) -> None:
+    """The tasks that join the images of the channels of a camera; none for a camera of one wavelength."""
+    seen = entry.in_channels if entry.channels else ()
+    labels = tuple(label for one in seen if (label := channel_label(one)))
+    numbers = [frame.number for frame in dataset.frames]
+    images = [("white", "", f"cameras/{entry.name}")]
+    images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
+    for kind, frame, folder in images if seen else ():
+        reads = {f"channel{i}": f"{kind}/{one.full_name}{frame}" for i, one in enumerate(seen)}
+        params = ColourImage(name=kind, channels=labels)
+        joined = add(graph, f"colour_image/{entry.name}{frame}", params, reads)
+        files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
 
 
 def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:

@@ -84,8 +84,9 @@ def add_tiles(
 
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame that a task, or a field of its parameters, belongs to; None if to all."""
-    if task.short_kind.removesuffix("_tile") in ("image", "truth", "positions"):
-        return int(task.name.split("/")[2])
+    of_frames = task.short_kind.removesuffix("_tile") in ("image", "truth", "positions", "colour_image")
+    if of_frames and len(parts := task.name.split("/")) > 2:  # white images belong to no frame
+        return int(parts[2])
     match = re.match(r"params\.frames\[(\d+)\]", field or "")
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
 

@@ -49,3 +49,11 @@ class Image:
     exposure: Exposure
     tiles: int
     view: PaintedView | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColourImage:
+    """Channels of an image, `image` or `white`, in the order of the tasks that it reads."""
+
+    name: str
+    channels: tuple[ChannelLabel, ...]
