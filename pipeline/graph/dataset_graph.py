@@ -187,7 +187,11 @@ def labels_of(entry: CameraEntry) -> CameraLabels:
             stop_match="microlenses" if asked.match_stop else "none",
         )
     return CameraLabels(
-        lens_name=entry.lens_name, index_source=entry.index_source, light=light_of(entry), focus_request=focus
+        lens_name=entry.lens_name,
+        index_source=entry.index_source,
+        light=light_of(entry),
+        focus_request=focus,
+        channels=entry.channels,
     )
 
 

@@ -37,15 +37,20 @@ def gauss_nodes(wavelengths_nm: np.ndarray, weight: np.ndarray, count: int) -> t
     SpectrumError
         The table is none, or all of it is 0.
     """
-    if len(wavelengths_nm) < 2 or len(weight) != len(wavelengths_nm) or (np.diff(wavelengths_nm) <= 0).any():
-        raise SpectrumError("a spectrum needs at least two wavelengths, ascending, and a value for each")
-    if not (np.isfinite(weight).all() and (weight >= 0).all() and weight.any()):
-        raise SpectrumError("a spectrum needs values that are not negative, and one that is not 0")
+    require_spectrum(wavelengths_nm, weight)
     point, share = _points(wavelengths_nm, weight)
     middle, half = (wavelengths_nm[0] + wavelengths_nm[-1]) / 2, (wavelengths_nm[-1] - wavelengths_nm[0]) / 2
     diagonal, beside = _recurrence((point - middle) / half, share / share.sum(), count)
     values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
     return middle + half * values, vectors[0] ** 2
+
+
+def require_spectrum(wavelengths_nm: np.ndarray, weight: np.ndarray) -> None:
+    """Raise SpectrumError for a table that is no spectrum."""
+    if len(wavelengths_nm) < 2 or len(weight) != len(wavelengths_nm) or (np.diff(wavelengths_nm) <= 0).any():
+        raise SpectrumError("a spectrum needs at least two wavelengths, ascending, and a value for each")
+    if not (np.isfinite(weight).all() and (weight >= 0).all() and weight.any()):
+        raise SpectrumError("a spectrum needs values that are not negative, and one that is not 0")
 
 
 def _points(wavelengths_nm: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from pipeline.optics.spectral_nodes import SpectrumError
+from pipeline.optics.spectral_nodes import SpectrumError, require_spectrum
 from pipeline.spelling import nearest
 
 with warnings.catch_warnings():
@@ -42,7 +42,8 @@ def illuminant(name: str) -> Table:
         return _photons(_BLACK_BODY_NM, np.ones_like(_BLACK_BODY_NM))
     if match := _BLACK_BODY.fullmatch(name):
         if not 100 <= float(match[1]) <= 1e6:
-            raise SpectrumError(f"a black body of {name}", hint="a temperature from 100 K to 1000000 K")
+            hint = "a temperature from 100 K to 1000000 K"
+            raise SpectrumError(f"a black body of {name}", hint=hint, code="unknown-illuminant")
         energy = np.asarray(planck_law(_BLACK_BODY_NM * 1e-9, float(match[1])))
         return _photons(_BLACK_BODY_NM, energy / energy.max())
     spectrum = SDS_ILLUMINANTS[_known(name, list(SDS_ILLUMINANTS), "illuminant")]
@@ -67,8 +68,21 @@ def sensitivity(camera: str, component: str) -> Table:
 
 
 def product(one: Table, other: Table) -> Table:
-    """The product of two tables where both are known, at the wavelengths of both."""
+    """The product of two tables where both are known, at the wavelengths of both.
+
+    Raises
+    ------
+    SpectrumError
+        One of them is no spectrum, or they have no wavelengths in common.
+    """
+    require_spectrum(*one)
+    require_spectrum(*other)
     low, high = max(one[0][0], other[0][0]), min(one[0][-1], other[0][-1])
+    if not low < high:
+        raise SpectrumError(
+            f"a response from {one[0][0]:g} to {one[0][-1]:g} nm and light from {other[0][0]:g} to {other[0][-1]:g} nm"
+            " have no wavelength in common"
+        )
     both = np.unique(np.concatenate([one[0], other[0], [low, high]]))
     both = both[(both >= low) & (both <= high)]
     return both, np.interp(both, *one) * np.interp(both, *other)
@@ -83,7 +97,7 @@ def _known(name: str, names: list[str], what: str) -> str:
         return name
     best = nearest(name, names)
     hint = f'did you mean "{best}"?' if best else f"known: {', '.join(names)}"
-    raise SpectrumError(f'colour-science knows no {what} "{name}"', hint=hint)
+    raise SpectrumError(f'colour-science knows no {what} "{name}"', hint=hint, code=f"unknown-{what}")
 
 
 def srgb_preview(irradiance: np.ndarray, white: float) -> np.ndarray:

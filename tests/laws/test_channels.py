@@ -112,7 +112,10 @@ def test_lateral_colour_of_a_singlet_is_the_paraxial_one() -> None:
 
 def test_the_centroid_of_a_channel_is_that_of_the_light_of_its_wavelengths() -> None:
     """Light of discs adds, so their centroids are averaged by it: exactly."""
-    target, pose = Target(CircleGrid(columns=2, rows=1, spacing_mm=8.0, diameter_mm=3.0)), rigs.facing(436.0, 12.0, 24.0)
+    target, pose = (
+        Target(CircleGrid(columns=2, rows=1, spacing_mm=8.0, diameter_mm=3.0)),
+        rigs.facing(436.0, 12.0, 24.0),
+    )
     whole = case_of(in_light(lens(4.5), RED), target, pose)
     point = int(whole.found.point[0])
 

@@ -34,7 +34,7 @@ def read_channels(camera: Usd.Prim) -> tuple[Channel, ...]:
         A glass is not known at one of the wavelengths.
     """
     prims, illuminant = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")), illuminant_of(camera)
-    return tuple(_channel(camera, prim, illuminant) for prim in prims)
+    return tuple(read_channel(camera, prim, illuminant) for prim in prims)
 
 
 def wavelengths_of(channel: Usd.Prim, illuminant: str) -> tuple[np.ndarray, np.ndarray]:
@@ -69,7 +69,8 @@ def _table_nodes(
     return gauss_nodes(*spectra.product(table, spectra.illuminant(illuminant)), count)
 
 
-def _channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
+def read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
+    """One PlenChannel of a camera; raises as `read_channels`."""
     wavelengths_nm, shares = wavelengths_of(prim, illuminant)
     nodes = [_node(camera, float(nm), float(share)) for nm, share in zip(wavelengths_nm, shares, strict=True)]
     return Channel(name=prim.GetName(), middle=_node(camera, float(shares @ wavelengths_nm), 1.0), nodes=tuple(nodes))

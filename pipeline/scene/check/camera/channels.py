@@ -6,7 +6,7 @@ from pxr import Usd
 
 from pipeline.optics.glass.errors import GlassError
 from pipeline.optics.spectral_nodes import SpectrumError
-from pipeline.scene.read.channels import channel_prims, illuminant_of, read_channels, wavelengths_of
+from pipeline.scene.read.channels import channel_prims, illuminant_of, read_channel, wavelengths_of
 from pipeline.scene.read.media import ordered_surfaces, uses_catalogue
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -51,6 +51,8 @@ def _check_spectrum(channel: Usd.Prim) -> Iterator[Problem]:
     try:
         wavelengths_of(channel, illuminant_of(channel))
     except SpectrumError as error:
+        if error.code == "unknown-illuminant":
+            return  # reported where the dataset is checked
         named = "plen:sensitivity" if read(channel, "plen:sensitivity") else "plen:wavelengths"
         yield problem(channel.GetAttribute(named), error.code, error.what, hint=error.hint)
     except UnreadableValue:
@@ -60,11 +62,13 @@ def _check_spectrum(channel: Usd.Prim) -> Iterator[Problem]:
 def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     """The channels of a camera against what its lens and its microlenses know of their light."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
-    channels = channel_prims(sensor) if sensor else []
-    if not channels:
+    if not sensor or not channel_prims(sensor):
         return
-    prims = ordered_surfaces(lens)
-    if not uses_catalogue(lens) and any(read(prim, "plen:index") != 1 for prim in prims):
+    try:
+        is_printed = not uses_catalogue(lens) and any(read(prim, "plen:index") != 1 for prim in ordered_surfaces(lens))
+    except UnreadableValue:
+        return  # reported where the value is checked
+    if is_printed:
         message = "the indices of the lens are printed for one wavelength, and the sensor has channels"
         hint = 'plen:indexSource = "catalogue" on the lens computes them for any wavelength'
         yield problem(camera, "printed-wavelength", message, hint=hint)
@@ -74,10 +78,11 @@ def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
         message = "the microlenses have the same index at all wavelengths, and the sensor has channels"
         hint = "plen:glass on the array says what they are made of"
         yield problem(array, "printed-wavelength", message, hint=hint, severity="warning")
-    try:
-        read_channels(camera)
-    except GlassError as error:
-        hint = "narrow the response of the channel, or choose glasses that are known at all of its wavelengths"
-        yield problem(camera, error.code, error.what, hint=hint)
-    except (SpectrumError, UnreadableValue):
-        return  # a channel whose own check says so
+    for prim in channel_prims(sensor):
+        try:
+            read_channel(camera, prim, illuminant_of(camera))
+        except GlassError as error:
+            hint = "narrow the response of the channel, or choose glasses that are known at all of its wavelengths"
+            yield problem(prim, error.code, error.what, hint=hint)
+        except (SpectrumError, UnreadableValue):
+            continue  # reported where the channel is checked
