@@ -46,7 +46,7 @@ def exposure_of(entry: CameraEntry) -> Exposure:
 
 
 def channel_label(entry: CameraEntry) -> ChannelLabel | None:
-    """What images and tables say of the channel of a camera."""
+    """The label of the channel of a camera, for images and tables."""
     if entry.channel is None:
         return None
     nodes = entry.channel.nodes

@@ -62,7 +62,7 @@ def write_image(
 
 
 def labels_of(exposure: Exposure) -> dict[str, Any]:
-    """What the header of an image says of its rays."""
+    """Attributes in the header of an image that describe its rays."""
     labels = dataclasses.asdict(dataclasses.replace(exposure, channel=None))
     del labels["channel"]
     return labels if exposure.channel is None else {**labels, "light": exposure.channel.text}

@@ -1,5 +1,5 @@
-"""A stage for `test_attributes`: an occluder, a target of every kind, a conventional and a plenoptic camera, and one with
-a channel that takes part where a case says so.
+"""A stage for `test_attributes`: an occluder, a target of every kind, a conventional and a plenoptic camera, and one
+with a channel that takes part where a case says so.
 """
 
 from stage_text import head
