@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
+from laws.column_cases import board, case_of, saddles
 from laws.dispersion import at, in_light
 from laws.solving import rig_of, solved
-from laws.test_column_sets import board, case_of, saddles
 from naive import polar
 from tolerances import CENTROID_PX, DIRECT_PX, LATERAL_COLOUR, SADDLE_PX, SIGMAS
 

@@ -8,7 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
-from rerun.test_tiles import in_small_tiles
+from rerun.small_tiles import in_small_tiles
 
 import pipeline
 from pipeline.app.build import Result
