@@ -17,13 +17,14 @@ Matrix = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensEntry:
-    """A lens alone; the fields mean what they mean in `CameraEntry`."""
+    """A lens alone; the fields mean what they mean in `CameraEntry`. `stop_name` is the name of its stop's prim."""
 
     name: str
     lens_name: str
     index_source: str
     wavelength_nm: float
     prescription: Prescription
+    stop_name: str
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

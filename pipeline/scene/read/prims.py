@@ -109,6 +109,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
         index_source=index_source(prim, ordered_surfaces(prim)),
         wavelength_nm=need(prim, "plen:wavelength"),
         prescription=read_prescription(prim),
+        stop_name=next(one.GetName() for one in ordered_surfaces(prim) if need(one, "plen:isStop")),
     )
 
 
