@@ -151,7 +151,7 @@ def _comment(pose: Pose) -> str:
 
 
 def _summary(width_px: int, height_px: int, poses: list[Pose]) -> list[str]:
-    """What the poses fill."""
+    """Lines that tell how much of the image and of the depths the poses fill."""
     seen = np.concatenate([pose.seen_px[np.isfinite(pose.seen_px[:, 0])] for pose in poses])
     cells = np.floor((seen + 0.5) / np.array([width_px, height_px]) * _CELLS).astype(int)
     filled = len({tuple(cell) for cell in np.clip(cells, 0, np.array(_CELLS) - 1)})

@@ -63,7 +63,7 @@ class Wish:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Where a target stands, and what a camera sees of it.
+    """A place and a turn of a target, and what a camera sees of it.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ class Placed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetText:
-    """What a new dataset says.
+    """Contents of a new dataset.
 
     Attributes
     ----------
