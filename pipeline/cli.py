@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.app.verbs import building, graph, planning, tasks, watch
+from pipeline.app.verbs.authoring import new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
     CHECKING,
@@ -300,6 +301,7 @@ _VERBS = (
 )
 for _panel, _name, _verb in _VERBS:
     app.command(_name, cls=Verb, rich_help_panel=_panel)(_verb)
+app.add_typer(new, name="new", rich_help_panel=WRITE)
 app.add_typer(imports, name="import", rich_help_panel=WRITE)
 app.add_typer(cache, name="cache", rich_help_panel=CARE)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.camera.integrating import footprint
+from pipeline.camera.integrating.mixture import mixed
 from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, edges
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.tracer import Tracer
@@ -104,8 +105,7 @@ def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
     Level 0 is for steps on the way: its edges are rougher, and it states no error (NaN), because there is nothing to
     compare with.
     """
-    over = _over_squares if bundles.square_px > 0 else _over_points
-    levels, rays = over(tracer, bundles.lit(), [level - 1, level] if level > 0 else [level])
+    levels, rays = _over_light(tracer, bundles.lit(), [level - 1, level] if level > 0 else [level])
     moments, status = levels[-1]
     error = np.full((len(bundles.x_px), 2), np.nan)
     if level > 0:
@@ -119,6 +119,19 @@ def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
 
 _Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
 """Moments and status of each level, and rays traced."""
+
+
+def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
+    """The sum over all wavelengths."""
+    over, lights = _over_squares if bundles.square_px > 0 else _over_points, tracer.lights
+    parts = [over(light.tracer, bundles, levels) for light in lights]
+    if len(parts) == 1:
+        return parts[0]
+    shares, result = np.array([light.share for light in lights]), []
+    for found in zip(*(levels_of_part for levels_of_part, _ in parts), strict=True):
+        moments, status = (np.stack(values, axis=1) for values in zip(*found, strict=True))
+        result.append((mixed(moments, shares), _worst(status)))
+    return result, sum(rays for _, rays in parts)
 
 
 def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
@@ -140,7 +153,7 @@ def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Level
             x = (some.x_px[:, None] + bundles.square_px * offset).reshape(-1, 2)
             behind, on = (np.repeat(values, len(share), axis=0) for values in (some.microlens, some.planes))
             ((found, state),), more = _over_points(tracer, Bundles(x, behind, on), [level])
-            moments[here] = footprint.joined(found.reshape(-1, len(share), COLUMNS), share)
+            moments[here] = mixed(found.reshape(-1, len(share), COLUMNS), share)
             status[here] = _worst(state.reshape(-1, len(share)))
             rays += more
         result.append((moments, status))
@@ -148,7 +161,7 @@ def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Level
 
 
 def _worst(status: np.ndarray) -> np.ndarray:
-    """Outcomes of squares, (n,), from those of their nodes, (n, m)."""
+    """Outcomes of mixtures, (n,), from those of their parts, (n, m)."""
     some = np.where((status == INTEGRATED).any(axis=1), INTEGRATED, EMPTY)
     return np.where((status == NOT_STAR_SHAPED).any(axis=1), NOT_STAR_SHAPED, some)
 

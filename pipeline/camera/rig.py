@@ -1,5 +1,6 @@
 """A camera made ready for whoever asks where things are in its image: tracer, micro-images, and what J means."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,13 @@ class Rig:
     def of(tracer: Tracer, square_px: float = 0.0) -> "Rig":
         """The rig of a tracer, with the micro-images that it has."""
         return Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, square_px)
+
+    @property
+    def lights(self) -> tuple[tuple[float, "Rig"], ...]:
+        """Share and rig of each wavelength of its light; of one wavelength this rig alone."""
+        if len(self.tracer.lights) == 1:
+            return ((1.0, self),)
+        return tuple((light.share, _in_light(light.tracer, self.square_px)) for light in self.tracer.lights)
 
     @property
     def axial(self) -> np.ndarray:
@@ -72,3 +80,9 @@ class Rig:
         """Weight that leaves over that of the free bundle."""
         free = moments[:, FREE_WEIGHT] if self.images is not None else self.tracer.reference_weight_sr
         return moments[:, WEIGHT] / free
+
+
+@functools.lru_cache(maxsize=8)
+def _in_light(tracer: Tracer, square_px: float) -> Rig:
+    """The rig of one wavelength: tiles and frames of an image ask for it again, and micro-images take time."""
+    return Rig.of(tracer, square_px)

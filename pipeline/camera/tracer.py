@@ -1,11 +1,13 @@
 """A camera made ready for the kernels: its surfaces, outlines and microlenses as arrays, all in the vision frame."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.integrating.mixture import mixed
 from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, edges
 from pipeline.camera.parts.camera import REPLICAS, Camera
 from pipeline.camera.parts.errors import CameraError
@@ -22,6 +24,8 @@ from pipeline.optics.table import VERTEX, is_centred, towards_scene
 
 _REFERENCE_NODES, _REFERENCE_RAYS = (24, 256), 1 << 20
 """Nodes of the quadrature that integrates the reference bundle, and random rays where that is not star-shaped."""
+_SEED_STEP = 0x9E3779B9
+"""Distance of the seeds of two wavelengths: 2^32 over the golden ratio, odd, so that small seeds never meet."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,21 @@ class Tracer:
     seed: int = 0
     margin: float = MARGIN
     device: str | None = None
+
+    @cached_property
+    def lights(self) -> tuple["Light", ...]:
+        """The wavelengths of its light; of a camera of one wavelength this tracer alone.
+
+        Each has random numbers of its own.
+        """
+        nodes = self.camera.spectrum
+        if not nodes:
+            return (Light(1.0, self),)
+        seeds = (self.seed + number * _SEED_STEP for number in range(len(nodes)))
+        return tuple(
+            Light(node.weight, replace(self, camera=self.camera.at(node), seed=seed))
+            for node, seed in zip(nodes, seeds, strict=True)
+        )
 
     @cached_property
     def table(self) -> np.ndarray:
@@ -157,6 +176,8 @@ class Tracer:
         of the regions of anchors less than a pixel away: where positions move and anchors and pixels do not, moments
         change smoothly. See `camera.tracing.moments`.
         """
+        if len(self.lights) > 1:
+            return self._moments_of_lights(starts, planes, samples, square_px)
         result = np.empty((len(starts.positions), COLUMNS))
         planes = np.ascontiguousarray(planes.reshape(-1, 2, 4, 3))
         bits = sobol_bits(samples // REPLICAS)
@@ -173,6 +194,12 @@ class Tracer:
         bundle_kernels.bundle_moments.count(int(np.count_nonzero(starts.microlens != SKIP)) * samples, len(self.table))
         return result
 
+    def _moments_of_lights(self, starts: Starts, planes: np.ndarray, samples: int, square_px: float) -> np.ndarray:
+        """The same for several wavelengths, which share the samples; each has `REPLICAS` at least."""
+        samples = max(REPLICAS, samples >> (len(self.lights).bit_length() - 1))
+        parts = [light.tracer.moments_of(starts, planes, samples, square_px) for light in self.lights]
+        return mixed(np.stack(parts, axis=1), np.array([light.share for light in self.lights]))
+
     @cached_property
     def reference_weight_sr(self) -> float:
         """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or mm^2].
@@ -184,6 +211,8 @@ class Tracer:
         CameraError
             Nothing leaves there, so that no irradiance can be relative to it.
         """
+        if len(self.lights) > 1:
+            return math.fsum(light.share * light.tracer.reference_weight_sr for light in self.lights)
         microlens, position = np.array([NO_MICROLENS]), np.zeros((1, 2))
         if self.lattice is not None:
             microlens = np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[:1]
@@ -200,6 +229,21 @@ class Tracer:
             )
             raise CameraError(f"no light passes the lens from {where}", hint=hint)
         return weight
+
+
+class Light(NamedTuple):
+    """One wavelength of a camera's light.
+
+    Attributes
+    ----------
+    share : float
+        Share of the signal that it stands for, where all wavelengths pass alike.
+    tracer : Tracer
+        Of the camera in this light alone.
+    """
+
+    share: float
+    tracer: Tracer
 
 
 def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:

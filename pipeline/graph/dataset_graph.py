@@ -11,20 +11,21 @@ from pipeline.camera.focusing.stop import shown_f_number
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.graph.frame_contents import Things
-from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, exposure_of, light_of
-from pipeline.graph.poses import targets_json
+from pipeline.graph.frame_contents import Things, matrix
+from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, channel_label, exposure_of, light_of
+from pipeline.graph.poses import target_poses, targets_json
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles
 from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.tasks.baselines import BASELINES
-from pipeline.tasks.params.cameras import Focus, Nothing, Planes, Stop
+from pipeline.tasks.frame_poses import name_of
+from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
 from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
-from pipeline.tasks.params.images import White, WhiteTile
+from pipeline.tasks.params.images import ColourImage, White, WhiteTile
 from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
 from pipeline.tasks.params.placed import Matrix
-from pipeline.tasks.params.poses import Baselines, RigFrame
+from pipeline.tasks.params.poses import Baselines, FramePoses, PosedFrame, RigFrame
 from pipeline.tasks.params.rays import Rays, RaysTile
 from pipeline.truth.settings import TruthSettings
 
@@ -38,11 +39,14 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)
-            tasks = FrameTasks(graph, files, dataset, camera, painted, bare)
-            for frame in dataset.frames:
-                tasks.add(frame)
-            tasks.add_poses()
-            certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
+            _add_poses(graph, files, dataset, camera)
+            for seen in camera.in_channels:
+                _add_light(graph, files, seen)
+                tasks = FrameTasks(graph, files, dataset, seen, painted, bare)
+                for frame in dataset.frames:
+                    tasks.add(frame)
+                certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
+            _add_colours(graph, files, camera, dataset)
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
     return graph, files, certificates
@@ -57,6 +61,22 @@ def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
     ]
     reads = {f"pinhole{i}": f"pinhole/{name}" for i, name in enumerate(names)}
     return add(graph, "baselines", Baselines(cameras=tuple(names), frames=tuple(frames)), reads)
+
+
+def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry) -> None:
+    """The task that writes the poses of a camera in all frames."""
+    posed = [
+        PosedFrame(
+            number=frame.number,
+            camera_from_world=_matrix(frame.camera_from_world[entry.name]),
+            targets={name: matrix(pose) for name, pose in target_poses(dataset, frame, entry.name).items()},
+        )
+        for frame in dataset.frames
+    ]
+    params = FramePoses(camera=entry.name, frames=tuple(posed))
+    task = add(graph, f"frame_poses/{entry.name}", params, {"pinhole": f"pinhole/{entry.name}"})
+    for frame in dataset.frames:
+        files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, name_of(frame.number))
 
 
 def _matrix(rows: tuple[tuple[float, ...], ...]) -> Matrix:
@@ -75,15 +95,38 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     pinhole = add(graph, f"pinhole/{name}", Nothing(), settled)
     params = FirstOrder(labels=labels_of(entry), circle_of_confusion_px=planes.circle_of_confusion_px)
     report = add(graph, f"first_order/{name}", params, {**settled, "pinhole": pinhole})
-    if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
-        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files[f"{folder}/camera.json"] = (report, "camera.json")
+
+
+def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
+    """The tasks that follow the light of a camera, or of one of its channels: bundles and white images."""
+    name, folder, reads = entry.full_name, f"cameras/{entry.folder}", {"camera": f"focus/{entry.name}"}
+    if entry.channel is not None:
+        nameless = dataclasses.replace(entry.channel, name="")
+        reads = {"camera": add(graph, f"channel/{name}", InChannel(channel=nameless), reads)}
+    if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
+        settled = {**reads, "planes": f"planes/{entry.name}"}
+        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
     files |= _white_files(_add_white(graph, entry, reads, name), f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
         shown = shown_f_number(f_number)
         stopped = add(graph, f"stop/{name}/{shown}", Stop(f_number=f_number), reads)
         at = f"{folder}/white/{shown}"
         files |= _white_files(_add_white(graph, entry, {"camera": stopped}, f"{name}/{shown}"), at, f"{at}.")
+
+
+def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, dataset: Dataset) -> None:
+    """The tasks that join the images of the channels of a camera; none for a camera of one wavelength."""
+    seen = entry.in_channels if entry.channels else ()
+    labels = tuple(label for one in seen if (label := channel_label(one)))
+    numbers = [frame.number for frame in dataset.frames]
+    images = [("white", "", f"cameras/{entry.name}")]
+    images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
+    for kind, frame, folder in images if seen else ():
+        reads = {f"channel{i}": f"{kind}/{one.full_name}{frame}" for i, one in enumerate(seen)}
+        params = ColourImage(name=kind, channels=labels)
+        joined = add(graph, f"colour_image/{entry.name}{frame}", params, reads)
+        files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
 
 
 def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:
@@ -144,7 +187,11 @@ def labels_of(entry: CameraEntry) -> CameraLabels:
             stop_match="microlenses" if asked.match_stop else "none",
         )
     return CameraLabels(
-        lens_name=entry.lens_name, index_source=entry.index_source, light=light_of(entry), focus_request=focus
+        lens_name=entry.lens_name,
+        index_source=entry.index_source,
+        light=light_of(entry),
+        focus_request=focus,
+        channels=entry.channels,
     )
 
 
@@ -154,11 +201,11 @@ def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> st
     tiles = {
         f"tile{number}": add(
             graph,
-            f"rays_tile/{entry.name}/{number:04d}",
+            f"rays_tile/{entry.full_name}/{number:04d}",
             RaysTile(first_row=first, end_row=end, sampling=entry.sampling, square_px=entry.square_px),
             reads,
         )
         for number, (first, end) in enumerate(bands)
     }
     params = Rays(tiles=len(tiles), sampling=entry.sampling, light=light_of(entry))
-    return add(graph, f"rays/{entry.name}", params, {**reads, **tiles})
+    return add(graph, f"rays/{entry.full_name}", params, {**reads, **tiles})

@@ -15,11 +15,10 @@ from pipeline.graph.poses import target_poses
 from pipeline.graph.tiles import image_bands, point_tiles
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.frame_poses import name_of
+from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.certificate import Certificate, JudgedFrame
 from pipeline.tasks.params.images import Exposure, Image, ImageTile
 from pipeline.tasks.params.placed import PaintedView, View
-from pipeline.tasks.params.poses import FramePoses, PosedFrame
 from pipeline.tasks.params.rays import Light
 from pipeline.tasks.params.truth import PlaneAsked, Positions, TableLabels, Truth, TruthTable, TruthTile
 from pipeline.truth.grid.per_plane import plane_name
@@ -42,6 +41,19 @@ def exposure_of(entry: CameraEntry) -> Exposure:
         seed=entry.sampling.seed,
         weight=entry.weight,
         wavelength_nm=entry.wavelength_nm,
+        channel=channel_label(entry),
+    )
+
+
+def channel_label(entry: CameraEntry) -> ChannelLabel | None:
+    """The label of the channel of a camera, for images and tables."""
+    if entry.channel is None:
+        return None
+    nodes = entry.channel.nodes
+    return ChannelLabel(
+        name=entry.channel.name,
+        wavelengths_nm=tuple(node.wavelength_nm for node in nodes),
+        shares=tuple(node.weight for node in nodes),
     )
 
 
@@ -72,8 +84,9 @@ def add_tiles(
 
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame that a task, or a field of its parameters, belongs to; None if to all."""
-    if task.short_kind.removesuffix("_tile") in ("image", "truth", "positions"):
-        return int(task.name.split("/")[2])
+    of_frames = task.short_kind.removesuffix("_tile") in ("image", "truth", "positions", "colour_image")
+    if of_frames and len(parts := task.name.split("/")) > 2:  # white images belong to no frame
+        return int(parts[2])
     match = re.match(r"params\.frames\[(\d+)\]", field or "")
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
 
@@ -102,32 +115,20 @@ class FrameTasks:
         self.painted, self.bare = painted, bare
         self.settings = from_plain(TruthSettings, entry.truth)
         self._labels = _labels_of(entry, self.settings)
-        self._reads = {"camera": f"focus/{entry.name}"}
+        self._reads = {"camera": f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
         self._judged: list[JudgedFrame] = []
-        self._posed: list[PosedFrame] = []
 
     def add(self, frame: Frame) -> None:
         """Add the tasks of a frame."""
-        name, folder = f"{self.entry.name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.name}"
+        name, folder = f"{self.entry.full_name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.folder}"
         poses = target_poses(self.dataset, frame, self.entry.name)
-        targets = {target: matrix(pose) for target, pose in poses.items()}
-        camera_from_world = [list(row) for row in frame.camera_from_world[self.entry.name]]
-        self._posed.append(PosedFrame(number=frame.number, camera_from_world=camera_from_world, targets=targets))
         image = self._add_image(name, self._painted(frame, poses))
         truth = self._add_truth(name, folder, frame, poses)
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
         self.files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
-
-    def add_poses(self) -> None:
-        """Add the task that writes the poses of all frames added so far."""
-        name = self.entry.name
-        params = FramePoses(camera=name, frames=tuple(self._posed))
-        task = add(self.graph, f"frame_poses/{name}", params, {"pinhole": f"pinhole/{name}"})
-        for number in (frame.number for frame in self._posed):
-            self.files[f"frames/{number:04d}/{name}/poses.json"] = (task, name_of(number))
 
     def add_certificate(self) -> str:
         """Add the task that judges all frames added so far; gives its name."""
@@ -137,11 +138,13 @@ class FrameTasks:
             square_px=self.entry.square_px,
             seed=self.entry.sampling.seed,
         )
-        truths = {f"frame{n}": f"truth/{self.entry.name}/{n:04d}" for n in (frame.number for frame in self._judged)}
-        return add(self.graph, f"certificate/{self.entry.name}", params, {**self._reads, **truths})
+        truths = {
+            f"frame{n}": f"truth/{self.entry.full_name}/{n:04d}" for n in (frame.number for frame in self._judged)
+        }
+        return add(self.graph, f"certificate/{self.entry.full_name}", params, {**self._reads, **truths})
 
     def _add_image(self, name: str, view: PaintedView) -> str:
-        camera, exposure = self.entry.name, exposure_of(self.entry)
+        camera, exposure = self.entry.full_name, exposure_of(self.entry)
         bands = image_bands(self.entry.asked.sensor, self.entry.image_samples)
         parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
         # What leaves the camera is the same in every frame: frames share it.
@@ -170,9 +173,9 @@ class FrameTasks:
         )
         reads = dict(self._reads)
         if self.settings.searches:
-            reads["rays"] = f"rays/{self.entry.name}"
+            reads["rays"] = f"rays/{self.entry.full_name}"
             if self.entry.asked.microlenses:
-                reads["micro_images"] = f"micro_images/{self.entry.name}"
+                reads["micro_images"] = f"micro_images/{self.entry.full_name}"
         if self.settings.method == "image":
             reads["positions"] = self._add_positions(name, folder, poses)
         square_px = self.entry.square_px
@@ -208,6 +211,7 @@ def _labels_of(entry: CameraEntry, settings: TruthSettings) -> TableLabels:
         stop=entry.camera.prescription.stop.aperture,
         seed=entry.sampling.seed,
         samples=entry.sampling.samples if settings.searches else None,
+        channel=channel_label(entry),
     )
 
 

@@ -1,17 +1,103 @@
-"""From irradiance to a picture for people.
+"""Spectra of lamps and of sensors that colour-science knows by name, and its transfer function of pictures."""
 
-Light here has one wavelength. Its true colour would hide what the picture is for, sharpness and brightness, so that it
-is shown as neutral grey.
-"""
-
+import re
 import warnings
 
 import numpy as np
 
+from pipeline.optics.spectral_nodes import SpectrumError, require_spectrum
+from pipeline.spelling import nearest
+
 with warnings.catch_warnings():
     # On import, colour warns that Matplotlib and other optional packages are missing. None of them is needed here.
     warnings.simplefilter("ignore")
+    from colour.characterisation import MSDS_CAMERA_SENSITIVITIES
+    from colour.colorimetry import SDS_ILLUMINANTS, planck_law
     from colour.models import eotf_inverse_sRGB
+
+EQUAL_ENERGY = "E"
+"""Name of the illuminant of equal energy at all wavelengths."""
+_BLACK_BODY = re.compile(r"(\d+(?:\.\d+)?) ?K")
+_BLACK_BODY_NM = np.arange(150.0, 20001.0, 5.0)
+"""Wavelengths of the table of a black body [nm]: all that a stage can ask for, and smooth between two of them."""
+
+Table = tuple[np.ndarray, np.ndarray]
+"""Wavelengths (m,) [nm], ascending, and values (m,) at them; linear in between."""
+
+
+def illuminant(name: str) -> Table:
+    """Photons of an illuminant per wavelength, relative.
+
+    Parameters
+    ----------
+    name : str
+        `E`, a temperature such as `2856 K`, or a name of `colour.SDS_ILLUMINANTS`.
+
+    Raises
+    ------
+    SpectrumError
+        There is no such illuminant.
+    """
+    if name == EQUAL_ENERGY:
+        return _photons(_BLACK_BODY_NM, np.ones_like(_BLACK_BODY_NM))
+    if match := _BLACK_BODY.fullmatch(name):
+        if not 100 <= float(match[1]) <= 1e6:
+            hint = "a temperature from 100 K to 1000000 K"
+            raise SpectrumError(f"a black body of {name}", hint=hint, code="unknown-illuminant")
+        energy = np.asarray(planck_law(_BLACK_BODY_NM * 1e-9, float(match[1])))
+        return _photons(_BLACK_BODY_NM, energy / energy.max())
+    spectrum = SDS_ILLUMINANTS[_known(name, list(SDS_ILLUMINANTS), "illuminant")]
+    return _photons(np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float))
+
+
+def sensitivity(camera: str, component: str) -> Table:
+    """Quantum efficiency of a component, `red`, `green` or `blue`, of a camera in `colour.MSDS_CAMERA_SENSITIVITIES`.
+
+    They are relative responses to energy; a photon has the less of it the longer its wavelength.
+
+    Raises
+    ------
+    SpectrumError
+        There is no such camera.
+    """
+    cameras = [name for name, one in MSDS_CAMERA_SENSITIVITIES.items() if component in one.labels]
+    table = MSDS_CAMERA_SENSITIVITIES[_known(camera, cameras, "camera")]
+    wavelengths = np.asarray(table.wavelengths, float)
+    response = np.maximum(np.asarray(table.values, float)[:, table.labels.index(component)], 0.0)
+    return wavelengths, response / wavelengths
+
+
+def product(one: Table, other: Table) -> Table:
+    """The product of two tables where both are known, at the wavelengths of both.
+
+    Raises
+    ------
+    SpectrumError
+        One of them is no spectrum, or they have no wavelengths in common.
+    """
+    require_spectrum(*one)
+    require_spectrum(*other)
+    low, high = max(one[0][0], other[0][0]), min(one[0][-1], other[0][-1])
+    if not low < high:
+        raise SpectrumError(
+            f"a response from {one[0][0]:g} to {one[0][-1]:g} nm and light from {other[0][0]:g} to {other[0][-1]:g} nm"
+            " have no wavelength in common"
+        )
+    both = np.unique(np.concatenate([one[0], other[0], [low, high]]))
+    both = both[(both >= low) & (both <= high)]
+    return both, np.interp(both, *one) * np.interp(both, *other)
+
+
+def _photons(wavelengths_nm: np.ndarray, energy: np.ndarray) -> Table:
+    return wavelengths_nm, energy * wavelengths_nm
+
+
+def _known(name: str, names: list[str], what: str) -> str:
+    if name in names:
+        return name
+    best = nearest(name, names)
+    hint = f'did you mean "{best}"?' if best else f"known: {', '.join(names)}"
+    raise SpectrumError(f'colour-science knows no {what} "{name}"', hint=hint, code=f"unknown-{what}")
 
 
 def srgb_preview(irradiance: np.ndarray, white: float) -> np.ndarray:

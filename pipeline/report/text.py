@@ -31,7 +31,7 @@ def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
         lines += ["", "surfaces off their places: all figures but those of real rays are of the centred lens"]
         x, y = curves.boresight_px
         lines.append(_row("image of the axis moves by", f"({x:+.3f}, {y:+.3f}) px", "boresight, by the real chief ray"))
-    lines += ["", "sensor", *_sensor(document)]
+    lines += ["", "sensor", *_sensor(document), *_channels(document)]
     if "mla" in document:
         lines += ["", "microlenses", *_microlenses(document)]
         lines += ["", *_types(document["mla"]), *_gaps(document["mla"])]
@@ -59,6 +59,15 @@ def lens_page(document: dict[str, Any], curves: FieldCurves | None) -> list[str]
         _row("f-number", f"{lens['f_number']:.2f}"),
     ]
     return [*lines, "", *_curves(curves)] if curves else [*lines, "", "no real image: no rays to report"]
+
+
+def _channels(document: dict[str, Any]) -> Iterator[str]:
+    """The channels of the sensor, if any: where colour comes from."""
+    for channel in document.get("channels", ()):
+        low, high = channel["wavelengths_nm"][0], channel["wavelengths_nm"][-1]
+        light = f"{channel['mean_wavelength_nm']:.1f} nm"
+        what = f"mean of {low:.1f} to {high:.1f} nm; focal length {channel['focal_length_mm']:.4f} mm"
+        yield _row(f"channel {channel['name']}", light, what)
 
 
 def _request(asked: dict[str, Any]) -> str:

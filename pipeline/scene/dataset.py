@@ -1,11 +1,12 @@
 """A dataset as frozen records: what the rest of the pipeline knows of a stage."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
+from pipeline.camera.parts.spectrum import Channel
 from pipeline.optics.prescription import Prescription
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
@@ -16,13 +17,14 @@ Matrix = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensEntry:
-    """A lens alone; the fields mean what they mean in `CameraEntry`."""
+    """A lens alone; the fields mean what they mean in `CameraEntry`. `stop_name` is the name of its stop's prim."""
 
     name: str
     lens_name: str
     index_source: str
     wavelength_nm: float
     prescription: Prescription
+    stop_name: str
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -53,6 +55,10 @@ class CameraEntry:
         Whether rays.exr is wanted, also where no method needs it.
     f_numbers : tuple of float
         Of further white images, in the order of the stage.
+    channels : tuple of Channel
+        Colour channels of its sensor, in the order of the stage; none: its light has the one wavelength.
+    channel : Channel or None
+        The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one.
     """
 
     name: str
@@ -69,6 +75,8 @@ class CameraEntry:
     extent: str = "tiles"
     delivers_rays: bool = False
     f_numbers: tuple[float, ...] = ()
+    channels: tuple[Channel, ...] = ()
+    channel: Channel | None = None
     file: str | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
 
@@ -76,6 +84,23 @@ class CameraEntry:
     def camera(self) -> Camera:
         """The camera, focused and ready to trace; solved when it is first asked for."""
         return focused(self.asked)
+
+    @property
+    def in_channels(self) -> tuple["CameraEntry", ...]:
+        """The camera once for each of its channels; a camera of one wavelength itself."""
+        if not self.channels:
+            return (self,)
+        return tuple(replace(self, channel=one, wavelength_nm=one.middle.wavelength_nm) for one in self.channels)
+
+    @property
+    def full_name(self) -> str:
+        """Name with that of the channel, for tasks and certificates."""
+        return self.name if self.channel is None else f"{self.name}@{self.channel.name}"
+
+    @property
+    def folder(self) -> str:
+        """Folder of the camera, or of its channel, below that of all cameras or of a frame."""
+        return self.name if self.channel is None else f"{self.name}/{self.channel.name}"
 
     def __repr__(self) -> str:
         sensor, kind = self.asked.sensor, "plenoptic" if self.asked.microlenses else "conventional"

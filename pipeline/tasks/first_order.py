@@ -10,7 +10,9 @@ from typing import Any
 from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.spectrum import Channel
 from pipeline.files.jsonfile import write_json
+from pipeline.optics.first_order import first_order
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, pinhole_of
 from pipeline.tasks.params.figures import CameraLabels
@@ -33,10 +35,29 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None) -> d
     lens = {"name": labels.lens_name, "index_source": labels.index_source, **figures.pop("lens")}
     head = {name: figures.pop(name) for name in _FIRST}
     shone = labels.light
-    light = {"weight": shone.weight, "footprint": shone.footprint, "wavelengths_nm": [shone.wavelength_nm]}
+    light: dict[str, Any] = {
+        "weight": shone.weight,
+        "footprint": shone.footprint,
+        "wavelengths_nm": [shone.wavelength_nm],
+    }
+    if labels.channels:
+        light["channels"] = [_channel(camera, channel) for channel in labels.channels]
     head["focus_request"] = to_plain(labels.focus_request)
     pinhole_says = None if pinhole is None else _pinhole(pinhole, camera.sensor.pitch_mm)
     return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
+
+
+def _channel(camera: Camera, channel: Channel) -> dict[str, Any]:
+    """A channel: its wavelengths, and what the lens is at their mean."""
+    lens = first_order(camera.in_light(channel).prescription)
+    return {
+        "name": channel.name,
+        "mean_wavelength_nm": channel.middle.wavelength_nm,
+        "wavelengths_nm": [node.wavelength_nm for node in channel.nodes],
+        "shares": [node.weight for node in channel.nodes],
+        "focal_length_mm": lens.efl_mm,
+        "rear_focus_mm": lens.rear_focus_mm,
+    }
 
 
 def _pinhole(pinhole: Pinhole, pitch_mm: float) -> dict[str, Any]:

@@ -53,12 +53,19 @@ def write_image(
     attributes = {
         "content": f"relative irradiance: integral of L {measure} over W_ref",
         "W_ref_mm2" if by_area else "W_ref_sr": tracer.reference_weight_sr,
-        **dataclasses.asdict(exposure),
+        **labels_of(exposure),
     }
     write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *more])
     bands = range(0, len(pixels), _PREVIEW_ROWS)
     preview = [srgb_preview(pixels[first : first + _PREVIEW_ROWS], 1.0) for first in bands]
     write_png(out / f"{name}.png", np.concatenate(preview))
+
+
+def labels_of(exposure: Exposure) -> dict[str, Any]:
+    """Attributes in the header of an image that describe its rays."""
+    labels = dataclasses.asdict(dataclasses.replace(exposure, channel=None))
+    del labels["channel"]
+    return labels if exposure.channel is None else {**labels, "light": exposure.channel.text}
 
 
 def part_of(name: str, pixels: np.ndarray, attributes: dict[str, Any]) -> BandedPart:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.files.npy import read_npy, write_npy
-from pipeline.render.imaging import pictures
+from pipeline.render.in_lights import pictures_in_lights
 from pipeline.render.light import TargetLight
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
@@ -35,9 +35,8 @@ def image_rows(
 ) -> np.ndarray:
     """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
     rig = rig_of(inputs, exposure.seed)
-    white, foreign = (read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN))
-    parts = np.array([white - foreign, foreign])
-    return pictures(rig, exposure.samples, list(map(_scene, views)), parts, rows)
+    white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
+    return pictures_in_lights(rig, exposure.samples, list(map(_scene, views)), white, rows)
 
 
 def _scene(view: PaintedView) -> TargetLight:

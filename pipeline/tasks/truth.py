@@ -65,7 +65,7 @@ def target_rows(
     settings = table.settings
     rays = RayFile(inputs) if settings.searches else None
     positions = ExrWindows(inputs["positions"]["positions.exr"]) if "positions" in inputs else None
-    columns: dict[str, list[Any]] = {name: [] for name in column_order(settings)}
+    columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
     notes = []
     entries = sorted(view.targets, key=lambda entry: entry.name)
     surroundings = surroundings_of(entries, view.occluders)

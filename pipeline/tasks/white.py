@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.render.in_lights import in_all
 from pipeline.tasks.artefacts.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.image import part_of, write_image
 from pipeline.tasks.params.images import White as Params
@@ -18,6 +19,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     else:
         white, foreign = white_rows(params.exposure, inputs, out)
     tracer = tracer_alone(inputs, params.exposure.seed)
+    white, foreign = in_all(tracer, white), in_all(tracer, foreign)
     if tracer.camera.microlenses is None:
         write_image(out, "white", white, params.exposure, tracer)
         return

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.files.npy import write_npy
-from pipeline.render.imaging import irradiance_and_crosstalk
+from pipeline.render.in_lights import white_parts
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import WhiteTile as Params
@@ -21,10 +21,10 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 def white_rows(
     exposure: Exposure, inputs: Inputs, out: Path, rows: tuple[int, int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows from the first to an end, by default all, (h, w) float64 each, written for images: the white image, and its
-    part through other microlenses than that of the pixel's cell."""
+    """Rows from the first to an end, by default all, (h, w, wavelengths) float64 each, written for images: the white
+    image, and its part through other microlenses than that of the pixel's cell."""
     rig = rig_of(inputs, exposure.seed)
-    parts = irradiance_and_crosstalk(rig, exposure.samples, None, rows)
-    for name, pixels in zip((WHITE, FOREIGN), parts, strict=True):
-        write_npy(out / name, pixels)
-    return parts
+    white, foreign = white_parts(rig, exposure.samples, rows)
+    for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
+        write_npy(out / name, np.ascontiguousarray(pixels))
+    return white, foreign

@@ -10,8 +10,9 @@ import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.records import Samples, Squares, room_for
+from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.render.surroundings import Surroundings
 from pipeline.truth.rows import Correspondences
@@ -111,21 +112,27 @@ def shares(
     rig: Rig, surroundings: Surroundings, target: int, bundles: PointBundles, rays: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """`visibility` by so many rays each; NaN where none of them leaves. Fewer rays are the first ones of more."""
-    (microlens, x_px, planes), n, tracer = bundles, len(bundles.x_px), rig.tracer
-    # The places of the microlenses are the replicas.
-    strata, bits = np.repeat(microlens[:, None], REPLICAS, axis=1), sobol_bits(rays // REPLICAS)
-    edge_mm = rig.square_px * tracer.camera.sensor.pitch_mm
-    counts = np.full_like(strata, rays // REPLICAS)
-    squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts)
-    room = room_for(n * rays)
-    count = bundle_kernels.image_rays(tracer.arrays, Samples(bits, tracer.seed ^ _STREAM, edge_mm), squares, room)
-    bundle_kernels.image_rays.count(n * rays, len(tracer.table))
-    origin, direction, weight, owner = room.first(count)
-    row = owner // REPLICAS
-    hidden = surroundings.hides(target, planes[row, 0], planes[row, 3], origin, direction)
-    leaving = np.bincount(owner, weight, n * REPLICAS).reshape(n, REPLICAS)
-    arriving = np.bincount(owner, weight * ~hidden, n * REPLICAS).reshape(n, REPLICAS)
+    leaving, arriving = np.zeros((2, len(bundles.x_px), REPLICAS))
+    for light in rig.tracer.lights:
+        sent = _sent(light.tracer, rig.square_px, bundles, rays)
+        row = sent.owner // REPLICAS
+        planes = bundles.planes[row]
+        hidden = surroundings.hides(target, planes[:, 0], planes[:, 3], sent.origin, sent.direction)
+        leaving += light.share * np.bincount(sent.owner, sent.share, leaving.size).reshape(leaving.shape)
+        arriving += light.share * np.bincount(sent.owner, sent.share * ~hidden, leaving.size).reshape(leaving.shape)
     with np.errstate(invalid="ignore"):
         share = arriving.sum(axis=1) / leaving.sum(axis=1)
         error = np.std(arriving / leaving, axis=1, ddof=1) / np.sqrt(REPLICAS)
     return share, error
+
+
+def _sent(tracer: Tracer, square_px: float, bundles: PointBundles, rays: int) -> Leaving:
+    """Random rays of bundles; the places of the microlenses are the replicas."""
+    strata, bits = np.repeat(bundles.microlens[:, None], REPLICAS, axis=1), sobol_bits(rays // REPLICAS)
+    samples = Samples(bits, tracer.seed ^ _STREAM, square_px * tracer.camera.sensor.pitch_mm)
+    x_px, counts = bundles.x_px, np.full_like(strata, rays // REPLICAS)
+    squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts)
+    room = room_for(len(x_px) * rays)
+    count = bundle_kernels.image_rays(tracer.arrays, samples, squares, room)
+    bundle_kernels.image_rays.count(len(x_px) * rays, len(tracer.table))
+    return room.first(count)

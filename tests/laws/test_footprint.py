@@ -12,6 +12,7 @@ from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.integrating import footprint
+from pipeline.camera.integrating.mixture import mixed
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, target_plane
@@ -128,7 +129,7 @@ def test_bundles_of_a_square_joined_are_the_bundle_of_all_their_rays() -> None:
         found[place][MEAN:COVARIANCE], found[place][COVARIANCE:WEIGHT] = mean_and_covariance(
             crossing[place], weight[place]
         )
-    joined = footprint.joined(found, share)
+    joined = mixed(found, share)
     for row, rays, light in zip(joined, crossing, weight * share[:, None], strict=True):
         mean, covariance = mean_and_covariance(rays.reshape(-1, 4), light.ravel())
         np.testing.assert_allclose(row[MEAN:COVARIANCE], mean, rtol=1e-12)

@@ -1,4 +1,6 @@
-"""A stage for `test_attributes`: a conventional and a plenoptic camera, an occluder, and a target of every kind."""
+"""A stage for `test_attributes`: an occluder, a target of every kind, a conventional and a plenoptic camera, and one
+with a channel that takes part where a case says so.
+"""
 
 from stage_text import head
 
@@ -50,6 +52,29 @@ def PlenDataset "Scene"
         {
             uniform double plen:pixelPitch = 0.03
             uniform int2 plen:resolution = (48, 40)
+        }
+    }
+
+    def "C" (
+        prepend references = @rigs/conventional_100mm.usda@
+    )
+    {
+        over "Lens"
+        {
+            uniform token plen:indexSource = "catalogue"
+        }
+
+        over "Sensor"
+        {
+            uniform double plen:pixelPitch = 0.1
+            uniform int2 plen:resolution = (32, 24)
+
+            def PlenChannel "Red"
+            {
+                uniform int plen:nodes = 2
+                uniform double[] plen:response = [0.1, 0.5, 0.2]
+                uniform double[] plen:wavelengths = [570, 620, 680]
+            }
         }
     }
 

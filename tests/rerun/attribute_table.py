@@ -63,6 +63,17 @@ BOARDS: dict[tuple[str, str], Any] = {("", "plen:targets"): ["One", "Two"]}
 IMAGE = BOARDS | {(A, "plen:truth:method"): "image"}
 
 
+COLOUR: dict[tuple[str, str], Any] = {("", "plen:cameras"): ["A/Camera", "C/Camera"]}
+IN_COLOUR = {"first_order", "channel", "colour_image"} | IMAGES | TRUTH
+RED = "C/Sensor/Red"
+NAMED = COLOUR | {
+    (RED, "plen:wavelengths"): [],
+    (RED, "plen:response"): [],
+    (RED, "plen:sensitivity"): "Nikon 5100 (NPL)",
+    (RED, "plen:component"): "green",
+}
+
+
 def _array(**values: Any) -> dict[tuple[str, str], Any]:
     return {(ARRAY, f"plen:{name}"): value for name, value in values.items()}
 
@@ -100,6 +111,7 @@ DATASET = {
         Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
     ],
     "plen:background": [Case("", 0.5, {"image"})],
+    "plen:illuminant": [Case("", "A"), Case("", "A", IN_COLOUR, given=COLOUR)],
 }
 
 MAIN_LENS = {
@@ -191,6 +203,14 @@ PIXELS = {
     "plen:acceptancePower": [Case(SENSOR, 3.0, CAMERA, given=COSINE)],
     "plen:acceptanceHalfAngle": [Case(SENSOR, 21.0, CAMERA, given=CONE)],
     "plen:acceptanceRollOff": [Case(SENSOR, 1.0, CAMERA, given=CONE)],
+}
+
+CHANNELS = {
+    "plen:wavelengths": [Case(RED, [570.0, 620.0, 690.0], IN_COLOUR, given=COLOUR)],
+    "plen:response": [Case(RED, [0.1, 0.5, 0.3], IN_COLOUR, given=COLOUR)],
+    "plen:sensitivity": [Case(RED, "Sigma SDMerill (NPL)", IN_COLOUR, given=NAMED)],
+    "plen:component": [Case(RED, "blue", IN_COLOUR, given=NAMED)],
+    "plen:nodes": [Case(RED, 3, IN_COLOUR, given=COLOUR)],
 }
 
 TARGETS = {
@@ -336,6 +356,7 @@ CASES: dict[str, list[Case]] = {
     **PARTS,
     **MICROLENSES,
     **PIXELS,
+    **CHANNELS,
     **TARGETS,
     **CAMERAS,
     **METHOD,

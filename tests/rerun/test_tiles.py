@@ -5,30 +5,14 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from rerun.small_tiles import in_small_tiles
 
 import pipeline
 from pipeline.camera.parts.camera import Sampling, Sensor
-from pipeline.files import exr_bands
 from pipeline.graph import tiles
-from pipeline.tasks import image
-from pipeline.truth.grid import per_plane
 
 DATA = Path(__file__).parents[1] / "data"
 TILED = {"image_tile", "white_tile", "micro_images_tile"}
-
-
-def in_small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tiles of nine rows or four points, and bands of as little as there can be."""
-
-    def bands(count: int, _: float) -> list[tuple[int, int]]:
-        size = 9 if count > 9 else 4
-        return [(first, min(first + size, count)) for first in range(0, count, size)]
-
-    monkeypatch.setattr(tiles, "bands", bands)
-    monkeypatch.setattr(tiles, "_MICROLENSES", 12)
-    monkeypatch.setattr(per_plane, "_BAND_POSITIONS", 1)
-    monkeypatch.setattr(exr_bands, "_BAND_PX", 1)
-    monkeypatch.setattr(image, "_PREVIEW_ROWS", 7)
 
 
 @pytest.mark.parametrize(

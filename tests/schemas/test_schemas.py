@@ -26,7 +26,16 @@ TARGETS = (
     "PlenLines",
     "PlenMeshTarget",
 )
-CONCRETE = ("PlenDataset", "PlenLens", "PlenLensGroup", "PlenSurface", "PlenMicrolensArray", "PlenSensor", *TARGETS)
+CONCRETE = (
+    "PlenDataset",
+    "PlenLens",
+    "PlenLensGroup",
+    "PlenSurface",
+    "PlenMicrolensArray",
+    "PlenSensor",
+    "PlenChannel",
+    *TARGETS,
+)
 CAMERA_APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
 APIS = (*CAMERA_APIS, "PlenOccluderAPI")
 

@@ -27,7 +27,7 @@ from pipeline.files.tables import Table, table_of
 from pipeline.limits import how_to_raise, limits
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
-from pipeline.tasks.params.cameras import Focus, Planes
+from pipeline.tasks.params.cameras import Focus, InChannel, Planes
 from pipeline.tasks.params.placed import View
 from pipeline.tasks.params.rays import Rays
 from pipeline.tasks.params.truth import Truth, TruthTable, TruthTile
@@ -188,15 +188,21 @@ def _camera(project: Project, name: str) -> JudgedCamera:
     file_of = {source[0]: path for path, source in project.files.items() if not isinstance(source, bytes)}
     return JudgedCamera(
         name=name,
-        camera=_focused(
-            from_plain(Focus, graph[f"focus/{name}"].params), from_plain(Planes, graph[f"planes/{name}"].params)
-        ),
+        camera=_camera_of(graph, name),
         seed=first.table.labels.seed,
         settings=settings,
         square_px=first.square_px,
         sampling=sampling,
         tables={one.table.frame: (file_of[task], one.table, _view_of(graph, task)) for task, one in truths.items()},
     )
+
+
+def _camera_of(graph: TaskGraph, name: str) -> Camera:
+    """The camera that the tasks `focus`, `planes` and, of a channel, `channel` would make."""
+    body, _, channel = name.partition("@")
+    asked = from_plain(Focus, graph[f"focus/{body}"].params), from_plain(Planes, graph[f"planes/{body}"].params)
+    camera = _focused(*asked)
+    return camera.in_light(from_plain(InChannel, graph[f"channel/{name}"].params).channel) if channel else camera
 
 
 def _view_of(graph: TaskGraph, truth: str) -> View:

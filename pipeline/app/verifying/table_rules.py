@@ -15,11 +15,11 @@ from pipeline.errors import PipelineError
 from pipeline.frames import apply
 from pipeline.targets.points import TargetPoints
 from pipeline.targets.target import target_from_plain
-from pipeline.tasks.artefacts.truth_table import column_order, header_of
+from pipeline.tasks.artefacts.truth_table import CHANNEL, column_order, header_of
 from pipeline.tasks.params.placed import PlacedTarget
 from pipeline.truth.settings import TruthSettings
 
-_TEXT = ("camera", "target", "method")
+_TEXT = ("camera", CHANNEL, "target", "method")
 _SAME_MM = 1e-6
 """Points in a table against those of the stage: text keeps every digit, matrices are multiplied in another order."""
 _SAME_RHO = 1e-9
@@ -63,7 +63,7 @@ def rows_of_scene(camera: JudgedCamera, rig: Rig, scene: Scene) -> Rows:
     UnfitTable
         Columns are missing or hold no numbers, or rows name what the stage does not have.
     """
-    columns, wanted = list(scene.table.columns), column_order(camera.settings)
+    columns, wanted = list(scene.table.columns), column_order(scene.truth)
     if columns != wanted:
         raise UnfitTable(f"{scene.file} has other columns than {', '.join(wanted)}")
     try:
@@ -84,7 +84,7 @@ def rows_of_scene(camera: JudgedCamera, rig: Rig, scene: Scene) -> Rows:
 def broken_rules(camera: JudgedCamera, rig: Rig, scene: Scene, rows: Rows) -> Iterator[str]:
     """Faults of a table by itself, and against the stage."""
     for wrong, what in (
-        *_labels(scene, rig, rows, camera.name),
+        *_labels(scene, rig, rows),
         *_places(scene, rig, rows),
         *_ranges(camera.settings, rows),
     ):
@@ -113,9 +113,11 @@ _Rule = tuple[np.ndarray, str]
 """Rows that break a rule, (n,) bool, and what is wrong with them."""
 
 
-def _labels(scene: Scene, rig: Rig, rows: Rows, camera: str) -> Iterator[_Rule]:
+def _labels(scene: Scene, rig: Rig, rows: Rows) -> Iterator[_Rule]:
     yield rows.values["frame"] != scene.number, "of another frame"
-    yield np.array(scene.table.columns["camera"], str) != camera, "of another camera"
+    yield np.array(scene.table.columns["camera"], str) != scene.truth.camera, "of another camera"
+    if channel := scene.truth.labels.channel:
+        yield np.array(scene.table.columns[CHANNEL], str) != channel.name, "of another channel"
     lattice = rig.tracer.lattice
     kind = np.full(len(rows.cell), math.nan) if lattice is None else lattice.type[rows.cell].astype(float)
     yield ~_equal(rows.values["microlens_type"], kind), "with another microlens_type than the stage has there"

@@ -3,12 +3,13 @@
 Distances along the axis are counted from the aperture stop, the origin of the camera frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import LEAST_MM, MicrolensArray
+from pipeline.camera.parts.spectrum import Channel, SpectralNode
 from pipeline.optics.prescription import Prescription
 from pipeline.records.declared import settle
 
@@ -82,6 +83,8 @@ class Camera:
     weight : str
         What a ray weighs, besides its acceptance: `irradiance`, cos(theta) d omega at the sensor, or `area` of the
         sampling plane. Weights are in sr or in mm^2.
+    spectrum : tuple of SpectralNode
+        Wavelengths of its light, at least two; empty: one wavelength, that of the prescription's indices.
     """
 
     prescription: Prescription
@@ -92,9 +95,12 @@ class Camera:
     near_mm: float | None = None
     far_mm: float | None = None
     weight: str = "irradiance"
+    spectrum: tuple[SpectralNode, ...] = ()
 
     def __post_init__(self) -> None:
         settle(self, CameraError, infinite=("near_mm", "far_mm"))
+        if any(len(node.indices) != len(self.prescription.surfaces) for node in self.spectrum):
+            raise CameraError("a wavelength of the spectrum does not have one index for every surface of the lens")
         if not self.circle_of_confusion_px > 0:
             raise CameraError(f"a circle of confusion of {self.circle_of_confusion_px} px")
         if self.weight not in WEIGHTS:
@@ -106,6 +112,22 @@ class Camera:
             raise CameraError(
                 f"{what} lies {film_mm} mm behind the stop, inside the lens, whose last vertex lies at {last_mm} mm"
             )
+
+    def at(self, node: SpectralNode) -> "Camera":
+        """The same camera in light of one wavelength alone: glasses have other indices, and nothing else changes."""
+        surfaces = zip(self.prescription.surfaces, node.indices, strict=True)
+        bent = tuple(replace(surface, index=index) for surface, index in surfaces)
+        array = self.microlenses
+        if array is not None and node.microlens_index is not None:
+            array = array.with_index(node.microlens_index)
+        prescription = replace(self.prescription, surfaces=bent)
+        return replace(self, prescription=prescription, microlenses=array, spectrum=())
+
+    def in_light(self, channel: Channel) -> "Camera":
+        """The same camera as one of its channels sees it; its own indices become those of the mean wavelength."""
+        if len(channel.nodes) == 1:
+            return self.at(channel.nodes[0])
+        return replace(self.at(channel.middle), spectrum=channel.nodes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

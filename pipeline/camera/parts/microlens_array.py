@@ -1,7 +1,7 @@
 """The record of a microlens array. Lattice, types and models: CONVENTIONS.md, "Microlens lattice"."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_faces import PLANE_LIKE, Faces
@@ -139,6 +139,15 @@ class MicrolensArray:
             raise CameraError(f"a type table of {len(self.type_table)} entries for a period of {along} x {across}")
         if set(self.type_table) != set(range(count)):
             raise CameraError(f"a type table must use every one of {count} types, counted from 0")
+
+    def with_index(self, index: float) -> "MicrolensArray":
+        """The same faces of a glass of another index: focal lengths follow. Thin microlenses have no index."""
+        if self.model == "thin" or self.index is None or index == self.index:
+            return self
+        if self.model == "refractive":
+            return replace(self, index=index, focal_lengths_mm=())
+        focal = tuple(focal * (self.index - 1) / (index - 1) for focal in self.focal_lengths_mm)
+        return replace(self, index=index, focal_lengths_mm=focal)
 
     @property
     def pitches_mm(self) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from pxr import Sdf, Usd
 
 from pipeline.scene.check.budgets import check_budgets
+from pipeline.scene.check.camera.channels import check_channel, check_illuminant
 from pipeline.scene.check.camera.focus import check_planes
 from pipeline.scene.check.camera.glass import check_glass
 from pipeline.scene.check.camera.groups import check_groups, check_place
@@ -31,6 +32,8 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
     ("PlenLensGroup", check_place),
+    ("PlenChannel", check_channel),
+    ("PlenDataset", check_illuminant),
 )
 
 

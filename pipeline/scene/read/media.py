@@ -14,6 +14,12 @@ from pipeline.optics.prescription import Surface
 from pipeline.scene.usd.values import need, read
 
 
+def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
+    """Surfaces of a lens in the order it states; names without a prim are left out."""
+    named = [lens.GetChild(name) for name in read(lens, "plen:surfaceOrder") or () if name]
+    return [prim for prim in named if prim and prim.IsA("PlenSurface")]
+
+
 def uses_catalogue(lens: Usd.Prim) -> bool:
     """Whether the indices of a lens are those of its glasses and not the printed ones."""
     return bool(need(lens, "plen:indexSource") == "catalogue")
@@ -40,13 +46,22 @@ def with_indices(
     lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surface], wavelength_nm: float | None
 ) -> tuple[Surface, ...]:
     """Surfaces with their indices at a wavelength; the printed ones know only their own and stay as they are."""
-    if not uses_catalogue(lens):
-        return tuple(surfaces)
     light_nm = need(lens, "plen:wavelength") if wavelength_nm is None else wavelength_nm
-    return tuple(
-        replace(surface, index=medium_behind(prim, lens).index(light_nm) + 0.0)
-        for prim, surface in zip(prims, surfaces, strict=True)
-    )
+    found = zip(surfaces, indices(lens, prims, light_nm), strict=True)
+    return tuple(replace(surface, index=index) for surface, index in found)
+
+
+def indices(lens: Usd.Prim, prims: Sequence[Usd.Prim], wavelength_nm: float) -> tuple[float, ...]:
+    """Refractive index behind each surface of a lens at a wavelength; printed ones are the same at all.
+
+    Raises
+    ------
+    GlassError
+        A glass is not known, or not at that wavelength.
+    """
+    if not uses_catalogue(lens):
+        return tuple(need(prim, "plen:index") for prim in prims)
+    return tuple(medium_behind(prim, lens).index(wavelength_nm) + 0.0 for prim in prims)
 
 
 def index_source(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> str:

@@ -12,7 +12,8 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
-from pipeline.scene.read.media import index_source, with_indices
+from pipeline.scene.read.channels import read_channels
+from pipeline.scene.read.media import index_source, ordered_surfaces, with_indices
 from pipeline.scene.read.microlenses import read_microlenses
 from pipeline.scene.read.occluders import is_visible, read_occluder_entry
 from pipeline.scene.read.targets import read_target_entry
@@ -108,6 +109,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
         index_source=index_source(prim, ordered_surfaces(prim)),
         wavelength_nm=need(prim, "plen:wavelength"),
         prescription=read_prescription(prim),
+        stop_name=next(one.GetName() for one in ordered_surfaces(prim) if need(one, "plen:isStop")),
     )
 
 
@@ -133,6 +135,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         extent=need(prim, "plen:truth:extent"),
         delivers_rays=need(prim, "plen:truth:rays"),
         f_numbers=tuple(need(prim, "plen:image:fNumbers")),
+        channels=read_channels(prim),
         file=file,
         line=line,
     )
@@ -164,12 +167,6 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
         match_stop=match_stop,
         **parts,
     )
-
-
-def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
-    """Surfaces of a lens in the order it states; names without a prim are left out."""
-    named = [lens.GetChild(name) for name in read(lens, "plen:surfaceOrder") or () if name]
-    return [prim for prim in named if prim and prim.IsA("PlenSurface")]
 
 
 def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:

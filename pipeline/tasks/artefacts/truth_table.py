@@ -42,10 +42,16 @@ COLUMNS = (
     "method",
 )
 
+CHANNEL = "channel"
+"""Column of the tables of a camera with channels, after the camera."""
 
-def column_order(settings: TruthSettings) -> list[str]:
+
+def column_order(table: TruthTable) -> list[str]:
     """Names of all columns that the stage asks for."""
-    return [*COLUMNS, *(name for column_set in settings.column_sets for name in column_names(column_set))]
+    settings, after = table.settings, COLUMNS.index("camera") + 1
+    channel = [] if table.labels.channel is None else [CHANNEL]
+    sets = (name for column_set in settings.column_sets for name in column_names(column_set))
+    return [*COLUMNS[:after], *channel, *COLUMNS[after:], *sets]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +81,7 @@ class PosedPoints:
 def columns_of(
     table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray
 ) -> dict[str, Any]:
-    """Columns of one target, in the order of COLUMNS."""
+    """Columns of one target, but those of the sets that the stage asks for besides."""
     found, lattice = truth.found, rig.tracer.lattice
     rows = len(found.point)
     microlens = [[None] * rows] * 3
@@ -102,7 +108,9 @@ def columns_of(
         truth.rho_px,
         truth.method.tolist(),
     )
-    return dict(zip(COLUMNS, values, strict=True))
+    columns: dict[str, Any] = dict(zip(COLUMNS, values, strict=True))
+    channel = table.labels.channel
+    return columns if channel is None else {**columns, CHANNEL: [channel.name] * rows}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,14 +165,17 @@ def header_of(table: TruthTable, supersampling: int | None, *, is_plenoptic: boo
     settings, labels, light = table.settings, table.labels, table.labels.light
     empty = "" if is_plenoptic else "microlens_k, microlens_l, microlens_type (a conventional camera); "
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
+    channel = [] if labels.channel is None else [labels.channel.text]
+    mean = "" if labels.channel is None else ", their mean"
     return [
         f"exact image positions of target points: camera {table.camera}, frame {table.frame}",
+        *channel,
         "pixel convention: (0, 0) is the centre of the top-left pixel, x right, y down",
         "units: px in the image, mm in space; target frame x right, y up, z to the viewer;"
         " camera = vision frame x right, y down, z forward, origin at the aperture stop",
         f"method: {settings.method}; {_search(settings)}; smallest hit fraction {settings.min_hit_fraction};"
         f" claimed accuracy: {claim}; rows of method direct whose sigma is larger did not reach it",
-        f"weight: {light.weight}; wavelengths: {light.wavelength_nm} nm; indices: {labels.index_source};"
+        f"weight: {light.weight}; wavelengths: {light.wavelength_nm} nm{mean}; indices: {labels.index_source};"
         f" stop: {labels.stop}; footprint: {light.footprint}",
         f"seed: {labels.seed}" + (f"; K: {supersampling}; samples: {labels.samples}" if supersampling else ""),
         f"visibility: {METHOD}; hidden points and points that face away have no rows",

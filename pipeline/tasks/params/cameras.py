@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.spectrum import Channel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,3 +41,25 @@ class Stop:
     """Another F-number of the same camera."""
 
     f_number: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InChannel:
+    """The light of a channel; its name is left out."""
+
+    channel: Channel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelLabel:
+    """A channel as images and tables name it: its wavelengths, and their shares."""
+
+    name: str
+    wavelengths_nm: tuple[float, ...]
+    shares: tuple[float, ...]
+
+    @property
+    def text(self) -> str:
+        """For the header of a table."""
+        nodes = zip(self.wavelengths_nm, self.shares, strict=True)
+        return f"channel: {self.name}; " + ", ".join(f"{nm:.6g} nm ({share:.4f})" for nm, share in nodes)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from pipeline.camera.parts.spectrum import Channel
 from pipeline.tasks.params.rays import Light
 
 
@@ -24,6 +25,7 @@ class CameraLabels:
     index_source: str
     light: Light
     focus_request: FocusLabels | None
+    channels: tuple[Channel, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

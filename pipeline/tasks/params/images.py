@@ -2,17 +2,19 @@
 
 from dataclasses import dataclass
 
+from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.placed import PaintedView
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """The rays of an image: samples of a pixel, their random numbers, measure and wavelength."""
+    """The rays of an image: samples of a pixel, their random numbers, measure and wavelength, or channel."""
 
     samples: int
     seed: int
     weight: str
     wavelength_nm: float
+    channel: ChannelLabel | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,3 +49,11 @@ class Image:
     exposure: Exposure
     tiles: int
     view: PaintedView | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ColourImage:
+    """Channels of an image, `image` or `white`, in the order of the tasks that it reads."""
+
+    name: str
+    channels: tuple[ChannelLabel, ...]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from pipeline.camera.parts.camera import Sampling
+from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.placed import Matrix, View
 from pipeline.tasks.params.rays import Light
 from pipeline.truth.settings import TruthSettings
@@ -37,6 +38,7 @@ class TableLabels:
     stop: str
     seed: int
     samples: int | None
+    channel: ChannelLabel | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -85,3 +85,16 @@ def bundle_map(tracer: Tracer, microlens: int, plane: np.ndarray, grid: Grid, no
         return None
     fields = np.concatenate([found.on_plane, found.density_sr[..., None]], axis=-1)
     return BundleMap(grid.x_px, grid.half_px, offsets, fields)
+
+
+def bundle_maps(
+    tracer: Tracer, microlens: int, plane: np.ndarray, grid: Grid, nodes: Polar
+) -> list[tuple[float, BundleMap]] | None:
+    """The bundles of a grid in each wavelength of a camera's light, with its share; None where one map is None."""
+    maps = []
+    for light in tracer.lights:
+        around = bundle_map(light.tracer, microlens, plane, grid, nodes)
+        if around is None:
+            return None
+        maps.append((light.share, around))
+    return maps

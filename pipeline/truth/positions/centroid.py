@@ -18,6 +18,7 @@ import numpy as np
 from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
 from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
@@ -55,41 +56,64 @@ class Centroid:
 
 def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float) -> Centroid:
     """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
-    microlens, found = int(rig.microlens(np.array([cell]))[0]), np.full((2, 2), np.nan)
-    lost = Centroid(np.full(2, np.nan), np.nan)
+    parts = []
+    for share, tracer in rig.tracer.lights:
+        found = _disc_images(rig, tracer, cell, x_px, plane, radius_mm)
+        if found is None:
+            return Centroid(np.full(2, np.nan), np.nan)
+        parts.append([(share * light, x) for light, x in found])
+    rough, fine = (_mean(list(level)) for level in zip(*parts, strict=True))
+    return Centroid(fine, float(np.hypot(*(fine - rough))))
+
+
+def _mean(parts: list[tuple[float, np.ndarray]]) -> np.ndarray:
+    """Weighted mean of positions (2,), counted from the first one."""
+    weight, first = sum(weight for weight, _ in parts), parts[0][1]
+    return first + sum((weight * (x - first) for weight, x in parts), np.zeros(2)) / weight
+
+
+def _disc_images(
+    rig: Rig, tracer: Tracer, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float
+) -> list[tuple[float, np.ndarray]] | None:
+    """Light and centroid of the disc's image in one wavelength, roughly and finely; None where it is not whole."""
+    microlens, found = int(rig.microlens(np.array([cell]))[0]), []
     grid = Grid(x_px, np.full(2, _LOOK_PX), 3)
-    look = bundle_map(rig.tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
+    look = bundle_map(tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
     if look is None:
-        return lost
+        return None
     seen = _linear(look, radius_mm * _circle(16))
-    for number, (order, rings, directions, *disc) in enumerate((_ROUGH, _FINE)):
+    for order, rings, directions, *disc in (_ROUGH, _FINE):
         shares, weight = unit_nodes(rings)
         for _ in range(_BOXES):
             low, high = seen.min(axis=(0, 1, 2)), seen.max(axis=(0, 1, 2))
             half = (high - low) / 2
             grid = Grid((low + high) / 2, _SLACK * half, order)
-            around = bundle_map(rig.tracer, microlens, plane, grid, Polar(shares, directions))
+            around = bundle_map(tracer, microlens, plane, grid, Polar(shares, directions))
             if around is None:
-                return lost
+                return None
             seen = _seen(around, radius_mm * _circle(64))[0]
             # The box was guessed; polynomials hold little beyond it.
             if (np.abs(seen - around.x_px) <= _LARGER * half).all():
                 break
         else:
-            return lost
+            return None
         rim = seen.reshape(-1, 2)
         if not (rig.in_image(rim) & rig.in_cell(rim, np.full(len(rim), cell))).all():
-            return lost
-        found[number] = _centroid(around, shares * weight, radius_mm, disc)
-    return Centroid(found[1], float(np.hypot(*(found[1] - found[0]))))
+            return None
+        found.append(_light_and_centroid(around, shares * weight, radius_mm, disc))
+    return found
 
 
-def _centroid(around: BundleMap, measure: np.ndarray, radius_mm: float, disc: list[int]) -> np.ndarray:
+def _light_and_centroid(
+    around: BundleMap, measure: np.ndarray, radius_mm: float, disc: list[int]
+) -> tuple[float, np.ndarray]:
     shares, weight = unit_nodes(disc[0])
     points = radius_mm * (shares[:, None, None] * _circle(disc[1])).reshape(-1, 2)
     x, density, area = _seen(around, points)
     light = density * area * np.repeat(shares * weight, disc[1]) * measure[:, None]
-    return np.einsum("arm,armi->i", light, x) / light.sum()
+    # Every direction of the bundle and of the disc stands for the same angle.
+    total = light.sum() / (len(light) * disc[1])
+    return float(total), np.einsum("arm,armi->i", light, x) / light.sum()
 
 
 def _linear(look: BundleMap, points_mm: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The image of an ideal corner, integrated over a pixel at a continuous position, and its derivatives."""
 
 import itertools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -37,12 +38,6 @@ class CornerImage:
         right, left, lower, upper = (self._along(x_px + side) for side in _SIDES)
         return np.array([right - left, lower - upper])
 
-    def hessian(self, x_px: np.ndarray) -> np.ndarray:
-        """Its derivative, (2, 2), by differences."""
-        steps = _DIFFERENCE_PX * np.eye(2)
-        rows = np.array([self.gradient(x_px + step) - self.gradient(x_px - step) for step in steps])
-        return (rows + rows.T) / (4 * _DIFFERENCE_PX)
-
     def _at(self, x_px: np.ndarray) -> np.ndarray:
         kernels.blend(self.fields, self.around.basis(x_px), self.nodes)
         return self.nodes
@@ -69,3 +64,33 @@ class CornerImage:
         """Least and greatest value of both coordinates over the bundle, (4,)."""
         flat = self._at(x_px)[..., :2].reshape(-1, 2)
         return np.concatenate([flat.min(axis=0), flat.max(axis=0)])
+
+
+class CornerImages:
+    """The sum of the images that a corner has in the wavelengths of a camera's light.
+
+    Parameters
+    ----------
+    around : sequence of (float, BundleMap)
+        Share of each wavelength, and the bundles in its light.
+    ratio, step
+        As in `CornerImage`.
+    """
+
+    def __init__(self, around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1) -> None:
+        self.images = [(share, CornerImage(one, ratio, step)) for share, one in around]
+
+    def gradient(self, x_px: np.ndarray) -> np.ndarray:
+        """Derivative of the light of a pixel by its position, (2,) [sr per px]."""
+        return np.sum([share * image.gradient(x_px) for share, image in self.images], axis=0)
+
+    def hessian(self, x_px: np.ndarray) -> np.ndarray:
+        """Its derivative, (2, 2), by differences."""
+        return hessian_of(self.gradient, x_px)
+
+
+def hessian_of(gradient: Callable[[np.ndarray], np.ndarray], x_px: np.ndarray) -> np.ndarray:
+    """Symmetric derivative of a gradient, (2, 2), by differences over a small part of a pixel."""
+    steps = _DIFFERENCE_PX * np.eye(2)
+    rows = np.array([gradient(x_px + step) - gradient(x_px - step) for step in steps])
+    return (rows + rows.T) / (4 * _DIFFERENCE_PX)

@@ -12,8 +12,8 @@ import numpy as np
 
 from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
-from pipeline.truth.positions.bundle_map import Grid, bundle_map
-from pipeline.truth.positions.corner_image import CornerImage
+from pipeline.truth.positions.bundle_map import Grid, bundle_maps
+from pipeline.truth.positions.corner_image import CornerImages
 from pipeline.truth.positions.saddle_start import start_of
 
 _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
@@ -78,10 +78,10 @@ def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, 
     for level, (rings, directions) in enumerate(_LEVELS):
         for _ in range(_ROUNDS):
             nodes = Polar(np.arange(rings + 1) / rings, directions)
-            around = bundle_map(tracer, microlens, plane, Grid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
+            around = bundle_maps(tracer, microlens, plane, Grid(x_px, np.full(2, _HALF_PX), _ORDER), nodes)
             if around is None:
                 return lost
-            image = CornerImage(around, ratio)
+            image = CornerImages(around, ratio)
             hessian = hessian if level else image.hessian(x_px)
             found, hessian = _newton(image, x_px, hessian)
             moved, x_px = np.hypot(*(found - x_px)), found
@@ -90,7 +90,7 @@ def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, 
         if not moved <= _CENTRED_PX:
             break
         assert around is not None
-        apart = (x_px - _newton(CornerImage(around, ratio, 2), x_px, hessian)[0]) / 3
+        apart = (x_px - _newton(CornerImages(around, ratio, 2), x_px, hessian)[0]) / 3
         if np.hypot(*apart) < _GOOD_PX:
             break
     near = np.hypot(*(x_px - start.x_px)) <= max(1.0, start.spread_px)
@@ -99,7 +99,7 @@ def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, 
     return Saddle(x_px + apart, float(np.hypot(*apart)))
 
 
-def _newton(image: CornerImage, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _newton(image: CornerImages, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN: nowhere."""
     x, gradient = x_px, image.gradient(x_px)
     for _ in range(_STEPS):

@@ -10,7 +10,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.read.prims import ordered_surfaces
+from pipeline.scene.read.media import ordered_surfaces
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem

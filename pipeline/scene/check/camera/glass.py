@@ -7,8 +7,7 @@ from pxr import Sdf, Usd
 from pipeline.optics.glass.errors import GlassError
 from pipeline.optics.glass.medium import Medium
 from pipeline.optics.glass.row import names_an_entry
-from pipeline.scene.read.media import medium_behind
-from pipeline.scene.read.prims import ordered_surfaces
+from pipeline.scene.read.media import medium_behind, ordered_surfaces
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem

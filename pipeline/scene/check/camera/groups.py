@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
-from pipeline.scene.read.prims import lens_groups, ordered_surfaces
+from pipeline.scene.read.media import ordered_surfaces
+from pipeline.scene.read.prims import lens_groups
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read

@@ -11,7 +11,8 @@ from pxr import Usd
 from pipeline.errors import PipelineError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import PrescriptionError, Surface, gaps_mm
-from pipeline.scene.read.prims import ordered_surfaces, read_prescription, read_surface
+from pipeline.scene.read.media import ordered_surfaces
+from pipeline.scene.read.prims import read_prescription, read_surface
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem

@@ -7,6 +7,7 @@ from pxr import Usd
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
+from pipeline.scene.check.camera.channels import check_channels
 from pipeline.scene.check.camera.focus import check_focus, check_request
 from pipeline.scene.check.camera.glass import check_wavelength
 from pipeline.scene.check.camera.microlenses import check_microlens_glass, check_near_microlenses
@@ -31,6 +32,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if lens:
         yield from check_wavelength(camera, lens)
+        yield from check_channels(camera, lens)
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     if array:
         yield from check_microlens_glass(camera, array)

@@ -1,0 +1,31 @@
+"""Moments of bundles that are mixtures of others: of several points of a square, or of several wavelengths."""
+
+import numpy as np
+
+from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, VARIANCE, WEIGHT
+
+
+def mixed(moments: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Moments of mixtures, (n, COLUMNS).
+
+    Parameters
+    ----------
+    moments : (n, m, COLUMNS) float64
+        Of every part; NaN, with weight 0, where nothing passes. Errors of parts are independent.
+    share : (m,) float64
+        Share of each part in the mixture where all pass alike.
+    """
+    weight = moments[..., WEIGHT] * share
+    result = np.zeros((len(moments), COLUMNS))
+    result[:, WEIGHT], result[:, FREE_WEIGHT] = weight.sum(axis=1), moments[..., FREE_WEIGHT] @ share
+    with np.errstate(invalid="ignore"):  # dark mixtures
+        part = weight / result[:, WEIGHT, None]
+    known = np.where(weight[..., None] > 0, moments, 0.0)
+    mean = np.einsum("nm,nma->na", part, known[..., MEAN:COVARIANCE])
+    apart = known[..., MEAN:COVARIANCE] - mean[:, None]
+    rows, columns = np.triu_indices(4)
+    products = known[..., COVARIANCE:WEIGHT] + apart[..., rows] * apart[..., columns]
+    result[:, MEAN:COVARIANCE] = mean
+    result[:, COVARIANCE:WEIGHT] = np.einsum("nm,nma->na", part, products)
+    result[:, VARIANCE:] = np.einsum("nm,nma->na", part**2, known[..., VARIANCE:])
+    return result

@@ -1,0 +1,51 @@
+"""Light of several wavelengths: a colour channel of a camera as a few wavelengths with their shares."""
+
+from dataclasses import dataclass
+
+from pipeline.camera.parts.errors import CameraError
+from pipeline.records.declared import settle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpectralNode:
+    """One wavelength of a channel, and what the glasses of a camera are at it.
+
+    Attributes
+    ----------
+    wavelength_nm : float
+        In standard air.
+    weight : float
+        Share of the channel's signal that this wavelength stands for, where all of them pass the lens alike.
+    indices : tuple of float
+        Refractive index behind each surface of the lens, relative to air.
+    microlens_index : float or None
+        Of the microlenses; None where there are none, or thin ones.
+    """
+
+    wavelength_nm: float
+    weight: float
+    indices: tuple[float, ...]
+    microlens_index: float | None = None
+
+    def __post_init__(self) -> None:
+        settle(self, CameraError)
+        if not (self.wavelength_nm > 0 and self.weight > 0):
+            raise CameraError(f"a wavelength of {self.wavelength_nm} nm with the weight {self.weight}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """A colour channel of a camera.
+
+    Attributes
+    ----------
+    name : str
+    middle : SpectralNode
+        Its mean wavelength, for what one ray stands for: chief rays, centres of micro-images, first guesses.
+    nodes : tuple of SpectralNode
+        The wavelengths that stand for it; their weights sum up to 1.
+    """
+
+    name: str
+    middle: SpectralNode
+    nodes: tuple[SpectralNode, ...]

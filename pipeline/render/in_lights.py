@@ -1,0 +1,54 @@
+"""Images in light of several wavelengths: the sum of those in each, all relative to the white scene on the axis."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
+from pipeline.render.imaging import Rows, irradiance_and_crosstalk, pictures
+from pipeline.render.light import TargetLight
+
+
+def white_parts(rig: Rig, samples: int, rows: Rows | None = None) -> np.ndarray:
+    """The white image and its part through other microlenses than that of the pixel's cell, by wavelength.
+
+    Returns
+    -------
+    (2, height, width, wavelengths) float64
+        Each relative to the white scene on the axis in the same light; `in_all` sums them up.
+    """
+    shared = shared_samples(rig, samples)
+    parts = [irradiance_and_crosstalk(one, shared, None, rows) for _, one in rig.lights]
+    return np.stack([np.stack(part) for part in parts], axis=-1)
+
+
+def pictures_in_lights(
+    rig: Rig, samples: int, scenes: Sequence[TargetLight], white: np.ndarray, rows: Rows | None = None
+) -> np.ndarray:
+    """Images of several scenes, (scenes, height, width), as `imaging.pictures`.
+
+    Parameters
+    ----------
+    white : (2, height, width, wavelengths) float64
+        Of `white_parts`, for the same rows.
+    """
+    shared, images = shared_samples(rig, samples), []
+    for number, (_, one) in enumerate(rig.lights):
+        all_of_it, foreign = np.ascontiguousarray(white[..., number])
+        parts = np.array([all_of_it - foreign, foreign])
+        images.append(pictures(one, shared, scenes, parts, rows))
+    return in_all(rig.tracer, np.stack(images, axis=-1))
+
+
+def in_all(tracer: Tracer, by_wavelength: np.ndarray) -> np.ndarray:
+    """Images in all light together from those each wavelength, (..., wavelengths), whose reference bundles differ."""
+    if by_wavelength.shape[-1] == 1:
+        return by_wavelength[..., 0]
+    weight = np.array([light.share * light.tracer.reference_weight_sr for light in tracer.lights])
+    return by_wavelength @ (weight / weight.sum())
+
+
+def shared_samples(rig: Rig, samples: int) -> int:
+    """Rays of each wavelength: together as many as asked for, or up to twice as many, because of powers of two."""
+    return max(1, samples >> (len(rig.tracer.lights).bit_length() - 1))

@@ -1,0 +1,44 @@
+"""Task `colour_image`: the images of all channels of a camera in one file, and as a picture."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
+from pipeline.files.png import write_png
+from pipeline.render.spectra import srgb_preview
+from pipeline.tasks.artefacts.cameras import Inputs
+from pipeline.tasks.params.images import ColourImage as Params
+
+LETTERS = {"red": "R", "green": "G", "blue": "B"}
+"""Names that other programs expect of channels in OpenEXR files, by ours; other channels keep theirs."""
+_ROWS = 512
+"""Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
+
+
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write `name`.exr, relative irradiance of each channel, and `name`.png, an 8-bit preview."""
+    name = params.name
+    images = [ExrWindows(inputs[f"channel{i}"][f"{name}.exr"]) for i in range(len(params.channels))]
+    letters = [LETTERS.get(channel.name, channel.name) for channel in params.channels]
+
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        found = [image.rows(name, first, end)["Y"] for image in images]
+        return dict(zip(letters, found, strict=True))
+
+    shape = images[0].headers[name].shape
+    attributes: dict[str, str | float | int] = {
+        "content": "relative irradiance of each channel: 1 is a white scene on the axis",
+        **{f"light_{letter}": channel.text for letter, channel in zip(letters, params.channels, strict=True)},
+    }
+    part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
+    write_bands(out / f"{name}.exr", [part])
+    preview = [_picture(rows(first, min(first + _ROWS, shape[0]))) for first in range(0, shape[0], _ROWS)]
+    write_png(out / f"{name}.png", np.concatenate(preview))
+
+
+def _picture(channels: dict[str, np.ndarray]) -> np.ndarray:
+    """Red, green and blue as they are, because a white scene is white in all of them; else the mean of all channels."""
+    if channels.keys() >= set("RGB"):
+        return np.stack([srgb_preview(channels[letter], 1.0)[..., 0] for letter in "RGB"], axis=-1)
+    return srgb_preview(np.mean(list(channels.values()), axis=0), 1.0)

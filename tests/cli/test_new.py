@@ -1,0 +1,109 @@
+"""`pipeline new` as a user meets it: stages that pass `check`, the same again, with poses that fill what is seen."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from laws import rigs
+
+from pipeline.app.authoring.poses import Wish, poses_that_fill
+from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.errors import UsageError
+from pipeline.scene.load import load
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
+
+PARTS = ("--rig", "rigs/conventional_100mm.usda", "--target", "targets/charuco_8x5.usda")
+
+
+@pytest.fixture
+def pipeline(tmp_path, monkeypatch, in_this_process):
+    """Run the command in an empty folder: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    return in_this_process
+
+
+def test_a_new_dataset_passes_check_and_is_the_same_again(pipeline):
+    for name in ("a", "b"):
+        assert pipeline("new", "dataset", f"{name}.usda", *PARTS, "--poses", "4", "--fit")[0] == 0
+    one, other = (Path(f"{name}.usda").read_text(encoding="utf-8") for name in ("a", "b"))
+    assert one.replace('"A"', '"B"').replace("</A/", "</B/") == other
+    loaded = load("a.usda", look=True)
+    assert loaded.problems == []
+    assert len(loaded.dataset.frames) == 4
+    assert "of 28 points" in one  # a comment on each pose
+
+
+def test_another_seed_gives_other_poses(pipeline):
+    texts = []
+    for seed in ("1", "2"):
+        pipeline("new", "dataset", f"{seed}.usda", *PARTS, "--poses", "2", "--fit", "--seed", seed)
+        texts.append(Path(f"{seed}.usda").read_text(encoding="utf-8").partition("timeSamples")[2])
+    assert texts[0] != texts[1]
+
+
+def test_a_new_rig_is_focused_and_stopped_as_asked(pipeline):
+    parts = ("--lens", "lenses/tessar_100mm_zemax.usda", "--sensor", "sensors/sensor_640x480_10um.usda")
+    assert pipeline("new", "rig", "r.usda", *parts, "--focus", "1000", "--f-number", "8")[:2] == (0, "r.usda\n")
+    code, output, _ = pipeline("show", "r.usda")
+    assert code == 0
+    assert "focus at 1000 mm sets the sensor distance" in output
+    assert "f-number                      8.00" in output
+    assert pipeline("new", "dataset", "d.usda", "--rig", "r.usda", *PARTS[2:], "--poses", "2", "--fit")[0] == 0
+    assert load("d.usda").errors == []
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"--rig": "rigs/convention_100mm.usda"}, 'did you mean "rigs/conventional_100mm.usda"?'),
+        ({"--rig": "targets/charuco_8x5.usda"}, "targets/charuco_8x5.usda holds no camera"),
+        ({"--target": "rigs/conventional_100mm.usda"}, "rigs/conventional_100mm.usda holds no target"),
+        ({"--camera": "Kamera"}, 'did you mean "Camera"?'),
+        ({"--target": "targets/circles_7x5.usda"}, "--fit"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_is_written(pipeline, changed, said):
+    asked = {**dict(zip(PARTS[::2], PARTS[1::2], strict=True)), **changed}
+    words = [word for pair in asked.items() for word in pair]
+    code, output, log = pipeline("new", "dataset", "x.usda", *words, "--poses", "1")
+    assert (code, output) == (2, "")
+    assert said in log
+    assert not list(Path().glob("*.usda"))
+
+
+def test_a_file_that_is_there_stays(pipeline):
+    Path("x.usda").write_text("mine", encoding="utf-8")
+    assert pipeline("new", "dataset", "x.usda", *PARTS)[0] == 2
+    assert Path("x.usda").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize("is_plenoptic", [False, True])
+def test_poses_fill_the_image_and_stay_in_the_depth_of_field(is_plenoptic):
+    camera = rigs.plenoptic(5.0, 500, 400) if is_plenoptic else rigs.conventional(4.5, 192, 144, 0.05)
+    board = Target(Checkerboard(columns=4, rows=3, square_mm=1.2))
+    wish = Wish(count=16, seed=3, blur_px=4.0)
+    poses = poses_that_fill(camera, board, wish)
+    seen = np.concatenate([pose.seen_px for pose in poses])
+    assert np.isfinite(seen).all()
+    size = np.array([camera.sensor.width_px, camera.sensor.height_px])
+    assert (np.abs(seen - (size - 1) / 2) <= size / 2).all()
+    thirds = {tuple(cell) for cell in np.floor((seen + 0.5) / size * 3).astype(int)}
+    assert len(thirds) == 9
+    blurred = foci(dataclasses.replace(camera, circle_of_confusion_px=wish.blur_px))
+    near, far = min(f.depth_of_field_mm[0] for f in blurred), max(f.depth_of_field_mm[1] for f in blurred)
+    depths = [
+        (pose.vision_from_target[:3, :3] @ p + pose.vision_from_target[:3, 3])[2]
+        for pose in poses
+        for p in board.points().position_mm
+    ]
+    assert near < min(depths)
+    assert max(depths) < far
+    assert max(depths) - min(depths) > 0.6 * (far - near)
+    assert max(pose.tilt_deg for pose in poses) > 20
+
+
+def test_a_target_that_is_too_large_is_refused():
+    with pytest.raises(UsageError, match="shows enough of it"):
+        poses_that_fill(rigs.conventional(), Target(Checkerboard(columns=4, rows=3, square_mm=30.0)), Wish(count=1))

@@ -1,0 +1,110 @@
+"""A camera with channels as a whole: its folder, its tables, what channels share, and that other programs read it."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+from rerun.small_tiles import in_small_tiles
+
+import pipeline
+from pipeline.app.build import Result
+from pipeline.app.verifying.verify import verify
+
+DATA = Path(__file__).parents[1] / "data"
+TRIANGLE = {"red": (580, 620, 680), "green": (500, 540, 590), "blue": (430, 460, 510)}
+"""First, brightest and last wavelength of each channel [nm]."""
+
+
+def channel(name: str, wavelengths: tuple[int, int, int]) -> str:
+    return f"""
+            def PlenChannel "{name}"
+            {{
+                uniform int plen:nodes = 2
+                uniform double[] plen:response = [0, 1, 0]
+                uniform double[] plen:wavelengths = {list(wavelengths)}
+            }}
+"""
+
+
+def stage_at(folder: Path, tiny: str, channels: dict[str, tuple[int, int, int]]) -> Path:
+    """A tiny dataset of the tests whose camera has channels, in a folder of its own."""
+    text = (DATA / f"tiny_{tiny}/dataset.usda").read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    text = text.replace('            uniform token plen:truth:method = "moments"\n', "")
+    sensor, lens = '        over "Sensor"\n        {\n', '        over "Lens"\n        {\n'
+    if lens not in text:
+        text = text.replace(sensor, f"{lens}        }}\n\n{sensor}")
+    text = text.replace(lens, f'{lens}            uniform token plen:indexSource = "catalogue"\n')
+    said = "".join(channel(name, wavelengths) for name, wavelengths in channels.items())
+    assert sensor in text
+    path = folder / "dataset.usda"
+    path.write_text(text.replace(sensor, sensor + said), encoding="utf-8")
+    return path
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    folder = tmp_path_factory.mktemp("channels")
+    return pipeline.build(stage_at(folder, "conventional", {**TRIANGLE, "again": TRIANGLE["red"]}), folder / "out")
+
+
+def test_equal_responses_give_equal_tables_and_are_computed_once(built: Result) -> None:
+    folder = built.out / "frames/0001/Rig.Camera"
+    red, again = (rows_of(folder / name / "correspondences.csv") for name in ("red", "again"))
+    assert [{**row, "channel": ""} for row in red] == [{**row, "channel": ""} for row in again]
+    assert {row["channel"] for row in red} == {"red"}
+    assert {row["channel"] for row in again} == {"again"}
+
+
+def test_channels_differ_by_lateral_colour(built: Result) -> None:
+    tables = [rows_of(built.out / f"frames/0002/Rig.Camera/{name}/correspondences.csv") for name in TRIANGLE]
+    x = np.array([[float(row["x_px"]) for row in rows] for rows in tables])
+    assert x.shape == (3, 6)
+    assert 0 < np.abs(x[0] - x[2]).max() < 1  # pixels of 0.1 mm
+
+
+def test_every_channel_has_a_certificate(built: Result) -> None:
+    names = {f"Rig.Camera@{name}" for name in (*TRIANGLE, "again")}
+    certificates = json.loads((built.out / "manifest.json").read_text(encoding="utf-8"))["certificate"]
+    assert set(certificates) == names
+    assert all(one["passed"] for one in certificates.values())
+
+
+def test_the_image_of_all_channels_is_that_of_each(built: Result) -> None:
+    folder = built.out / "frames/0001/Rig.Camera"
+    joined = OpenEXR.File(str(folder / "image.exr"), separate_channels=True).channels()
+    assert set(joined) == {"R", "G", "B", "again"}
+    for letter, name in {"R": "red", "G": "green", "B": "blue", "again": "again"}.items():
+        alone = OpenEXR.File(str(folder / name / "image.exr"), separate_channels=True).channels()["Y"].pixels
+        np.testing.assert_array_equal(joined[letter].pixels, alone)
+    assert np.asarray(Image.open(folder / "image.png")).shape == (24, 32, 3)
+
+
+def test_another_program_can_judge_the_folder(built: Result) -> None:
+    verdict = verify(built.out)
+    assert verdict.problems == []
+    assert set(verdict.cameras) == {f"Rig.Camera@{name}" for name in (*TRIANGLE, "again")}
+
+
+def test_small_tiles_of_channels_behind_microlenses_give_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = stage_at(tmp_path, "plenoptic", {"red": TRIANGLE["red"]})
+    outs = []
+    for name in ("whole", "tiles"):
+        if name == "tiles":
+            in_small_tiles(monkeypatch)
+        monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / f"store of {name}"))
+        outs.append(pipeline.build(stage, tmp_path / name).out)
+    files = [{path.relative_to(out) for path in out.rglob("*") if path.is_file()} for out in outs]
+    assert files[0] == files[1]
+    for file in files[0] - {Path("manifest.json")}:
+        assert (outs[0] / file).read_bytes() == (outs[1] / file).read_bytes(), file
