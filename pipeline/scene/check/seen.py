@@ -1,6 +1,6 @@
-"""Whether anything of a target can be seen: in which frames an image of it would be blank, and why.
+"""Warnings about targets that a camera does not see: the frames in which the image would be blank, and the reason.
 
-On records, after all other checks.
+This check works on records, after all other checks.
 """
 
 from collections.abc import Iterator
@@ -20,15 +20,15 @@ from pipeline.scene.views import HIDDEN, MERGED, View, look, spacing_px
 
 
 def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
-    """A warning for each camera and target where the camera sees no point of it in some frames."""
+    """A warning for each camera and target if the camera sees no point of the target in some frames."""
     for entry in dataset.cameras:
         try:
             camera = focused(entry.camera)
         except (PipelineError, ArithmeticError):
-            continue  # reported as that
+            continue  # reported elsewhere
         for number, target in enumerate(dataset.targets):
             if not target.target.points().kinds:
-                continue  # there is nothing to see
+                continue  # the target has no points
             view = look(dataset, entry.name, camera, number)
             blank = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             if blank:
@@ -40,7 +40,7 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
 
 
 def _listed(blank: dict[int, int]) -> str:
-    """Frames by the reason why they are blank."""
+    """A list of frames by the reason why they are blank, as text."""
     reasons = dict.fromkeys(_REASONS[fate] for fate in blank.values())
     frames = {
         reason: frames_in_words(number for number, fate in blank.items() if _REASONS[fate] == reason)
@@ -60,13 +60,13 @@ _REASONS = {
 
 
 def _turned_deg(points_mm: np.ndarray, front: np.ndarray) -> float:
-    """Angle between the fronts of points and their ways to the camera, in the middle of all: 180 shows the back."""
+    """Median angle between the front of points and their direction to the camera [deg]; 180 shows the back."""
     cosine = -np.sum(points_mm * front, axis=-1) / np.linalg.norm(points_mm, axis=-1)
     return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1.0, 1.0))))
 
 
 def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
-    """Hint that mends the first of the frames."""
+    """A hint to mend the first blank frame."""
     number, fate = next(iter(blank.items()))
     index = view.numbers.index(number)
     x, y, z = view.points_mm[index].mean(axis=0)

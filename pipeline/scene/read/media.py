@@ -1,6 +1,6 @@
 """Media behind the surfaces of a lens, and so their indices at a wavelength.
 
-The formula is evaluated here, while a stage is read: records carry plain numbers, and a task knows no glass.
+Dispersion formulas are evaluated here, while a stage is read: records carry plain numbers, and tasks know no glass.
 """
 
 from collections.abc import Sequence
@@ -15,17 +15,17 @@ from pipeline.scene.usd.values import need, read
 
 
 def uses_catalogue(lens: Usd.Prim) -> bool:
-    """Whether the indices of a lens are those of its glasses and not the printed ones."""
+    """Whether the indices of a lens come from its glasses instead of print."""
     return bool(need(lens, "plen:indexSource") == "catalogue")
 
 
 def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
-    """The medium behind a surface by its glass, compared with what is printed.
+    """The medium behind a surface, from its glass and compared with the printed index.
 
     Raises
     ------
     GlassError
-        It is not known, or is not the printed one.
+        The glass is unknown, or contradicts the printed index.
     """
     has_index = surface.GetAttribute("plen:index").HasAuthoredValue()
     return row.medium(
@@ -39,7 +39,9 @@ def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
 def with_indices(
     lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surface], wavelength_nm: float | None
 ) -> tuple[Surface, ...]:
-    """Surfaces with their indices at a wavelength; the printed ones know only their own and stay as they are."""
+    """Surfaces with their indices at a wavelength; printed indices are valid at their own wavelength only and are
+    not changed.
+    """
     if not uses_catalogue(lens):
         return tuple(surfaces)
     light_nm = need(lens, "plen:wavelength") if wavelength_nm is None else wavelength_nm
@@ -50,7 +52,7 @@ def with_indices(
 
 
 def index_source(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> str:
-    """Source of the indices of a lens, as reports and tables name it: with the medium of every element."""
+    """Source of the indices of a lens for reports and tables, with the medium of every element."""
     if not uses_catalogue(lens):
         return str(need(lens, "plen:indexSource"))
     labels = [medium_behind(prim, lens).label for prim in prims]

@@ -1,4 +1,4 @@
-"""Focus that a camera is asked for: whether it can be had, and what its microlenses then see sharp."""
+"""Checks of the requested focus of a camera: whether it can be reached, and what its microlenses then see sharply."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -45,7 +45,7 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
-    """Focusing groups that the lens does not have."""
+    """Problems of focusing groups that the lens does not have."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     known = [group.GetName() for group in lens_groups(lens)] if lens else []
     for name in (read(camera, _GROUPS) or ()) if lens else ():
@@ -57,7 +57,9 @@ def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
-    """A focus out of reach; then warnings about what the microlenses see. Silent where something else is wrong."""
+    """An error for a focus out of reach, then warnings about what the microlenses see. Nothing if something else is
+    wrong.
+    """
     if not target(camera, "plen:camera:sensor", "PlenSensor"):
         return
     try:
@@ -66,7 +68,7 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(unread.thing, unread.code, unread.what)
         return
     except PipelineError:
-        return  # parts that do not fit each other: the checks of lens and microlenses name them
+        return  # parts that do not fit together: reported by the checks of lens and microlenses
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
     if both != bool(read(camera, _GROUPS)):
         return
@@ -81,7 +83,7 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
         yield from _check_f_numbers(camera, solved(record))
         yield from _check_microlenses(camera, solved(record))
     except (PipelineError, ArithmeticError):
-        return  # no lens that forms an image; what does not need one is checked elsewhere
+        return  # the lens forms no image; what does not need an image is checked elsewhere
 
 
 def _bad_type(record: Camera | FocusRequest) -> bool:
@@ -91,7 +93,7 @@ def _bad_type(record: Camera | FocusRequest) -> bool:
 
 
 def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | None:
-    """The attribute that asks too much, and why."""
+    """The attribute that asks for too much, and the error."""
     name = _FOCUS
     try:
         if isinstance(record, FocusRequest):
@@ -109,7 +111,7 @@ def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | No
 
 
 def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
-    """A camera without errors from whose focus no near and far planes can be derived."""
+    """A problem of a camera without errors: no near and far planes can be derived from its focus."""
     try:
         focused(read_camera(camera))
     except CameraError as error:
@@ -120,7 +122,7 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    """F-numbers of white images that stand twice, or that the lens cannot open to."""
+    """Problems of F-numbers of white images that are stated twice, or for which the lens cannot open far enough."""
     attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
     for f_number in dict.fromkeys(f_numbers):
         try:
@@ -134,7 +136,7 @@ def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    """Warnings about the microlens types of a camera among each other."""
+    """Warnings about the microlens types of a camera, compared with each other."""
     array = record.microlenses
     if array is None or len(array.focal_lengths_mm) < 2:
         return

@@ -1,4 +1,6 @@
-"""Glasses of a lens: known, one, and what is printed; and the light of a camera, for which they must be known."""
+"""Checks of the glasses of a lens: known, unambiguous, in agreement with printed indices, and known at the camera's
+wavelength.
+"""
 
 from collections.abc import Iterator
 
@@ -17,8 +19,8 @@ from pipeline.scene.usd.values import UnreadableValue, read
 def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
     """Problems of the glasses of a PlenLens.
 
-    With printed indices a bare name is for people, because many belong to catalogues of the past. A name with its
-    vendor says which entry is meant, and is compared with what is printed in any case.
+    Beside printed indices a bare name is information only, because many names are from old catalogues. A name with
+    its vendor identifies an entry and is always compared with the printed index.
     """
     prims = ordered_surfaces(lens)
     for prim in prims:
@@ -30,19 +32,19 @@ def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
             except UnreadableValue as error:
                 yield problem(error.thing, error.code, error.what)
     last = _known(prims[-1], lens) if prims and _is_catalogue(lens) else None
-    if last and last.label != "air" and read(prims[-1], "plen:index") == 1:  # else check_lens has said so
+    if last and last.label != "air" and read(prims[-1], "plen:index") == 1:  # otherwise check_lens has reported it
         message = f"the medium behind the last surface is {last.label}, and only air is supported yet"
         yield problem(_where(prims[-1]), "not-yet-supported", message)
 
 
 def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
-    """The light of a camera against what its lens knows of it."""
+    """Problems of a camera's wavelength, at which the glasses of its lens must be known."""
     attribute = camera.GetAttribute("plen:camera:wavelength")
     camera_nm, lens_nm = read(camera, "plen:camera:wavelength"), read(lens, "plen:wavelength")
     if None in (camera_nm, lens_nm):
         return
     if _is_catalogue(lens):
-        # Several elements of one glass are one problem of the camera.
+        # Several elements of one glass cause one problem of the camera.
         media = {found.label: found for prim in ordered_surfaces(lens) if (found := _known(prim, lens))}
         for medium in media.values():
             try:
@@ -68,7 +70,7 @@ def _counts(surface: Usd.Prim, lens: Usd.Prim) -> bool:
 
 
 def _known(surface: Usd.Prim, lens: Usd.Prim) -> Medium | None:
-    """The medium behind a surface; None where it is wrong already, and reported as that."""
+    """The medium behind a surface; None if it is wrong, which is reported elsewhere."""
     try:
         return medium_behind(surface, lens)
     except (GlassError, UnreadableValue):
@@ -76,7 +78,7 @@ def _known(surface: Usd.Prim, lens: Usd.Prim) -> Medium | None:
 
 
 def _where(surface: Usd.Prim) -> Usd.Property:
-    """Attribute in which a person mends a medium: its glass, or what replaces it."""
+    """The attribute to mend a medium: its glass, or the one that replaces it."""
     names = ("plen:glass", "plen:index")
     written = (surface.GetAttribute(name) for name in names if surface.GetAttribute(name).HasAuthoredValue())
     return next(written, surface)

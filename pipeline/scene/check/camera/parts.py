@@ -1,4 +1,4 @@
-"""A camera whose parts do not fit each other."""
+"""Checks of a camera as a whole: its parts must fit together."""
 
 from collections.abc import Iterator
 
@@ -40,7 +40,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
         yield problem(error.thing, error.code, error.what)
         return
     except PipelineError:
-        return  # surfaces or glasses that the checks of the lens and of the wavelength name
+        return  # wrong surfaces or glasses, reported by the checks of lens and wavelength
     if prescription:
         yield from _check_behind_lens(camera, prescription)
         yield from _check_near_far(camera, prescription)
