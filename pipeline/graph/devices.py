@@ -19,7 +19,7 @@ def on_device(project: Project, options: BuildOptions) -> Project:
     Raises
     ------
     UsageError
-        No device has that name, no task can run there, or the tasks run on a cluster whose devices are unknown.
+        No device has that name, no task can run there, or other options exclude a device.
     EnvironmentFault
         The device cannot be used on this machine.
     """

@@ -1,7 +1,7 @@
-"""From irradiance to a picture for people.
+"""Conversion of irradiance to a picture.
 
-Light here has one wavelength. Its true colour would hide what the picture is for, sharpness and brightness, so that it
-is shown as neutral grey.
+Light here has one wavelength. Its true colour would distract from sharpness and brightness, so it is shown as
+neutral grey.
 """
 
 import warnings
