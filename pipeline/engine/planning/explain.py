@@ -42,7 +42,7 @@ def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) ->
 
 def _work(to_come: Forecast) -> str:
     if to_come.unknown == to_come.tasks:
-        return "nobody knows, for no task of these kinds ever ran here"
+        return "unknown, because no task of these kinds has run here"
     known = f"about {to_come.cpu_seconds:.3g} s of processor time, {to_come.rays:.2g} rays,"
     known += f" {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
     return known + (f"; {to_come.unknown} of a kind that never ran here" if to_come.unknown else "")

@@ -117,7 +117,7 @@ def _array(
     if layout == "square" or (shifted + count) % 2 == 0:
         return array, []
     line = "row" if layout == "hexagonal" else "column"
-    return array, [Lost(what=f"the outermost lens of every other {line} stands at the other end of it")]
+    return array, [Lost(what=f"the outermost microlens of every other {line} is at its other end")]
 
 
 def _node(layout: str, k: int, l: int) -> tuple[float, float]:

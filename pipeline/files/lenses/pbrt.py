@@ -103,7 +103,7 @@ def _with_stop(path: str | Path, rows: list[tuple[int, list[float]]]) -> list[Pr
         )
         index_before = index
     if len(stops) != 1:
-        reason = f"{len(stops)} rows of radius 0 stand in air, and the stop is the only one there may be"
+        reason = f"{len(stops)} rows of radius 0 are in air, and only the stop may be one"
         lines = [rows[i][0] for i in stops]
         raise UnreadableLens(path, reason, line=lines[1] if lines else None, hint="leave one such row: the stop")
     surfaces[stops[0]] = replace(surfaces[stops[0]], is_stop=True)

@@ -90,7 +90,7 @@ def _check_repeated(stage: Usd.Stage) -> Iterator[Problem]:
                 file=shown_path(layer.realPath),
                 line=line,
                 at=path,
-                hint="USD keeps the last one without a word; remove one",
+                hint="USD silently keeps the last one; remove one",
             )
 
 
@@ -103,5 +103,5 @@ def _check_cut(stage: Usd.Stage) -> Iterator[Problem]:
                 file=shown_path(layer.realPath),
                 line=line,
                 at=path or None,
-                hint=f"USD would take {taken} without a word",
+                hint=f"USD would silently use {taken}",
             )

@@ -40,7 +40,7 @@ def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
     except TargetError as error:
         yield problem(prim, error.code, error.what, hint=error.hint)
     except ValueError:
-        message = "the mesh has faces that do not fit each other"
+        message = "the faces of the mesh contradict each other"
         yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts and faceVertexIndices")
 
 

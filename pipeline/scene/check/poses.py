@@ -68,7 +68,7 @@ def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
         if len(present) < len(frames):
             missing = sorted(set(frames).difference(present))
             message = f'"{attribute.GetName()}" has no sample at time code {_listed(missing)}'
-            hint = "USD would interpolate without a word; write one sample per frame"
+            hint = "USD would interpolate silently; write one sample per frame"
             yield problem(attribute, "no-pose-sample", message, hint=hint)
         for number in present:
             yield from _check_op(op, number, number if times else None)

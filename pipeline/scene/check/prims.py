@@ -86,7 +86,7 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     # Anything but an array of tokens is reported as a wrong type.
     named = [token.removeprefix("!invert!") for token in value] if isinstance(value, Vt.TokenArray) else []
     if len(named) > _MOST_OPS:
-        message = f'"xformOpOrder" has {len(named)} entries, and not 0 to {_MOST_OPS}'
+        message = f'"xformOpOrder" has {len(named)} entries, not 0 to {_MOST_OPS}'
         yield problem(order, "entries", message)
         return
     for name in named:

@@ -112,7 +112,7 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
             yield problem(place, code, f'{_said(needing, prim)} needs "{name}"', hint=hint)
         failing = next((rule for rule in rules.only if rule.holds(prim) is False), None)
         if written and failing:
-            what = f'"{name}" means nothing {_without(failing, prim)}'
+            what = f'"{name}" has no effect {_without(failing, prim)}'
             place, code = prim.GetAttribute(name), _FAMILIES.get(failing.name, "unused-value")
             yield problem(place, code, what, hint=f"remove it, or write {_wanted(failing)}")
 
@@ -123,7 +123,7 @@ def _said(rule: Condition, prim: Usd.Prim) -> str:
 
 
 def _without(rule: Condition, prim: Usd.Prim) -> str:
-    return f"where {_said(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
+    return f"with {_said(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
 
 
 def _wanted(rule: Condition) -> str:
@@ -147,7 +147,7 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
         prim = stage.GetPrimAtPath(path)
         if stage.GetObjectAtPath(path) and not (prim and prim.IsA(wanted)):
             got = (prim.GetTypeName() or "prim without a type") if prim else "property"
-            yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
+            yield problem(relationship, "wrong-target", f'"{name}" must point at a {wanted}; <{path}> is a {got}')
         elif prim and not prim.IsActive():
             yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
 

@@ -33,7 +33,7 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             blank = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             if blank:
                 prim = stage.GetPrimAtPath(target.prim_path)
-                whom = f'no point of "{prim.GetName()}" can be made out by "{entry.name}"'
+                whom = f'"{entry.name}" sees no point of "{prim.GetName()}"'
                 message = f"{whom} in {len(blank)} of {len(view.numbers)} frames: {_listed(blank)}"
                 hint = _hint(camera, view, blank)
                 yield problem(prim, "blank", message, hint=hint, severity="warning")
@@ -74,19 +74,19 @@ def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
         turned = _turned_deg(view.points_mm[index], view.front[index])
         return f"in frame {number} its front, +Z, looks {turned:.0f} degrees past the camera: turn it about its X or Y"
     if fate == HIDDEN:
-        return "move it, or what stands before it"
+        return "move it, or the object in front of it"
     if fate == MERGED:
         spacing, blur = spacing_px(camera, view.points_mm[index]), np.median(view.outlook.blur_px[index])
-        return f"in frame {number}, at z = {z:.4g} mm, points stand {spacing:.2g} px apart and blur to {blur:.3g} px"
+        return f"in frame {number}, at z = {z:.4g} mm, points are {spacing:.2g} px apart and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
         blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
         return (
-            f"in frame {number} it stands at z = {z:.4g} mm, and the focus at {middle_focus(camera):.4g} mm: its points"
+            f"in frame {number} it is at z = {z:.4g} mm, and the focus at {middle_focus(camera):.4g} mm: its points"
             f" blur to {blur:.3g} px, and {of} is {widest_blur_px(camera):.3g} px wide"
         )
     width, height = covered_mm(camera, float(z))
     across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")
     return (
-        f"in frame {number} it stands {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it; at its"
+        f"in frame {number} it is {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it; at its"
         f" z = {z:.4g} mm the image covers about {width:.3g} x {height:.3g} mm"
     )

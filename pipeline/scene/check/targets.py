@@ -85,5 +85,5 @@ def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:
         distance, index = max(off)
         which = f"{len(off)} of {len(distances)} marked points do not lie on the mesh"
         message = f"{which}; point {index} is {distance:.4g} mm off"
-        hint = "images show the mesh, and the ground truth believes the points"
+        hint = "images show the mesh, and the ground truth uses the points"
         yield problem(prim.GetAttribute("plen:points"), "off-mesh", message, hint=hint, severity="warning")

@@ -49,7 +49,7 @@ def check_value(
         yield problem(attribute, "wrong-type", message, time=time)
     elif rule and rule.entries and not rule.entries[0] <= len(value) <= rule.entries[1]:
         fewest, most = rule.entries
-        message = f'"{name}" has {len(value)} entries, and not {fewest} to {most}'
+        message = f'"{name}" has {len(value)} entries, not {fewest} to {most}'
         yield problem(attribute, "entries", message, time=time)
     else:
         yield from _check_texts(attribute, value, time)

@@ -32,7 +32,7 @@ def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
     if _DECIMAL_COMMA.search(text):
         return message, "write decimals with a point, not a comma"
     if _WITH_UNIT.search(text):
-        return message, "numbers stand without a unit: lengths in mm, wavelengths in nm, angles in degrees"
+        return message, "numbers are written without a unit: lengths in mm, wavelengths in nm, angles in degrees"
     if _ONE_LINE.search(text):
         return message, "give each property a line of its own, and the closing brace as well"
     return message, None

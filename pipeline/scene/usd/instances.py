@@ -51,7 +51,7 @@ def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
     file = first.layer.realPath
     return Problem(
         code="below-instance",
-        message=f"USD takes no notice of what is said of {', '.join(names[:4])}, because <{top}> is an instance",
+        message=f"USD ignores the opinions on {', '.join(names[:4])}, because <{top}> is an instance",
         file=shown_path(file) if file else None,
         line=line_of(file, str(first.path)) if file else None,
         at=str(top),

@@ -81,7 +81,7 @@ class CutNumbers:
         except ValueError:
             return  # USD reports it
         if self._is_bool and number not in (0.0, 1.0):
-            self.found.append((self._path, f'"{self._name}" is true or false, and {token} is neither', "true", line))
+            self.found.append((self._path, f'"{self._name}" must be true or false, not {token}', "true", line))
         elif not self._is_bool and number - number == 0 and not number.is_integer():
-            what = f'"{self._name}" holds whole numbers, and {token} is none'
+            what = f'"{self._name}" must hold whole numbers, not {token}'
             self.found.append((self._path, what, str(int(number)), line))

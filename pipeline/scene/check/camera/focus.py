@@ -30,7 +30,7 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
     if read(camera, _GROUPS):
         yield from _check_groups(camera)
     elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
-        message = f'"{_SENSOR}" and "{_FOCUS}" both say where the sensor stands'
+        message = f'"{_SENSOR}" and "{_FOCUS}" both state the position of the sensor'
         yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
     elif not (sensor.HasAuthoredValue() or focus.HasAuthoredValue()):
         message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'

@@ -62,8 +62,10 @@ def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
         return  # no nominal focal length, or a lens without power
     if efl_mm is None or abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
         return
-    off = f"its focal length is {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
-    message = f"the lens goes by {nominal_mm:g} mm, but {'it has no power' if math.isinf(efl_mm) else off}"
+    off = f"the lens has {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
+    message = (
+        f"the nominal focal length is {nominal_mm:g} mm, but {'the lens has no power' if math.isinf(efl_mm) else off}"
+    )
     hint = "is a radius, an index or a thickness mistyped, or the whole table scaled?"
     attribute = lens.GetAttribute("plen:nominalFocalLength")
     yield problem(attribute, "focal-length", message, hint=hint, severity="warning")
@@ -75,7 +77,7 @@ def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
     children = [child.GetName() for child in lens.GetChildren() if child.IsA("PlenSurface")]
     for name, count in Counter(names).items():
         if count > 1:
-            yield problem(order, "surface-order", f'"{name}" stands {count} times in the order of the surfaces')
+            yield problem(order, "surface-order", f'"{name}" occurs {count} times in the order of the surfaces')
         if name not in children:
             hint = did_you_mean(name, children)
             yield problem(order, "surface-order", f'"{name}" is no PlenSurface below the lens', hint=hint)
@@ -142,7 +144,7 @@ def _check_steep(part: _Part) -> Iterator[Problem]:
 def _check_in_air(front: _Part, behind: _Part) -> Iterator[Problem]:
     first, second = front.surface, behind.surface
     if first and second and second.focal_length_mm is not None and first.index != 1:
-        message = f'"{behind.name}", an ideal thin lens, stands in a medium of index {first.index:g}, and not in air'
+        message = f'"{behind.name}", an ideal thin lens, is in a medium of index {first.index:g}, not in air'
         yield problem(behind.prim.GetAttribute("plen:focalLength"), "ideal-lens", message)
 
 
@@ -174,12 +176,12 @@ def _check_rim(front: _Part, behind: _Part) -> Iterator[Problem]:
         rim = flat
     if rim >= 2 * widest * _THIN:
         return
-    what = f'the element between "{front.name}" and "{behind.name}" is'
+    what = f'the element between "{front.name}" and "{behind.name}"'
     if rim < -_TOUCH_MM:
-        message = f"{what} {-rim:.4g} mm short of glass at its rim, {widest:g} mm from the axis"
+        message = f"{what} lacks {-rim:.4g} mm of glass at its rim, {widest:g} mm from the axis"
         severity = "error"
     else:
-        message = f"{what} {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
+        message = f"{what} is {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
         severity = "warning"
     hint = "enlarge the thickness or reduce a semi-diameter"
     yield problem(front.prim.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)

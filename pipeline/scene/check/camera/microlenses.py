@@ -49,7 +49,7 @@ def check_near_microlenses(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Proble
     """A problem if the microlenses are so near to the sensor that light would have to leave them sideways."""
     distance_mm, pitch_mm = read(camera, "plen:camera:microlensDistance"), read(array, "plen:pitch")
     if distance_mm is not None and pitch_mm is not None and distance_mm < _NEAREST * pitch_mm:
-        message = f"microlenses of pitch {pitch_mm:g} mm stand only {distance_mm:g} mm before the sensor"
+        message = f"microlenses of pitch {pitch_mm:g} mm are only {distance_mm:g} mm before the sensor"
         hint = f"at least {_NEAREST:g} of the pitch; is one of both in other units than mm?"
         yield problem(camera.GetAttribute("plen:camera:microlensDistance"), "near-microlenses", message, hint=hint)
 
@@ -74,7 +74,7 @@ def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
     }
     extent, count = has["width"] or has["height"], has["columns"] or has["rows"]
     if extent and count:
-        message = '"plen:width" and "plen:height" say how large the array is, and so do "plen:columns" and "plen:rows"'
+        message = '"plen:width" and "plen:height" state the size of the array, and so do "plen:columns" and "plen:rows"'
         name = "columns" if has["columns"] else "rows"
         yield problem(array.GetAttribute(f"plen:{name}"), "array-extent", message, hint="keep one pair of them")
     elif not (has["width"] and has["height"]) and not (has["columns"] and has["rows"]):
@@ -135,6 +135,8 @@ def _check_nominal(array: Usd.Prim, derived: tuple[float, ...]) -> Iterator[Prob
         return
     for kind, (nominal, focal) in enumerate(zip(stated, derived, strict=False)):
         if abs(focal / nominal - 1) > _NOMINAL:
-            message = f"microlens type {kind} goes by {nominal:g} mm, but its faces make {focal:.6g} mm"
+            message = (
+                f"microlens type {kind} has a nominal focal length of {nominal:g} mm, but its faces give {focal:.6g} mm"
+            )
             hint = "the faces are traced; is a radius, the index or the thickness mistyped?"
             yield problem(attribute, "focal-length", message, hint=hint, severity="warning")
