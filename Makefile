@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Which tests make a run long.
+SLOWEST := --durations=15 --durations-min=2
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
@@ -15,11 +17,11 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(MAKE) -j2 lint warm
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal $(SLOWEST)
 
-# What `make test` leaves out because it takes long: slow twins of every kind of array and field position.
+# The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks, figures of documents.
 proofs: $(STAMP) warm
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy $(SLOWEST)
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)

@@ -10,7 +10,7 @@ rays, 64 per pixel in example 01 and 256 in the other. What the detectors make o
 evenly, is printed first.
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import cv2
@@ -168,7 +168,9 @@ def draw(path: Path, example: list, coma: list, images: list[np.ndarray]) -> Non
 
 
 def main() -> None:
-    folder = (Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build/detectors").resolve()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "build/detectors", help="where to build")
+    folder = parser.parse_args().folder.resolve()
     print("number, then [px]: mean x and y, rms x and y, rms of the length")
     for square, blur in ((24.0, 0.3), (44.0, 0.3), (44.0, 1.0)):
         print(f"drawings, squares of {square:g} px, blur of {blur:g} px")

@@ -5,8 +5,8 @@
 `make picture` draws all pictures of the project.
 """
 
+import argparse
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +48,9 @@ def picture_of(target: AnyTarget, pose: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("picture", type=Path, help="file to write")
+    picture = parser.parse_args().picture
     files = sorted((ROOT / "stages/targets").glob("*.usda"))
     targets = [load(file).targets[0].target for file in files]
     flat = [len(target.patches()) == 1 and len(target.points().frames) == 1 for target in targets]
@@ -55,7 +58,7 @@ def main() -> None:
     rows = [pictures[i : i + COLUMNS] for i in range(0, len(pictures), COLUMNS)]
     rows[-1] += [np.full((CELL_PX, CELL_PX), 1.0)] * (COLUMNS - len(rows[-1]))
     sheet = np.concatenate([np.concatenate(row, axis=1) for row in rows])
-    write_png(Path(sys.argv[1]), np.rint(255 * np.clip(sheet, 0, 1) ** (1 / 2.2)).astype(np.uint8))
+    write_png(picture, np.rint(255 * np.clip(sheet, 0, 1) ** (1 / 2.2)).astype(np.uint8))
     print("\n".join(f"row {i // COLUMNS + 1}, {i % COLUMNS + 1}: {file.stem}" for i, file in enumerate(files)))
 
 

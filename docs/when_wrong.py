@@ -6,6 +6,7 @@ The mistakes stand in docs/when_wrong.toml. Each is an edit of a tiny dataset of
 empty folder; the command runs there, in this process. Only what version 54ef84b said is quoted, all else is run.
 """
 
+import argparse
 import contextlib
 import difflib
 import io
@@ -156,6 +157,12 @@ def _fenced(kind: str, text: str) -> str:
     return f"```{kind}\n{text.strip()}\n```"
 
 
-if __name__ == "__main__":
-    page = Path(sys.argv[1]) if len(sys.argv) > 1 else PAGE
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="file to write, else that of docs/")
+    page = parser.parse_args().page
     page.write_text("\n".join([HEAD, *map(section, cases())]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

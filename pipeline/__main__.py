@@ -1,7 +1,7 @@
-"""The command: what must be so before anything else is imported.
+"""Entry point of the command, with everything that must happen before other imports.
 
-Until a build begins there is nothing to tidy up, and the kernel ends the process: Python's own answer to Ctrl-C is an
-exception anywhere, in the middle of an import, which libraries print, or swallow and go on half loaded.
+Until a build begins there is nothing to tidy up, and the operating system ends the process. Python's own reaction to
+Ctrl-C is an exception at any point, even during an import; libraries print it, or ignore it and go on half loaded.
 """
 
 import signal

@@ -1,6 +1,6 @@
-"""The command `pipeline`. stdout is data; stderr is log and progress.
+"""The command `pipeline`. Data go to stdout, messages and progress to stderr.
 
-Verbs import what they need when they run, so that `--help` is instant.
+Verbs import what they need when they run, so that `--help` is fast.
 """
 
 import gc
@@ -74,7 +74,7 @@ def check(
     allow_root: Roots = None,
     untrusted: Untrusted = False,
     fix: Annotated[
-        bool, typer.Option("--fix", help="Write into STAGE what USD viewers without our plug-in miss.")
+        bool, typer.Option("--fix", help="Insert into STAGE what USD viewers without our plug-in need.")
     ] = False,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
@@ -104,7 +104,7 @@ def check(
 def _problems(
     path: Path, allow_roots: tuple[Path, ...], untrusted: bool
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Problems of a stage as in `check --json`, each with its `text`; and what confined the process that read it."""
+    """Problems of a stage as in `check --json`, each with its `text`; and the guards of the process that read it."""
     if untrusted:
         from pipeline.app.sandbox import problems_of_untrusted
 
@@ -118,12 +118,10 @@ def _problems(
 
 def show(
     stage: StageOrPart,
-    camera: Annotated[str | None, typer.Argument(metavar="CAMERA", help="Only that of this name.")] = None,
+    camera: Annotated[str | None, typer.Argument(metavar="CAMERA", help="Show only the camera with this name.")] = None,
     as_json: Annotated[
         bool,
-        typer.Option(
-            "--json", rich_help_panel=OUTPUT, help="Print one JSON object: what camera.json says, and curves."
-        ),
+        typer.Option("--json", rich_help_panel=OUTPUT, help="Print one JSON object: camera.json and field curves."),
     ] = False,
     plot: Annotated[
         Path | None,
@@ -131,7 +129,9 @@ def show(
     ] = None,
     allow_root: Roots = None,
 ) -> None:
-    """Say what a camera or a lens does: focal lengths, pupils, focus, depth of field, real rays over the field."""
+    """Print the properties of a camera or a lens: focal lengths, pupils, focus, depth of field, real rays over the
+    field.
+    """
     from pipeline.app.show import plain_json
     from pipeline.app.show import plot as draw
     from pipeline.app.show import show as cameras_of
@@ -163,7 +163,7 @@ def print_target(
     ] = None,
     allow_root: Roots = None,
 ) -> None:
-    """Say what a target is, its points and ids; print it in true size."""
+    """Describe a target, its points and ids; print it in true size."""
     from pipeline.app.printed_target import artwork
 
     for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
@@ -182,17 +182,18 @@ def print_target(
 def verify(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")],
     seed: Annotated[
-        int, typer.Option("--seed", metavar="N", min=0, rich_help_panel=CHECKING, help="Which rows are drawn.")
+        int, typer.Option("--seed", metavar="N", min=0, rich_help_panel=CHECKING, help="Seed of the drawn rows.")
     ] = 1,
     as_json: Json = False,
 ) -> None:
     """Derive a sample of the ground truth again, from the output folder alone; exit with 6 if it disagrees.
 
-    The folder need not be trusted. Every file is held against the manifest and opened. In every row: frame, camera,
-    target, point_id, microlens_k, _l and _type, target_ and camera_ coordinates, cell, ranges, rho against the blur,
-    counts, no row twice. Of up to 64 target points of each camera all rows are derived again, in all columns, rows that
-    are missing or too many included. Of 64 rows positions and visibility are judged by other rules and other rays. Not
-    derived again: images, rays.exr, micro-images, camera.json, poses.json and the certificate in the manifest.
+    The folder need not be trusted. Every file is compared with the manifest and opened. Checked in every row: frame,
+    camera, target, point_id, microlens_k, _l and _type, target_ and camera_ coordinates, cell, ranges, rho against
+    the blur, counts, no duplicates. For up to 64 target points of each camera all rows are derived again in all
+    columns, and missing or surplus rows are reported. For 64 rows positions and visibility are judged by other rules
+    and other rays. Not derived again: images, rays.exr, micro-images, camera.json, poses.json and the certificate in
+    the manifest.
     """
     from pipeline.app.verifying.verify import verify as verdict_on
     from pipeline.report.verdict import lines
@@ -227,24 +228,24 @@ def import_lens(
         Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
     ] = None,
     spacing: Annotated[
-        Spacing | None, typer.Option(metavar="before|after", help="Where a pbrt table has its thicknesses.")
+        Spacing | None, typer.Option(metavar="before|after", help="Position of thicknesses in a pbrt table.")
     ] = None,
     f_number: Annotated[
         float | None,
-        typer.Option("--f-number", metavar="N", help="Of a table without semi-diameters: F-number at infinity."),
+        typer.Option("--f-number", metavar="N", help="For a table without semi-diameters: F-number at infinity."),
     ] = None,
     half_field: Annotated[
         float | None,
         typer.Option(
-            "--half-field", metavar="DEGREES", help="Of a table without semi-diameters: largest angle from the axis."
+            "--half-field", metavar="DEGREES", help="For a table without semi-diameters: largest field angle."
         ),
     ] = None,
 ) -> None:
-    """Write the lens of another program's file, or of a table, as a stage, and say what could not be kept.
+    """Write the lens of another program's file, or of a table, as a stage, and report what could not be kept.
 
     A table has a header and a row per surface, from the scene to the sensor, separated by commas, semicolons or tabs:
     surface, radius, thickness, nd (or glass), vd, semi_diameter (or diameter), conic, A4, A6 … One row says "stop".
-    Semi-diameters that are missing are computed from --f-number and --half-field. docs/lenses.md has all names.
+    Missing semi-diameters are computed from --f-number and --half-field. All names are in docs/lenses.md.
     """
     from pipeline.app.importing import import_lens
 
@@ -259,17 +260,17 @@ def import_camera(
         Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
     ] = None,
     lens: Annotated[
-        Path | None, typer.Option("--lens", metavar="FILE.csv", help="Lens table of a camera of the Blender add-on.")
+        Path | None, typer.Option("--lens", metavar="FILE.csv", help="Lens table for a camera of the Blender add-on.")
     ] = None,
 ) -> None:
-    """Write the camera of another program's file as a rig, and say what could not be kept."""
+    """Write the camera of another program's file as a rig, and report what could not be kept."""
     from pipeline.app.importing import import_camera
 
     _deliver(import_camera(file, lens), out)
 
 
 def _deliver(imported: Any, out: Path | None) -> None:
-    """Warnings to stderr; the stage to stdout, or to a new file that is then checked."""
+    """Print warnings to stderr; print the stage to stdout, or write it to a new file and check it."""
     from pipeline.app.importing import write_stage
 
     for line in imported.warnings:
@@ -309,11 +310,12 @@ app.add_typer(cache, name="cache", rich_help_panel=CARE)
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     pin()  # before anything imports NumPy
-    gc.set_threshold(100_000)  # a big plan makes many records that all stay: looking for garbage took a tenth of it
+    # A large plan makes many records that all stay in use: searching for garbage took a tenth of the time
+    gc.set_threshold(100_000)
     code = _exit_code()
     try:
         sys.stdout.flush()
-    except OSError:  # that was told; nothing more may be written, also not by the interpreter at its end
+    except OSError:  # it was reported; nothing more may be written, not even by the interpreter at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
 
@@ -323,7 +325,7 @@ def _exit_code() -> int:
 
     try:
         require_room()
-        # Not standalone: errors come here, and an Exit gives its code.
+        # Not standalone: errors are handled here, and an Exit carries its code.
         code = int(app(prog_name="pipeline", standalone_mode=False) or 0)
         written()
         return code

@@ -1,4 +1,4 @@
-"""An edit of a stage as a person made it: which attribute, at which frame, in which line, from what to what."""
+"""Edits of a stage as a person makes them: attribute, frame, line, old and new value."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -10,7 +10,7 @@ _ENTRIES_SHOWN = 4  # of an array of which one entry differs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
-    """One value that another one was written for.
+    """One value replaced by another.
 
     Attributes
     ----------
@@ -18,15 +18,15 @@ class Edit:
         Path of the prim or property on the composed stage; `/` for the layer as a whole.
     field : str or None
         The metadata that was edited (`references`, `typeName`, `endTimeCode`); None: the value itself, or a whole
-        prim, for which its type stands.
+        prim, represented by its type.
     time : float or None
-        Of a time sample.
+        Time of the edited sample; None for a default value.
     old, new : plain values
-        None where nothing was, or is, written. Vectors are tuples, arrays are lists.
+        None if nothing was, or is, authored. Vectors are tuples, arrays are lists.
     file, line : str or None, int or None
         The place as messages show it.
     remark : str or None
-        A sentence about that place, where it is not simply that of the new value.
+        A sentence about the place if it is not that of the new value.
     """
 
     at: str
@@ -39,12 +39,12 @@ class Edit:
     remark: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `plan --json`."""
+        """The edit as in `plan --json`."""
         return asdict(self)
 
     @property
     def what(self) -> str:
-        """The thing that was edited, without its time."""
+        """The edited thing, without its time."""
         if self.at == "/":
             return f"{self.field} of the layer"
         return f"<{self.at}>" + (f" {self.field}" if self.field else "")
@@ -56,7 +56,7 @@ class Edit:
         return (f"{place}: " if place else "") + f"{self.what}{when}{self._change()}{remark}"
 
     def _change(self) -> str:
-        """From what to what; of long arrays the one entry that differs."""
+        """The change as text; for long arrays only the entry that differs."""
         old, new = self.old, self.new
         if "." not in self.at and self.field is None:
             return f": new, {new}" if old is None else f": gone, was {old}"
@@ -68,7 +68,7 @@ class Edit:
 
 
 def _text(value: Any) -> str:
-    """A value as USD writes it, cut where it is long."""
+    """A value as USD writes it, shortened if it is long."""
     text = _written(value)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"
 
@@ -83,6 +83,6 @@ def _written(value: Any) -> str:
     if isinstance(value, str):
         return value if value[:1] in ("<", "@") else json.dumps(value, ensure_ascii=False)
     if isinstance(value, tuple | list):
-        inside = ", ".join(map(_written, value[:_LONGEST]))  # more entries would be cut anyhow
+        inside = ", ".join(map(_written, value[:_LONGEST]))  # more entries would be cut in any case
         return f"[{inside}]" if isinstance(value, list) else f"({inside})"
     return str(value)

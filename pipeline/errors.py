@@ -1,4 +1,4 @@
-"""Base classes of what a user can meet. Each error carries its facts and says how to mend it.
+"""Base classes of errors for users. Each error carries its facts and tells how to mend it.
 
 Rooms derive their own errors from these where they raise them; this module must not grow with them.
 """
@@ -24,7 +24,7 @@ class Exit(IntEnum):
 
 
 class PipelineError(Exception):
-    """Something a user can mend.
+    """An error that a user can mend.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class PipelineError(Exception):
 
     @property
     def told(self) -> str:
-        """As the command prints it."""
+        """Text as the command prints it."""
         return f"error: {self}"
 
     def __str__(self) -> str:
@@ -69,11 +69,11 @@ class Interrupted(PipelineError):
 
     @property
     def told(self) -> str:
-        """As the command prints it: no error."""
+        """Text as the command prints it; it is not called an error."""
         return self.what
 
 
 class EnvironmentFault(PipelineError):
-    """The machine gets in the way: disk full, read-only folder, other versions (exit code 5)."""
+    """The machine prevents the work: full disk, read-only folder, other versions (exit code 5)."""
 
     exit_code = Exit.MACHINE

@@ -1,4 +1,4 @@
-"""Limits of the size of a dataset, asked before anything is allocated for it; see docs/limits.md."""
+"""Limits of the size of a dataset, checked before memory is allocated for it; see docs/limits.md."""
 
 import difflib
 import os
@@ -11,7 +11,7 @@ VARIABLE = "PIPELINE_LIMITS"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """The most that a dataset may ask for.
+    """Limits of a dataset.
 
     The paper's rig, 6576 x 4384 pixels at K = 4, takes half of `pixels` and `rays`.
 
@@ -24,7 +24,7 @@ class Limits:
     rays : int
         Rays of one image of a camera, or of its bundles.
     microlenses : int
-        Of an array, counted in the square that holds it however it is turned.
+        Microlenses of an array, counted in the square that contains it in any rotation.
     points : int
         Points of a target, on all its faces or steps.
     triangles : int
@@ -36,7 +36,7 @@ class Limits:
     layer_bytes : int
         Of one of these files.
     prims : int
-        That a stage is composed of at most, in all variants.
+        Upper bound of the prims of a stage, in all variants.
     folder_bytes : int
         Of all files of an output folder that `verify` reads.
     table_bytes : int
@@ -62,12 +62,12 @@ class Limits:
 
 
 def limits() -> Limits:
-    """The usual limits, raised or lowered by the environment: `PIPELINE_LIMITS="frames=2e4,rays=1e13"`.
+    """The default limits, changed by the environment: `PIPELINE_LIMITS="frames=2e4,rays=1e13"`.
 
     Raises
     ------
     UsageError
-        The variable names no limit, or holds no number.
+        The variable names an unknown limit, or a value is not a number.
     """
     raised = {}
     for item in filter(None, (part.strip() for part in os.environ.get(VARIABLE, "").split(","))):
@@ -77,7 +77,7 @@ def limits() -> Limits:
 
 
 def how_to_raise(name: str, count: float) -> str:
-    """The hint of an error that a limit makes: what to set so that a count passes."""
+    """The hint of an error about a limit: the setting with which a count is accepted."""
     return f'{VARIABLE}="{name}={count:.0f}" in the environment allows it, if memory, disk and time suffice'
 
 

@@ -1,4 +1,4 @@
-"""Paths that a user chose and that cannot be used, in words."""
+"""Reasons why a path chosen by the user cannot be used."""
 
 import os
 from collections.abc import Iterable
@@ -8,9 +8,10 @@ _ASIDE = 64  # longer than what is added while files are put into place
 
 
 def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
-    """Why nothing can be read or written under a path, or under names below it; None if nothing is known against it.
+    """The reason why nothing can be read or written under a path, or under names below it; None if no problem is
+    known.
 
-    Texts of ours, and USD, are UTF-8; a file system allows so many bytes.
+    Our texts and USD use UTF-8, and a file system limits the number of bytes.
     """
     whole = str(folder.absolute())
     if "\0" in whole:

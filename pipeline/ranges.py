@@ -1,13 +1,13 @@
-"""Whole numbers in few words: which frames."""
+"""Short texts for sets of whole numbers, such as frames."""
 
 from collections.abc import Iterable
 
 _SHOWN = 12
-"""Runs of numbers in a text: about a line of a terminal."""
+"""Number of runs in a text: about a line of a terminal."""
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """`2-3, 7` for 2, 3 and 7; of very many runs the first ones, and how many numbers the others hold."""
+    """`2-3, 7` for 2, 3 and 7; of very many runs the first ones and the count of all other numbers."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][1] + 1:

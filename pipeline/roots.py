@@ -1,4 +1,4 @@
-"""Folders that a stage may read: its project, the shipped library, and what the caller adds."""
+"""Folders that a stage may read: its project, the shipped library, and those that the caller adds."""
 
 import os
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
 
 
 def real_path(path: str | Path) -> Path:
-    """The absolute path with links followed; of a link that leads to itself as far as it goes."""
+    """The absolute path with links followed; a link that leads to itself is followed as far as possible."""
     return Path(os.path.realpath(path))
 
 
@@ -29,6 +29,6 @@ def allowed_roots(stage_file: Path, more: Iterable[str | Path] = ()) -> list[Pat
 
 
 def readable_for(roots: Iterable[Path]) -> list[Path]:
-    """The folders that a process reads which loads a stage: its roots, and what we and USD's plug-ins bring along."""
+    """Folders that a process needs to load a stage: its roots, and those of this package and of USD's plug-ins."""
     plugins = filter(None, os.environ.get("PXR_PLUGINPATH_NAME", "").split(os.pathsep))
     return [*roots, share("stages"), share("schemas"), real_path(cache_folder()), *map(Path, plugins)]

@@ -6,7 +6,7 @@ from pathlib import Path
 def share(name: str) -> Path:
     """Folder `name` of the shipped data.
 
-    In an installed wheel it lies in `pipeline/_share/`, in a checkout beside the package.
+    In an installed wheel it is in `pipeline/_share/`, in a checkout beside the package.
     """
     package = Path(__file__).resolve().parent
     installed = package / "_share" / name

@@ -1,15 +1,15 @@
-"""Names that were misspelt, and texts as messages show them."""
+"""Suggestions for misspelt names, and texts as messages show them."""
 
 import re
 from collections.abc import Iterable
 from difflib import SequenceMatcher
 
 _LONGEST = 200
-"""Names beyond this length are not compared: the time goes with the square of it."""
+"""Longest name that is compared: the time grows with the square of the length."""
 
 
 def nearest(name: str, choices: Iterable[str]) -> str | None:
-    """The choice nearest to a name, or None if all are far.
+    """The choice most similar to a name, or None if none is similar.
 
     A name that only lacks its namespace means the choice that ends with it. Otherwise what differs after the
     namespaces that both share may need one edit in three letters, at least one: `plen:image:bits` is not near
@@ -34,12 +34,12 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
 
 
 def printable(text: str) -> str:
-    """A text in which control characters, line breaks included, are written as escapes."""
+    """A text with escapes for control characters, including line breaks."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _tails(name: str, choice: str) -> tuple[str, str]:
-    """Two names without the namespaces, or folders, that both begin with."""
+    """Two names without their common namespaces or folders."""
     ours, theirs = (re.split(r"(?<=[:/])", text) for text in (name, choice))
     while len(ours) > 1 and len(theirs) > 1 and ours[0] == theirs[0]:
         ours, theirs = ours[1:], theirs[1:]
@@ -47,7 +47,7 @@ def _tails(name: str, choice: str) -> tuple[str, str]:
 
 
 def _edits(a: str, b: str) -> int | None:
-    """Letters to insert, remove, replace or swap with the next one until `a` is `b`; None if that is too many."""
+    """Number of letters to insert, remove, replace or swap with the next one to turn `a` into `b`; None if too many."""
     most = max(1, max(len(a), len(b)) // 3)
     if abs(len(a) - len(b)) > most:
         return None
@@ -60,6 +60,6 @@ def _edits(a: str, b: str) -> int | None:
             if i > 1 and j > 1 and letter == b[j - 2] and a[i - 2] == other:
                 row[j] = min(row[j], before_last[j - 2] + 1)
         if min(row) > most and min(last) > most:
-            return None  # it only grows from here
+            return None  # the number can only grow from here
         before = last
     return row[-1] if row[-1] <= most else None

@@ -1,4 +1,4 @@
-"""The folder of results and compiled kernels, unless somebody says otherwise."""
+"""The default folder of results and compiled kernels."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ def user_cache() -> Path:
     Raises
     ------
     EnvironmentFault
-        This user has no home, as in a container that runs under a bare number.
+        The user has no home, as in a container that runs under a user number without a name.
     """
     base = os.environ.get("XDG_CACHE_HOME")
     try:

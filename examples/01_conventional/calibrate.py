@@ -8,6 +8,7 @@ error does not vanish although nobody measured anything: a pinhole with distorti
 bundles have no common centre. The rest is the sampling of the ground truth (sigma_x_px).
 """
 
+import argparse
 import csv
 import json
 import sys
@@ -38,23 +39,34 @@ def points(table: Path) -> tuple[np.ndarray, np.ndarray]:
     return values[:, :3].copy(), values[:, 3:].copy()
 
 
-out = Path(sys.argv[1] if len(sys.argv) > 1 else "build/01_conventional")
-if not (out / "manifest.json").exists():
-    sys.exit(f"{out} holds no finished build; first: pipeline build examples/01_conventional/dataset.usda")
-camera = json.loads(next(out.glob("cameras/*/camera.json")).read_text())
-frames = sorted(table.parent for table in out.glob("frames/*/*/correspondences.csv"))
-target_points, image_points = zip(*(points(frame / "correspondences.csv") for frame in frames), strict=True)
-guess = np.array([[1e4, 0, (camera["resolution"][0] - 1) / 2], [0, 1e4, (camera["resolution"][1] - 1) / 2], [0, 0, 1]])
-rms, matrix, distortion, turns, shifts = cv2.calibrateCamera(
-    target_points, image_points, camera["resolution"], guess, None, flags=FLAGS, criteria=STOP
-)
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", nargs="?", type=Path, default=Path("build/01_conventional"), help="folder of a build")
+    out = parser.parse_args().out
+    if not (out / "manifest.json").exists():
+        sys.exit(f"{out} holds no finished build; first: pipeline build examples/01_conventional/dataset.usda")
+    camera = json.loads(next(out.glob("cameras/*/camera.json")).read_text())
+    frames = sorted(table.parent for table in out.glob("frames/*/*/correspondences.csv"))
+    target_points, image_points = zip(*(points(frame / "correspondences.csv") for frame in frames), strict=True)
+    guess = np.array(
+        [[1e4, 0, (camera["resolution"][0] - 1) / 2], [0, 1e4, (camera["resolution"][1] - 1) / 2], [0, 0, 1]]
+    )
+    rms, matrix, distortion, turns, shifts = cv2.calibrateCamera(
+        target_points, image_points, camera["resolution"], guess, None, flags=FLAGS, criteria=STOP
+    )
 
-found, true = matrix[0, 0] * camera["pixel_pitch_mm"], camera["pinhole"]["with_distortion"]["principal_distance_mm"]
-print(f"{len(frames)} frames, {sum(map(len, image_points))} points, RMS {rms:.4f} px, k1 {distortion.ravel()[0]:+.3f}")
-print(f"fx * pitch {found:.3f} mm, principal distance {true:.3f} mm, difference {100 * (found / true - 1):+.3f} %")
-for frame, turn, shift in zip(frames, turns, shifts, strict=True):
-    (pose,) = json.loads((frame / "poses.json").read_text())["targets"].values()
-    x, y, z = shift.ravel() - pose["pinhole"]["tvec"]
-    known_turn = cv2.Rodrigues(np.array(pose["pinhole"]["rvec"]))[0]
-    angle = np.degrees(np.linalg.norm(cv2.Rodrigues(cv2.Rodrigues(turn)[0] @ known_turn.T)[0]))
-    print(f"{frame.relative_to(out)}: board off by ({x:+.3f}, {y:+.3f}, {z:+.3f}) mm, {angle:.4f} degrees")
+    found, true = matrix[0, 0] * camera["pixel_pitch_mm"], camera["pinhole"]["with_distortion"]["principal_distance_mm"]
+    print(
+        f"{len(frames)} frames, {sum(map(len, image_points))} points, RMS {rms:.4f} px, k1 {distortion.ravel()[0]:+.3f}"
+    )
+    print(f"fx * pitch {found:.3f} mm, principal distance {true:.3f} mm, difference {100 * (found / true - 1):+.3f} %")
+    for frame, turn, shift in zip(frames, turns, shifts, strict=True):
+        (pose,) = json.loads((frame / "poses.json").read_text())["targets"].values()
+        x, y, z = shift.ravel() - pose["pinhole"]["tvec"]
+        known_turn = cv2.Rodrigues(np.array(pose["pinhole"]["rvec"]))[0]
+        angle = np.degrees(np.linalg.norm(cv2.Rodrigues(cv2.Rodrigues(turn)[0] @ known_turn.T)[0]))
+        print(f"{frame.relative_to(out)}: board off by ({x:+.3f}, {y:+.3f}, {z:+.3f}) mm, {angle:.4f} degrees")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,4 +1,4 @@
-"""Build a dataset: the way from a stage to its output folder."""
+"""Build a dataset: turn a stage into its output folder."""
 
 import dataclasses
 import platform
@@ -42,11 +42,11 @@ def default_out(stage: Path) -> Path:
     Raises
     ------
     UsageError
-        The file has no name to take.
+        No name can be taken from the file.
     """
     stage = stage.resolve()
     name = stage.parent.name if stage.stem == "dataset" else stage.stem
-    if name in ("", ".", ".."):  # as of `...usda`, whose folder would be the working directory
+    if name in ("", ".", ".."):  # `...usda` would name the working directory itself
         raise UsageError(f"no output folder can be named after {stage}", hint="name one with -o")
     return Path("build") / name
 
@@ -60,16 +60,16 @@ def project(
     preview: bool = False,
     warn: Callable[[str], None] = say,
 ) -> Project:
-    """Everything that a build of a stage consists of. Nothing is run or written.
+    """The parts of a build of a stage: tasks, files and options. Nothing is run or written.
 
     Parameters
     ----------
     untrusted : bool
         Read the stage in a confined process, see `sandbox`.
     preview : bool
-        Pictures of a quarter of the size instead, see `preview`, by default into a folder of their own.
+        Plan small pictures only, a quarter of the size (see `graph.preview`), by default for another output folder.
     warn : callable
-        Gets what a confined process lacks on this machine.
+        Called with a text for each guard of the confined process that this machine lacks.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def project(
 
 
 def project_from(loaded: Loaded, path: Path, out: Path, *, preview: bool = False) -> Project:
-    """The project of a stage that was loaded, or of its preview."""
+    """The project of a loaded stage, or of its preview."""
     dataset = require_dataset(loaded, path)
     if preview:
         return only_images(_project_of(preview_of(dataset), loaded, path, out))
@@ -127,7 +127,7 @@ def build(
     on_event: Callable[[dict[str, Any]], None] | None = None,
     **options: Any,
 ) -> Result:
-    """Build a dataset stage: run what is missing, fill the output folder.
+    """Build a dataset stage: run the missing tasks and fill the output folder.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def build(
     out : str or Path, optional
         Output folder; see `default_out`.
     on_event : callable, optional
-        Gets a dict for every start and end of a task.
+        Called with a dict at every start and end of a task.
     **options
         Fields of `engine.options.BuildOptions`: jobs, keep_going, force, until, targets, retries, timeout_s,
         check_percent, engine, device, allow_roots, untrusted, preview.
@@ -144,14 +144,14 @@ def build(
     Returns
     -------
     Result
-        With `out`, `executed`, `cached`, `failed` and the tasks; failures are in it, not raised.
+        Holds `out`, `executed`, `cached`, `failed` and the tasks. Failed tasks are listed in it and raise nothing.
 
     Raises
     ------
     StageError
         The stage does not pass `check`; then nothing is written.
     UsageError
-        An argument is not of its kind, or out of its range, or there is no such option.
+        An argument has the wrong type or is out of range, or an option is unknown.
     """
     known = [field.name for field in dataclasses.fields(BuildOptions)]
     for name in options.keys() - set(known):
@@ -162,7 +162,7 @@ def build(
 
 
 def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, on_event: Emit = silent) -> Result:
-    """`build` with its options in a record."""
+    """Build a dataset stage as `build` does, with the options in one record."""
 
     def warn(text: str) -> None:
         on_event({"event": "warning", "text": text})
@@ -176,7 +176,7 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
 
 def _place(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] | None:
-    """Another place for tasks than usual: a cluster, or workers that may not take whatever a stage makes them need."""
+    """The place where tasks run if not in ordinary workers: a cluster, or workers with limits of time and memory."""
     most, timeout_s = limits(), options.timeout_s
     if options.untrusted and timeout_s is None:
         timeout_s = most.task_s
@@ -192,10 +192,11 @@ def _place(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] 
 
 
 def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:
-    """Compile kernels that are not there and whole, before several workers would each do it.
+    """Compile the kernels that are missing or damaged in the cache, so that workers need not compile them one by one.
 
-    All kernels, or those that the tasks of a graph call; where there may be several workers, two processes share the
-    work. A list beside them says which there are. Builders that start together wait for the first one.
+    Without a graph all kernels are compiled, else those that its tasks call. With more than one worker two processes
+    share the work. A list beside the kernels names them. If several builds start together, one compiles and the others
+    wait.
 
     Raises
     ------
@@ -217,13 +218,13 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
             from pipeline.app.compile_kernels import compile_kernels, compile_together
             from pipeline.jit import cache
 
-            # A list that is there means that few are damaged.
+            # If the list exists, few kernels are damaged.
             (compile_together if workers > 1 and not listed.exists() else compile_kernels)(steps)
             write(listed, "\n".join(sorted(cache.used)).encode(), warn)
 
 
 def _are_whole(listed: Path, warn: Callable[[str], None]) -> bool:
-    """Whether all kernels of a list can be read; those that cannot be are named and removed."""
+    """Whether all kernels of a list can be read. Unreadable ones are reported and removed."""
     names = read(listed, warn)
     if names is None:
         return False

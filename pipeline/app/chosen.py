@@ -1,4 +1,4 @@
-"""One of several things of a stage, by its name."""
+"""Choice of one camera or target of a stage by its name."""
 
 from pathlib import Path
 
@@ -7,12 +7,12 @@ from pipeline.scene.usd.problems import did_you_mean
 
 
 def chosen(path: str | Path, kind: str, names: list[str], wanted: str | None) -> int:
-    """Number of the camera or target (`kind`) that is wanted; None is enough where there is one.
+    """Index of the camera or target (`kind`) with the name `wanted`. None is enough if the stage has only one.
 
     Raises
     ------
     UsageError
-        There is none of that name, or several and none is named.
+        No entry has that name, or the stage has several and none is named.
     """
     if wanted is None and len(names) > 1:
         raise UsageError(f"{path} has {len(names)} {kind}s: {', '.join(names)}", hint="name one of them")

@@ -1,4 +1,4 @@
-"""Compile kernels by running tiny cameras through them; afterwards workers find the code in the kernel cache.
+"""Compile kernels by calling them with tiny cameras. Workers then find the compiled code in the kernel cache.
 
 Steps that a graph does not need are left out: see `app.kernel_steps`.
 """
@@ -38,9 +38,9 @@ from pipeline.truth.grid import quad_search
 
 
 def compile_kernels(steps: Iterable[str] = STEPS, *, backwards: bool = False) -> None:
-    """Run every kernel of some steps once, with the argument types of real work."""
+    """Call every kernel of these steps once, with the argument types that real tasks use."""
     parts = [part for step in steps for part in _RUN[step]]
-    gc.disable()  # A compiler's records live to the end: looking for rubbish among them takes a tenth of the time.
+    gc.disable()  # The compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
     try:
         for part in reversed(parts) if backwards else parts:
             part()
@@ -49,10 +49,12 @@ def compile_kernels(steps: Iterable[str] = STEPS, *, backwards: bool = False) ->
 
 
 def compile_together(steps: Iterable[str] = STEPS) -> None:
-    """The same while another process begins at the other end; what either has compiled the other one loads."""
+    """Compile with two processes, one from the first step on and one from the last; each loads what the other
+    compiled.
+    """
     steps = tuple(steps)
     with contextlib.ExitStack() as last:
-        with contextlib.suppress(OSError):  # no process to be had: one compiles all
+        with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
             helper = subprocess.Popen(
                 command("pipeline.app.compile_kernels:help_compiling", *steps),
                 env={**os.environ, **settings()},
@@ -66,7 +68,9 @@ def compile_together(steps: Iterable[str] = STEPS) -> None:
 
 
 def help_compiling() -> None:
-    """Compile the steps that the command line names. Errors are left to the process that waits for the code."""
+    """Compile the steps named on the command line. Errors are ignored here: the waiting process meets and reports
+    them.
+    """
     prctl(END_WITH_PARENT, signal.SIGKILL)
     with contextlib.suppress(Exception):
         compile_kernels(sys.argv[1:], backwards=True)
@@ -86,7 +90,7 @@ def _plenoptic(tilt_x_deg: float) -> Tracer:
 
 
 _POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
-"""The middle of a sensor without microlenses [mm]: any position compiles the same code."""
+"""The centre of a sensor [mm] and the index for "no microlens"; any position compiles the same code."""
 
 
 def _bundles() -> None:

@@ -1,4 +1,4 @@
-"""Files of other programs to stages: read, written as USD, checked. What is lost on the way is said."""
+"""Import of files of other programs: read, write as a USD stage, check. Whatever is lost becomes a warning."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -19,14 +19,14 @@ from pipeline.scene.write.text import lens_text
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """A lens or a camera as a stage.
+    """An imported lens or camera, as the text of a stage.
 
     Attributes
     ----------
     text : str
         The .usda file.
     warnings : tuple of str
-        What the file says and the stage does not, with file and line.
+        Statements of the file that the stage cannot hold, with file and line.
     """
 
     text: str
@@ -34,7 +34,7 @@ class Imported:
 
 
 def import_lens(path: Path, spacing: str | None = None, **beam: float | None) -> Imported:
-    """The lens of a file as a stage of its own; arguments as of `read_lens`.
+    """Import the lens of a file as a stage; the arguments are those of `read_lens`.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def import_lens(path: Path, spacing: str | None = None, **beam: float | None) ->
 
 
 def import_camera(path: Path, lens: Path | None = None) -> Imported:
-    """The camera of a file as a rig; `lens` is the lens table of a camera of the Blender add-on.
+    """Import the camera of a file as a rig. `lens` is the lens table that a camera of the Blender add-on needs.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def import_camera(path: Path, lens: Path | None = None) -> Imported:
 
 
 def write_stage(text: str, out: Path) -> list[Problem]:
-    """Write a new stage and check it: its problems."""
+    """Write a new stage, check it, and return its problems."""
     if out.suffix != ".usda":
         raise UsageError(f"{out} must end in .usda")
     try:

@@ -1,6 +1,6 @@
-"""Steps of the compilation of kernels, and which of them a graph needs.
+"""Steps of kernel compilation, and the choice of those that a graph needs.
 
-A kernel that is missing nevertheless is compiled by the worker that calls it.
+If a kernel is missing all the same, the worker that calls it compiles it.
 """
 
 from collections.abc import Iterable
@@ -9,14 +9,15 @@ from typing import Any
 from pipeline.engine.planning.graph import Task
 
 STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search")
-"""Traces and quadrature of any lens; microlenses that are not plain; micro-images; images; targets that are not flat;
-the search in position images."""
+"""In this order: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images; images; curved
+targets; the search in position images.
+"""
 _OF_KIND = {"image": "images", "white": "images", "micro_images": "micro_images"}
 _NOT_FLAT = ("warped", "height-map", "cylinder", "mesh")
 
 
 def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
-    """Names of the steps that tasks need, in the order of `STEPS`."""
+    """Names of the steps that these tasks need, in the order of `STEPS`."""
     found = {"lens"}
     for task in tasks:
         kind = task.short_kind.removesuffix("_tile")
@@ -37,6 +38,6 @@ def _are_bent(array: dict[str, Any] | None) -> bool:
 
 
 def _kind_of(target: Any) -> str:
-    """Kind of a target's surface."""
+    """The kind of surface that a target has."""
     kind: str = target["surface"]["kind"] if "surface" in target else target["kind"]
     return kind

@@ -1,4 +1,4 @@
-"""The target of a stage as a sheet of paper, as `pipeline target` prints and writes it."""
+"""The target of a stage as artwork on paper, for `pipeline target`."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ class Artwork:
     ----------
     entry : TargetEntry
     warnings : list of Problem
-        Of its stage.
+        Warnings about its stage.
     """
 
     entry: TargetEntry
     warnings: list[Problem]
 
     def page(self) -> list[str]:
-        """Lines for a terminal."""
+        """Description of the target, as lines for a terminal."""
         target = self.entry.target
         points = target.points()
         title = target.title() if isinstance(target, MeshTarget) else target.pattern.title()
@@ -47,12 +47,12 @@ class Artwork:
         return lines
 
     def write_svg(self, path: Path) -> None:
-        """All pages below one another."""
+        """Write one SVG file with all pages, one below the other."""
         with chosen_place("write", path):
             write_drawing(path, svg(pages_of(self._printable(), self.entry.name)))
 
     def write_pdf(self, path: Path) -> None:
-        """A page per chart."""
+        """Write a PDF file with one page per chart."""
         pages = pages_of(self._printable(), self.entry.name)
         with chosen_place("write", path):
             write_pdf(path, [(page.width_mm, page.height_mm, pdf_content(page)) for page in pages])
@@ -64,14 +64,14 @@ class Artwork:
 
 
 def artwork(path: str | Path, target: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Artwork:
-    """The target of a stage, of a dataset or of the library.
+    """The artwork of a target of a stage, which may be a dataset or a file of the library.
 
     Raises
     ------
     StageError
         The stage does not pass `check`, or holds no target.
     UsageError
-        There is no target of that name, or several and none is named.
+        No target has that name, or the stage has several and none is named.
     """
     loaded = load(path, allow_roots)
     if loaded.errors:

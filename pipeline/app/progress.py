@@ -1,6 +1,6 @@
-"""A running build as a person sees it, on stderr; everything comes from the stream of events.
+"""Progress of a build on stderr, drawn from its stream of events.
 
-Rich is imported only for a terminal.
+Rich is imported only if stderr is a terminal.
 """
 
 import os
@@ -14,7 +14,7 @@ Event = dict[str, Any]
 
 
 class Display(Protocol):
-    """A listener of events that may own part of the screen while its context is open."""
+    """A listener of events; while its context is open it may own part of the screen."""
 
     def __call__(self, event: Event) -> None: ...
 
@@ -24,13 +24,13 @@ class Display(Protocol):
 
 
 def display(verbosity: int) -> Display:
-    """A bar on a terminal, lines elsewhere; below zero only failures and warnings."""
+    """A progress bar on a terminal, else lines. A negative verbosity shows failures and warnings only."""
     terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
     return Bar() if terminal and verbosity == 0 else Lines(verbosity)
 
 
 class Tally:
-    """Counts of a running build, and an estimate from the recorded seconds of each kind of task."""
+    """Counts of a running build and an estimate of the time left, from recorded times of each kind of task."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -40,7 +40,7 @@ class Tally:
         self._usual: defaultdict[str, list[float]] = defaultdict(list)
 
     def add(self, event: Event) -> None:
-        """Take an event into account."""
+        """Update the counts after an event."""
         if event["event"] == "begin":
             self.total, self._jobs = len(event["tasks"]), event["jobs"]
             self._left = Counter(event["tasks"].values())
@@ -57,7 +57,9 @@ class Tally:
         return f"[{done}/{self.total} hit {hit} run {run} fail {fail}]"
 
     def seconds_left(self) -> float | None:
-        """Estimate [s]; None as long as nothing is known. Kinds that nobody has timed count like the others' mean."""
+        """Estimated time left [s], or None while nothing is known. Kinds without a recorded time count with the mean of
+        the others.
+        """
         means = {kind: sum(times) / len(times) for kind, times in self._usual.items()}
         if not means:
             return None
@@ -66,11 +68,11 @@ class Tally:
 
 
 class Lines:
-    """One line per task that ran, for logs and pipes."""
+    """Output for logs and pipes: one line per task that ran."""
 
     def __init__(self, verbosity: int) -> None:
         self._verbosity = verbosity
-        self._stream = sys.stderr  # the real one: a task that runs in this process has its own sys.stderr
+        self._stream = sys.stderr  # the original stream: a task in this process replaces sys.stderr
         self._tally = Tally()
 
     def __enter__(self) -> "Lines":
@@ -80,7 +82,7 @@ class Lines:
         pass
 
     def __call__(self, event: Event) -> None:
-        """Say what is worth a line at this verbosity."""
+        """Print a line if the event deserves one at this verbosity."""
         self._tally.add(event)
         if event["event"] == "warning":
             self._say(f"warning: {event['text']}")
@@ -99,7 +101,7 @@ class Lines:
 
 
 class Bar:
-    """A bar with counts, the task that ended last and an estimate; warnings and failures stay above it."""
+    """A bar with the counts, the last finished task and the estimate. Warnings and failures remain above it."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -107,7 +109,7 @@ class Bar:
 
         self._tally = Tally()
         columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-        # The stream by itself, because sys.stderr points at a log while a task runs in this process.
+        # The original stream: while a task runs in this process, sys.stderr is a log file.
         console = Console(file=sys.stderr)
         self._progress = Progress(
             *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
@@ -115,13 +117,13 @@ class Bar:
         self._bar = self._progress.add_task("", total=None)
 
     def __enter__(self) -> "Bar":
-        return self  # it starts with the first event: whatever ends the process before leaves the cursor as it is
+        return self  # the bar starts with the first event, so a process that ends before leaves the cursor alone
 
     def __exit__(self, *error: object) -> None:
         self._progress.stop()
 
     def __call__(self, event: Event) -> None:
-        """Move the bar."""
+        """Redraw the bar after an event."""
         self._progress.start()
         self._tally.add(event)
         if event["event"] == "warning":
@@ -138,12 +140,12 @@ class Bar:
 
 
 class Ending:
-    """Lines below a build that has ended: every failure with its log and the command that repeats it, a summary.
+    """Lines after the end of a build: every failure with its log and the command that repeats it, then a summary.
 
     Parameters
     ----------
     again : str
-        Stage and options as the user typed them, for where a task could not be written down.
+        Stage and options as the user typed them; shown if the task could not be saved to a file.
     """
 
     def __init__(self, verbosity: int, again: str) -> None:
@@ -152,7 +154,7 @@ class Ending:
         self._end: Event | None = None
 
     def __call__(self, event: Event) -> None:
-        """Keep what will be said."""
+        """Keep the event if the ending reports it."""
         if event["event"] == "done" and (event["state"] == "failed" or event.get("differs")):
             self._bad[event["task"]] = event
         elif event["event"] == "done":
@@ -161,7 +163,7 @@ class Ending:
             self._end = event
 
     def show(self) -> None:
-        """Say it on stderr."""
+        """Print the lines to stderr."""
         alike: dict[object, list[Event]] = {}
         for event in self._bad.values():
             same = (event["error"], event["place"]) if event["state"] == "failed" else event["task"]
@@ -177,7 +179,9 @@ class Ending:
         yield f"NON-DETERMINISM: {event['task']} (key {event['key'][:12]}) gave other bytes than before: {outputs}"
 
     def _failure(self, event: Event, *others: Event) -> Iterator[str]:
-        """One error, whatever number of tasks met it: what, where in the stage, how to mend it, how to look closer."""
+        """One error, reported once for all tasks that met it: what is wrong, where in the stage, how to mend it, how to
+        look closer.
+        """
         file, _, prim = (event["place"] or "").partition(": ")
         what, *more = event["error"].splitlines() or ["?"]
         yield f"{file}{': ' if file else ''}error: {what}"
@@ -214,7 +218,7 @@ class Ending:
 
 
 def human(size: float) -> str:
-    """Bytes for people: 1.23 GB."""
+    """A number of bytes with a unit: 1.23 GB."""
     units = ["bytes", "kB", "MB", "GB", "TB"]
     while size >= 1000 and len(units) > 1:
         size /= 1000

@@ -1,7 +1,7 @@
-"""Reading a stage that nobody vouches for: in a confined process, which has nothing to write and may crash.
+"""Read an untrusted stage in a confined process, which cannot write files and may crash.
 
-Only JSON comes back. The stage's folders, the library and the installation are all that the process may read; the
-checks of the asset roots run there too, see `scene.trust.prescan`, for kernels without Landlock.
+The process answers in JSON. It may read the folders of the stage, the library and the installation only. The checks of
+asset roots (`scene.trust.prescan`) run there too, because some kernels have no Landlock.
 """
 
 from collections.abc import Callable, Iterable
@@ -28,12 +28,12 @@ def project_of_untrusted(
     preview: bool = False,
     warn: Callable[[str], None] = say,
 ) -> Project:
-    """The project of a stage, read in the sandbox; a warning tells of guards that are not in force.
+    """The project of a stage, read in the sandbox. Guards that are not in force cause a warning.
 
     Raises
     ------
     UsageError
-        The stage does not pass `check`, or reading it took more than is allowed.
+        The stage does not pass `check`, or reading it exceeded the limits.
     """
     try:
         told, guards = _ask(path, allow_roots, check=False, preview=preview)
@@ -46,7 +46,7 @@ def project_of_untrusted(
         raise UsageError(f"{path}: reading it gave no project") from None
     if not (guards.landlock and guards.seccomp):
         warn(f"{path} was read with less than --untrusted has elsewhere: {guards}")
-    # Whoever takes over that process shall not choose where files go.
+    # A stage that takes over the process must not choose where files are written.
     if not all(map(is_plain_path, project.files)):
         raise UsageError(f"{path}: it names files outside of the output folder")
     stage_id = f"{path.resolve()}{' preview' if preview else ''}"
@@ -54,7 +54,7 @@ def project_of_untrusted(
 
 
 def problems_of_untrusted(path: Path, allow_roots: Iterable[str | Path]) -> tuple[list[dict[str, Any]], Guards]:
-    """Problems that `check` finds in the sandbox (fields of `Problem`, and its `text`), and the guards in force."""
+    """Problems that `check` finds in the sandbox (the fields of `Problem` and its `text`), and the guards in force."""
     try:
         told, guards = _ask(path, allow_roots, check=True)
         return [{**row, "text": _shown(str(row["text"]))} for row in told["problems"]], guards
@@ -63,7 +63,9 @@ def problems_of_untrusted(path: Path, allow_roots: Iterable[str | Path]) -> tupl
 
 
 def answer(question: dict[str, Any], guards: Guards) -> dict[str, Any]:
-    """The same in the sandbox: `problems`, or the `project`, or why there is none as `error`."""
+    """The answer that the sandbox computes: `problems`, the `project`, or an `error` with the reason why there is
+    none.
+    """
     from pipeline.app.build import project_from
     from pipeline.scene.load import load
     from pipeline.scene.usd.problems import StageError
@@ -96,5 +98,5 @@ def _row(problem: Any) -> dict[str, Any]:
 
 
 def _shown(text: str) -> str:
-    """A text of the sandbox for a terminal, whatever became of the process there."""
+    """A text from the sandbox, made safe for a terminal: a stage may have taken over that process."""
     return "\n".join(map(printable, text.split("\n")))

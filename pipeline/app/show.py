@@ -1,4 +1,4 @@
-"""Content of `pipeline show`: the same records and figures as a build, without a build."""
+"""Content of `pipeline show`: the records and figures of a build, computed without one."""
 
 import json
 import math
@@ -28,8 +28,9 @@ from pipeline.scene.usd.problems import Problem, StageError, blamed_on, shown_pa
 from pipeline.tasks.first_order import CONVENTIONS, document
 
 _CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
-"""Sensor before which a lens alone is shown: half its diagonal over the focal length, the first with a chief ray in its
-corners, and pixels along an edge."""
+"""The square sensor with which a bare lens is shown. Its half diagonal over the focal length: the first of these whose
+corners a chief ray reaches. Then its pixels along an edge.
+"""
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class Shown:
         return field_curves(self.camera, middle_focus(self.camera))
 
     def json(self) -> str:
-        """Plain values: those of camera.json, and the curves."""
+        """The values of camera.json and the field curves, as JSON."""
         return json_bytes({**self.document, "field_curves": self.curves.to_plain()}).decode()
 
     def page(self) -> list[str]:
@@ -84,7 +85,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class ShownLens:
-    """The lens of a stage that holds nothing else; attributes as those of `Shown`."""
+    """The lens of a stage that holds nothing else; its attributes are those of `Shown`."""
 
     entry: LensEntry
     warnings: list[Problem]
@@ -96,7 +97,7 @@ class ShownLens:
 
     @property
     def camera(self) -> Camera | None:
-        """The lens with a square sensor in its rear focus; None without a real image, or without a chief ray."""
+        """The lens with a square sensor in its rear focus; None if it has no real image or no chief ray."""
         return self._seen[0]
 
     @property
@@ -119,18 +120,18 @@ class ShownLens:
             try:
                 return camera, field_curves(camera, math.inf)
             except CameraError:
-                continue  # no chief ray there
+                continue  # no chief ray reaches the corners
         return None, None
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """Figures of the lens."""
+        """First-order figures of the lens."""
         head = {"name": self.entry.lens_name, "index_source": self.entry.index_source}
         lens = {**head, **lens_report(self.entry.prescription)}
         return {"conventions": CONVENTIONS, "wavelengths_nm": [self.entry.wavelength_nm], "lens": lens}
 
     def json(self) -> str:
-        """The document and the curves."""
+        """The document and the field curves, as JSON."""
         curves = self.curves.to_plain() if self.curves else None
         return json_bytes({**self.document, "field_curves": curves}).decode()
 
@@ -150,14 +151,14 @@ class ShownLens:
 def show(
     path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()
 ) -> list[Shown | ShownLens]:
-    """The cameras of a stage, be it a dataset or a rig, or the one that is named; or the lens that a stage is.
+    """The cameras of a dataset or a rig, or only the one named; of a stage without a camera, its lens.
 
     Raises
     ------
     StageError
         The stage does not pass `check`, or holds neither camera nor lens.
     UsageError
-        There is no camera of that name.
+        No camera has that name.
     """
     loaded = load(path, allow_roots)
     if loaded.errors:
@@ -174,7 +175,7 @@ def show(
 
 
 def _shown(entry: CameraEntry, problems: list[Problem]) -> Shown:
-    """One camera, whose figures are made here, where the place of what cannot be is known."""
+    """One camera with its figures, computed here so that an error names the place in the stage."""
     with blamed_on(entry.file, entry.line, entry.prim_path):
         shown = Shown(entry, problems)
         _ = shown.document, shown.curves
@@ -182,19 +183,19 @@ def _shown(entry: CameraEntry, problems: list[Problem]) -> Shown:
 
 
 def plain_json(shown: list[Shown | ShownLens]) -> str:
-    """Plain values of one thing, or of several by their names."""
+    """JSON of one camera or lens, or of several cameras by name."""
     if len(shown) == 1:
         return shown[0].json()
     return json_bytes({one.name: json.loads(one.json()) for one in shown}).decode()
 
 
 def plot(shown: list[Shown | ShownLens], path: Path) -> None:
-    """Write the drawing of one thing.
+    """Write the drawing of one camera or lens.
 
     Raises
     ------
     UsageError
-        There are several.
+        There are several cameras.
     """
     if len(shown) > 1:
         names = ", ".join(one.name for one in shown)

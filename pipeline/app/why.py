@@ -1,9 +1,9 @@
-"""From the reasons of a plan, which name parameters of tasks, to the edits of the stage that made them.
+"""Search for the edits of a stage behind the reasons of a plan, which name parameters of tasks.
 
-An edit made a parameter what it is if taking the edit back changes the parameter. So every edit since the last build is
-taken back in turn, and the graph of tasks is made again; where the rest alone cannot be read, as columns without their
-rows, it is taken back together with others. A reason gets edits only
-where the stage as it was kept gives the old value that the reason has; else the parameter alone is named.
+An edit is the cause of a changed parameter if undoing the edit changes the parameter. So each edit since the last build
+is undone in turn and the graph of tasks is made again. If the stage cannot be read without one edit alone, as columns
+without their rows, it is undone together with others. A reason gets edits only if the kept stage yields the old value
+that the reason states; else it names the parameter only.
 """
 
 import re
@@ -22,18 +22,18 @@ from pipeline.scene.dataset import Dataset
 from pipeline.scene.edits.edits import EditsOfStage, EditUnit, edits_of_stage, together
 
 MOST_ALONE = 20
-"""Edits that are taken back one by one; what is beyond is taken back together."""
+"""Number of edits that are undone one by one; all further ones are undone together."""
 
 
 def with_edits(tasks: Sequence[PlannedTask], project: Project, sources: Sequence[Any], path: Path) -> list[PlannedTask]:
-    """The same tasks, their reasons with the edits of the stage.
+    """The same tasks, with the edits of the stage added to their reasons.
 
     Parameters
     ----------
     sources : sequence
-        What the project was made of at its last builds, latest first, see `session.sources_of`.
+        Sources of the project at its last builds, latest first, see `session.sources_of`.
     path : Path
-        The stage as it is now.
+        The stage in its present state.
     """
     named = list(tasks)
     for source in sources:
@@ -48,14 +48,14 @@ def with_edits(tasks: Sequence[PlannedTask], project: Project, sources: Sequence
 
 
 def _is_open(reason: Reason) -> bool:
-    """Whether an edit of the stage may be behind a reason, and none is known yet."""
+    """Whether an edit of the stage may be the cause of a reason that has none yet."""
     if reason.edits or reason.type not in (ReasonType.NEW, ReasonType.CHANGED):
         return False
     return reason.type is ReasonType.NEW or str(reason.field).startswith(("params", "inputs"))
 
 
 def _passed_on(tasks: list[PlannedTask]) -> list[PlannedTask]:
-    """Tasks, sources first, that wait for others: what made these run is behind their waiting."""
+    """The tasks, sources first; one that waits for others takes over the edits that make those run."""
     done: dict[str, PlannedTask] = {}
     for task in tasks:
         reasons = [
@@ -68,7 +68,7 @@ def _passed_on(tasks: list[PlannedTask]) -> list[PlannedTask]:
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """An edit, and the graphs with it and without it that differ in nothing else."""
+    """An edit, and two graphs that differ by this edit alone."""
 
     unit: EditUnit
     with_it: TaskGraph
@@ -76,14 +76,14 @@ class _Trial:
 
 
 class _Search:
-    """Finds the edits behind reasons.
+    """Search for the edits that caused reasons.
 
     Parameters
     ----------
     graph : TaskGraph
-        All tasks as they are now.
+        All tasks of the present stage.
     stage : EditsOfStage
-        What became of the stage since it was kept.
+        Differences between the present stage and the kept one.
     """
 
     def __init__(self, graph: TaskGraph, stage: EditsOfStage) -> None:
@@ -97,7 +97,7 @@ class _Search:
         self._changed: dict[tuple[int, int, str], _Changed] = {}
 
     def named(self, task: str, reason: Reason) -> Reason:
-        """A reason with its edits, if there are any and it is certain."""
+        """A reason with its edits, if there are any and they are certain."""
         if not self.units or not _is_open(reason) or not self._is_certain(task, reason):
             return reason
         found = [one.unit for one in self.trials if self._is_changed(one.with_it, one.without, task, reason)]
@@ -107,7 +107,9 @@ class _Search:
         )
 
     def _trial(self, index: int) -> _Trial:
-        """An edit taken back: alone, else in the company of another one, of all of its prim, or of all."""
+        """The trial of one edit: undone alone, else with another edit, with all edits of its prim, or with all
+        edits.
+        """
         others = [other for other in range(len(self.units)) if other != index]
         near = [other for other in others if self.units[other].prim == self.units[index].prim]
         pairs = [[other] for other in (*near, *(other for other in others if other not in near))]
@@ -115,21 +117,21 @@ class _Search:
             without = self._without([index, *company])
             if without is not None:
                 with_it = self._without(company)
-                # As an inner diameter without its shape: nothing alone, yet a part of what the company did.
+                # An inner diameter without its shape, say: no effect alone, but a part of the effect of the others.
                 if with_it is None or _is_same(with_it, without):
                     with_it = self.graph
                 return _Trial(self.units[index], with_it, without)
         raise AssertionError("all edits taken back are the stage as it was")
 
     def _without(self, taken_back: Iterable[int]) -> TaskGraph | None:
-        """The graph without some edits; None if what is left of the stage makes none."""
+        """The graph without some edits; None if no graph can be made of the remaining stage."""
         key = frozenset(taken_back)
         if key not in self._graphs:
             self._graphs[key] = _graph_of(self.stage.dataset_without([self.units[index] for index in key]))
         return self._graphs[key]
 
     def _is_certain(self, task: str, reason: Reason) -> bool:
-        """Whether the stage as it was kept is that of the last build of this task."""
+        """Whether the kept stage is the one that this task was last built from."""
         if self.old is None or not self._is_changed(self.graph, self.old, task, reason):
             return False
         if reason.type is ReasonType.NEW or _role(reason) is not None:
@@ -138,7 +140,7 @@ class _Search:
         return reason.field in was and bool(was[reason.field] == reason.old)
 
     def _is_changed(self, one: TaskGraph, other: TaskGraph, task: str, reason: Reason) -> bool:
-        """Whether two graphs differ in what a reason names."""
+        """Whether two graphs differ in the parameter or input that a reason names."""
         if reason.type is ReasonType.NEW or task not in one or task not in other:
             return reason.type is ReasonType.NEW and (task in one) != (task in other)
         role = _role(reason)
@@ -155,7 +157,7 @@ class _Search:
         return self._changed[key]
 
     def _at_frame(self, unit: EditUnit, frame: int | None) -> tuple[Edit, ...]:
-        """Edits of a unit that a frame depends on; many tasks and parameters ask for the same frame."""
+        """Edits of a unit that a frame depends on, cached: many tasks and parameters ask for the same frame."""
         key = id(unit), frame
         if key not in self._edits:
             self._edits[key] = unit.at_frame(frame)
@@ -163,29 +165,31 @@ class _Search:
 
 
 class _Changed:
-    """Parameters of a task that differ between two graphs: `values` of the other one, by field."""
+    """Parameters of a task that differ between two graphs; `values` maps each field to its value in the second
+    graph.
+    """
 
     def __init__(self, values: dict[str, Any]) -> None:
         self.values = values
         self._wholes = {whole for field in values for whole in _wholes(field)}
 
     def touch(self, field: str) -> bool:
-        """Whether one of them is a field, a part of it, or holds it."""
+        """Whether one of them is this field, a part of it, or contains it."""
         return field in self._wholes or any(whole in self.values for whole in _wholes(field))
 
 
 def _wholes(field: str) -> Iterator[str]:
-    """A field and all that it is a part of: `a.b[2]`, `a.b`, `a`."""
+    """A field and everything that contains it: `a.b[2]`, `a.b`, `a`."""
     yield field
     for match in re.finditer(r"[.\[]", field):
         yield field[: match.start()]
 
 
 def _graph_of(dataset: Dataset | None) -> TaskGraph | None:
-    """The tasks of a dataset; None where what was changed together and taken back in part makes none."""
+    """The tasks of a dataset; None if undoing a part of the edits leaves a dataset without a valid graph."""
     try:
         return graph_of(dataset)[0] if dataset else None
-    except Exception:  # the same answer as from reading it
+    except Exception:  # any failure means the same: there is no graph
         return None
 
 

@@ -1,4 +1,4 @@
-"""Two doors to the kernel that Python lacks."""
+"""Two calls of the operating system that Python does not offer."""
 
 import ctypes
 import sys
@@ -6,13 +6,13 @@ import sys
 NO_NEW_PRIVILEGES = 38
 """PR_SET_NO_NEW_PRIVS of linux/prctl.h: no program that is executed from now on gains rights."""
 END_WITH_PARENT = 1
-"""PR_SET_PDEATHSIG of linux/prctl.h: a signal when the parent ends."""
+"""PR_SET_PDEATHSIG of linux/prctl.h: send a signal when the parent ends."""
 FILTER_CALLS = 22
 """PR_SET_SECCOMP of linux/prctl.h."""
 
 
 def prctl(option: int, *arguments: object) -> bool:
-    """Set something for this process; whether the kernel did."""
+    """Set an option of this process; whether the kernel accepted it."""
     if sys.platform != "linux":
         return False
     filled = [*arguments, 0, 0, 0, 0][:4]
@@ -20,7 +20,7 @@ def prctl(option: int, *arguments: object) -> bool:
 
 
 def syscall(number: int, *arguments: object) -> int:
-    """Answer of a call of the kernel; -1 if it failed or there is no such call."""
+    """Result of a system call; -1 if it failed or does not exist."""
     return int(_library().syscall(_word(number), *map(_word, arguments))) if sys.platform == "linux" else -1
 
 
@@ -29,5 +29,5 @@ def _library() -> ctypes.CDLL:
 
 
 def _word(value: object) -> object:
-    """A number as the 64 bits that the kernel takes it for."""
+    """A number as the 64 bits that the kernel expects."""
     return ctypes.c_long(value) if isinstance(value, int) else value

@@ -1,7 +1,7 @@
-"""Landlock, the kernel's own fence: after it this process reads below some folders, and opens nothing else.
+"""Landlock, access control by the kernel: afterwards this process can read below some folders and open nothing else.
 
-Links do not lead past it, however they change: the kernel compares the file that is opened, not its name. It also takes
-away writing, executing, TCP, abstract sockets and signals to other processes, as far as this kernel knows them.
+Links cannot circumvent it, even if they change: the kernel checks the opened file, not its name. As far as this
+kernel supports it, writing, executing, TCP, abstract sockets and signals to other processes are forbidden, too.
 
 References
 ----------
@@ -18,7 +18,7 @@ from pathlib import Path
 from pipeline.confine.kernel import NO_NEW_PRIVILEGES, prctl, syscall
 
 _CREATE_RULESET, _ADD_RULE, _RESTRICT_SELF = 444, 445, 446
-"""Numbers of the calls, the same on all machines."""
+"""Numbers of the system calls, the same on all machines."""
 _ASK_VERSION = 1
 """LANDLOCK_CREATE_RULESET_VERSION of linux/landlock.h, as all below."""
 _PATH_BENEATH = 1
@@ -26,9 +26,9 @@ _PATH_BENEATH = 1
 _READ_FILE, _READ_DIR = 1 << 2, 1 << 3
 """LANDLOCK_ACCESS_FS_READ_FILE and _READ_DIR."""
 _RIGHTS_OF_VERSION = {1: 13, 2: 14, 3: 15, 4: 15, 5: 16}
-"""Number of rights about files that each version knows; those after 5 know no more."""
+"""Number of file rights that each version knows; later versions know no more."""
 _NO_TCP, _NO_SCOPES = 0b11, 0b11
-"""Rights that are taken away: to bind and connect; to reach abstract sockets and to signal."""
+"""Rights that are removed: bind and connect; access to abstract sockets and signals."""
 
 
 def version() -> int:
@@ -37,7 +37,7 @@ def version() -> int:
 
 
 def restrict(readable: Iterable[Path]) -> int:
-    """Leave this thread, and what it starts, nothing but reading files and folders below some paths.
+    """Restrict this thread, and everything that it starts, to reading files and folders below some paths.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def restrict(readable: Iterable[Path]) -> int:
         return 0
     try:
         for path in readable:
-            with contextlib.suppress(OSError):  # what is not there needs no rule
+            with contextlib.suppress(OSError):  # a missing path needs no rule
                 _allow(ruleset, path)
         prctl(NO_NEW_PRIVILEGES, 1)
         return known if syscall(_RESTRICT_SELF, ruleset, 0) == 0 else 0

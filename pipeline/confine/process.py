@@ -1,7 +1,8 @@
-"""A function in a process of its own that may read some folders and compute for a while; only JSON comes back.
+"""Confined processes: call a function in a process that can read some folders and compute for a limited time, and
+answers in JSON.
 
-The process ends with the one that started it. As far as this kernel knows Landlock and seccomp it cannot write,
-execute, start processes or reach the network; limits on memory, time and bytes are in force everywhere.
+The process ends with its parent. If the kernel supports Landlock and seccomp, it cannot write, execute, start
+processes or reach the network; limits of memory, time and bytes apply everywhere.
 """
 
 import contextlib
@@ -24,7 +25,7 @@ from pipeline.machine.another_python import command
 from pipeline.machine.processor import settings
 
 _WORDS = 64 * 2**10
-"""Bytes of its last words that are read."""
+"""Bytes of the end of its output that are read."""
 _SYSTEM = (
     *("/usr", "/lib", "/lib64", "/nix/store", "/etc/ld.so.cache", "/etc/localtime"),
     *("/proc/self", "/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system", "/sys/fs/cgroup"),
@@ -34,16 +35,16 @@ _SYSTEM = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """The most that a process may take.
+    """Limits of a process.
 
     Attributes
     ----------
     memory_bytes : int
-        Of addresses.
+        Address space.
     cpu_s, wall_s : float
-        Of computing, and of waiting for it [s].
+        Computing time and elapsed time [s].
     file_bytes : int
-        Of its answer, and of what it keeps in files without a name.
+        Size of its answer, and of its anonymous files.
     """
 
     memory_bytes: int = 4 * 2**30
@@ -80,7 +81,7 @@ class Guards:
 
 
 class Ended(Exception):
-    """A process that gave no answer.
+    """A process ended without an answer.
 
     Attributes
     ----------
@@ -154,10 +155,10 @@ def _guards(said: bytes) -> Guards:
 
 
 def main() -> None:
-    """The confined process: orders on stdin, one answer on stdout."""
+    """Run the confined process: the order comes on stdin, one answer goes to stdout."""
     order = json.load(sys.stdin)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # whatever prints must not end up in the answer
+    os.dup2(2, 1)  # what libraries print must not mix with the answer
     guards = confine(map(Path, order["readable"]), Bounds(**order["bounds"]), order["parent"])
     print(json.dumps(asdict(guards)), file=answers, flush=True)
     module, name = order["function"].split(":")
@@ -166,7 +167,7 @@ def main() -> None:
 
 
 def confine(readable: Iterable[Path], bounds: Bounds, parent: int) -> Guards:
-    """Confine this process for good; before it starts threads, because each has its own guards."""
+    """Confine this process for good. Call it before threads are started, because guards apply to each thread."""
     ends = prctl(END_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)  # the parent has ended already
@@ -176,7 +177,7 @@ def confine(readable: Iterable[Path], bounds: Bounds, parent: int) -> Guards:
         (resource.RLIMIT_FSIZE, bounds.file_bytes),
         (resource.RLIMIT_CORE, 0),
     ):
-        with contextlib.suppress(ValueError):  # a lower one is in force
+        with contextlib.suppress(ValueError):  # a lower limit is already in force
             resource.setrlimit(limit, (value, value))
     fence = landlock.restrict([*readable, *_installation()])
     return Guards(landlock=fence, seccomp=seccomp.restrict(), parent=ends)
@@ -190,7 +191,7 @@ def _installation() -> list[Path]:
 
 
 def _scratch() -> IO[bytes]:
-    """A file without a name: in memory where there are such."""
+    """An anonymous file, in memory if the system supports it."""
     if hasattr(os, "memfd_create"):
         return os.fdopen(os.memfd_create("pipeline"), "w+b")
     return tempfile.TemporaryFile()

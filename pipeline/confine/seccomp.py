@@ -1,7 +1,7 @@
-"""seccomp: after it the kernel refuses this process every call that starts, writes, connects or reaches for others.
+"""seccomp, a filter of system calls: afterwards the kernel refuses all calls that write, execute, connect or affect
+other processes.
 
-What Python, USD and Numba need to read and compute is left, threads and memory included. Files that are open stay as
-they were opened.
+Python, USD and Numba can still read and compute, including threads and memory. Open files remain open as they are.
 
 References
 ----------
@@ -20,11 +20,11 @@ from pipeline.confine.kernel import FILTER_CALLS, NO_NEW_PRIVILEGES, prctl
 _FILTER = 2
 """SECCOMP_MODE_FILTER of linux/seccomp.h."""
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
-"""Statements of a filter by linux/bpf_common.h: LD + W + ABS, JMP + JEQ, JMP + JGE, JMP + JSET, RET."""
+"""Instructions of a filter from linux/bpf_common.h: LD + W + ABS, JMP + JEQ, JMP + JGE, JMP + JSET, RET."""
 _ALLOW, _REFUSE = 0x7FFF0000, 0x00050000
 """SECCOMP_RET_ALLOW, and SECCOMP_RET_ERRNO with the number of an error in its low half."""
 _NUMBER, _MACHINE, _FIRST, _SECOND, _THIRD = 0, 4, 16, 24, 32
-"""Places in struct seccomp_data [bytes]: number of the call, machine, low halves of the arguments."""
+"""Offsets in struct seccomp_data [bytes]: number of the call, machine, low halves of the arguments."""
 _X32 = 0x40000000
 """__X32_SYSCALL_BIT of asm/unistd.h: the same calls once more, for programs with short pointers."""
 _A_THREAD = 0x10000
@@ -57,20 +57,24 @@ _REFUSED = {
     "ioperm": (173, -1), "iopl": (172, -1), "sethostname": (170, 161), "settimeofday": (164, 170),
 }  # fmt: skip
 _UNKNOWN = {"clone3": (435, 435), "openat2": (437, 437)}
-"""Their arguments lie in memory, where no filter can look: C libraries then take the older calls."""
+"""Calls whose arguments are in memory, where no filter can look; they are reported as unknown, and C libraries use
+the older calls.
+"""
 _LIMITED = {
     "open": (2, -1, _SECOND, _TO_WRITE),
     "openat": (257, 56, _THIRD, _TO_WRITE),
     "prlimit64": (302, 261, _THIRD, 0xFFFFFFFF),
 }
-"""Arguments of calls, and the bits that they may not have: how a file is opened, where new limits lie."""
+"""Arguments of calls and their forbidden bits: ways to open a file, address of new limits."""
 _CLONE = (56, 220)
-"""Number of clone on x86_64 and aarch64: only threads may be made with it."""
+"""Number of clone on x86_64 and aarch64: it may only create threads."""
 _MACHINES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}
 
 
 def restrict() -> bool:
-    """Leave this thread, and what it starts, no call that writes, executes or connects; whether that is in force."""
+    """Forbid this thread, and everything that it starts, all calls that write, execute or connect; whether that is
+    in force.
+    """
     found = _MACHINES.get(platform.machine())
     if sys.platform != "linux" or found is None:
         return False
@@ -82,7 +86,7 @@ def restrict() -> bool:
 
 
 def _program(column: int, machine: int) -> list[bytes]:
-    """The filter: one test after the other, each with what it leads to."""
+    """The filter: a sequence of tests, each with its consequence."""
     refuse, unknown = _statement(_RETURN, _REFUSE | errno.EPERM), _statement(_RETURN, _REFUSE | errno.ENOSYS)
     allow = _statement(_RETURN, _ALLOW)
     steps = [_statement(_LOAD, _MACHINE), _jump(_EQUAL, machine, 1, 0), refuse, _statement(_LOAD, _NUMBER)]

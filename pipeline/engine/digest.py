@@ -14,7 +14,7 @@ from typing import Any
 from pipeline.records.plain import Shared
 
 DIGEST = re.compile(r"[0-9a-f]{64}")
-"""What a key or the name of a blob looks like; paths in the store are built from nothing else."""
+"""Pattern of keys and of names of blobs; paths in the store are built from nothing else."""
 
 
 def key_of(domain: str, value: Any) -> str:
@@ -28,10 +28,10 @@ def key_of_bytes(domain: str, value: bytes) -> str:
 
 
 def canonical(value: Any) -> bytes:
-    """Bytes of None, bool, int, float, str, list, dict and `Shared`.
+    """Canonical bytes of a value: None, bool, int, float, str, list, dict or `Shared`.
 
-    Floats count by their exact bits; infinity is a value (a plane has an infinite radius), NaN is not. Tuples are not
-    values: behind a process border they would be lists.
+    Floats count by their exact bits; infinity is a value (a plane has an infinite radius), NaN is not. Tuples are
+    refused: another process would receive them as lists.
 
     Raises
     ------
@@ -58,7 +58,9 @@ def _name(name: str) -> bytes:
 
 
 class _ByType(dict[type, Callable[[Any], Any]]):
-    """Functions of a value by its exact type: True is an int to isinstance(), and a NumPy float64 is a float."""
+    """Encoders by the exact type of a value, because isinstance() takes True for an int and a NumPy float64 for a
+    float.
+    """
 
     def __missing__(self, kind: type) -> Any:
         raise TypeError(f"a key cannot be made from {kind.__name__}")

@@ -21,7 +21,7 @@ Emit = Callable[[Event], None]
 
 
 def silent(event: Event) -> None:
-    """Nobody listens."""
+    """Ignore an event."""
 
 
 def warner(on_event: Emit) -> Callable[[str], None]:
@@ -30,7 +30,7 @@ def warner(on_event: Emit) -> Callable[[str], None]:
 
 
 def fan_out(listeners: Iterable[Emit]) -> Emit:
-    """One listener that passes every event on, with the time at which it happened."""
+    """A listener that adds the time to every event and passes it on to several listeners."""
     everyone = list(listeners)
 
     def emit(event: Event) -> None:
@@ -42,12 +42,12 @@ def fan_out(listeners: Iterable[Emit]) -> Emit:
 
 
 class EventFile:
-    """A file with one event per line, written as they come; made with the first event, not before.
+    """A file with one event per line, each written at once. The first event creates the file.
 
     Raises
     ------
     UsageError
-        Something else lies there: it would be overwritten.
+        The path holds some other file, which would be overwritten.
     """
 
     def __init__(self, path: Path) -> None:
@@ -67,12 +67,12 @@ class EventFile:
     def close(self) -> None:
         """Flush and close."""
         if self._stream is not None:
-            with contextlib.suppress(OSError):  # told when it was written
+            with contextlib.suppress(OSError):  # reported when it was written
                 self._stream.close()
 
 
 def _beginning(path: Path) -> bytes:
-    """The first bytes of a plain file; none of whatever else is there: nothing is lost in a pipe or a terminal."""
+    """The first bytes of a plain file; empty for a pipe or a terminal, where nothing can be overwritten."""
     try:
         if not path.is_file():
             return b""

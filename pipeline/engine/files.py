@@ -1,4 +1,4 @@
-"""Reading, writing aside and copying plain files: what the store and the delivery are made of."""
+"""Reading and copying of plain files, for the store and for output folders."""
 
 import contextlib
 import errno
@@ -14,15 +14,15 @@ from pathlib import Path
 from pipeline.errors import EnvironmentFault
 
 _CHUNK = 1 << 20
-"""Bytes that are read at once, 1 MiB: large beside the cost of a call, small beside the memory of a worker."""
+"""Size of one read [bytes], 1 MiB: large enough that calls cost little, small beside the memory of a worker."""
 _FICLONE = 0x40049409
-"""FICLONE of linux/fs.h: share the blocks of another file, copy on write."""
+"""FICLONE of linux/fs.h: share the blocks of another file, with copy on write."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _REFUSED = (errno.EROFS, errno.EACCES, errno.EPERM)
 _MACHINE_ERRORS = (*_FULL, *_REFUSED, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.ESTALE)
 
 Signature = list[int]
-"""Size, inode, mtime and ctime of a file [bytes, -, ns, ns]: a hint that its bytes are still the same ones."""
+"""Size, inode, mtime and ctime of a file [bytes, -, ns, ns]: equal values suggest that its bytes are unchanged."""
 
 
 def signature(facts: os.stat_result) -> Signature:
@@ -31,7 +31,7 @@ def signature(facts: os.stat_result) -> Signature:
 
 
 def nearest_existing(path: Path) -> Path:
-    """The path, or the first folder above it that is there."""
+    """The path, or the nearest folder above it that exists."""
     return next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
 
 
@@ -42,14 +42,14 @@ def is_machines_fault(error: BaseException) -> bool:
 
 @dataclass(slots=True)
 class Disk:
-    """Bytes that some work needs at least, as far as it knows; it may learn more while it runs."""
+    """Least disk space that an operation needs [bytes], as far as it is known; it may be updated meanwhile."""
 
     needed: int | None = None
 
 
 @contextlib.contextmanager
 def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> Iterator[Disk]:
-    """Turn a full disk or a read-only folder into an `EnvironmentFault` that says what was tried."""
+    """Turn a full disk or a read-only folder into an `EnvironmentFault` that names the operation."""
     disk = Disk(needed)
     try:
         yield disk
@@ -66,7 +66,7 @@ def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> It
 
 @contextlib.contextmanager
 def chosen_place(doing: str, path: Path) -> Iterator[None]:
-    """As `machine_errors`, for a path that the user chose and that may lie nowhere."""
+    """As `machine_errors`, for a path chosen by the user, whose folder may not exist."""
     try:
         with machine_errors(doing, path):
             yield
@@ -75,9 +75,9 @@ def chosen_place(doing: str, path: Path) -> Iterator[None]:
 
 
 def open_regular(path: Path | str) -> int | None:
-    """File descriptor for reading, or None for whatever is not a plain readable file.
+    """File descriptor for reading, or None if this is not a plain readable file.
 
-    A link is not followed, and a FIFO does not make us wait.
+    Links are not followed, and a FIFO does not block.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -90,7 +90,7 @@ def open_regular(path: Path | str) -> int | None:
 
 
 def read_regular(path: Path | str, most: int | None = None) -> bytes | None:
-    """All bytes of a plain file; None if it is anything else, unreadable, or of more than so many bytes."""
+    """All bytes of a plain file; None if it is anything else, unreadable, or larger than `most` bytes."""
     handle = open_regular(path)
     if handle is None:
         return None
@@ -121,7 +121,7 @@ def digest_of(path: Path | str) -> str | None:
 
 
 def is_no_file(path: Path | str) -> bool:
-    """Whether something lies there that is not a plain file. What cannot even be looked at is not judged."""
+    """Whether the path holds something other than a plain file; False if it cannot be examined."""
     try:
         return not stat.S_ISREG(os.lstat(path).st_mode)
     except OSError:
@@ -129,7 +129,7 @@ def is_no_file(path: Path | str) -> bool:
 
 
 def has_other_names(path: Path) -> bool:
-    """Whether a file lies there that other names lead to as well: what is written to it reaches them."""
+    """Whether a file has several hard links, so that writing to it would change files elsewhere."""
     try:
         return os.lstat(path).st_nlink > 1
     except OSError:
@@ -137,12 +137,14 @@ def has_other_names(path: Path) -> bool:
 
 
 def is_unreadable(path: Path | str) -> bool:
-    """Whether a plain file lies there that cannot be read just now: no descriptors left, no permission, a bad disk."""
+    """Whether the path holds a plain file that cannot be read now: no descriptors left, no permission, a bad disk."""
     return os.path.lexists(path) and not is_no_file(path) and digest_of(path) is None
 
 
 def copy(source: Path, target: Path) -> None:
-    """Copy bytes, sharing blocks where the file system can. Never a hard link: an edit must not reach the source."""
+    """Copy a file, sharing blocks if the file system can. It is never a hard link, so an edit cannot reach the
+    source.
+    """
     with source.open("rb") as reader, target.open("xb") as writer:
         with contextlib.suppress(OSError):
             fcntl.ioctl(writer.fileno(), _FICLONE, reader.fileno())

@@ -1,9 +1,10 @@
-"""Ctrl-C, SIGTERM and SIGHUP: what they end, and in what time.
+"""Ctrl-C, SIGTERM and SIGHUP: orderly and immediate ends of a build.
 
-Ctrl-C once lets running tasks end, and where none runs (waiting, compiling, delivering) it stops at once. Ctrl-C twice,
-SIGTERM and SIGHUP stop at once everywhere. Stopping is an exception, so that things are tidied up. Where it is lost (a
-library calls us from C and drops it), or never comes (a long call of C holds the main thread up), a thread that the
-signal wakes by itself ends the process after `GRACE_S`: nothing half done is visible in the store.
+The first Ctrl-C lets running tasks finish; if none runs (waiting, compiling, delivering), it stops the build at once. A
+second Ctrl-C, SIGTERM and SIGHUP always stop at once. Stopping raises an exception, so that everything is tidied up.
+The exception can be lost (a library that calls us from C drops it) or delayed (a long call of C blocks the main
+thread). So the signal also wakes a thread, which ends the process after `GRACE_S`. That is safe: nothing half done is
+visible in the store.
 """
 
 import contextlib
@@ -17,12 +18,12 @@ from types import FrameType
 from typing import Any
 
 GRACE_S = 2.0
-"""For tidying up after a signal that stops at once [s]."""
+"""Time to tidy up after a signal that stops at once [s]."""
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _TRY_AGAIN_S = 0.05
-"""Time between two looks whether a signal was heard [s]: short beside `GRACE_S`, and long beside the cost of a look."""
+"""Time between two checks whether a signal took effect [s]: short beside `GRACE_S`, long beside the cost of a check."""
 
 
 class Stopped(BaseException):
@@ -30,14 +31,14 @@ class Stopped(BaseException):
 
 
 class Interrupts:
-    """While this context is open, signals become facts that the driver loop asks for.
+    """While this context is open, signals are recorded, and the driver loop asks for them.
 
     Signals that this process was told to ignore, as by `nohup`, are ignored.
 
     Attributes
     ----------
     signal : int or None
-        What arrived first; None as long as nobody wants to stop.
+        The first signal that arrived; None before.
     """
 
     def __init__(self, notice: Callable[[str], None] = lambda text: None) -> None:
@@ -50,11 +51,11 @@ class Interrupts:
 
     @property
     def exit_code(self) -> int | None:
-        """130, 143 or 129 by the custom of shells; None if nothing arrived."""
+        """Exit code by the convention of shells: 130, 143 or 129; None if no signal arrived."""
         return None if self.signal is None else 128 + self.signal
 
     def __enter__(self) -> "Interrupts":
-        if _is_main():  # Python allows handlers nowhere else
+        if _is_main():  # Python allows signal handlers in the main thread only
             self._watch()
             for number in SIGNALS:
                 if signal.getsignal(number) is not signal.SIG_IGN:
@@ -65,7 +66,9 @@ class Interrupts:
         self._undo.close()
 
     def stoppable(self, work: Callable[[], object]) -> None:
-        """Do work that signals may stop at once. Before and after it they are only recorded: tidying up is not cut."""
+        """Do work that signals may stop at once. Before and after it they are only recorded, so tidying up is not
+        interrupted.
+        """
         try:
             try:
                 self._may_stop = True
@@ -85,7 +88,7 @@ class Interrupts:
             raise Stopped
 
     def _lost(self, what: Any) -> None:
-        """Python's hook for exceptions that C dropped."""
+        """Note a `Stopped` that C code dropped; Python calls this hook for such exceptions."""
         if isinstance(what.exc_value, Stopped):
             self._may_stop = self._is_lost = True
         else:
@@ -103,7 +106,7 @@ class Interrupts:
         def end() -> None:
             sys.unraisablehook, _open[:] = hook, outer
             signal.set_wakeup_fd(before)
-            os.close(writing)  # which ends the thread
+            os.close(writing)  # this ends the thread
             thread.join()
             os.close(reading)
 
@@ -118,7 +121,9 @@ class Interrupts:
                 return
 
     def _end_soon(self, reading: int, main: int, number: int) -> None:
-        """Raise what was lost again, and end the process once the time is up; nothing if this was closed before."""
+        """Raise a lost `Stopped` again, and end the process when the time is up; do nothing if the context has
+        closed.
+        """
         end = time.monotonic() + GRACE_S
         os.set_blocking(reading, False)
         while time.monotonic() < end:
@@ -133,16 +138,16 @@ class Interrupts:
 
 
 _open: list[Interrupts] = []
-"""The innermost one that is open in the main thread."""
+"""Open contexts of the main thread, innermost last."""
 
 
 def impatient() -> contextlib.AbstractContextManager[None]:
-    """Within this one Ctrl-C stops at once: nothing runs whose result would be lost."""
+    """A context in which Ctrl-C stops at once: no task runs whose result would be lost."""
     return _patience(False)
 
 
 def patient() -> contextlib.AbstractContextManager[None]:
-    """Within this one Ctrl-C is a wish, for the driver loop to grant: tasks run."""
+    """A context in which Ctrl-C is only recorded for the driver loop, because tasks are running."""
     return _patience(True)
 
 
@@ -164,7 +169,7 @@ def _is_main() -> bool:
 
 
 def _end(code: int) -> None:
-    """End this process without a word to anybody in it."""
+    """End this process at once, without any cleanup."""
     with contextlib.suppress(OSError):
         show_cursor = b"\x1b[?25h" if os.isatty(2) else b""
         os.write(2, show_cursor + b"interrupted: ended at once; what was finished is in the store\n")

@@ -1,7 +1,7 @@
-"""Locks of the kernel: they die with the process that holds them, also if it is killed.
+"""File locks of the operating system: they end with the process that holds them, even if it is killed.
 
-They only save work: whoever goes on without one computes the same bytes once more. A holder writes into the file who it
-is, and whoever waits says so.
+They only save work: a process without the lock computes the same bytes once more. The holder writes its name into the
+lock file, and a waiting process reports it.
 """
 
 import contextlib
@@ -21,19 +21,20 @@ from typing import Any
 from pipeline.engine.interrupts import impatient
 
 _POLL_S = 0.02
-"""Time between two tries for a lock [s]: the system waits without end or not at all, so that a wait with an end tries
-again. A lock is held for milliseconds or for a whole build."""
+"""Time between two tries for a lock [s]: the system can wait for ever or not at all, so a wait with a timeout must
+poll. A lock is held for milliseconds or for a whole build.
+"""
 _SILENT_S = 1.0
-"""Wait that nobody is told of [s]: most locks are free before."""
+"""Wait that is not reported [s]: most locks are free sooner."""
 _REPEAT_S = 60.0
-"""Time after which a wait is told again [s]: a terminal that says nothing for minutes looks dead."""
+"""Time after which a wait is reported again [s]: a terminal that is silent for minutes looks dead."""
 _NO_LINK = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 
 Say = Callable[[str], None]
 
 
 def silent(text: str) -> None:
-    """Nobody is told."""
+    """Ignore a message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +44,9 @@ class Errand:
     Attributes
     ----------
     doing : str
-        What the holder does, after "which": `makes rays/Left`.
+        Activity of the holder, to follow "which": `makes rays/Left`.
     say : callable
-        Gets a sentence about the holder after a second of waiting, and again every minute.
+        Called with a sentence about the holder after a second of waiting, and again every minute.
     """
 
     doing: str = "works there"
@@ -65,7 +66,9 @@ def try_lock(handle: int, *, shared: bool = False) -> bool | None:
 def locked(
     path: Path, timeout_s: float = 3600.0, *, shared: bool = False, errand: Errand | None = None
 ) -> Iterator[bool]:
-    """Hold a lock; False after the timeout, or where nothing can be locked. Shared ones exclude exclusive ones only."""
+    """Hold a lock; yields False after the timeout or if the file system has no locks. A shared lock excludes only
+    exclusive ones.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = _opened(path)
@@ -78,7 +81,7 @@ def locked(
 
 @contextlib.contextmanager
 def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | None = None) -> Iterator[bool]:
-    """As `locked`, for a folder itself: nothing is written into it, and it may be read-only."""
+    """As `locked`, for a folder: nothing is written into it, and it may be read-only."""
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:
@@ -89,7 +92,9 @@ def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | N
 
 
 def _opened(path: Path) -> int:
-    """The file, made if it is not there, and no link. Another user's need not be writable: it can be locked."""
+    """Open a lock file, creating it if necessary; links are refused. A read-only file of another user can be locked,
+    too.
+    """
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o644)
     except PermissionError:
@@ -98,7 +103,7 @@ def _opened(path: Path) -> int:
 
 @contextlib.contextmanager
 def _held(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared: bool = False) -> Iterator[bool]:
-    """Wait for the lock of an open file, and close the file in the end."""
+    """Wait for the lock of an open file, hold it, and close the file at the end."""
     try:
         held = try_lock(handle, shared=shared)
         if held is False:
@@ -123,7 +128,7 @@ def _waited(handle: int, timeout_s: float, path: Path, errand: Errand, *, shared
 
 
 def _sign(handle: int, doing: str) -> None:
-    """Write into a lock file who holds it; a folder, somebody else's file, or one with other names says nothing."""
+    """Write the holder into a lock file, unless it is a folder, belongs to another user, or has several names."""
     facts = os.fstat(handle)
     if not stat.S_ISREG(facts.st_mode) or facts.st_nlink != 1:
         return
@@ -135,7 +140,7 @@ def _sign(handle: int, doing: str) -> None:
 
 
 def _holder(handle: int, path: Path) -> str:
-    """Who holds a lock, in words: the last one who signed it."""
+    """Description of the holder of a lock: the last process that signed it."""
     try:
         note = json.loads(os.pread(handle, 4096, 0))
         who = f"process {int(note['pid'])} on {note['host']}, which {note['doing']} since {note['since']}"

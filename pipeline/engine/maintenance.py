@@ -1,6 +1,6 @@
-"""Care of a store: what lies in it, dropping what was unused longest, and checking every byte.
+"""Care of a store: counting its content, removing the least recently used results, and checking every byte.
 
-Nothing here can make a result wrong: whatever is dropped or damaged is a miss afterwards, and computed again.
+Nothing here can make a result wrong: a removed or damaged entry is a miss afterwards, and is computed again.
 """
 
 import os
@@ -19,21 +19,22 @@ from pipeline.engine.store.workspace import ABANDONED_S
 from pipeline.errors import EnvironmentFault, UsageError
 
 DEFAULT_LIMIT = 50 * 10**9
-"""Size of the store beyond which the collector removes what was unused longest [bytes], unless $PIPELINE_CACHE_SIZE
-says otherwise. A choice: a small share of the disks of today."""
+"""Size beyond which the collector removes the least recently used results [bytes], unless $PIPELINE_CACHE_SIZE is set.
+It is a choice: a small part of a disk of today.
+"""
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """Content of a store; sizes in bytes.
+    """Numbers and sizes of the entries of a store; sizes in bytes.
 
     Attributes
     ----------
     pinned_bytes : int
-        Blobs of the last builds whose output folders are still there; these are never dropped.
+        Blobs of the last builds whose output folders still exist; they are never removed.
     quarantined : int
-        Damaged entries that were moved away, for a person to look at.
+        Damaged entries that were moved away for inspection.
     """
 
     records: int
@@ -51,7 +52,7 @@ class Contents:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collected:
-    """Entries that a collection dropped, or would drop; sizes in bytes. `quarantined` are damaged entries."""
+    """Entries that a collection removed or would remove; sizes in bytes. `quarantined` counts damaged entries."""
 
     records: int
     blobs: int
@@ -68,10 +69,11 @@ class Collected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """Entries that were read to the last byte, and the names of those that are not right or stood for a folder.
+    """Result of a check: the number of entries read completely, and the names of those that are wrong or replace a
+    folder.
 
-    Damaged and incomplete ones are in quarantine. What could not be read counts as damaged and stays where it is, like
-    records that wait for it or for a store below.
+    Damaged and incomplete entries are now in quarantine. Unreadable ones count as damaged but stay in place, as do
+    records that refer to them or to a store below.
     """
 
     records: int
@@ -86,13 +88,13 @@ class Checked:
 
 
 def limit_from_environment() -> int:
-    """$PIPELINE_CACHE_SIZE, for example `200G`, or 50 GB."""
+    """Limit of the store [bytes]: $PIPELINE_CACHE_SIZE, for example `200G`, or 50 GB."""
     text = os.environ.get("PIPELINE_CACHE_SIZE")
     return DEFAULT_LIMIT if not text else bytes_of(text)
 
 
 def bytes_of(text: str) -> int:
-    """`1.5G`, `500 MB` or `1000` as bytes; units are powers of ten."""
+    """Bytes of a text such as `1.5G`, `500 MB` or `1000`; units are powers of ten."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([kmgt]?)b?\s*", text.lower())
     if match is None:
         raise UsageError(f"{text!r} is not a size", hint="write for example 500M or 50G")
@@ -116,11 +118,11 @@ def info(store: Store, limit_bytes: int | None = None) -> Contents:
 
 
 def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: float = 0.0) -> Collected:
-    """Drop what was unused longest until the blobs fit into the limit, and all that nothing refers to.
+    """Remove the least recently used results until the blobs fit into the limit, and all blobs without a record.
 
-    Records go before blobs, so a collector that is killed leaves nothing that promises what is gone. The order is
-    that of use (times of the record files, never compared with a clock). Results of the last build of every output
-    folder that still has its manifest stay, also beyond the limit.
+    Records are removed before blobs, so a killed collector leaves no record of a missing blob. The order of use comes
+    from the times of the record files, which are never compared with a clock. Results of the last build of every output
+    folder that still has its manifest are kept, even beyond the limit.
     """
     with locked(store.root / "gc.lock", timeout_s=wait_s, errand=Errand(doing="collects what is not used")) as held:
         if not held and not dry_run:
@@ -144,7 +146,7 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
 
 
 def check(store: Store) -> Checked:
-    """Read every byte. Damaged entries go to quarantine; the next build makes them again."""
+    """Read every byte and move damaged entries to quarantine; the next build makes them again."""
     sizes, damaged, incomplete = 0, list(store.displaced), list[str]()
     unreadable: set[str] = set()
     blobs = list(store.entries("blob"))
@@ -178,12 +180,12 @@ def pinned_keys(store: Store) -> set[str]:
             if _holds_something(store, Path(note["out"])):
                 keys.update(note["keys"].values())
         except (TypeError, KeyError, AttributeError, ValueError):
-            continue  # not a history of ours: nothing to keep for it
+            continue  # not one of our histories
     return keys
 
 
 def _holds_something(store: Store, out: Path) -> bool:
-    """Whether an output folder is finished, or holds a file that was put there while it was not."""
+    """Whether an output folder is finished, or holds a file of a partial delivery."""
     if (out / manifest.NAME).is_file():
         return True
     ours = Seen(out, store).ours
@@ -191,7 +193,7 @@ def _holds_something(store: Store, out: Path) -> bool:
 
 
 def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set[str], set[str]]:
-    """Keys and blobs that stay: pinned ones, then by latest use as long as there is room."""
+    """Keys and blobs to keep: pinned ones, then the most recently used as long as there is room."""
     pinned = pinned_keys(store)
     by_use = sorted(
         store.entries("record"), key=lambda entry: (entry[0] in pinned, entry[1].st_mtime_ns, entry[0]), reverse=True
@@ -201,7 +203,7 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
     room = limit_bytes
     for key, _ in by_use:
         record = store.peek(key)
-        if record is None and is_unreadable(path := store.path("record", key)):  # it may keep any of the blobs
+        if record is None and is_unreadable(path := store.path("record", key)):  # it may refer to any blob
             raise EnvironmentFault(f"cannot read {path}, so nothing was dropped", hint="try again, or remove that file")
         if record is None:
             continue
@@ -217,7 +219,7 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
 
 
 def _stays(store: Store, table: str, name: str) -> bool:
-    """Whether an entry that is not right only cannot be read just now, which is said."""
+    """Whether a wrong entry is merely unreadable at present, which is reported."""
     unreadable = is_unreadable(store.path(table, name))
     if unreadable:
         store.warn(f"cannot be read, and stays where it is: {store.path(table, name)}")

@@ -1,4 +1,4 @@
-"""Wishes of the one who builds, from the command or a notebook to the driver."""
+"""Options of a build, passed from the command or a notebook to the driver."""
 
 import os
 from collections.abc import Callable
@@ -11,48 +11,49 @@ from pipeline.errors import UsageError
 from pipeline.records.declared import number, settle, whole
 
 _MOST = 10_000
-"""Workers, and tries of a task: a slip of the finger, not a wish."""
+"""Most workers, and most tries of a task: a larger number is surely a typing error."""
 _SHORTEST_S = 1e-3
-"""Shortest time limit of a task [s]: no task meets a shorter one, and 0 does not mean that there is none."""
+"""Shortest time limit of a task [s]: no task is faster, and 0 must not be taken for "no limit"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildOptions:
-    """Wishes of the one who builds.
+    """Options of a build.
 
     Attributes
     ----------
     jobs : int or None
-        Worker processes; 1 runs everything in this process; None: one per core. With a timeout there is always a
-        worker, and in a program that loaded NumPy before `pipeline`.
+        Number of worker processes; None: one per core. With 1 tasks run in this process, unless there is a timeout or
+        NumPy was loaded before `pipeline`: then there is one worker.
     keep_going : bool
-        After a failure go on with tasks that do not need the failed one.
+        Continue after a failure with tasks that do not need the failed one.
     force, until : tuple of str
-        Tasks (names, patterns, or paths of files in the output folder) that run in any case; the last ones to run.
-        As long as only a part of the dataset is made, the output folder is left alone.
+        Tasks (names, patterns, or paths of files in the output folder) that run in any case, and that are the last to
+        run. If only a part of the dataset is computed, the output folder is not touched.
     targets : tuple of str
-        The same, or files that no task makes: what they need runs, and their files alone go to the output folder.
+        The same kinds of names, or files that no task makes: only what they need runs, and only their files are
+        delivered.
     retries : int
-        How often a task that failed is tried again. A task whose worker died is tried some times in any case.
+        Number of times that a failed task is tried again. A task whose worker died is always tried a few times.
     timeout_s : float or None
-        A task that takes longer has failed [s].
+        Time limit of a task [s]; a task that takes longer fails.
     check_percent : float
-        Share of the tasks that run once more afterwards, to see whether they give the same bytes [%].
+        Share of the tasks that run a second time to compare their bytes [%].
     engine : str or None
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     device : str or None
-        `cuda`: trace position images on a CUDA device; their keys name it. See `graph.devices`.
+        `cuda`: trace position images on a CUDA device, whose name enters their keys. See `graph.devices`.
     allow_roots : tuple of str or Path
         Further folders that the stage may reference.
     untrusted : bool
-        Read the stage in a confined process, and bound memory and time of each task by `limits`.
+        Read the stage in a confined process, and limit memory and time of each task by `limits`.
     preview : bool
-        Make pictures of a quarter of the size with few samples, and nothing else, into `OUT.preview`.
+        Make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
 
     Raises
     ------
     UsageError
-        A value is not of its kind, or out of its range.
+        A value has the wrong type or is out of range.
     """
 
     jobs: int | None = None
@@ -78,28 +79,30 @@ class BuildOptions:
 
     @property
     def workers(self) -> int:
-        """As many as asked for, or one per core that this process may use; a container often may not use all."""
+        """Number of workers: as asked for, or one per core that this process may use; a container often may not use
+        all.
+        """
         if self.jobs is not None:
             return self.jobs
-        # Not every system can tell.
+        # Not every system tells which cores a process may use.
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 USUAL = BuildOptions()
 ALONE = BuildOptions(jobs=1)
-"""Everything in this process."""
+"""Run everything in this process."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Caller:
-    """Whoever has tasks run: who hears of events, what is prepared, and whose signals end the run.
+    """The caller's part of a run: its listener of events, its preparation, its signals.
 
     Attributes
     ----------
     prepare : callable or None
-        Called once in this process before the first task runs, and not at all if none has to. Signals stop it at once.
+        Called once in this process before the first task runs; not called if no task runs. Signals stop it at once.
     interrupts : Interrupts or None
-        Open ones of a caller who does more that signals may end.
+        Open interrupts of a caller that does further work which signals may end.
     """
 
     on_event: Emit = silent
@@ -109,12 +112,12 @@ class Caller:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """Facts about tasks before they run.
+    """Known facts about tasks before they run.
 
     Attributes
     ----------
     peaks : dict
-        Memory that tasks of each kind took earlier [bytes]: no more of them start together than fit.
+        Peak memory of earlier tasks of each kind [bytes]; only as many tasks run together as fit.
     places : dict
         `Project.places`.
     """

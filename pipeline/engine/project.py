@@ -1,4 +1,4 @@
-"""Projects: a graph, and what of its results goes where. Plain data, so one may come from another process."""
+"""Projects: a graph and the destination of its results. They are plain data, so one may come from another process."""
 
 import base64
 from dataclasses import dataclass, field
@@ -16,28 +16,29 @@ from pipeline.errors import UsageError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Project:
-    """A graph, and what of its results goes where.
+    """A graph and the destination of its results.
 
     Attributes
     ----------
     files : dict
         Posix path below `out` -> bytes, or (task name, output name).
     head : dict
-        What the manifest says beside format, tasks and files; `head["stage"]` names the stage without a path of
-        this machine.
+        Further facts for the manifest, beside format, tasks and files; `head["stage"]` names the stage without a path
+        of this machine.
     findings : dict
-        What the head says besides, once the tasks are done: key -> name -> (task, output), the output a JSON file.
+        Facts that are added to the head when the tasks are done: key -> name -> (task, output); the output is a JSON
+        file.
     out : Path
         Output folder.
     stage_id : str
-        What `plan` compares with: the last build of the same stage into the same folder.
+        Identity of the stage. `plan` compares with the last build of the same stage into the same folder.
     reads : tuple of Path
-        Files that the project was read from: `watch` looks at them.
+        Files from which the project was read; `watch` looks at them.
     places : dict
-        Second part of task names, as the camera in `truth/Left/0001` -> where in the stage that stands, for messages.
+        Second part of task names, such as the camera in `truth/Left/0001` -> its place in the stage, for messages.
     source : plain data or None
-        What the project was made of: the store keeps it, so that a later plan can name the edits, see `app.why`.
-        None, also after a process border: nothing is kept.
+        The composed stage of the project. The store keeps it, so that a later plan can name the edits, see `app.why`.
+        None (always if the project came from another process): nothing is kept.
     """
 
     graph: TaskGraph
@@ -51,7 +52,7 @@ class Project:
     source: Any = None
 
     def to_plain(self) -> dict[str, Any]:
-        """As JSON values."""
+        """The project as JSON values."""
         files = {
             path: {"base64": base64.b64encode(source).decode()} if isinstance(source, bytes) else list(source)
             for path, source in self.files.items()
@@ -94,17 +95,17 @@ def project_from_plain(plain: dict[str, Any], packages: tuple[str, ...] = TASKS)
 
 
 def files_of(project: Project, target: str) -> list[str]:
-    """Files of the output folder that a target means; of tasks all that they make, which may be none."""
+    """Files of the output folder that match a target; for tasks all files that they make, possibly none."""
     return _meant(project, target)[0]
 
 
 def tasks_of(project: Project, target: str) -> list[str]:
-    """Tasks that a target means.
+    """Tasks that match a target.
 
     Raises
     ------
     UsageError
-        None: it means nothing, or files that are written from the stage itself.
+        No task matches: the target is unknown, or means files that are written from the stage itself.
     """
     files, tasks = _meant(project, target)
     if not tasks:
@@ -113,7 +114,7 @@ def tasks_of(project: Project, target: str) -> list[str]:
 
 
 def selection(project: Project, options: BuildOptions) -> tuple[TaskGraph, set[str]]:
-    """The part of the graph up to some tasks (all of it, if nothing is named), and the tasks that are forced."""
+    """The part of the graph up to the named tasks (all of it if none is named), and the forced tasks."""
     forced = {name for target in options.force for name in tasks_of(project, target)}
     last = {name for target in options.until for name in tasks_of(project, target)}
     wanted = [_meant(project, target)[1] for target in options.targets]
@@ -122,7 +123,7 @@ def selection(project: Project, options: BuildOptions) -> tuple[TaskGraph, set[s
 
 
 def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
-    """Files and tasks that a target means.
+    """Files and tasks that match a target.
 
     A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
     of files. Zeros before a frame number may be left out.
@@ -130,7 +131,7 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
     Raises
     ------
     UsageError
-        It means nothing.
+        Nothing matches.
     """
     path = _below_out(project, target)
     files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]
@@ -149,7 +150,7 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
 
 
 def _below_out(project: Project, target: str) -> str:
-    """A path relative to the output folder, if it is one below it; else as it is."""
+    """The target relative to the output folder if it is a path below it, else unchanged."""
     path = Path(target)
     out = project.out.absolute() if path.is_absolute() else project.out
     return (path.relative_to(out) if path.is_relative_to(out) else path).as_posix()

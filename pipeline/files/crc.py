@@ -1,4 +1,4 @@
-"""The CRC-32 of two pieces one after the other, from those of both.
+"""CRC-32 of two concatenated pieces, computed from those of both.
 
 A CRC is the remainder of a polynomial over GF(2). Bytes behind a piece multiply its polynomial by a power of x; numbers
 here have the coefficient of x^31 in their lowest bit, as zlib counts.
@@ -14,7 +14,7 @@ def joined(first: int, second: int, second_bytes: int) -> int:
     Parameters
     ----------
     first, second : int
-        As of `zlib.crc32` of each alone.
+        `zlib.crc32` of each piece alone.
     second_bytes : int
         Length of the second piece.
     """

@@ -1,15 +1,15 @@
-"""The error of every reader in this room, and what all of them refuse."""
+"""The error of all readers in this room, and a limit that all of them apply."""
 
 from pathlib import Path
 
 from pipeline.errors import PipelineError
 
 MAX_COMPRESSION_RATIO = 1032
-"""The best that deflate can do, by its own documentation: a header that promises more lies."""
+"""The best compression ratio of deflate according to its documentation: a header that promises more is wrong."""
 
 
 class DamagedFile(PipelineError):
-    """A file that is not what its reader expects: truncated, altered, or written by something else.
+    """A file does not have the expected content: truncated, altered, or written by another program.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ class DamagedFile(PipelineError):
     reason : str
         What is wrong with it.
     line : int, optional
-        Where, for text files, counted from 1.
+        Line of a text file, counted from 1.
     """
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Drawings that a person asks for by name, SVG and PDF: whatever else has that name stays."""
+"""Drawings that a user asks for by name, as SVG or PDF; other files with that name are not overwritten."""
 
 import os
 from pathlib import Path
@@ -6,18 +6,19 @@ from pathlib import Path
 from pipeline.errors import UsageError
 
 SAYS = "drawn by pipeline"
-"""In a comment of every drawing: by this it is known to be replaceable."""
+"""Text in a comment of every drawing, by which it is recognised as replaceable."""
 
 
 def write_drawing(path: Path, drawing: str | bytes) -> None:
-    """Write a drawing, SVG as text without the comment or PDF as bytes with it; one of ours may be replaced.
+    """Write a drawing, SVG (text without the comment) or PDF (bytes with it); an earlier drawing of ours is
+    replaced.
 
     Raises
     ------
     UsageError
-        A file that is no drawing of ours, or a link, has the name.
+        The name belongs to a link or to a file that is not one of our drawings.
     OSError
-        Nothing can be written there: a folder, no folder around it.
+        The path cannot be written: it is a folder, or its folder does not exist.
     """
     is_ours = path.is_file() and SAYS.encode() in path.read_bytes()
     if os.path.lexists(path) and not path.is_dir() and not is_ours:

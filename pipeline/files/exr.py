@@ -1,10 +1,10 @@
 """OpenEXR files with several named parts of float32 channels.
 
-The Python binding has habits that cost data silently, and this module exists to stand between them and us:
+The Python binding can lose data silently; this module prevents that:
 
 - It ignores strides: a transposed or flipped array would be written wrong. Every channel is copied to C order.
 - Float attributes shrink to float32 and integers beyond 32 bits become 0. Numbers in headers are `repr` strings.
-- It tells of a full disk in words only.
+- It reports a full disk only in the text of a message.
 - It only warns when pixels cannot be decoded, and drops the parts that a truncated file lacks. Every part therefore
   carries the CRC-32 of its content and the number of parts, and a reader refuses what does not match.
 """
@@ -23,15 +23,16 @@ import OpenEXR
 from pipeline.files.damaged import MAX_COMPRESSION_RATIO, DamagedFile
 
 TILE_PX = 128
-"""Edge of a tile [px], 64 KiB of a channel: large enough to pack well, small beside the part of an image that a viewer
-shows."""
+"""Edge of a tile [px], 64 KiB per channel: large enough to compress well, small beside the part of an image that a
+viewer shows.
+"""
 
 # Lossless, and every reader of multi-part files knows it. Zstandard packs tighter and a third faster, but only the
 # newest readers know that.
 _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 
 _IN_CALLING_THREAD = 0
-"""Threads that encode besides the calling one: more are not faster at our sizes, and workers share the machine."""
+"""Number of further threads that encode: more are not faster at our sizes, and workers share the machine."""
 
 CRC, PART_COUNT = "content_crc32", "part_count"
 
@@ -113,7 +114,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
         If it is truncated, altered, or not from `write_exr`.
     """
     path = Path(path)
-    with path.open("rb"):  # a missing or unreadable file is the system's error, not a damaged one
+    with path.open("rb"):  # a missing or unreadable file is an error of the system, not damage
         pass
     try:
         _require_plausible_size(path, OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD))
@@ -128,7 +129,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
 
 
 def _system_error(error: RuntimeError, path: Path) -> Exception:
-    """The system's error that OpenEXR names in words only: a full disk must be known as one."""
+    """The error of the system that OpenEXR names only in its message, so that a full disk is recognised."""
     for number in errno.errorcode:
         if os.strerror(number) in str(error):
             return OSError(number, os.strerror(number), str(path))
@@ -136,7 +137,7 @@ def _system_error(error: RuntimeError, path: Path) -> Exception:
 
 
 def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:
-    """Refuse a damaged size before OpenEXR allocates it: one bit can ask for minutes and all memory."""
+    """Refuse an implausible size before OpenEXR allocates memory: one wrong bit can ask for minutes and all memory."""
     size = 0
     for part in headers.parts:
         tile = part.header.get("tiles")

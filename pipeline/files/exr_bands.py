@@ -29,12 +29,12 @@ _BAND_PX = 1 << 20
 wider than 8,192 pixels is one row of tiles."""
 
 _PROBED_BYTES = 1 << 16
-"""A disk that took no more just now has no room for these."""
+"""Size of a test write [bytes] that shows whether the disk is full."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandedPart:
-    """A part of a file whose pixels are made when they are written.
+    """A part of a file whose pixels are computed while they are written.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class BandedPart:
         Height and width [px].
     channels : tuple of str
     rows : callable
-        Called for one band after the other, from the top.
+        Called for each band in turn, from the top.
     attributes : dict
         As in `exr.Part`.
     """
@@ -82,7 +82,7 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
 
 
 def _require_room(path: Path) -> None:
-    """Raise what the system says to a file that grows: OpenEXR drops it where it comes only when a file is closed."""
+    """Raise the error of the system if the file cannot grow: OpenEXR drops such an error when a file is closed."""
     with path.open("ab") as stream:
         stream.write(bytes(_PROBED_BYTES))
 
@@ -116,7 +116,7 @@ def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
 
 
 def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, part: int | None) -> None:
-    """Copy the tiles of a band to a file, `above` rows of tiles being before them; note where they lie."""
+    """Append the tiles of a band, below `above` rows of tiles, to a file, and note their positions."""
     with band_file.open("rb") as band:
         (header,) = exr_layout.read_headers(band)
         offsets = np.frombuffer(band.read(8 * header.grid[0] * header.grid[1]), "<u8")

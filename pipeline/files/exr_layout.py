@@ -1,4 +1,4 @@
-"""The container of an OpenEXR file of tiles: headers, tables of offsets, chunks.
+"""The container of a tiled OpenEXR file: headers, tables of offsets, chunks.
 
 As in https://openexr.com/en/latest/OpenEXRFileLayout.html. Values of headers and the content of chunks, as the binding
 wrote them, pass through as bytes. All numbers are little-endian.
@@ -11,13 +11,13 @@ from typing import BinaryIO
 
 _MAGIC, _MULTIPART = b"v/1\x01", 0x1000
 _CHANNEL = 16
-"""Bytes that follow the name of a channel: type of its pixels, flags, sampling."""
+"""Bytes that follow the name of a channel: pixel type, flags, sampling."""
 _LONGEST = 1 << 20
-"""Bytes that a header may have: ours have a few hundred."""
+"""Longest header [bytes]: ours have a few hundred."""
 
 
 class UnknownLayout(ValueError):
-    """Bytes that are no file of this layout."""
+    """The bytes are not a file with this layout."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Header:
         return -(-height // self.tile_px), -(-width // self.tile_px)
 
     def having(self, **values: bytes) -> "Header":
-        """The same with other values of attributes that it has."""
+        """The same header with other values for some of its attributes."""
         return Header(
             {name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()},
         )
@@ -77,12 +77,12 @@ class Header:
 
 
 def box(shape: tuple[int, int]) -> bytes:
-    """A window of rows and columns from (0, 0)."""
+    """A window from (0, 0) with a number of rows and columns, as bytes."""
     return struct.pack("<4i", 0, 0, shape[1] - 1, shape[0] - 1)
 
 
 def bytes_of(headers: list[Header]) -> bytes:
-    """All that stands before the tables of offsets."""
+    """Bytes of everything before the tables of offsets."""
     result = [_MAGIC, struct.pack("<I", 2 | (_MULTIPART if len(headers) > 1 else 0x200))]
     for header in headers:
         for name, (kind, value) in header.attributes.items():
@@ -92,7 +92,7 @@ def bytes_of(headers: list[Header]) -> bytes:
 
 
 def read_headers(stream: BinaryIO) -> list[Header]:
-    """Headers of a file; the stream is then at the tables of offsets.
+    """Headers of a file; afterwards the stream is at the tables of offsets.
 
     Raises
     ------
@@ -135,25 +135,25 @@ def _exactly(stream: BinaryIO, size: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """A tile as it lies in a file: its column and row among tiles, and its compressed pixels."""
+    """A tile as stored in a file: its column and row among tiles, and its compressed pixels."""
 
     column: int
     row: int
     data: bytes
 
     def to_bytes(self, part: int | None) -> bytes:
-        """As a file of several parts, or of one (None), holds it."""
+        """Bytes of the chunk in a file of several parts, or of one (None)."""
         head = struct.pack("<5i", self.column, self.row, 0, 0, len(self.data))
         return (b"" if part is None else struct.pack("<i", part)) + head + self.data
 
 
 def read_chunk(stream: BinaryIO, offset: int, part: int | None) -> Chunk:
-    """The chunk at a place of a file.
+    """The chunk at an offset of a file.
 
     Raises
     ------
     UnknownLayout
-        Another one is there.
+        The offset holds another chunk.
     """
     stream.seek(offset)
     found = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]

@@ -1,4 +1,4 @@
-"""JSON files that people read: two spaces, keys in the order of the author."""
+"""JSON files for people: indented by two spaces, keys in the order of the author."""
 
 import json
 import math
@@ -27,7 +27,7 @@ def write_json(path: str | Path, obj: Any) -> None:
 
 
 def json_bytes(obj: Any) -> bytes:
-    """Text that `write_json` writes."""
+    """The text that `write_json` writes, as bytes."""
     return (_text(obj, "\n", ("$",)) + "\n").encode()
 
 
@@ -41,7 +41,8 @@ def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
         return _WORDS.encode(value)
     row = isinstance(value, list | tuple) and all(type(item) is float for item in value)
     if row and all(map(math.isfinite, value)):
-        return f"[{', '.join(map(repr, value))}]"  # rows of matrices, thousands of them: ten times as fast as below
+        # Rows of matrices, thousands of them: ten times as fast as the loop below
+        return f"[{', '.join(map(repr, value))}]"
     deeper = newline + "  "
     if isinstance(value, dict) and all(isinstance(name, str) for name in value):
         items = [f"{_WORDS.encode(name)}: {_text(item, deeper, (*where, '.', name))}" for name, item in value.items()]
@@ -61,7 +62,7 @@ def _float(value: float, where: tuple[str, ...]) -> str:
 
 
 def read_json(path: str | Path) -> Any:
-    """Read a JSON file. Infinities stay the strings that `write_json` made of them.
+    """Read a JSON file. Infinities remain the strings that `write_json` made of them.
 
     Raises
     ------

@@ -12,13 +12,13 @@ from numpy.lib import format as npy
 from pipeline.files.damaged import DamagedFile
 
 _HEADER_BYTES = 4096
-"""Longest header of a file [bytes]: that of a plain array has 128, and what a header says is parsed as Python."""
+"""Longest header of a file [bytes]: that of a plain array has 128; it is parsed as Python."""
 
 
 def write_npy(path: str | Path, array: np.ndarray) -> None:
     """Write an array of numbers to a file of any name.
 
-    NumPy's own `save` hands the file to C, and of a full disk says only how much was written.
+    NumPy's own `save` writes in C, and reports a full disk only by the number of bytes written.
     """
     rows_first = np.ascontiguousarray(array)
     with Path(path).open("wb") as stream:
@@ -27,7 +27,7 @@ def write_npy(path: str | Path, array: np.ndarray) -> None:
 
 
 def read_npy(path: str | Path) -> np.ndarray:
-    """Read an array of numbers. What the header promises is compared with the file's size before anything is allocated.
+    """Read an array of numbers. The size in the header is compared with that of the file before memory is allocated.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def read_npy(path: str | Path) -> np.ndarray:
 
 
 class StackedRows:
-    """Files that `write_npy` wrote, of arrays that are alike but for their number of rows: one below the other.
+    """Arrays in several files written by `write_npy`, alike but for their number of rows, read as one.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from PIL import Image, UnidentifiedImageError
 from pipeline.files.damaged import MAX_COMPRESSION_RATIO, DamagedFile
 
 _COMPRESS_LEVEL = 6
-"""Named, because the default of the library may move and with it the bytes."""
+"""Compression level, stated explicitly because the default of the library may change and with it the bytes."""
 
 
 def write_png(path: str | Path, image: np.ndarray) -> None:
@@ -31,7 +31,7 @@ def write_png(path: str | Path, image: np.ndarray) -> None:
 
 
 def read_png(path: str | Path) -> np.ndarray:
-    """Read what `write_png` wrote.
+    """Read an image written by `write_png`.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def read_png(path: str | Path) -> np.ndarray:
 
 
 def _require_plausible_size(path: str | Path, data: bytes) -> None:
-    """Refuse a header that asks for more pixels than so few bytes can hold, before they are allocated."""
+    """Refuse a header that asks for more pixels than its bytes can hold, before memory is allocated."""
     if len(data) >= 24 and data[12:16] == b"IHDR":
         width_px, height_px = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
         if width_px * height_px > 8 * MAX_COMPRESSION_RATIO * len(data):  # a pixel has a bit or more

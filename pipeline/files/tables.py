@@ -1,4 +1,4 @@
-"""Tables as text: '#' comment lines, one header row, rows. CSV as any spreadsheet and NumPy read it.
+"""Text tables: '#' comment lines, one header row, rows; CSV that any spreadsheet and NumPy can read.
 
 An empty cell means "unknown", never 0.
 """
@@ -76,7 +76,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def table_of(path: str | Path, data: bytes) -> Table:
-    """The table in the bytes of a file.
+    """The table contained in the bytes of a file.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""From a dataset to its graph of tasks, and to the list of files that a build delivers.
+"""From a dataset to its graph of tasks and to the list of files that a build delivers.
 
-Params hold exactly what a task reads, in the camera's own frame, so that moving a rig touches no ray. Names stand only
-in the params of the tasks that write them.
+Params hold exactly what a task reads, in the camera's own frame, so that moving a rig does not affect any ray. Names
+appear only in the params of tasks that write them.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ from pipeline.truth.settings import TruthSettings
 
 
 def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, tuple[str, str]]]:
-    """All tasks of a dataset, what of their outputs lies where in the output folder, and each camera's certificate."""
+    """All tasks of a dataset, the sources of the files in the output folder, and the certificate of each camera."""
     graph, files, certificates = TaskGraph(), dict[str, Source](), dict[str, tuple[str, str]]()
     painted, bare = (Things(dataset, painted=painted) for painted in (True, False))
     for entry in dataset.targets:
@@ -53,7 +53,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
 
 
 def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:
-    """The task that says how the cameras stand to each other; gives its name."""
+    """Add the task that states the relative poses of the cameras; returns its name."""
     names = [camera.name for camera in dataset.cameras]
     frames = [
         RigFrame(number=frame.number, camera_from_world=tuple(_matrix(frame.camera_from_world[name]) for name in names))
@@ -130,7 +130,7 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
 
 
 def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:
-    """The tasks of the white image and of the tables of micro-images, if any, of a camera with its stop as set."""
+    """Add the tasks of a camera's white image and, if any, of its tables of micro-images, for the stop as set."""
     exposure, bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
     parts = [WhiteTile(exposure=exposure, rows=rows) for rows in bands]
     tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
@@ -148,7 +148,7 @@ def _white_files(tasks: tuple[str, str | None], white_at: str, tables_at: str) -
 
 
 def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> str:
-    """The task of the tables of micro-images, with its tiles; gives its name."""
+    """Add the task of the tables of micro-images, with its tiles; returns its name."""
     assert entry.asked.microlenses is not None
     count = microlens_tiles(entry.asked.sensor, entry.asked.microlenses)
     parts = [MicroImagesTile(tile=number, tiles=count) for number in range(count)]
@@ -157,7 +157,7 @@ def _add_micro_images(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str
 
 
 def _focus(asked: Camera | FocusRequest) -> Focus:
-    """Params of `focus`, without what the task `planes` reads: that has the values that it has of its own accord."""
+    """Params of `focus`, with default values for everything that only the task `planes` reads."""
     rest = dataclasses.replace(_nameless(asked), near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
     if isinstance(rest, Camera):
         return Focus(camera=rest, request=None)
@@ -165,7 +165,7 @@ def _focus(asked: Camera | FocusRequest) -> Focus:
 
 
 def _nameless(camera: Camera | FocusRequest) -> Camera | FocusRequest:
-    """The same camera with the groups of its lens numbered: what they are called bends no ray."""
+    """The same camera with numbers for the names of its lens groups: names do not affect rays."""
     groups = camera.prescription.groups
     numbered = tuple(dataclasses.replace(group, name=str(number)) for number, group in enumerate(groups))
     nameless = dataclasses.replace(camera, prescription=dataclasses.replace(camera.prescription, groups=numbered))
@@ -196,7 +196,7 @@ def labels_of(entry: CameraEntry) -> CameraLabels:
 
 
 def _add_rays(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str]) -> str:
-    """The tile tasks of a camera and the task that joins them; returns its name."""
+    """Add the tile tasks of a camera's rays and the task that joins them; returns its name."""
     bands = bundle_bands(entry.asked.sensor, entry.sampling)
     tiles = {
         f"tile{number}": add(

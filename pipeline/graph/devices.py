@@ -1,4 +1,4 @@
-"""Tasks that run on a device where one is chosen, and what that does to their keys."""
+"""Tasks that run on a chosen device, and the effect on their keys."""
 
 import dataclasses
 
@@ -9,18 +9,19 @@ from pipeline.errors import UsageError
 
 DEVICES = ("cuda",)
 KINDS = ("rays_tile",)
-"""Kinds of tasks that can: the bundles of position images."""
+"""Kinds of tasks that can run on a device: the bundles of position images."""
 
 
 def on_device(project: Project, options: BuildOptions) -> Project:
-    """The same project with the chosen device for tasks that can run there; its name is a param of them, so in keys.
+    """The same project with the chosen device for tasks that can run there; its name is one of their params, so it
+    enters their keys.
 
     Raises
     ------
     UsageError
-        There is no device of that name, nothing could run there, or tasks run where their device cannot be known.
+        No device has that name, no task can run there, or other options exclude a device.
     EnvironmentFault
-        It cannot be used here.
+        The device cannot be used on this machine.
     """
     if options.device not in DEVICES:
         raise UsageError(f'there is no device "{options.device}"', hint=f"--device takes {', '.join(DEVICES)}")

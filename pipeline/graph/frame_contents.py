@@ -1,6 +1,7 @@
-"""The targets and occluders of a frame as params of tasks, in the camera's own frame.
+"""Targets and occluders of a frame as params of tasks, in the camera's own frame.
 
-`image` gets them painted; what computes positions gets them bare, so that a colour moves no correspondence.
+The task `image` gets them with their colours; tasks that compute positions get them without, so that a colour
+affects no correspondence.
 """
 
 import dataclasses
@@ -20,7 +21,7 @@ class Things:
     Parameters
     ----------
     painted : bool
-        With the radiance of everything; else all that is light is 1 and all that is dark is 0.
+        Whether radiances are those of the stage; else white is 1 and black is 0.
     """
 
     def __init__(self, dataset: Dataset, *, painted: bool) -> None:
@@ -40,7 +41,7 @@ class Things:
         )
 
     def occluders(self, frame: Frame, camera: str) -> tuple[PlacedOccluder, ...]:
-        """The occluders that are there in the frame."""
+        """The visible occluders of a frame."""
         return tuple(
             PlacedOccluder(occluder=occluder, vision_from_occluder=matrix(vision_from_occluder(frame, camera, path)))
             for path, occluder in self._occluders.items()

@@ -30,7 +30,7 @@ KIND = "pipeline.tasks."
 def add(
     graph: TaskGraph, name: str, params: Any, reads: dict[str, str] | None = None, together: str | None = None
 ) -> str:
-    """Add a task whose kind is the beginning of its name, and give its name back."""
+    """Add a task whose name begins with its kind, and return its name."""
     return graph.add(name, f"{KIND}{name.partition('/')[0]}", to_plain(params), reads, together)
 
 
@@ -65,10 +65,10 @@ def light_of(entry: CameraEntry) -> Light:
 def add_tiles(
     graph: TaskGraph, name: str, params: Sequence[Any], reads: dict[str, str], together: str | None = None
 ) -> dict[str, str]:
-    """Tasks of tiles, one for each of the params; role and name of each. One tile alone is no task.
+    """Add tile tasks, one for each of the params; role and name of each. A single tile needs no task.
 
-    Tiles of one number share work with those of other calls that say the same `together`. A name in `reads` that ends
-    with a slash stands for tiles: each reads the one of its own number.
+    Tiles with the same number share work with those of other calls with the same `together`. A name in `reads` that
+    ends with a slash stands for tiles: each tile reads the one with its own number.
     """
     return {
         f"tile{number}": add(
@@ -83,7 +83,7 @@ def add_tiles(
 
 
 def frame_of(task: Task, field: str | None) -> int | None:
-    """Number of the frame that a task, or a field of its parameters, belongs to; None if to all."""
+    """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     of_frames = task.short_kind.removesuffix("_tile") in ("image", "truth", "positions", "colour_image")
     if of_frames and len(parts := task.name.split("/")) > 2:  # white images belong to no frame
         return int(parts[2])
@@ -92,12 +92,12 @@ def frame_of(task: Task, field: str | None) -> int | None:
 
 
 class FrameTasks:
-    """Adds the tasks of one camera to a graph, frame by frame; what all frames have in common is made once.
+    """Maker of the tasks of one camera, frame by frame; tasks common to all frames are made once.
 
     Parameters
     ----------
     files : dict
-        Gets what of the outputs lies where in the output folder.
+        Receives the source of each file in the output folder.
     painted, bare : Things
         All targets and occluders of the dataset, with and without colours.
     """
@@ -131,7 +131,7 @@ class FrameTasks:
         self.files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
 
     def add_certificate(self) -> str:
-        """Add the task that judges all frames added so far; gives its name."""
+        """Add the task that judges all frames added so far; returns its name."""
         params = Certificate(
             frames=tuple(self._judged),
             claim_px=self.settings.claim_px,
@@ -147,7 +147,7 @@ class FrameTasks:
         camera, exposure = self.entry.full_name, exposure_of(self.entry)
         bands = image_bands(self.entry.asked.sensor, self.entry.image_samples)
         parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
-        # What leaves the camera is the same in every frame: frames share it.
+        # The rays that leave the camera are the same in every frame: frames share them.
         together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
         tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white}, together)
         params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
@@ -164,7 +164,7 @@ class FrameTasks:
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
         targets = self.bare.targets(poses)
         self._judged.append(JudgedFrame(number=frame.number, targets=targets))
-        # The saddle of a corner that is not sharp is the only position that a colour moves.
+        # Only the saddle of a blurred corner depends on colours.
         if "saddle" in self.settings.column_sets:
             targets = self.painted.targets(poses)
         view = View(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
@@ -182,7 +182,7 @@ class FrameTasks:
         parts = [
             TruthTile(table=table, view=view, square_px=square_px, points=points)
             for points in self._points
-            if not self.settings.searches  # searches in position images are one task
+            if not self.settings.searches  # a search in position images is a single task
         ]
         tiles = add_tiles(self.graph, f"truth_tile/{name}", parts, reads)
         params = Truth(table=table, tiles=len(tiles), view=None if tiles else view, square_px=square_px)
@@ -216,14 +216,14 @@ def _labels_of(entry: CameraEntry, settings: TruthSettings) -> TableLabels:
 
 
 def _what_counts(settings: TruthSettings) -> TruthSettings:
-    """The settings without those of a search where there is none: they change no row."""
+    """The settings without those of a search if there is no search: they would not change a row."""
     if settings.searches:
         return settings
     return dataclasses.replace(settings, **{name: getattr(TruthSettings(), name) for name in OF_SEARCH})
 
 
 def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[PlaneAsked]:
-    """Every tangent plane of a target; those that face away are named alike."""
+    """Every tangent plane of a target, including those that face away."""
     points = entry.target.points()
     return [
         PlaneAsked(

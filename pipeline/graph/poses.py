@@ -1,4 +1,4 @@
-"""Poses of everything in the frame of a camera, and one JSON per target."""
+"""Poses of everything in the frame of a camera, and the JSON file of each target."""
 
 import math
 from typing import Any

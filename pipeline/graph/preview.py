@@ -1,4 +1,4 @@
-"""Previews: a quarter of the size, few samples, images alone. A preview has tasks and an output folder of its own."""
+"""Previews: images only, a quarter of the size and with few samples. A preview has its own tasks and output folder."""
 
 import dataclasses
 import math
@@ -9,9 +9,9 @@ from pipeline.engine.project import Project
 from pipeline.scene.dataset import CameraEntry, Dataset
 
 SHRINK = 4
-"""Pixels along each axis that are one in a preview: a sixteenth of the rays, and details are still told apart."""
+"""Pixels along each axis that become one in a preview: a sixteenth of the rays, and details remain recognisable."""
 SAMPLES = 16
-"""Most rays per pixel and microlens: about an 8-bit step of noise on a pixel that an edge cuts."""
+"""Most rays per pixel and microlens: noise of about one 8-bit step on a pixel that an edge crosses."""
 
 
 def preview_of(dataset: Dataset) -> Dataset:
@@ -25,7 +25,7 @@ def _small(entry: CameraEntry) -> CameraEntry:
 
 
 def _coarse(sensor: Sensor) -> Sensor:
-    """The sensor with pixels as wide as four; about its centre, so that it may be up to three pixels larger."""
+    """The sensor with pixels four times as wide, about its centre; it may be up to three old pixels larger."""
     return dataclasses.replace(
         sensor,
         width_px=math.ceil(sensor.width_px / SHRINK),

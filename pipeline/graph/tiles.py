@@ -1,4 +1,4 @@
-"""Tiles: how many tasks share the work of a camera, a function of the dataset alone.
+"""Tiles: the number of tasks that share the work of a camera. It depends on the dataset only.
 
 Neither machine nor workers count, so that keys and bytes are the same everywhere. A tile takes about a second, because
 every task first makes its camera ready: 0.1 s, and a second behind 20,000 microlenses. For such cameras tiles grow: no
@@ -15,21 +15,25 @@ Bands = list[tuple[int, int]]
 """First and end of every tile."""
 
 _BUNDLE_RAYS, _MOST_OF_BUNDLES = 20_000_000, 512
-"""Rays of a tile of bundles, 50 ns each."""
+"""Rays in a tile of bundles, 50 ns each, and the most tiles."""
 _POSITIONS = 1 << 21
-"""Fine positions of a tile, 120 bytes each: where few rays are traced of each, memory is what counts."""
+"""Fine positions in a tile, 120 bytes each: with few rays per position memory is the limit."""
 _IMAGE_RAYS, _MOST_OF_IMAGES = 5_000_000, 128
-"""Samples of pixels of a tile, 100 ns each: behind microlenses a pixel takes 1.4 times as many."""
+"""Samples of pixels in a tile of an image, 100 ns each, and the most tiles: behind microlenses a pixel takes 1.4
+times as many.
+"""
 _MICROLENSES = 1024
-"""Microlenses of a tile, a millisecond each."""
+"""Microlenses in a tile, a millisecond each."""
 _ROWS = 480
-"""Rows of ground truth of a tile, a millisecond each: fewer of them share what each step of their search costs."""
+"""Rows of ground truth in a tile, a millisecond each: with fewer, the fixed cost of each search step is shared by
+too few.
+"""
 _MICRO_IMAGES_OF_A_POINT = 24
-"""About as many see a point behind the array that the rigs of the library have."""
+"""Approximate number of micro-images that see a point with the arrays of the library's rigs."""
 
 
 def bands(count: int, tiles: float) -> Bands:
-    """So many things in about so many tiles of one size, the last one perhaps smaller."""
+    """A number of things divided into about `tiles` tiles of equal size, the last one perhaps smaller."""
     size = math.ceil(count / max(1, min(count, math.ceil(tiles))))
     return [(first, min(first + size, count)) for first in range(0, count, size)]
 
@@ -48,7 +52,7 @@ def image_bands(sensor: Sensor, samples: int) -> Bands:
 
 
 def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
-    """In how many tiles the microlenses are that light the image."""
+    """Number of tiles for the microlenses that light the image."""
     width, height = (min(sides) for sides in zip(sensor.size_mm, extent_mm(array), strict=True))
     along, across = array.pitches_mm
     return max(1, math.ceil(width * height / (along * across) / _MICROLENSES))

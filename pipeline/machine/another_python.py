@@ -1,4 +1,4 @@
-"""Another Python process of ours: it finds the modules that this one finds, and none in the working directory."""
+"""Command of another Python process that finds the same modules as this one, and none in the working directory."""
 
 import json
 import sys

@@ -1,8 +1,8 @@
-"""Facts about this machine that decide bits: which results its libraries give for awkward numbers.
+"""Facts about this machine on which the bits of results depend: the results of its libraries for difficult numbers.
 
-A version says what was built. Which of its codes libm, NumPy or OpenBLAS has chosen for this processor, and what the
-environment had to say about that, shows in the last bits of results, so these are measured. Names go with them, because
-a sample may miss what is rare, and for the reader.
+A version only tells what was built. Which code libm, NumPy or OpenBLAS chose for this processor, also because of
+environment variables, shows in the last bits of results; so results are measured. Names are added for the reader,
+and because a sample may miss rare differences.
 """
 
 import functools
@@ -36,17 +36,17 @@ FUNCTIONS = {
     "tanh": (-3.0, 3.0),
     "sqrt": (0.0, 100.0),
 }
-"""Functions of one number by their names in C, each with an interval on which it is defined."""
+"""Functions of one number by their names in C, each with an interval in which it is defined."""
 
 ARGUMENTS = 999
-"""Arguments for each function. glibc with FMA and without differs for about one in a thousand; a multiple of 9."""
+"""Arguments for each function: glibc with FMA and without differs for about one in a thousand; a multiple of 9."""
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-"""Multiples of it, modulo 1, never repeat and lie about evenly."""
+"""Golden ratio: its multiples modulo 1 never repeat and are evenly distributed."""
 
 
 def facts(libraries: Collection[str]) -> dict[str, str]:
-    """Facts about what this process computes with: level and libm, and if NumPy is among the libraries, numpy and blas.
+    """Facts about the numerics of this process: level and libm, and numpy and blas if NumPy is among the libraries.
 
     Returns
     -------
@@ -58,12 +58,12 @@ def facts(libraries: Collection[str]) -> dict[str, str]:
 
 
 def facts_of_workers(libraries: Collection[str]) -> dict[str, str]:
-    """The same for processes that this one starts: if it had loaded NumPy before `pin`, they may compute otherwise."""
+    """The facts for processes that this one starts. They may differ if NumPy was loaded here before `pin`."""
     return facts(libraries) if pin() or "numpy" not in libraries else _asked()
 
 
 def tell() -> None:
-    """Print all facts."""
+    """Print all facts, as the process of `facts_of_workers`."""
     print(json.dumps(facts({"numpy"})))
 
 
@@ -90,14 +90,14 @@ def _libm() -> str:
 
 @functools.cache
 def _numpy_and_blas() -> dict[str, str]:
-    pin()  # what follows loads NumPy
+    pin()  # the further facts load NumPy
     from pipeline.machine.numerics import of_blas, of_loops
 
     return {"numpy": of_loops(), "blas": of_blas()}
 
 
 def spread(count: int, first: float, last: float) -> list[float]:
-    """Numbers in an interval with long mantissas, from arithmetic that every processor does alike."""
+    """Numbers in an interval with long mantissas, from arithmetic that is the same on every processor."""
     return [first + (last - first) * (k * _GOLDEN % 1.0) for k in range(1, count + 1)]
 
 

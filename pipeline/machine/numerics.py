@@ -1,4 +1,4 @@
-"""Results of NumPy that depend on the code which it and its BLAS have chosen for this processor."""
+"""Results of NumPy that depend on the code that it and its BLAS have chosen for this processor."""
 
 import ctypes
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ _CORE_OF = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "op
 
 
 def of_loops() -> str:
-    """Elementary functions and sums, for which NumPy has loops of several kinds of vector instructions."""
+    """Results of elementary functions and sums, for which NumPy has loops with several kinds of vector instructions."""
     chosen = opt_func_info(func_name="^(sin|add)$", signature="float64")
     names = {loop["current"] for loops in chosen.values() for loop in loops.values()}
     with np.errstate(all="ignore"):
@@ -21,7 +21,7 @@ def of_loops() -> str:
 
 
 def of_blas() -> str:
-    """Linear algebra, whose sums have another order in each kernel of a BLAS."""
+    """Results of linear algebra, whose sums have another order in each kernel of a BLAS."""
     return fact(_blas(), (np.asarray(result).tobytes() for result in (*_products(), *_solutions())))
 
 
@@ -67,7 +67,9 @@ def _solutions() -> Iterator[np.ndarray]:
 
 
 def _blas() -> str:
-    """`OpenBLAS Haswell`, of the library that comes with NumPy; else the name of what NumPy was built with."""
+    """Name of the BLAS: `OpenBLAS Haswell` for the library that comes with NumPy, else the one that NumPy was built
+    with.
+    """
     for path in Path(np.__file__).parent.with_name("numpy.libs").glob("*openblas*"):
         library = ctypes.CDLL(str(path))
         for symbol in _CORE_OF:

@@ -1,6 +1,6 @@
-"""The limits that the system set for this process, and a folder to work in: enough, or an error in words.
+"""Limits that the system sets for this process, and its working directory: sufficient, or a clear error.
 
-Below these they end with a crash, or with an import that fails anywhere.
+Below these limits processes crash, or an import fails anywhere.
 """
 
 import os
@@ -16,12 +16,12 @@ ADDRESSES = 1_500_000_000
 
 
 def require_room() -> None:
-    """Raise the limits as far as this process may, and see whether that is enough.
+    """Raise the limits as far as this process may, and check that they are sufficient.
 
     Raises
     ------
     EnvironmentFault
-        With the command that mends it.
+        A limit is too low; the error states the command that raises it.
     """
     try:
         os.getcwd()  # noqa: PTH109 (of the system, whatever Python thinks of it)

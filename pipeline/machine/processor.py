@@ -1,7 +1,7 @@
-"""The level of this processor, and what libraries are told so that all processors of a level give the same bits.
+"""The level of this processor, and settings with which libraries give the same bits on all processors of a level.
 
-Imports no library: they read their settings once, when they are loaded. And little else: the command begins with this,
-and answers signals itself only afterwards.
+This module loads no library, because libraries read their settings when they are loaded. It also imports little
+else: the command begins with it, and handles signals only afterwards.
 """
 
 import functools
@@ -19,19 +19,21 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """Numeric libraries must not split sums over threads: their results would depend on the number of cores."""
 
 _PRECISION = {"COLOUR_SCIENCE__DEFAULT_FLOAT_DTYPE": "float64", "COLOUR_SCIENCE__DEFAULT_INT_DTYPE": "int64"}
-"""Defaults of the library that encodes previews, said aloud: it takes others from the environment."""
+"""Defaults of the library that encodes previews, set explicitly because it reads others from the environment."""
 
 _USUAL_CODE = {"DISABLE_JIT": 0, "OPT": 3, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE": 0, "BOUNDSCHECK": 0, "DEBUGINFO": 0}
-"""Numba's own defaults, said aloud: it reads others from a file in the working directory, which may be anybody's."""
+"""Numba's own defaults, set explicitly because it reads others from a file in the working directory, which may be
+anybody's.
+"""
 
 
 TUNING = {"x86-64-v4": "-prefer-256-bit"}
-"""LLVM takes half of the vectors of this level, for the sake of processors that slow down when all of them work."""
+"""LLVM uses only half of the vector width of this level by default, for processors that slow down at full width."""
 
 
 @functools.cache
 def level() -> str:
-    """Architecture and, where the system says so, the level of its vector instructions: `x86_64-v3`."""
+    """Architecture and, if the system tells it, the level of vector instructions: `x86_64-v3`."""
     name = os.uname().machine
     has = _flags()
     found = next((level for level, needs in _NEEDS.items() if needs <= has), None)
@@ -39,32 +41,33 @@ def level() -> str:
 
 
 def compiler_target() -> str | None:
-    """LLVM's name for any processor of this level, `x86-64-v3`; None where there are no levels."""
+    """LLVM's name for any processor of this level, `x86-64-v3`; None for architectures without levels."""
     name, _, found = level().rpartition("-")
     return f"{name.replace('_', '-')}-{found}" if found in _NEEDS else None
 
 
 def settings_of_numba() -> dict[str, str]:
-    """Compile for any processor of the level: with equal bits for all, so that they share compiled kernels."""
+    """Settings to compile for any processor of the level, with equal bits, so that all share compiled kernels."""
     target = compiler_target()
     chosen = {"NUMBA_CPU_NAME": target, "NUMBA_CPU_FEATURES": TUNING.get(target, "")} if target else {}
-    # SVML is a library of Intel's that Numba takes for the functions of libm if it happens to be installed.
+    # SVML is a library by Intel that Numba would use instead of libm if it happened to be installed.
     usual = {f"NUMBA_{name}": str(value) for name, value in _USUAL_CODE.items()}
     return {**chosen, **usual, "NUMBA_DISABLE_INTEL_SVML": "1"}
 
 
 def settings() -> dict[str, str]:
-    """Variables of the environment of every process that computes."""
+    """Environment variables of every process that computes."""
     kernels = _BLAS_KERNELS.get(level().rpartition("-")[2])
     return {**ONE_THREAD, **_PRECISION, **settings_of_numba(), **({"OPENBLAS_CORETYPE": kernels} if kernels else {})}
 
 
 @functools.cache
 def pin() -> bool:
-    """Put `settings` into the environment, unless NumPy is loaded already and reads them no more; whether it was not.
+    """Put `settings` into the environment unless NumPy is loaded, which reads them no more; whether that was in
+    time.
 
-    The first call decides: the command makes it when it begins, a notebook when it asks for `pipeline.build`. Where
-    NumPy was loaded before, worker processes compute what is built.
+    The first call decides: the command makes it when it begins, a notebook when it asks for `pipeline.build`. If
+    NumPy was loaded before, builds compute in worker processes.
     """
     in_time = "numpy" not in sys.modules
     if in_time:
@@ -73,7 +76,7 @@ def pin() -> bool:
 
 
 def _flags() -> set[str]:
-    """Flags of the first processor, by Linux's names."""
+    """Flags of the first processor, as named by Linux."""
     try:
         with open("/proc/cpuinfo", encoding="ascii", errors="replace") as lines:  # noqa: PTH123 (long on big machines)
             return next((set(line.split(":")[1].split()) for line in lines if line.startswith("flags")), set())

@@ -1,7 +1,7 @@
-"""Standard streams of a command as they may be: closed, full, on a terminal that is gone.
+"""Standard streams of a command in any state: closed, full, or on a terminal that does not exist any more.
 
-One that is closed counts as /dev/null: else the next file that is opened takes its number, and what a library prints
-ends up in there. On stderr stands what a person reads: where it cannot be written it is lost, and changes nothing.
+A closed stream is opened as /dev/null; otherwise the next opened file would get its number and receive the output of
+libraries. Messages on stderr are for people: if they cannot be written they are lost, without further effect.
 """
 
 import io
@@ -10,17 +10,17 @@ import sys
 
 
 class Stderr(io.TextIOWrapper):
-    """A stream for people. Writing to it never fails."""
+    """A stream of messages. Writing to it never fails."""
 
     def write(self, text: str) -> int:
-        """Write what can be written."""
+        """Write the text if possible."""
         try:
             return super().write(text)
         except OSError:
             return len(text)
 
     def flush(self) -> None:
-        """Write what can be written."""
+        """Flush the stream if possible."""
         try:
             super().flush()
         except OSError:
@@ -28,18 +28,18 @@ class Stderr(io.TextIOWrapper):
 
 
 def mend() -> None:
-    """Open what is closed, and make stderr forgiving."""
+    """Open closed streams, and make stderr tolerant."""
     for number in (0, 1, 2):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
             os.set_inheritable(number, True)
     if sys.stdin is None:
         sys.stdin = os.fdopen(0, encoding="utf-8", closefd=False)
     if sys.stdout is None:
         sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="surrogateescape")  # a path comes out as it came in
+        sys.stdout.reconfigure(errors="surrogateescape")  # a path is printed as it was typed
     raw = os.fdopen(2, "wb", buffering=0, closefd=False)
     sys.stderr = Stderr(raw, errors="backslashreplace", write_through=True)  # type: ignore[type-var]

@@ -1,6 +1,6 @@
-"""Values of the kinds that a record or a function declares, asked before anything is computed with them.
+"""Checks that records and arguments have the declared types and ranges, before anything is computed with them.
 
-A stage is judged by `check`; whoever writes records or calls functions in a notebook meets this.
+Stages are judged by `check`; these checks are for people who write records or call functions in a notebook.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def settle(
     record: object, error: type[PipelineError], infinite: Iterable[str] = (), finite: Iterable[str] = ()
 ) -> None:
-    """Refuse what the fields of a frozen record are not declared to hold; lists and arrays become tuples.
+    """Refuse values that the fields of a frozen record are not declared to hold; lists and arrays become tuples.
 
     Numbers of NumPy become Python's. NaN and what is larger than 1e12 is no number; infinity is one in the fields
     `infinite`, and whatever is finite in the fields `finite`: coefficients of high powers of small heights are huge.
@@ -29,7 +29,7 @@ def settle(
     Raises
     ------
     PipelineError
-        Of the given type; it names the field.
+        A field has a wrong value; the error has the given type.
     """
     for name, hint in _fields(type(record)):  # type: ignore[arg-type]  # a type can be hashed
         value = getattr(record, name)
@@ -43,7 +43,7 @@ def settle(
 
 
 def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
-    """Decorate a function that others call, so that it refuses arguments of other kinds than it declares."""
+    """Decorate a public function, so that it refuses arguments of other types than it declares."""
 
     def decorate(function: F) -> F:
         signature, hints = inspect.signature(function), typing.get_type_hints(function)
@@ -53,7 +53,7 @@ def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
             bound = signature.bind(*positional, **named)
             for name, value in bound.arguments.items():
                 if signature.parameters[name].kind is inspect.Parameter.VAR_KEYWORD:
-                    continue  # judged by the record that they become
+                    continue  # checked by the record that they become
                 bound.arguments[name] = held_by(hints[name], value)
                 if bound.arguments[name] is WRONG:
                     what = f"{function.__name__}: {name} is {reprlib.repr(value)}"
@@ -68,18 +68,18 @@ def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
 def number(
     name: str, value: Any, error: type[PipelineError], least: float = -math.inf, most: float = math.inf
 ) -> float:
-    """A finite number within bounds, handed in as an argument.
+    """A finite number within bounds, given as an argument.
 
     Raises
     ------
     PipelineError
-        Of the given type; it names the argument.
+        The argument is wrong; the error has the given type.
     """
     return _within(name, float, value, error, least, most)
 
 
 def whole(name: str, value: Any, error: type[PipelineError], least: int, most: int) -> int:
-    """A whole number within bounds, handed in as an argument; raises as `number`."""
+    """A whole number within bounds, given as an argument; raises as `number`."""
     return int(_within(name, int, value, error, least, most))
 
 

@@ -1,4 +1,4 @@
-"""Kinds of values, as annotations of types declare them: what holds a value, and how a kind is called in words."""
+"""Types of values as declared by annotations: checking values, and naming types in messages."""
 
 import collections.abc
 import enum
@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 WRONG = object()
-"""What no kind holds."""
+"""Result for a value that does not fit its type."""
 _WIDEST = 1 << 63
-"""First whole number that 64 bits with a sign do not hold."""
+"""First whole number that does not fit into 64 bits with a sign."""
 _LARGEST = 1e12
-"""Magnitude of lengths, of angles and of anything else that a camera has: their squares are finite."""
+"""Largest magnitude of lengths, angles and other numbers of a camera: their squares are finite."""
 _WORDS = {int: "a whole number", str: "a text", bool: "True or False", Path: "a Path", type(None): "None"}
 
 
@@ -28,14 +28,16 @@ class Sizes(enum.Enum):
     FINITE = "that is finite"
 
     def hold(self, value: float) -> bool:
-        """Whether a number is of such a size."""
+        """Whether a number has such a size."""
         if self is Sizes.FINITE:
             return math.isfinite(value)
         return abs(value) <= _LARGEST or (self is Sizes.OR_INFINITE and math.isinf(value))
 
 
 def held_by(hint: Any, value: Any, sizes: Sizes = Sizes.USUAL) -> Any:
-    """A value as a field or argument of that type holds it, or WRONG: sequences as tuples, numbers as Python's."""
+    """A value as stored in a field or argument of this type, or WRONG: sequences become tuples, NumPy numbers those
+    of Python.
+    """
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         found = (held_by(kind, value, sizes) for kind in kinds)
@@ -60,7 +62,7 @@ def held_by(hint: Any, value: Any, sizes: Sizes = Sizes.USUAL) -> Any:
 
 
 def _is_many(value: Any) -> bool:
-    """Whether it can be walked through; one text is one value, though it can."""
+    """Whether a value is a sequence; a text counts as one value."""
     return isinstance(value, Iterable) and not isinstance(value, str | bytes) and not hasattr(value, "tolist")
 
 
@@ -91,7 +93,7 @@ def _tuple(kinds: tuple[Any, ...], value: Any, sizes: Sizes) -> Any:
 
 
 def in_words(hint: Any, sizes: Sizes = Sizes.USUAL) -> str:
-    """A type of a field or argument, for people."""
+    """A type of a field or argument in words."""
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return " or ".join(in_words(kind, sizes) for kind in kinds)

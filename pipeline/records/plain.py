@@ -1,4 +1,4 @@
-"""Frozen dataclasses to plain JSON values and back. Only plain values cross a process border."""
+"""Conversion of frozen dataclasses to plain JSON values and back. Only plain values are passed between processes."""
 
 import dataclasses
 import functools
@@ -12,12 +12,12 @@ T = TypeVar("T")
 
 
 class Shared(dict[str, Any]):
-    """A plain part of many records: it is not copied, and what is made of it is made once. Nobody may change it."""
+    """A plain part of many records: it is not copied, and its encoding is made once. Nobody may change it."""
 
     made: bytes | None = None
 
     def once(self, make: Callable[[dict[str, Any]], bytes]) -> bytes:
-        """Bytes made of the dict, always by the same function."""
+        """Bytes made from the dict, always by the same function, cached."""
         if self.made is None:
             self.made = make(self)
         return self.made
@@ -41,7 +41,7 @@ def to_plain(record: Any) -> Any:
 
 
 def from_plain(cls: type[T], plain: Any) -> T:
-    """The record that `to_plain` wrote; unknown or missing fields raise TypeError."""
+    """The record written by `to_plain`; unknown or missing fields raise TypeError."""
     return _value(cls, plain)
 
 

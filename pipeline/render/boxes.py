@@ -1,4 +1,6 @@
-"""Boxes around what only Embree knows: rays that pass all of them by need not be asked about. Kernels only; mm."""
+"""Boxes around everything that only Embree knows: rays that miss all of them need not be asked of Embree. Kernels
+only; mm.
+"""
 
 import math
 

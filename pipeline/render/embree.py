@@ -1,7 +1,7 @@
-"""First triangle that a ray meets, by Embree, in float32.
+"""First triangle that a ray meets, found by Embree in float32.
 
-It is trusted with the name of the triangle only. Where a ray meets the surface behind it, and whether it truly does,
-the kernels of `target` compute in float64.
+Only the index of the triangle is used. Whether and where a ray meets the true surface is computed by the kernels of
+`targets` in float64.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
 _RAYS_PER_CALL = 1 << 18
-"""Rays of a call of Embree: float32 copies of them take about 7 MB."""
+"""Rays per call of Embree: float32 copies of them take about 7 MB."""
 
 
 class MeshScene:
@@ -40,14 +40,14 @@ class MeshScene:
             if mesh.shape[1:] != (3, 3) or not np.isfinite(mesh).all():
                 raise ValueError(f"mesh {number} does not consist of triangles with finite corners")
         self.first = np.cumsum([0, *(len(mesh) for mesh in meshes)])
-        # Robust: rays through an edge that two triangles share do not slip between them.
+        # Robust: rays through a common edge of two triangles do not slip between them.
         self._scene = EmbreeScene(robust=True) if self.first[-1] else None
         if self._scene is None:
             return
         corners = np.concatenate(list(meshes)).reshape(-1, 3)
         index = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
         TriangleMesh(self._scene, np.ascontiguousarray(corners, dtype=np.float32), index)
-        # The first query builds the tree. Done here, so that no two threads build it at once.
+        # The first query builds the tree. It is done here, so that no two threads build it at once.
         self.first_hit(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
 
     def first_hit(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:

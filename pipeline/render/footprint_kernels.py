@@ -1,8 +1,8 @@
-"""Footprints of pixels on planes of a scene, and of what one colour they are. Kernels only; mm.
+"""Footprints of pixels on planes of a scene, and the colour of those that see only one. Kernels only; mm.
 
-A footprint is a box about the points where the beam of a pixel meets a plane: the rays of its block, interpolated by
-cubics in x and y. The box is wider than they say by a seventh of its size, because of rays between them; by what a
-pixel's square adds; and by what the cubics may miss.
+A footprint is a box around the points where the beam of a pixel meets a plane, interpolated by cubics in x and y
+from the rays of its block. The box is enlarged by a seventh of its size, because of rays between the traced ones; by
+the extent of the pixel's square; and by the possible error of the cubics.
 """
 
 import math
@@ -15,17 +15,21 @@ from pipeline.jit.decorators import inline, kernel
 from pipeline.targets.plain_boxes import BESIDE, MIXED, colour_of_box
 
 BEHIND, FRONT, BACK, ODD = range(4)
-"""How all rays of a beam meet a plane: behind their start, i.e. not at all; its front; its back; some so, some so."""
+"""Relation of all rays of a beam to a plane: behind their start, i.e. not met; the front is met; the back is met;
+mixed.
+"""
 NOTHING, SHEET, UNDECIDED = range(3)
-"""Verdicts about a pixel: it sees the background alone, one colour of one sheet, or perhaps several things."""
+"""Verdict about a pixel: it sees the background only, one colour of one sheet, or possibly several things."""
 _ROOM = 1.15
-"""Of a footprint, over the box about its rays."""
+"""Enlargement of a footprint over the box around its rays [1]."""
 _BEYOND = 1.5
-"""Of a block over the box about its nodes: what a microlens lights ends two thirds of a step beyond them."""
+"""Enlargement of a block over the box around its nodes [1]: the lit area of a microlens ends two thirds of a step
+beyond them.
+"""
 _SQUARE = 0.6
-"""Of a pixel's edge: half of it, and more because blocks are not quite linear."""
+"""Part of a pixel's edge by which footprints grow [1]: half of it, and more because blocks are not quite linear."""
 _LAST_TERM = 0.25
-"""Of the last term of a cubic: what the next one may add, also two thirds of a step beyond the nodes."""
+"""Part of the last term of a cubic that bounds the next one [1], also two thirds of a step beyond the nodes."""
 
 
 class Box(NamedTuple):
@@ -99,7 +103,7 @@ def _more(points, axis, edge):
 
 @kernel
 def whole_blocks(drawing, meeting, colour):
-    """Colour of all that each block sees of a sheet (b,), written: black 0, white 1, `BESIDE` or `MIXED`."""
+    """Colour of everything that each block sees of a sheet, (b,), written: black 0, white 1, `BESIDE` or `MIXED`."""
     for b in range(colour.shape[0]):
         colour[b] = MIXED
         if meeting.side[b] == BEHIND:
@@ -129,7 +133,7 @@ def _wider(left, right, bottom, top, factor, more):
 
 @kernel
 def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, light):
-    """Judge what pixels see of one more sheet.
+    """Judge how pixels see one more sheet.
 
     Parameters
     ----------
@@ -162,7 +166,7 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
             found, faces = colour, side
         if verdict[n] == UNDECIDED or math.isnan(found) or found == BESIDE:
             continue
-        if verdict[n] == SHEET:  # another one is seen, too
+        if verdict[n] == SHEET:  # another sheet is seen, too
             verdict[n] = UNDECIDED
             continue
         verdict[n] = SHEET
@@ -199,7 +203,7 @@ def _cubic(x):
 
 @kernel
 def look_past_solid(bounds, places, near, far, verdict):
-    """Leave undecided what pixels may see of something within bounds, rather than the background or a sheet.
+    """Mark pixels as undecided if they may see something within bounds besides the background or a sheet.
 
     Between two planes a ray stays within the boxes that it meets on both.
 
@@ -222,6 +226,6 @@ def look_past_solid(bounds, places, near, far, verdict):
             left, right, bottom, top = _footprint(near, b, places, n, u, v)
             a, c, d, e = _footprint(far, b, places, n, u, v)
             left, right, bottom, top = min(left, a), max(right, c), min(bottom, d), max(top, e)
-            # Not beside: also where a bound is NaN.
+            # Written as "not beside", so that it also holds for a NaN bound.
             if not (right < bounds.left or left > bounds.right or top < bounds.bottom or bottom > bounds.top):
                 verdict[n] = UNDECIDED

@@ -1,8 +1,8 @@
-"""Pixels that see nothing but one colour: their value is that colour by the light of a white scene, and has no noise.
+"""Pixels that see only one colour: their value is that colour times the light of a white scene, without noise.
 
-Beams, the rays of a few points of the sensor, tell where the light of every pixel may come from; see
-`camera.tracing.beams`. The judgement errs to one side: a pixel of one colour may be called undecided, and is then
-sampled. What comes through the microlens of a pixel's cell and what comes through the others are judged apart.
+Beams, the rays of a few points of the sensor, show where the light of every pixel may come from; see
+`camera.tracing.beams`. The judgement is conservative: a pixel of one colour may be called undecided, and is then
+sampled. Light through the microlens of a pixel's cell and light through other microlenses are judged separately.
 """
 
 from collections.abc import Sequence
@@ -20,23 +20,24 @@ from pipeline.render.band import Band, Rows
 from pipeline.targets.patches import Patch
 
 _TILE_PX = 32
-"""Edge of a block of a sensor without microlenses [px]: a cubic follows its rays, and 16 nodes serve a thousand
-pixels."""
+"""Edge of a block of a sensor without microlenses [px]: a cubic fits its rays, and 16 nodes suffice for a thousand
+pixels.
+"""
 _NODES_WITHIN = 0.75
-"""Reach of the nodes behind a microlens over that of its light [1]: in the corners of that square there is none."""
+"""Extent of the nodes behind a microlens over that of its light [1]: the corners of that square have no light."""
 TOUCHING_MM = 1e-2
-"""Room about a solid [mm]: its true surface may stand so far before its mesh."""
+"""Margin around a solid [mm]: its true surface may lie so far in front of its mesh."""
 
 
 class Places(NamedTuple):
-    """Pixels and the blocks that they belong to.
+    """Pixels and the blocks to which they belong.
 
     Attributes
     ----------
     positions : (n, 2) float64
         On the sensor, vision frame [mm].
     blocks : (n, s) int64
-        -1 where there is none.
+        Indices of the blocks; -1 for none.
     centre_mm, step_mm : (b, 2), (b,) float64
         Of the blocks.
     """
@@ -79,7 +80,8 @@ class Sight:
     def judged(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
     ) -> np.ndarray:
-        """Light that both parts of each pixel see, (2, n): the background's, one colour of a sheet, or NaN if not sure.
+        """Light that both parts of each pixel see, (2, n): that of the background, one colour of a sheet, or NaN if
+        undecided.
 
         Parameters
         ----------
@@ -122,7 +124,7 @@ def _across(z_mm: float) -> np.ndarray:
 
 
 def _tiles(tracer: Tracer, rows: Rows) -> tuple[Blocks, np.ndarray]:
-    """Tiles of the sensor, the same for whatever rows, and the tile of each pixel (n, 1)."""
+    """Tiles of the sensor, the same for any rows, and the tile of each pixel (n, 1)."""
     width = tracer.camera.sensor.width_px
     across, first, end = -(-width // _TILE_PX), rows[0] // _TILE_PX, -(-rows[1] // _TILE_PX)
     y, x = (axis.ravel() for axis in np.mgrid[first:end, :across])
@@ -134,7 +136,7 @@ def _tiles(tracer: Tracer, rows: Rows) -> tuple[Blocks, np.ndarray]:
 
 
 def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
-    """The block that each microlens lights, and the places of the microlenses of pixels among them (n, s)."""
+    """The block lit by each microlens, and for each pixel the indices of its microlenses among them (n, s)."""
     microlens = np.unique(strata[strata != SKIP])
     place = np.full(len(images.centre_mm) + 1, -1)
     place[microlens] = np.arange(len(microlens))

@@ -1,7 +1,7 @@
 """Images: relative irradiance of every pixel, by tracing rays from the pixel's square through the camera.
 
-What leaves the camera does not know the scene: images of several scenes share the rays. Pixels that see one colour
-take no rays of their own: they are that colour by the light of a white scene.
+The rays that leave the camera do not depend on the scene, so images of several scenes share them. Pixels that see
+one colour take no rays of their own: they are that colour times the light of a white scene.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,9 +22,9 @@ Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(n, 3) origins and directions, vision frame, to (n,) radiances."""
 
 _RAYS_PER_CHUNK = 1 << 15
-"""Rays that are traced before they are shaded, 64 bytes each: they stay in the cache."""
+"""Rays that are traced before they are shaded, 64 bytes each, so that they stay in the cache."""
 _FEWEST = 4
-"""Inverse of the least share of the samples: of fewer rays one that is rare would stand out."""
+"""Inverse of the least share of the samples: with fewer rays a single rare one would be visible."""
 
 
 def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | None = None) -> np.ndarray:
@@ -39,7 +39,7 @@ def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | N
     radiance : callable or None
         None stands for a white scene: the white image.
     rows : (int, int), optional
-        The rows that are wanted: the values of the whole image there.
+        First and end row to compute; values are those of the whole image.
 
     Returns
     -------
@@ -72,10 +72,10 @@ def irradiance_and_crosstalk(
 def pictures(
     rig: Rig, samples: int, scenes: Sequence[TargetLight], white: np.ndarray, rows: Rows | None = None
 ) -> np.ndarray:
-    """Images of several scenes, (scenes, height, width): each, to the bit, what it is alone.
+    """Images of several scenes, (scenes, height, width); each is identical, to the bit, to the image computed alone.
 
-    Of what pixels see through the microlens of their cell, and of what they see through others, the parts that are of
-    one colour are that colour by `white`; the other parts are sampled.
+    Light through the microlens of a pixel's cell and light through other microlenses are treated separately: a part
+    of one colour is that colour times `white`; other parts are sampled.
 
     Parameters
     ----------
@@ -98,9 +98,11 @@ def pictures(
 
 
 def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:
-    """Rays through each microlens that lights a pixel, (n, s): all samples for most of its light, else fewer.
+    """Rays through each microlens that lights a pixel, (n, s): all samples for the ones with most of its light,
+    fewer for others.
 
-    Samples of equal total error go with the root of what they stand for. A quarter of them is the least.
+    For a given total error the number of samples should grow with the root of the light; a quarter of them is the
+    least.
 
     Parameters
     ----------
@@ -166,7 +168,7 @@ def _rays(band: Band, samples: int, counts: np.ndarray) -> Iterator[_Rays]:
 
 
 def _stretches(rays: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and end of stretches of pixels that start about `_RAYS_PER_CHUNK` rays together, and at least one pixel."""
+    """First and end of stretches of pixels, at least one each, that start about `_RAYS_PER_CHUNK` rays together."""
     before = np.concatenate([[0], np.cumsum(rays)])
     first = 0
     while first < len(rays):

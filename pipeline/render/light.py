@@ -1,8 +1,8 @@
-"""Radiance of the scene along rays: targets and occluders before a uniform background.
+"""Radiance of the scene along rays: targets and occluders in front of a uniform background.
 
-Among a few flat sheets the first one that a ray meets is computed in double. Where there is more, rays that may meet
-it, because they meet a box around it, ask Embree which triangle is first, and the hit is recomputed in double on the
-true surface behind it. The pattern is evaluated there by its formula. No texture, no filter.
+For a few flat sheets the first one that a ray meets is computed in double precision. In other scenes, rays that meet
+a box around any object ask Embree for the first triangle, and the hit is computed again in double precision on the
+true surface. The pattern is evaluated there by its formula, without texture or filter.
 """
 
 from collections.abc import Sequence
@@ -23,18 +23,18 @@ from pipeline.targets.patches import CYLINDER, MESH, PLANE, Patch
 from pipeline.targets.target import AnyTarget
 
 _FEW = 8
-"""Flat sheets at most that are tried one by one for every ray; Embree's tree is faster for more."""
+"""Most flat sheets that are tried one by one for every ray; for more of them Embree's tree is faster."""
 
 
 class TargetLight:
-    """Targets that radiate like their artwork, equally into all directions, from their front; their back is black.
+    """Targets that radiate like their artwork, equally in all directions from their front; their back is black.
 
     Parameters
     ----------
     targets : sequence of (Target or MeshTarget, (4, 4) float64)
         Each with its pose vision_from_target.
     background : float
-        Radiance where nothing is.
+        Radiance of the background.
     occluders : sequence of (Occluder, (4, 4) float64)
         Each with its pose vision_from_occluder; they radiate equally from both sides.
     """
@@ -60,11 +60,11 @@ class TargetLight:
             self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
 
     def seen(self, sight: Sight) -> np.ndarray:
-        """Light that both parts of pixels see, (2, n), NaN where it is not surely of one colour: see `Sight.judged`."""
+        """Light that both parts of pixels see, (2, n), NaN unless certainly of one colour: see `Sight.judged`."""
         return sight.judged(self._flat, self._solids, self._background)
 
     def add(self, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
-        """Add the light that rays bring to their pixels (n,), where it is wanted, to an image.
+        """Add the light of rays to their pixels (n,) of an image, if these are wanted.
 
         Parameters
         ----------
@@ -86,10 +86,10 @@ class TargetLight:
         if self._sheets is None:
             self._by_embree(origin_mm, direction, light)
             return light
-        if self._is_one_sheet:  # nothing can hide it: the pattern alone decides
+        if self._is_one_sheet:  # nothing can hide it, so only the pattern matters
             self._lights[0].shine(np.zeros(len(light), np.int64), origin_mm, direction, light)
             return light
-        # Which of both a ray asks depends on the ray alone, never on those that come with it.
+        # The choice depends on the ray alone, never on other rays of the call.
         near = np.zeros(len(light), bool)
         may_meet(self._boxes, origin_mm, direction, near)
         for some, ask in ((np.flatnonzero(near), self._by_embree), (np.flatnonzero(~near), self._by_sheets)):
@@ -108,7 +108,7 @@ class TargetLight:
         return self._sheets is not None and len(self._lights) == 1 and not len(self._boxes)
 
     def _by_sheets(self, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
-        """Write the light of flat sheets, as if nothing else were there."""
+        """Write the light of flat sheets, ignoring everything else."""
         assert self._sheets is not None
         first = np.empty(len(light), np.int64)
         first_sheet(*self._sheets, origin, direction, first)
@@ -116,7 +116,7 @@ class TargetLight:
             patch.shine(np.where(first == k, 0, -1), origin, direction, light)
 
     def _by_embree(self, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
-        """Write the light of all that is there."""
+        """Write the light of everything in the scene."""
         hit = self._scene.first_hit(origin, direction)
         for patch, first, end in zip(self._lights, self._scene.first, self._scene.first[1:], strict=False):
             patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin, direction, light)
@@ -150,11 +150,11 @@ class _PatchLight:
         return self._patch.kind == PLANE
 
     def add(self, background: float, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
-        """Add the light of a flat patch that nothing hides, and of what is beside it: see `TargetLight.add`."""
+        """Add the light of a flat patch that nothing hides, and of the background beside it: see `TargetLight.add`."""
         sheet_image.add_light(sheet_image.Sheet(self._artwork, background), rays, pixels, wanted, image)
 
     def shine(self, triangle: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
-        """Write the light of the rays that meet a triangle of this patch first; -1 stands for the others."""
+        """Write the light of the rays that meet a triangle of this patch first; -1 marks all other rays."""
         kind = self._patch.kind
         if kind == PLANE:
             kernels.plane_light(self._artwork, triangle >= 0, origin, direction, light)

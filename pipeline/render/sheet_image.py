@@ -1,4 +1,4 @@
-"""Sums of light over the rays of pixels, also straight from one flat sheet that nothing hides. Kernels only; mm."""
+"""Sums of light over the rays of pixels, also directly from one flat sheet that nothing hides. Kernels only; mm."""
 
 import math
 from typing import NamedTuple
@@ -23,7 +23,7 @@ class Sheet(NamedTuple):
 
 @kernel
 def add_light(sheet, rays, pixels, wanted, image):
-    """Add what rays bring to an image, ray by ray.
+    """Add the light of rays to an image, ray by ray.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def add_light(sheet, rays, pixels, wanted, image):
     wanted, image : (m,) bool, (m,) float64
         Pixels that are added to, and their sums.
     """
-    # Plain numbers stay in registers; the arrays of a drawing would be handed on at every ray.
+    # Plain numbers stay in registers; the arrays of a drawing would be passed on for every ray.
     drawing, colours, pose = sheet.artwork
     origin, direction, share, _ = rays
     half_x, half_y, background, black, white = drawing.half_x, drawing.half_y, sheet.background, colours[0], colours[1]

@@ -5,7 +5,7 @@ from pipeline.jit.decorators import kernel
 
 @kernel
 def first_sheet(poses, half_sizes, origin, direction, first):
-    """Nearest sheet in front of each ray's start, in double.
+    """Nearest sheet in front of the start of each ray, in double precision.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Obstacles in the way of light: the surfaces of all targets and occluders of a frame, opaque from both sides.
+"""Obstacles to light: the surfaces of all targets and occluders of a frame, opaque from both sides.
 
-Embree says which triangle a ray meets first, and how far away that is is computed in double.
+Embree finds the first triangle that a ray meets; its distance is computed in double precision.
 """
 
 from collections.abc import Sequence
@@ -16,14 +16,15 @@ from pipeline.targets.patches import PLANE
 from pipeline.targets.target import AnyTarget
 
 _TOUCHING_MM = 1e-6
-"""Distance before a plane within which a thing lies on it [mm]: roundings at 1 m, and surfaces that touch."""
+"""Distance from a plane within which an object counts as lying on it [mm]: rounding at 1 m, and touching surfaces."""
 _MESH_MM, _GRAZING = 0.01, 10.0
-"""Room of a bent target's mesh about its own points [mm], and factor [1] for its sag and for the distance of marked
-points from it, along rays that graze."""
+"""Margin around the mesh of a bent target near its own points [mm], and factor [1] for its sag and for the distance
+of marked points from it, along grazing rays.
+"""
 _SOME = 97
-"""Step between the points that are asked first: a prime, so that it falls into step with no mesh."""
+"""Step between the points that are examined first: a prime, so that it does not coincide with the rows of a mesh."""
 _PRODUCTS_AT_ONCE = 1 << 23
-"""Products of planes and points at once: 64 MiB; no answer depends on it."""
+"""Products of planes and points computed at once: 64 MiB; results do not depend on it."""
 
 
 class Surroundings:
@@ -46,7 +47,7 @@ class Surroundings:
             for pieces, (_, pose) in zip(patches, targets, strict=True)
         ]
         surfaces += [in_vision(occluder, pose).reshape(-1, 3) for occluder, pose in occluders]
-        # Bent targets, which are of one piece.
+        # Bent targets, which consist of one patch.
         self._bent = {
             number: (target, pieces[0])
             for number, (pieces, (target, _)) in enumerate(zip(patches, targets, strict=True))
@@ -66,10 +67,12 @@ class Surroundings:
         return np.cross(b - a, c - a)
 
     def may_hide(self, point_mm: np.ndarray, front: np.ndarray) -> np.ndarray:
-        """Whether anything stands before planes at points (n, 3) with unit normals (n, 3): no other point is hidden."""
+        """Whether anything is in front of planes at points (n, 3) with unit normals (n, 3); a point with False is
+        certainly visible.
+        """
         found = np.zeros(len(point_mm), bool)
         height = np.sum(point_mm * front, axis=1) + _TOUCHING_MM
-        # Some of the points answer for most planes, all of them for the rest.
+        # A part of the points decides for most planes, all of them for the rest.
         for points in (self._points[::_SOME], self._points):
             left = np.flatnonzero(~found)
             at_once = max(1, _PRODUCTS_AT_ONCE // max(1, len(points)))
@@ -80,11 +83,11 @@ class Surroundings:
     def hides(
         self, target: int, point_mm: np.ndarray, front: np.ndarray, origin_mm: np.ndarray, direction: np.ndarray
     ) -> np.ndarray:
-        """Whether something stands between the camera and the surface at target points, for one ray of each.
+        """Whether something is between the camera and the surface at target points, for one ray of each.
 
-        A ray that meets anything before the tangent plane is stopped, unless it meets the surface of the point itself:
-        one that is bent may stand before its own tangent plane. That is so where the hit is no farther from the point
-        than twice the ray's crossing with the plane.
+        A ray that meets anything before the tangent plane is stopped, unless it meets the surface of the point
+        itself: a bent surface may be in front of its own tangent plane. The hit counts as this surface if it is no
+        farther from the point than twice the distance of the ray's crossing with the plane.
 
         Parameters
         ----------
@@ -100,7 +103,7 @@ class Surroundings:
         (n,) bool
         """
         triangle = self._scene.first_hit(origin_mm, direction)
-        with np.errstate(divide="ignore", invalid="ignore"):  # rays along a plane; they are stopped by nothing
+        with np.errstate(divide="ignore", invalid="ignore"):  # rays parallel to a plane are stopped by nothing
             to_plane = _dot(point_mm - origin_mm, front) / _dot(direction, front)
             normal = self._normals[triangle]
             path = _dot(self._points[3 * triangle] - origin_mm, normal) / _dot(direction, normal)
@@ -116,7 +119,9 @@ class Surroundings:
         return hidden
 
     def _reach(self, number: int) -> float:
-        """Distance from a point of a bent target at which its own mesh may be met by a ray towards that point [mm]."""
+        """Distance from a point of a bent target within which a ray towards that point may meet the target's own
+        mesh [mm].
+        """
         if number not in self._reach_mm:
             target, patch = self._bent[number]
             beside = target.distances_mm().max() if isinstance(target, MeshTarget) else 0.0

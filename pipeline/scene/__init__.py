@@ -1,4 +1,6 @@
-"""USD in, records out. Importing this package registers the plenScene schemas: it must come before any stage opens."""
+"""Reading of USD stages into records. Importing this package registers the plenScene schemas, so it must be imported
+before any stage is opened.
+"""
 
 from pipeline.scene.usd.register import register
 

@@ -1,4 +1,4 @@
-"""A dataset as frozen records: what the rest of the pipeline knows of a stage."""
+"""Records of a dataset, through which the rest of the pipeline sees a stage."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,12 +12,12 @@ from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 
 Matrix = tuple[tuple[float, ...], ...]
-"""A 4 x 4 transform, rigid unless said otherwise, rows of a matrix that acts on column vectors, lengths in mm."""
+"""A 4 x 4 transform as rows of a matrix that acts on column vectors, lengths in mm; rigid unless stated otherwise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensEntry:
-    """A lens alone; the fields mean what they mean in `CameraEntry`. `stop_name` is the name of its stop's prim."""
+    """A lens without a camera; fields as in `CameraEntry`. `stop_name` is the name of its stop's prim."""
 
     name: str
     lens_name: str
@@ -34,27 +34,27 @@ class CameraEntry:
     Attributes
     ----------
     name : str
-        Path of the camera prim below the dataset's root with "/" replaced by ".": it stands in every table.
+        Path of the camera prim below the dataset's root with "/" replaced by ".": it appears in every table.
     prim_path : str
-        Of the camera on the composed stage, for messages.
+        Path of the camera on the composed stage, for messages.
     file, line : str or None, int or None
-        Where it is written, for messages.
+        Place of its definition, for messages.
     lens_name : str
         `plen:name` of the lens, or its prim name; for reports only.
     index_source : str
-        Where the refractive indices come from: `printed`, or `catalogue` with the media from the scene to the sensor.
+        Source of the refractive indices: `printed`, or `catalogue` with the media from the scene to the sensor.
     asked : Camera or FocusRequest
-        What the stage says: a camera, or what it shall have in focus; `camera` is the one that does it.
+        Statement of the stage: a camera, or a request for a focus, which `camera` fulfils.
     truth : dict
-        Fields of `truth.TruthSettings` (a dict, because scene and truth are strangers).
+        Fields of `truth.TruthSettings` (a dict, because scene and truth do not import each other).
     image_samples : int
         Rays per pixel of the image.
     extent : str
-        Of position images by method `image`: `tiles` around the points, or `full`.
+        Extent of position images for method `image`: `tiles` around the points, or `full`.
     delivers_rays : bool
-        Whether rays.exr is wanted, also where no method needs it.
+        Whether rays.exr is delivered even if no method needs it.
     f_numbers : tuple of float
-        Of further white images, in the order of the stage.
+        F-numbers of further white images, in the order of the stage.
     channels : tuple of Channel
         Colour channels of its sensor, in the order of the stage; none: its light has the one wavelength.
     channel : Channel or None
@@ -82,7 +82,7 @@ class CameraEntry:
 
     @cached_property
     def camera(self) -> Camera:
-        """The camera, focused and ready to trace; solved when it is first asked for."""
+        """The focused camera; the focus is solved at first use."""
         return focused(self.asked)
 
     @property
@@ -109,7 +109,9 @@ class CameraEntry:
 
     @property
     def square_px(self) -> float:
-        """Edge of the square around a position that the rays of J start on: the fine pixel's, or 0 for its centre."""
+        """Edge of the square around a position on which the rays of J start [px]: that of the fine pixel, or 0 for
+        footprint `point`.
+        """
         return 1.0 / self.sampling.supersampling if self.footprint == "pixel" else 0.0
 
 
@@ -140,11 +142,11 @@ class Frame:
     Attributes
     ----------
     camera_from_world : dict
-        Per camera name, vision frame.
+        Pose per camera name, vision frame.
     world_from_target : dict
-        Per target name, target frame.
+        Pose per target name, target frame.
     world_from_occluder : dict
-        Per path of an occluder's prim that is visible, the mesh's own frame; any affine transform.
+        Pose per prim path of each visible occluder, frame of the mesh; any affine transform.
     """
 
     number: int
@@ -155,16 +157,16 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Dataset:
-    """All that a build needs to know of a stage.
+    """All facts of a stage that a build needs.
 
     Attributes
     ----------
     stage_name : str
-        Name of the default prim: it tells datasets apart without a path of the machine.
+        Name of the default prim, which identifies the dataset without a path of the machine.
     seed : int
-        Of all random numbers.
+        Seed of all random numbers.
     background : float
-        Radiance where neither a target nor an occluder is, relative.
+        Relative radiance where there is neither a target nor an occluder.
     """
 
     stage_name: str

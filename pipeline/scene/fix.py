@@ -1,6 +1,6 @@
-"""Lines that a stage lacks so that USD viewers show it: `pipeline check --fix` writes them into its text.
+"""Lines that USD viewers need and a stage lacks; `pipeline check --fix` inserts them into its text.
 
-Text is inserted and nothing else is touched: comments and layout stay. What the layer says stays, too.
+Text is only inserted: comments, layout and existing statements stay.
 """
 
 import re
@@ -21,21 +21,21 @@ from pipeline.scene.write.for_viewers import fallback_types, pinhole, view_of
 from pipeline.units import mm_per_unit
 
 _NEAR = 0.01
-"""Relative difference of a pinhole from its lens that needs no word."""
+"""Relative difference between a pinhole and its lens that is not reported."""
 _VIEW = ("focalLength", "horizontalAperture", "verticalAperture")
 _SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
 
 
 @dataclass(frozen=True, slots=True)
 class Lacking:
-    """Statements that viewers miss in the root layer of a stage.
+    """Statements that viewers need and the root layer of a stage lacks.
 
     Attributes
     ----------
     lines : dict
-        Lines that it lacks, by the path of the prim that they belong to; of "" to the metadata of the layer.
+        Missing lines by the path of their prim; "" stands for the metadata of the layer.
     wrong : list of str
-        What it says of its cameras otherwise than their lenses do: a person decides.
+        Statements about cameras that contradict their lenses; a person must decide.
     """
 
     lines: dict[str, list[str]]
@@ -48,7 +48,7 @@ class Lacking:
 
 
 def lacking(stage: Usd.Stage) -> Lacking:
-    """Look at a stage that passed the checks; its instances are written out."""
+    """Find the missing statements of a stage that passed the checks; its instances are written out."""
     write_out_instances(stage)
     layer, lines, wrong = stage.GetRootLayer(), dict[str, list[str]](), list[str]()
     used = {prim.GetTypeName() for prim in all_prims(stage)}
@@ -69,7 +69,7 @@ def lacking(stage: Usd.Stage) -> Lacking:
 
 
 def _wrong(prim: Usd.Prim, view: dict[str, float]) -> list[str]:
-    """Sentences about a view that is not that of the lens."""
+    """Sentences about a view that differs from that of the lens."""
     found = []
     for name in _VIEW:
         attribute = prim.GetAttribute(name)
@@ -82,12 +82,12 @@ def _wrong(prim: Usd.Prim, view: dict[str, float]) -> list[str]:
 
 
 def fix(path: Path) -> Lacking:
-    """Write the lines that a stage lacks into its file; returns them.
+    """Insert the missing lines into the file of a stage; returns them.
 
     Raises
     ------
     UsageError
-        The file is no text, or not of a form into which lines can be inserted safely.
+        The file is not text, or has a form into which lines cannot be inserted safely.
     """
     stage, _ = open_stage(path)
     found = lacking(stage)
@@ -107,7 +107,7 @@ def fix(path: Path) -> Lacking:
 
 
 def said_of(path: Path, *, write: bool) -> list[str]:
-    """Tell what viewers miss, as lines for a person; with `write` after the file was mended."""
+    """Report missing statements as lines for a person; with `write` insert them first."""
     name = shown_path(path.resolve())
     if write:
         found = fix(path)
@@ -124,7 +124,7 @@ def said_of(path: Path, *, write: bool) -> list[str]:
 
 
 def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[int, str]]:
-    """A piece of text, and its place."""
+    """Pieces of text with the position at which to insert them."""
     bodies, found = text_map(path).bodies, list[tuple[int, str]]()
     for prim, lines in wanted.items():
         if prim:
@@ -138,7 +138,7 @@ def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[
 
 
 def _after(text: str, at: int, lines: list[str], indent: int) -> tuple[int, str]:
-    """Lines after a bracket: below the comment behind it, above anything else."""
+    """The insertion of lines after a bracket: below the comment behind it, above anything else."""
     rest = text[at:].partition("\n")[0]
     is_free = not rest.strip() or rest.lstrip().startswith("#")
     block = "".join(f"\n{' ' * indent}{line}" for line in lines)
@@ -146,7 +146,7 @@ def _after(text: str, at: int, lines: list[str], indent: int) -> tuple[int, str]
 
 
 def _is(text: str, layer: Sdf.Layer, wanted: dict[str, list[str]]) -> bool:
-    """Whether a text says what a layer says and the lines besides, and nothing else."""
+    """Whether a text states exactly the content of a layer plus the inserted lines."""
     after, before = Sdf.Layer.CreateAnonymous(".usda"), Sdf.Layer.CreateAnonymous(".usda")
     before.TransferContent(layer)
     try:

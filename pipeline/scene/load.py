@@ -1,4 +1,4 @@
-"""The way in: a path to a stage becomes records, or problems."""
+"""Loading of stages: the path of a stage becomes records or problems."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -36,16 +36,16 @@ from pipeline.scene.write.flatten import flattened, text_for_viewers
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loaded:
-    """A stage that was read, or why it cannot be.
+    """A loaded stage, or the problems that prevent it.
 
     Attributes
     ----------
     dataset : Dataset or None
-        None if the stage has errors, or if it is a part of the library and holds no dataset.
+        The dataset; None if the stage has errors, or holds no dataset, such as a file of the library.
     problems : list of Problem
-        Errors and warnings; empty if all is well.
+        Errors and warnings; empty if there are none.
     flattened : str
-        The composed stage as one text, with what viewers need; empty if the stage has errors.
+        Text of the flattened stage with the additions for viewers; empty if the stage has errors.
     cameras : tuple of CameraEntry
         Every camera with PlenCameraAPI, of a dataset or of a rig alone; empty if the stage has errors.
     lens : LensEntry or None
@@ -55,7 +55,7 @@ class Loaded:
     files : tuple of Path
         Files of all layers that were read; empty if the stage has errors.
     composed : Composed or None
-        What later plans compare with to name edits; None if the stage has errors or holds no dataset.
+        Plain data with which later plans compare to name edits; None if the stage has errors or holds no dataset.
     """
 
     dataset: Dataset | None
@@ -76,7 +76,7 @@ class Loaded:
 def load(
     path: str | Path, allow_roots: Iterable[str | Path] = (), *, look: bool = False, guards: Guards | None = None
 ) -> Loaded:
-    """Open, check and read a stage; never raises for what is wrong with it.
+    """Open, check and read a stage. Problems of the stage never raise.
 
     Parameters
     ----------
@@ -85,14 +85,15 @@ def load(
     allow_roots : iterable of str or Path
         Folders that the stage may read from, besides its project and the shipped library.
     look : bool
-        Also trace some rays to say what a camera does not see, and parts that hardly belong together: `pipeline check`.
+        Also trace some rays, to warn of targets that a camera does not see and of parts that hardly fit together
+        (`pipeline check`).
     guards : Guards or None
-        Those of this process, if it is one that may crash; else binary layers are first read in such a one.
+        Guards of this process if it is a confined one; else binary layers are first read in a confined process.
 
     Raises
     ------
     UsageError
-        The path cannot be one of a stage.
+        The path cannot be that of a stage.
     """
     allow_roots = tuple(allow_roots)
     for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
@@ -105,7 +106,7 @@ def load(
     except StageError as error:
         return _refused(error.problems)
     except (Tf.ErrorException, UnicodeDecodeError) as error:
-        # Bytes of a binary layer that USD's own checks let pass; whatever touches them raises.
+        # Damaged bytes of a binary layer that USD's own checks accept; any access raises an error.
         message = f"the stage, or a layer of it, is damaged: {_reason(error)}"
         return _refused([Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)])
 
@@ -132,9 +133,9 @@ def _loaded(layers: Look, look: bool) -> Loaded:
     try:
         dataset = read_dataset(root) if root else None
         cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
-    except UnreadableValue as error:  # no check has said so
+    except UnreadableValue as error:  # no check has reported it
         return _refused([*problems, problem(error.thing, error.code, error.what)])
-    except PipelineError as error:  # nor that
+    except PipelineError as error:  # nor this
         file, code = shown_path(layers.root), error.code or "unreadable"
         return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
     if look:
@@ -160,13 +161,13 @@ def _loaded(layers: Look, look: bool) -> Loaded:
 
 
 def _changed(stage: Usd.Stage, layers: Look, problems: list[Problem]) -> list[Problem]:
-    """Layers that USD opened although nobody had looked at them: nothing of the stage must be told then."""
+    """Problems of layers that USD opened although they were not inspected; nothing of the stage may be shown then."""
     new = [changed(one.realPath) for one in used_layers(stage) if one.identifier not in layers.layers]
     return new + [one for one in problems if one.code == "changed"]
 
 
 def _reason(error: Exception) -> str:
-    """First line of what USD, or the decoder of texts, says."""
+    """First line of an error message of USD or of the text decoder."""
     said = [one.commentary for one in error.args if hasattr(one, "commentary")]
     return shortened((said or [str(error)])[0].strip())
 
@@ -180,7 +181,7 @@ def open_dataset(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Da
     StageError
         The stage has errors, or holds no dataset; it carries all problems.
     UsageError
-        An argument is no path.
+        An argument is not a path.
     """
     return require_dataset(load(path, allow_roots), path)
 
@@ -197,5 +198,5 @@ def require_dataset(loaded: Loaded, path: str | Path) -> Dataset:
 
 
 def attempt(question: dict[str, Any], guards: Guards) -> list[dict[str, Any]]:
-    """Errors of a stage, as the confined process of `scene.trust.trial` answers."""
+    """Errors of a stage, as the answer of the confined process of `scene.trust.trial`."""
     return [one.to_dict() for one in load(question["path"], question["roots"], guards=guards).errors]

@@ -1,4 +1,6 @@
-"""Views: what a camera sees of a target in every frame, by a few rays per point (`camera.figures.outlook`)."""
+"""Views: the visible part of a target in every frame of a camera, found with a few rays per point
+(`camera.figures.outlook`).
+"""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -14,16 +16,19 @@ if TYPE_CHECKING:
     from pipeline.render.surroundings import Surroundings
 
 _POINTS = 8_000
-"""So many points of a target are looked at in all frames together; where there are more, some of each frame."""
+"""Most points of a target that are examined in all frames together; of more, some in each frame."""
 _HIDING = 500
-"""In so many frames it is asked whether something stands before a target; of more, in some of them."""
+"""Most frames that are examined for something in front of a target; of more, some of them."""
 HIDDEN, MERGED = len(Fate), len(Fate) + 1
-"""Fates beside those of `Fate`: light comes into the image, unless something else stands in its way; it does, but all
-points of the target are grey together."""
+"""Fates in addition to those of `Fate`. HIDDEN: the light would reach the image but something stands in its way.
+MERGED: it does reach the image, but all points of the target blur into one grey.
+"""
 _LEAST_PX, _WIDEST_BLUR = 1.0, 4.0
-"""Points that stand nearer in the image than that are one; in so many times as wide a blur none can be told apart."""
+"""Points nearer than this in the image [px] count as one; if the blur exceeds their distance by this factor, no
+points can be distinguished.
+"""
 _NEIGHBOURS = 64
-"""The distance of neighbouring points is the median of so many."""
+"""Number of points whose median gives the distance of neighbouring points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +40,11 @@ class View:
     numbers : tuple of int
         The frames.
     fates : list of int or None
-        Per frame what becomes of most points; None where one of them is seen.
+        Per frame the fate of most points; None if any point is seen.
     points_mm, front : (frames, n, 3) float64
-        Places and normals, vision frame.
+        Positions and normals, vision frame.
     outlook : Outlook
-        Of all frames and points.
+        Outlook of all frames and points.
     """
 
     numbers: tuple[int, ...]
@@ -50,7 +55,7 @@ class View:
 
 
 def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
-    """The view that a camera of a dataset has of the target of that number."""
+    """The view of a camera of a dataset on the target with this index."""
     frames, target = dataset.frames, dataset.targets[number]
     points, front = _points_of(target, len(frames))
     poses = np.array([_pose(frame, name, target.name) for frame in frames])
@@ -74,7 +79,7 @@ def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
 
 
 def spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
-    """Distance of neighbouring points in the image, paraxially; infinite of fewer than two."""
+    """Paraxial distance of neighbouring points in the image [px]; infinite for fewer than two."""
     if len(points_mm) < 2:
         return float("inf")
     some = np.linspace(0, len(points_mm) - 1, min(_NEIGHBOURS, len(points_mm))).astype(int)
@@ -85,7 +90,7 @@ def spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
 
 
 def _points_of(entry: TargetEntry, frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a target and their normals, (n, 3) each, target frame; of very many some, evenly in their order."""
+    """Points of a target and their normals, (n, 3) each, target frame; of very many a regular selection."""
     points = entry.target.points()
     count = min(len(points.kinds), max(1, _POINTS // max(1, frames)))
     kept = np.unique(np.linspace(0, len(points.kinds) - 1, count).astype(int))
@@ -98,8 +103,8 @@ def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:
 
 
 def _surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
-    """Everything in a frame, as a camera has it before it."""
-    from pipeline.render.surroundings import Surroundings  # Embree, for few datasets
+    """All targets and occluders of a frame, in the vision frame of a camera."""
+    from pipeline.render.surroundings import Surroundings  # loads Embree, which few datasets need
 
     targets = [(entry.target, _pose(frame, name, entry.name)) for entry in dataset.targets]
     vision = np.array(frame.camera_from_world[name])

@@ -1,7 +1,7 @@
 """X-corners among the points of a target, where two straight edges cross, and the directions of their edges.
 
-The drawing is asked, not the kind of the point: a corner of an AprilGrid is one, because a tag and a small square meet
-there, and one of a tag in the middle of white paper is not.
+The drawing decides, not the kind of the point: a corner of an AprilGrid is an X-corner, because a tag and a small
+square meet there; a corner of a tag on white paper is not.
 """
 
 from dataclasses import dataclass
@@ -15,16 +15,21 @@ from pipeline.targets.patterns.pattern import Pattern
 from pipeline.targets.target import AnyTarget
 
 _CIRCLE_MM = 1e-3
-"""Radius of the circle on which colours are compared [mm]: far below any feature, far above roundings."""
+"""Radius of the circle on which colours are compared [mm]: far below any feature, far above rounding."""
 _DIRECTIONS = 64
-"""Directions in which colours are compared, less than 6 degrees apart: a corner of four sectors has four changes."""
+"""Number of directions in which colours are compared, less than 6 degrees apart: a corner of four sectors has four
+changes.
+"""
 _BISECTIONS = 40
-"""Halvings of the 6 degrees in which an edge lies: to 1e-13 rad, less than roundings of points of the circle."""
+"""Halvings of the 6 degrees in which an edge lies: to 1e-13 rad, below the rounding of points on the circle."""
 _FIRST = 0.4321
-"""No pattern has an edge in such a share of a circle's 64 parts, in which it would be seen on one side only."""
+"""First direction, as a part of the angle between two directions: no pattern has an edge there, which would be seen
+on one side only.
+"""
 _STRAIGHT_RAD = 1e-6
-"""Angle by which an edge may bend in its corner [rad]: roundings of points a micrometre from each other in sheets of
-metres are below it."""
+"""Angle by which an edge may bend at its corner [rad]: rounding of points a micrometre apart on sheets of metres is
+smaller.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +50,7 @@ class Corners:
 
 
 def corners_of(target: AnyTarget) -> Corners:
-    """Edges and colours around the points of a target; a mesh says nothing about its points."""
+    """Edges and colours around the points of a target; for a mesh nothing is known about them."""
     if isinstance(target, MeshTarget):
         n = len(target.points_mm)
         return Corners(np.full((n, 2, 3), np.nan), np.full(n, np.nan))
@@ -68,8 +73,8 @@ def _on(patch: Patch, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
 def corner_edges(drawing: Drawing, xy_mm: np.ndarray) -> np.ndarray:
     """Directions of the two edges through points (n, 2) of the chart, (n, 2) [rad]; NaN where there is no X-corner.
 
-    The sector from the first to the second direction, anticlockwise and less than a half turn, is white, and so is the
-    one opposite; the other two are black.
+    The sector from the first to the second direction, anticlockwise and less than half a turn, is white, and so is
+    the opposite one; the other two are black.
     """
     return np.array([_edges(drawing, point) for point in xy_mm]).reshape(-1, 2)
 

@@ -1,7 +1,8 @@
-"""The artwork of a target: shapes painted on a white sheet, one after the other. Exact, and without a resolution.
+"""Drawings: the artwork of a target as shapes painted on a white sheet one after the other, exact and without a
+resolution.
 
-A drawing is the one definition of what a pattern looks like: kernels ask it for the colour of a point, and
-`report/artwork` prints the same shapes. It lies in the chart: x right, y up, origin at the centre of the sheet [mm].
+A drawing is the only definition of the appearance of a pattern: kernels ask it for the colour of a point, and
+`report/artwork` prints the same shapes. It is in the chart: x right, y up, origin at the centre of the sheet [mm].
 """
 
 import math
@@ -81,7 +82,7 @@ def rectangle(left: float, bottom: float, right: float, top: float) -> Points:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A white sheet with shapes; of two that overlap the later one is seen.
+    """A white sheet with shapes; a later shape covers earlier ones.
 
     Attributes
     ----------
@@ -123,7 +124,7 @@ class Drawing:
 
 
 def _numbers(shape: Shape) -> tuple[float, ...]:
-    """At the places that `kernels` names."""
+    """Numbers of a shape, in the columns that `kernels` names."""
     if isinstance(shape, Polygon):
         return (0.0 if shape.is_black else 1.0, *_bounds(shape), 0)
     if isinstance(shape, Disc):
@@ -134,7 +135,7 @@ def _numbers(shape: Shape) -> tuple[float, ...]:
 
 
 def _bounds(shape: Shape) -> tuple[float, float, float, float]:
-    """Left, right, bottom, top."""
+    """Left, right, bottom and top of a shape."""
     if isinstance(shape, Polygon):
         x, y = np.array(shape.corners).T
         return x.min(), x.max(), y.min(), y.max()
@@ -148,12 +149,14 @@ def _bounds(shape: Shape) -> tuple[float, float, float, float]:
 def _bins(
     half_x: float, half_y: float, bounds: list[tuple[float, float, float, float]]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Shapes that may be seen in each bin of a grid over the sheet: number of bins, starts and items, last first."""
+    """Shapes that may be seen in each bin of a grid over the sheet: number of bins, start indices and items, last
+    shape first.
+    """
     count = math.ceil(2 * math.sqrt(len(bounds))) if len(bounds) > 3 else 1
     lists: list[list[int]] = [[] for _ in range(count * count)]
     for item in reversed(range(len(bounds))):
         left, right, bottom, top = bounds[item]
-        # A little beyond its bounds: how a quotient rounds must not matter.
+        # Slightly larger than the bounds, so that the rounding of a quotient does not matter.
         (i0, i1), (j0, j1) = (
             (
                 max(0, math.floor((low + half) / (2 * half) * count - 1e-6)),

@@ -12,22 +12,22 @@ from pipeline.jit.decorators import inline, kernel
 from pipeline.targets.surface_kernels import CYLINDER_RADIUS, cylinder_hit, height_hit, height_into
 
 KINDS = ("Polygon", "Disc", "Spokes", "Checks")
-"""Shapes of a drawing, by the numbers that the kernels know them by."""
+"""Kinds of shapes, by their number in kernels."""
 POLYGON, DISC, SPOKES, CHECKS = range(4)
-"""These numbers."""
+"""Numbers of the kinds of shapes."""
 
 NOT_PAINTED = -1.0
-"""Colour of a point beside a shape: none of black, 0, and white, 1."""
+"""Value for a point beside a shape; black is 0 and white is 1."""
 COLOUR, LEFT, RIGHT, BOTTOM, TOP = range(5)
-"""Places in the numbers of a polygon: 0 for black or 1 for white, and its bounds."""
+"""Columns of the numbers of a polygon: 0 for black or 1 for white, and its bounds."""
 MIDDLE_X, MIDDLE_Y, RADIUS = 1, 2, 3
-"""Of a disc, behind its colour; spokes have a middle, too."""
+"""Columns of a disc after its colour; spokes have a centre, too."""
 SPOKES_COUNT, INNER, OUTER, PHASE = 0, 3, 4, 5
-"""Of spokes: their number, both radii, the direction of the first [rad]."""
+"""Columns of spokes: their number, both radii, the direction of the first [rad]."""
 COLUMNS, ROWS, SQUARE = range(3)
-"""Of checks: inner corners along x and y, and the edge of a square."""
+"""Columns of checks: inner corners along x and y, and the edge of a square."""
 NUMBERS = 6
-"""Places for the numbers of a shape: spokes need all."""
+"""Number of columns for a shape; spokes need all."""
 
 
 class DrawingArrays(NamedTuple):

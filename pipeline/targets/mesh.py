@@ -1,4 +1,4 @@
-"""Any mesh with marked points."""
+"""Mesh targets: any mesh with marked points."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,7 +15,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshTarget:
-    """Flat triangles, and points on them; anything whose shape is known. Target frame throughout.
+    """Flat triangles with points on them, for anything of known shape. Everything is in the target frame.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class MeshTarget:
 
     @property
     def kind(self) -> str:
-        """As of any other target."""
+        """Name of the kind of target."""
         return self.KIND
 
     def corners_mm(self) -> np.ndarray:
@@ -68,7 +68,7 @@ class MeshTarget:
         """The marked points, each with a plane of its own."""
         position, normal = np.array(self.points_mm, float), np.array(self.normals, float)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        # x is level where it can be: y of the target crossed with the normal.
+        # x is horizontal if possible: y of the target crossed with the normal.
         level = np.cross([0.0, 1.0, 0.0], normal)
         steep = np.linalg.norm(level, axis=1) < 1e-6
         level[steep] = np.cross(normal[steep], [0.0, 0.0, 1.0])
@@ -97,7 +97,7 @@ class MeshTarget:
 
 
 def _distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """From a point to triangles, (m,): to the plane where the foot lies inside, else to the nearest edge."""
+    """Distances from a point to triangles, (m,): to the plane if the foot lies inside, else to the nearest edge."""
     a = corners[:, 0]
     e1, e2 = corners[:, 1] - a, corners[:, 2] - a
     normal = np.cross(e1, e2)

@@ -1,4 +1,4 @@
-"""Occluders: opaque triangles of one radiance that may stand before a target."""
+"""Occluders: opaque triangles of one radiance that may be in front of a target."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,20 @@ from pipeline.targets.mesh import Triple
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Occluder:
-    """A mesh that takes light away, opaque from both sides.
+    """A mesh that blocks light, opaque from both sides.
 
     Attributes
     ----------
     vertices_mm : tuple of triples
-        In the mesh's own frame.
+        Vertices in the frame of the mesh.
     triangles : tuple of triples of int
     radiance : float
-        Relative, the same everywhere and on both sides.
+        Relative radiance, the same everywhere and on both sides.
 
     Raises
     ------
     TargetError
-        It has no faces, or a face names a vertex that it does not have.
+        It has no faces, or a face refers to a vertex that does not exist.
     """
 
     vertices_mm: tuple[Triple, ...]

@@ -1,4 +1,4 @@
-"""Pieces of a target's surface, each with its own chart: what images are made of, and where marks lie in space."""
+"""Patches: pieces of a target's surface, each with its own chart, used for images and for the positions of marks."""
 
 import math
 from dataclasses import dataclass, field
@@ -11,10 +11,11 @@ from pipeline.targets import kernels
 from pipeline.targets.drawing import Drawing
 
 SAG_MM = 1e-4
-"""Farthest that a mesh may stay from a curved surface [mm]. It matters at silhouettes only: hits are refined to the
-surface."""
+"""Largest distance of a mesh from a curved surface [mm]. It matters only at silhouettes: hits are refined to the
+surface.
+"""
 _MOST_CELLS = 600
-"""Cells of a mesh along an axis at most: a surface that is bent more gets a coarser mesh, and says so."""
+"""Most cells of a mesh along an axis: a surface with more curvature gets a coarser mesh, which is reported."""
 
 Kind = Literal["plane", "heights", "cylinder", "mesh"]
 PLANE: Kind = "plane"
@@ -37,9 +38,9 @@ class Patch:
     colours : (float, float)
         Radiance of black and of white.
     shape : (k,) float64
-        Numbers of a curved surface, see `surface_kernels`; of a cylinder the radius.
+        Numbers of a curved surface, see `surface_kernels`; for a cylinder the radius.
     triangles, albedo : (m, 3, 3), (m, 3) float64
-        Of a mesh: corners in the patch frame, and radiance at them.
+        For a mesh: corners in the patch frame, and radiance at the corners.
     """
 
     kind: Kind
@@ -51,7 +52,7 @@ class Patch:
     albedo: np.ndarray | None = None
 
     def mesh(self) -> np.ndarray:
-        """Triangles near the surface, their fronts anticlockwise, patch frame (m, 3, 3) [mm]."""
+        """Triangles near the surface, anticlockwise as seen from the front, patch frame (m, 3, 3) [mm]."""
         if self.triangles is not None:
             return self.triangles
         nx, ny = self._cells()
@@ -75,7 +76,7 @@ class Patch:
     def _cells(self) -> tuple[int, int]:
         if self.kind == PLANE:
             return 1, 1
-        # The sag of a chord of length s is curvature * s^2 / 8; the diagonal of a cell is the longest one.
+        # The sag of a chord of length s is curvature * s^2 / 8; the longest chord is the diagonal of a cell.
         step = math.sqrt(8 * SAG_MM / max(self._curvature(), 1e-12))
         if self.kind == CYLINDER:
             return self._count(self.drawing.half_x_mm, step), 1
@@ -87,7 +88,7 @@ class Patch:
         return max(1, min(limit, math.ceil(2 * half_mm / step_mm)))
 
     def _curvature(self) -> float:
-        """A bound of the curvature over the patch, from samples [1/mm]."""
+        """Upper bound of the curvature over the patch, from samples [1/mm]."""
         if self.kind == CYLINDER:
             return 1 / abs(float(self.shape[0]))
         x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
@@ -96,7 +97,7 @@ class Patch:
         return float(np.max(bent))
 
     def place(self, xy_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points of the chart on the surface.
+        """Points of the chart, placed on the surface.
 
         Returns
         -------
@@ -121,9 +122,10 @@ class Patch:
         return np.column_stack([xy_mm, found[:, 0]]), *_bent(found)
 
     def along(self, direction_rad: np.ndarray, axes: np.ndarray) -> np.ndarray:
-        """Unit vectors along the surface of directions (n, k) of the chart at points with `axes` of `place`, (n, k, 3).
+        """Unit vectors on the surface for directions (n, k) of the chart at points with the `axes` of `place`, (n,
+        k, 3).
 
-        Patch frame. A cylinder is rolled without stretching; heights keep the chart's x and y.
+        Patch frame. A cylinder is rolled without stretching; height maps keep x and y of the chart.
         """
         flat = np.stack([np.cos(direction_rad), np.sin(direction_rad)], axis=-1)
         if self.kind != HEIGHTS:
@@ -134,7 +136,7 @@ class Patch:
         return raised / np.linalg.norm(raised, axis=-1, keepdims=True)
 
     def hull_mm(self) -> np.ndarray:
-        """Points of the target frame around the patch, (n, 3) [mm]."""
+        """Points of the target frame that enclose the patch, (n, 3) [mm]."""
         return apply(self.target_from_patch, self.mesh().reshape(-1, 3))
 
 

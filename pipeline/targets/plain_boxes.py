@@ -1,6 +1,6 @@
-"""Boxes of a chart in which a drawing has one colour. Kernels only; chart, mm.
+"""Plain boxes: boxes of a chart in which a drawing has one colour. Kernels only; chart, mm.
 
-An answer of one colour is always right; where shapes are many or round, a box of one colour may pass for a mixed one.
+An answer of one colour is always right; with many or round shapes, a box of one colour may be called mixed.
 """
 
 import math
@@ -26,14 +26,18 @@ from pipeline.targets.kernels import (
 )
 
 BESIDE, MIXED = -1.0, -2.0
-"""What a box may be besides 0, black, and 1, white: off the sheet; of several colours, or perhaps so."""
+"""Values for a box besides 0 (black) and 1 (white): off the sheet; of several colours, or possibly so."""
 _MOST_BINS = 16
-"""Bins that a box may lie in before it passes for mixed: a look at more costs more than the rays that it may save."""
+"""Most bins in which a box may lie before it is called mixed: examining more costs more than the rays that this may
+save.
+"""
 
 
 @inline
 def colour_of_box(drawing, left, right, bottom, top):
-    """1 where all of a box is white, 0 where all is black, `BESIDE` or `MIXED`; `drawing`: `kernels.DrawingArrays`."""
+    """1 if a box is entirely white, 0 if entirely black, else `BESIDE` or `MIXED`; `drawing`:
+    `kernels.DrawingArrays`.
+    """
     half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
     if not (left <= right and bottom <= top):  # NaN
         return MIXED
@@ -96,7 +100,7 @@ def _checks_change(columns, rows, square, left, right, bottom, top):
 
 @inline
 def _may_cross(ax, ay, bx, by, left, right, bottom, top):
-    """Whether a segment meets a box: neither the box's sides nor the line through the segment separate them."""
+    """Whether a segment may meet a box: neither the box's sides nor the line through the segment separate them."""
     if max(ax, bx) < left or min(ax, bx) > right or max(ay, by) < bottom or min(ay, by) > top:
         return False
     ex, ey = bx - ax, by - ay

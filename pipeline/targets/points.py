@@ -1,7 +1,7 @@
-"""Target points: what the ground truth needs to know of a target, whatever its pattern and surface.
+"""Target points: the facts about a target that the ground truth needs, for every pattern and surface.
 
-Each point has its own tangent plane. Points that share one (all of a board, all of a cube's face) form one
-`TangentPlane`, so that a position image is made once for them.
+Each point has its own tangent plane. Points with the same plane (those of a board, or of a face of a cube) form one
+`TangentPlane`, so that its position image is computed only once.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from pipeline.frames import apply, inverse, rigid
 
 @dataclass(frozen=True, slots=True)
 class TangentPlane:
-    """A plane, and the points that touch it.
+    """A plane, and the points at which it touches the surface.
 
     Attributes
     ----------
     target_from_plane : (4, 4) float64
         Origin on the plane, z its normal, out of the front.
     members : (k,) int64
-        Rows of the points.
+        Indices of the points.
     points_mm : (k, 3) float64
         The points in the plane's frame; z is 0.
     """
@@ -32,14 +32,14 @@ class TangentPlane:
 
 @dataclass(frozen=True, slots=True)
 class TargetPoints:
-    """Points of a target in the order of their ids: row and id are one.
+    """Points of a target in the order of their ids: the index is the id.
 
     Attributes
     ----------
     position_mm : (n, 3) float64
-        Where each point is, target frame.
+        Position of each point, target frame.
     nominal_mm : (n, 3) float64
-        Where it would be on a flat board; differs on warped ones only.
+        Position on a flat board; differs only on warped ones.
     axes : (n, 3, 3) float64
         Columns: x and y along the surface, and the normal out of its front, target frame.
     curvature_per_mm : (n,) float64
@@ -47,9 +47,9 @@ class TargetPoints:
     kinds : list of str
         See `pattern.Marks`.
     radius_mm : (n,) float64
-        Radius of the disc around the point; NaN where there is none.
+        Radius of the disc around the point; NaN without a disc.
     plane : (n,) int64
-        Number of the tangent plane.
+        Index of the tangent plane.
     frames : (p, 4, 4) float64
         target_from_plane of each tangent plane.
     """
@@ -80,7 +80,7 @@ class TargetPoints:
 
     @staticmethod
     def joined(parts: list["TargetPoints"]) -> "TargetPoints":
-        """Points one after the other; planes are renumbered."""
+        """Points of several parts, one after the other; planes are renumbered."""
         first = np.cumsum([0, *(len(part.frames) for part in parts)])
         arrays = {
             name: np.concatenate([getattr(part, name) for part in parts])
@@ -94,5 +94,5 @@ class TargetPoints:
 
 
 def frames_at(position_mm: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """target_from_plane of a plane of its own for every point, (n, 4, 4)."""
+    """target_from_plane of a separate plane for every point, (n, 4, 4)."""
     return np.array([rigid(turn, place) for turn, place in zip(axes, position_mm, strict=True)]).reshape(-1, 4, 4)

@@ -1,8 +1,8 @@
-"""A target as coloured faces for viewers: its sheet in true size, cut where its drawing changes colour.
+"""Preview of a target as coloured faces for viewers: its sheet in true size, cut where the colour changes.
 
-Upright rectangles and checks are exact. Round and slanted shapes are made of small upright rectangles, curved surfaces
-of small flat ones whose corners lie on the surface (between the heights of a height map: on straight lines).
-Nothing is compiled and no library is loaded: a plan does this, too.
+Upright rectangles and checks are exact. Round and slanted shapes are made of small upright rectangles, curved
+surfaces of small flat ones with corners on the surface (on straight lines between the heights of a height map).
+Nothing is compiled and no library is loaded, because a plan makes previews, too.
 """
 
 import math
@@ -17,15 +17,17 @@ from pipeline.targets.patches import CYLINDER, PLANE, Patch
 from pipeline.targets.target import Target
 
 _DISC_STEPS, _SIDE_STEPS = 16, 10
-"""Rectangles across a disc, and along a slanted side of a polygon: enough for a look, and no number comes from them."""
+"""Rectangles across a disc, and along a slanted side of a polygon: enough for looking; no number depends on them."""
 _SPOKE_STEPS, _MOST_SPOKE_STEPS = 4, 160
-"""Rectangles per spoke across a star, and at most: enough for a look."""
+"""Rectangles per spoke across a star, and the most: enough for looking."""
 _AROUND, _ACROSS = 64, 24
-"""Faces around a cylinder, and along each direction of a bent board, at least."""
+"""Least number of faces around a cylinder, and along each direction of a bent board."""
 _MOST_CELLS, _MOST_SHAPES = 100_000, 20_000
-"""Limits of a piece of a target; what has more is shown as a blank sheet of the mean of its two colours."""
+"""Most cells and shapes of a patch; a patch with more is shown as a blank sheet of the mean of its two colours."""
 _SAME = 7
-"""Digits, relative to the half sheet, to which lines of different shapes are one: between roundings and any gap."""
+"""Digits, relative to the half sheet, to which lines of different shapes count as equal: between rounding and any
+gap.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ class PreviewFaces:
     faces : (m, 4) int64
         Corners, anticlockwise as seen from the front.
     radiance : (m,) float64
-        Of each face, relative.
+        Relative radiance of each face.
     """
 
     points_mm: np.ndarray
@@ -47,7 +49,7 @@ class PreviewFaces:
 
 
 def preview_faces(target: Target) -> PreviewFaces:
-    """All pieces of a target."""
+    """Faces of all patches of a target."""
     points, faces, radiance, count = list[np.ndarray](), list[np.ndarray](), list[np.ndarray](), 0
     for patch in target.patches():
         own = _faces(patch)
@@ -59,7 +61,7 @@ def preview_faces(target: Target) -> PreviewFaces:
 
 
 def _faces(patch: Patch) -> PreviewFaces:
-    """One piece, in its own frame."""
+    """Faces of one patch, in its own frame."""
     black, white = patch.colours
     too_fine = _is_too_fine(patch.drawing)
     if not too_fine:
@@ -87,13 +89,13 @@ def _faces(patch: Patch) -> PreviewFaces:
 
 
 def _is_too_fine(drawing: Drawing) -> bool:
-    """Whether a drawing certainly has more than is shown."""
+    """Whether a drawing certainly exceeds the limits of a preview."""
     checks = sum((one.columns + 1) * (one.rows + 1) for one in drawing.shapes if isinstance(one, Checks))
     return checks > _MOST_CELLS or len(drawing.shapes) > _MOST_SHAPES
 
 
 def _lines(drawing: Drawing, axis: int) -> np.ndarray:
-    """Borders of cells along x (0) or y (1), both edges of the sheet included, (n,)."""
+    """Borders of cells along x (0) or y (1), including both edges of the sheet, (n,)."""
     half = (drawing.half_x_mm, drawing.half_y_mm)[axis]
     found = [np.array([-half, half]), *(_lines_of(shape, axis) for shape in drawing.shapes)]
     lines = np.clip(np.concatenate(found), -half, half)
@@ -126,7 +128,9 @@ def _middles(lines: np.ndarray) -> np.ndarray:
 
 
 def _is_black(drawing: Drawing, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Whether the drawing is black at the points of a grid, (len(y), len(x)) bool: shapes painted one by one."""
+    """Whether the drawing is black at the points of a grid, (len(y), len(x)) bool, found by painting its shapes one
+    by one.
+    """
     black = np.zeros((len(y), len(x)), bool)
     for shape in drawing.shapes:
         left, right, bottom, top = _bounds(shape)
@@ -164,7 +168,9 @@ def _is_inside(shape: Polygon | Disc | Spokes, u: np.ndarray, v: np.ndarray) -> 
 
 
 def _merged(light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of one colour as few rectangles (left, bottom, right, top) of lines, (m, 4), and their colours, (m,)."""
+    """Cells of one colour merged into few rectangles (left, bottom, right, top) of lines, (m, 4), and their colours,
+    (m,).
+    """
     open_, found = dict[tuple[int, int, float], int](), list[tuple[int, int, int, int, float]]()
     for row in range(len(light) + 1):
         runs = _runs(light[row]) if row < len(light) else set()
@@ -184,7 +190,7 @@ def _runs(row: np.ndarray) -> set[tuple[int, int, float]]:
 
 
 def _finer(lines: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lines with more between them, for a curved surface, and which cell of before each new one lies in."""
+    """Lines with further ones between them, for a curved surface, and the old cell of each new one."""
     parts = np.maximum(1, np.ceil(steps * np.diff(lines) / (lines[-1] - lines[0]))).astype(int)
     fine = [np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(pairwise(lines), parts, strict=True)]
     return np.append(np.concatenate(fine), lines[-1]), np.repeat(np.arange(len(parts)), parts)
@@ -194,7 +200,7 @@ def _placed(patch: Patch, xy: np.ndarray) -> np.ndarray:
     """Points of the chart on the surface, patch frame (n, 3)."""
     if patch.kind in (PLANE, CYLINDER):
         return patch.place(xy)[0]
-    # `place` would compile a kernel for heights.
+    # `place` would compile a kernel for height maps.
     across, down, half_x, half_y, *rest = patch.shape.tolist()
     x, y = xy.T
     if across == 0:
@@ -205,7 +211,7 @@ def _placed(patch: Patch, xy: np.ndarray) -> np.ndarray:
 
 
 def _between(heights: np.ndarray, along: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """Heights, rows from the top, at shares of the width and of the height, between neighbours on straight lines."""
+    """Heights (rows from the top) at fractions of width and height, interpolated linearly between neighbours."""
     rows, columns = heights.shape
     i = np.clip(np.floor(along * (columns - 1)), 0, columns - 2).astype(int)
     j = np.clip(np.floor(below * (rows - 1)), 0, rows - 2).astype(int)

@@ -12,18 +12,20 @@ import numpy as np
 from pipeline.jit.decorators import buffers, inline
 
 COLUMNS, ROWS, HALF_X, HALF_Y, HEIGHTS = range(5)
-"""Places in the shape of a board; from the last one on are its heights, or two deflections."""
+"""Columns of the shape of a board; from the last one on follow its heights, or two deflections."""
 CYLINDER_RADIUS = 0
-"""Place in the shape of a cylinder."""
+"""Column of the shape of a cylinder."""
 _STEPS = 20
-"""Steps of Newton's method at most: digits double near the board, and a ray that grazes it has to end."""
+"""Most steps of Newton's method: the number of correct digits doubles near the board, and a ray that grazes it must
+end.
+"""
 _PRECISION = 1e-12
-"""Of a Newton step [mm]; the last one taken is some digits smaller yet."""
+"""Last step of Newton's method [mm]; the remaining error is some digits smaller."""
 
 
 @inline
 def _weights(t):
-    """Catmull-Rom weights of four neighbouring heights at a fraction t between the middle two, and two derivatives."""
+    """Catmull-Rom weights of four neighbouring heights at a fraction t between the middle two, with two derivatives."""
     return (
         (
             0.5 * t * ((2.0 - t) * t - 1.0),
@@ -43,7 +45,7 @@ def _weights(t):
 
 @inline
 def _node(shape, i, j):
-    """A height, or beyond the edge of the map the one that goes on straight."""
+    """A height of the map; beyond its edge the linear continuation."""
     nx, ny = int(shape[COLUMNS]), int(shape[ROWS])
     if i < 0:
         return 2.0 * _row_node(shape, 0, j, nx, ny) - _row_node(shape, 1, j, nx, ny)
@@ -91,7 +93,9 @@ def height_into(shape, u, v, result):
 
 @buffers
 def height_hit(shape, o, d, t):
-    """Newton's method from a path t: u, v and the normal (not of unit length) where the ray meets the board."""
+    """Newton's method from a path t: u, v and the normal (not of unit length) at the point where the ray meets the
+    board.
+    """
     found = np.empty(6)
     u, v, nx, ny = math.nan, math.nan, 0.0, 0.0
     for _ in range(_STEPS):
@@ -107,14 +111,15 @@ def height_hit(shape, o, d, t):
 
 @inline
 def cylinder_hit(radius, o, d, start):
-    """Crossing of a ray with a cylinder about the line x = 0, z = -radius: of the two the one nearer to a path.
+    """Crossing of a ray with a cylinder about the line x = 0, z = -radius; of two crossings the one nearer to a
+    path.
 
     u is the length of the arc from the line x = 0, z = 0; a negative radius is a hollow seen from inside.
     """
     cx, cz = o[0], o[2] + radius
     a, b = d[0] * d[0] + d[2] * d[2], cx * d[0] + cz * d[2]
     root = math.sqrt(b * b - a * (cx * cx + cz * cz - radius * radius))
-    # The two roots of a quadratic without cancelling digits.
+    # The two roots of a quadratic without loss of digits by cancellation.
     q = -(b + math.copysign(root, b))
     one, other = q / a, (cx * cx + cz * cz - radius * radius) / q
     t = one if abs(one - start) < abs(other - start) else other

@@ -23,7 +23,7 @@ class Flat:
     KIND: ClassVar[str] = "flat"
 
     def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """The surface in pieces, each with the pattern that lies on it; None for a blank one."""
+        """Patches of the surface, each with the pattern on it; None for a blank one."""
         return [(Patch(PLANE, np.eye(4), pattern.drawing, (pattern.black, pattern.white)), pattern)]
 
 
@@ -31,13 +31,13 @@ class Flat:
 class Warped:
     """A board bent like a bow: z = dx (1 - (x / half width)^2) + dy (1 - (y / half height)^2), of the whole sheet.
 
-    The pattern keeps its x and y, as in mrcal: a print that is bent keeps lengths along the surface instead, which
-    differs by 8/3 of the squared deflection over the width, in all.
+    The pattern keeps its x and y, as in mrcal. (A bent print keeps lengths along the surface instead; the total
+    difference is 8/3 of the squared deflection over the width.)
 
     Attributes
     ----------
     deflection_mm : (float, float)
-        dx and dy, positive where the middle stands out towards the viewer.
+        dx and dy, positive if the middle stands out towards the viewer.
     """
 
     KIND: ClassVar[str] = "warped"
@@ -45,7 +45,7 @@ class Warped:
     deflection_mm: tuple[float, float]
 
     def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """One piece."""
+        """The one patch of the surface."""
         drawing = pattern.drawing
         shape = np.array([0.0, 0.0, drawing.half_x_mm, drawing.half_y_mm, *self.deflection_mm])
         return [(Patch(HEIGHTS, np.eye(4), drawing, (pattern.black, pattern.white), shape), pattern)]
@@ -80,7 +80,7 @@ class HeightMap:
             )
 
     def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """One piece."""
+        """The one patch of the surface."""
         drawing = pattern.drawing
         shape = np.array([*self.resolution, drawing.half_x_mm, drawing.half_y_mm, *self.heights_mm], float)
         return [(Patch(HEIGHTS, np.eye(4), drawing, (pattern.black, pattern.white), shape), pattern)]
@@ -101,7 +101,7 @@ class Cylinder:
     radius_mm: float
 
     def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """One piece."""
+        """The one patch of the surface."""
         drawing = pattern.drawing
         if drawing.half_x_mm > math.pi * abs(self.radius_mm):
             raise TargetError(
@@ -116,14 +116,14 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cube:
-    """A cube with the pattern on every face; tags go on counting from face to face. The origin is its centre.
+    """A cube with the pattern on every face; tag numbers go on from face to face. The origin is its centre.
 
     Faces: 0 front (+z), 1 right (+x), 2 top (+y), 3 left, 4 bottom, 5 back.
 
     Attributes
     ----------
     edge_mm : float
-        What a face has beyond the pattern's sheet is white.
+        Edge of the cube; the part of a face beyond the sheet of the pattern is white.
     """
 
     KIND: ClassVar[str] = "cube"
@@ -139,7 +139,7 @@ class Cube:
     edge_mm: float
 
     def patches(self, pattern: Pattern) -> list[tuple[Patch, Pattern | None]]:
-        """Six faces."""
+        """The six faces."""
         half = self.edge_mm / 2
         widest = max(pattern.drawing.half_x_mm, pattern.drawing.half_y_mm)
         if half < widest:
@@ -159,7 +159,7 @@ class Cube:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stairs:
-    """Stairs that rise and recede: the pattern on the front of each step, white treads between them.
+    """Stairs: the pattern on the front of each step, white treads between the fronts.
 
     The origin is the centre of the lowest front, step 0. Tags go on counting from step to step.
 

@@ -56,11 +56,11 @@ class Target:
         return self.pattern.KIND
 
     def patches(self) -> list[Patch]:
-        """The surface in pieces, for images."""
+        """Patches of the surface, for images."""
         return [patch for patch, _ in self.surface.patches(self.pattern)]
 
     def points(self) -> TargetPoints:
-        """All points, of one patch after the other."""
+        """All points, patch by patch."""
         pieces = [(patch, pattern) for patch, pattern in self.surface.patches(self.pattern) if pattern]
         return TargetPoints.joined([_points_on(patch, pattern) for patch, pattern in pieces])
 
@@ -74,7 +74,7 @@ def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
     points, axes, curvature = patch.place(marks.xy_mm)
     is_flat = patch.kind == PLANE
     position, own = apply(patch.target_from_patch, points), turn @ axes
-    # A cylinder is what it was meant to be; a board with a height map was meant to be flat.
+    # The nominal shape of a cylinder is the cylinder; that of a board with a height map is flat.
     nominal = np.pad(marks.xy_mm, ((0, 0), (0, 1))) if patch.kind == "heights" else position
     return TargetPoints(
         position_mm=position,
@@ -89,7 +89,9 @@ def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
 
 
 def bare(target: AnyTarget) -> AnyTarget:
-    """The same shape with the same drawing and points; its light is 1 and its dark is 0, a mesh is light all over."""
+    """The same shape, drawing and points with radiance 1 for white and 0 for black; a mesh gets radiance 1
+    everywhere.
+    """
     if isinstance(target, MeshTarget):
         return dataclasses.replace(target, albedo=((1.0, 1.0, 1.0),) * len(target.triangles))
     return Target(dataclasses.replace(target.pattern, white=1.0, black=0.0), target.surface)  # type: ignore[type-var]
@@ -107,7 +109,7 @@ def plain_from_target(target: AnyTarget) -> dict[str, Any]:
 
 
 def target_from_plain(plain: dict[str, Any]) -> AnyTarget:
-    """The target that `plain_from_target` wrote."""
+    """The target written by `plain_from_target`."""
     if plain["kind"] == MeshTarget.KIND:
         return from_plain(MeshTarget, plain["mesh"])
     surface = dict(plain["surface"])

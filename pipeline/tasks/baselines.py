@@ -1,4 +1,4 @@
-"""Task `baselines`: how the cameras of a dataset stand to each other in every frame, from pinhole to pinhole."""
+"""Task `baselines`: relative poses of the cameras of a dataset in every frame, from pinhole to pinhole."""
 
 from itertools import combinations
 from pathlib import Path

@@ -1,5 +1,6 @@
-"""Task `certificate`: a sample of a camera's correspondences in all frames, solved again with the other rule; and how
-many points of each target the camera sees in each frame."""
+"""Task `certificate`: a sample of a camera's correspondences in all frames, solved again with the other rule of
+integration; and the number of seen points of each target in each frame.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from pipeline.truth.judging.judged import ROWS, Rows, rows_of_build
 from pipeline.truth.planes import tangent_planes
 
 _STREAM = 0x5EA1
-"""Random numbers of the judge are none of those that it judges."""
+"""Random stream of the judge, which differs from those of the judged rows."""
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
@@ -38,7 +39,9 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
 
 def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> dict[str, Any]:
-    """Points of each target, and per frame how many of them have a row, and rows: plain data for the manifest."""
+    """Points of each target, and per frame the numbers of points with a row and of rows, as plain data for the
+    manifest.
+    """
     of = {
         entry.name: len(target_from_plain(entry.target).points().kinds)
         for targets, _ in tables[:1]
@@ -61,7 +64,7 @@ def certificate(
     seed: int,
     rows: int = ROWS,
 ) -> dict[str, Any]:
-    """Draw a sample of so many rows from the tables of all frames, solve it again, and state the differences."""
+    """Draw a sample of rows from the tables of all frames, solve it again, and state the differences."""
     parts = [part for targets, table in tables for part in rows_of(rig, targets, table)]
     if not parts:
         parts = [(np.zeros((0, 4, 3)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))]

@@ -1,4 +1,4 @@
-"""Task `image`: the image of one camera in one frame, linear and as a preview; joined from tiles where it has some."""
+"""Task `image`: the image of one camera in one frame, linear and as a preview; joined from tiles if there are any."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import Image as Params
 
 _PREVIEW_ROWS = 512
-"""Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
+"""Rows of a preview that are converted at once: the formula takes some hundred bytes per pixel."""
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
@@ -29,7 +29,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
 
 def run_together(params: Sequence[Params], inputs: Inputs, outs: Sequence[Path]) -> None:
-    """Images without tiles of several frames, which share the rays."""
+    """Images without tiles of several frames, which share their rays."""
     views = [one.view for one in params if one.view]
     for pixels, one, out in zip(image_rows(params[0].exposure, views, inputs), params, outs, strict=True):
         _write(out, pixels, one, inputs)

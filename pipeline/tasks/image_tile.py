@@ -24,7 +24,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
 
 def run_together(params: Sequence[Params], inputs: Inputs, outs: Sequence[Path]) -> None:
-    """The same rows of several frames, which share the rays."""
+    """The same rows of several frames, which share their rays."""
     views = [one.view for one in params]
     for pixels, out in zip(image_rows(params[0].exposure, views, inputs, params[0].rows), outs, strict=True):
         write_npy(out / PIXELS, pixels)

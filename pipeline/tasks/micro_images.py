@@ -36,7 +36,7 @@ OUTLINES_HEADER = (
     "empty: the vertex throws no light onto the centroid",
 )
 _DECIMALS = 6
-"""Decimals of the radii of outlines [px]: two more than their bisection is good for."""
+"""Decimals of the radii of outlines [px]: two more than the accuracy of their bisection."""
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
@@ -70,7 +70,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     write_table(out / "micro_images.csv", HEADER, columns)
     outlines = {name: values[found.rows] for name, values in columns.items() if name.startswith(("micro", "centroid"))}
     for name, radii_mm in (("pupil", found.pupil_mm), ("light", found.light_mm)):
-        # Bisected to about 1e-4 px: more digits would say nothing.
+        # Bisected to about 1e-4 px: more digits would be meaningless.
         radii = np.round(radii_mm / pitch, _DECIMALS)
         outlines |= {f"{name}_{angle}_px": radii[:, i] for i, angle in enumerate(OUTLINE_DEG)}
     write_table(out / "micro_image_outlines.csv", OUTLINES_HEADER, outlines)

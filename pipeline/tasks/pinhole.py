@@ -1,4 +1,4 @@
-"""Task `pinhole`: the pinhole that stands for a camera in programs that know nothing else.
+"""Task `pinhole`: the equivalent pinhole of a camera, for programs that know no other model.
 
 It writes `pinhole.json`, which the report of the camera and its poses read; null where no pinhole can be fitted.
 """

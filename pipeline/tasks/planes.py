@@ -1,4 +1,4 @@
-"""Task `planes`: settle the planes of J_near and J_far.
+"""Task `planes`: determine the planes of J_near and J_far.
 
 It writes `planes.json`, which the report and the tasks that trace J read beside `focused.json`.
 """

@@ -1,6 +1,7 @@
 """Task `positions`: J of every tangent plane of all targets in one frame, traced to the planes (method `image`).
 
-Only where target points may be seen, unless the whole image is asked for: the candidates are those of method `direct`.
+Only where target points may be seen, unless the whole image is asked for: the candidates are those of method
+`direct`.
 """
 
 import dataclasses

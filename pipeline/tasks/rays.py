@@ -45,7 +45,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
 
 class _Tiles:
-    """The outputs of all tiles, one below the other; rows of them become pixels of parts, (rows, w, channels)."""
+    """The outputs of all tiles, one below the other; their rows become pixels of parts, (rows, w, channels)."""
 
     def __init__(self, inputs: Inputs, tiles: int, supersampling: int) -> None:
         self.bundles, self.cells, self.covariance = (
@@ -63,7 +63,7 @@ class _Tiles:
         return self.bundles.rows(first, end)[..., FAR]
 
     def hit_fraction(self, first: int, end: int) -> np.ndarray:
-        """Share of the light that leaves."""
+        """Hit fraction."""
         return self.bundles.rows(first, end)[..., HIT_FRACTION, None]
 
     def error(self, first: int, end: int) -> np.ndarray:

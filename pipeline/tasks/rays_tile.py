@@ -1,4 +1,4 @@
-"""Task `rays_tile`: bundles of a band of rows of a camera's fine grid. Tiles only spread the work over cores."""
+"""Task `rays_tile`: bundles of a band of rows of a camera's fine grid. Tiles only distribute the work."""
 
 import dataclasses
 from pathlib import Path
@@ -13,7 +13,7 @@ from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches
 from pipeline.tasks.params.rays import RaysTile as Params
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
-"""Columns of bundles.npy; the last is their number."""
+"""Columns of bundles.npy; the last value is their number."""
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
@@ -28,7 +28,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     for piece in stretches(rig, k, params.first_row * k, params.end_row * k):
         bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params.sampling, params.square_px)
         cells[piece.index] = piece.lens if rig.images else 0
-    # Of every pixel the bundle next to its centre keeps its second moments.
+    # For every pixel the bundle next to its centre keeps its second moments.
     small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
     write_npy(out / "bundles.npy", bundles.reshape(height, width, WIDTH))
     write_npy(out / "cells.npy", cells.reshape(height, width))
@@ -36,7 +36,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
 
 def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bundles (n, WIDTH) of positions, and second moments (n, 10), which only those next to a pixel's centre need."""
+    """Bundles (n, WIDTH) of positions, and second moments (n, 10), which are needed only next to a pixel's centre."""
     camera, k, lens = tracer.camera, sampling.supersampling, piece.lens
     assert camera.near_mm is not None and camera.far_mm is not None
     planes = parallel_planes(camera.near_mm, camera.far_mm)

@@ -1,6 +1,7 @@
 """Task `stop`: a focused camera with its stop set to another F-number, for a further white image.
 
-It writes `focused.json` like the task `focus`, so that white images and micro-images are made of it in the same way.
+It writes `focused.json` like the task `focus`, so that white images and micro-images are made from it in the same
+way.
 """
 
 from pathlib import Path

@@ -34,9 +34,11 @@ from pipeline.truth.settings import TruthSettings
 from pipeline.truth.visibility import seen
 
 ROWS, NOTES = "rows.csv", "notes.json"
-"""What tiles write."""
+"""Files that tiles write."""
 Traced = Callable[[int, slice, slice], np.ndarray]
-"""(number of a tangent plane, rows and columns of the fine grid) to its traced position image there."""
+"""Function of the index of a tangent plane and of rows and columns of the fine grid that returns the traced position
+image there.
+"""
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
@@ -55,12 +57,12 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 def target_rows(
     table: TruthTable, view: View, rig: Rig, inputs: Inputs, some_points: dict[str, tuple[int, int]] | None = None
 ) -> tuple[list[TargetNote], dict[str, list[Any]]]:
-    """Notes on the targets, and the columns of the rows of all of them.
+    """Notes about the targets, and the columns of the rows of all of them.
 
     Parameters
     ----------
     some_points : dict, optional
-        First and end of the points of each target that are asked for, by name; by default all.
+        First and end index of the required points of each target, by name; by default all.
     """
     settings = table.settings
     rays = RayFile(inputs) if settings.searches else None
@@ -117,16 +119,17 @@ def correspondences(
     traced: Traced | None,
     some: slice = slice(None),
 ) -> Correspondences | None:
-    """All rows of one target, None if all of its points face away; `rays` is None for the method without images.
+    """All rows of one target, None if all of its points face away; `rays` is None for method `direct`.
 
-    That method may be asked for some points alone; the rows are the same.
+    Method `direct` can solve some points only; the rows are the same.
     """
     planes = posed.planes
     if not faces_camera(planes).any():
         return None
     if rays is None:
         asked = np.zeros_like(planes)
-        asked[:, 0], asked[some] = planes[:, 0], planes[some]  # the others are turned neither to the camera nor away
+        # The others face neither to the camera nor away: they get no rows
+        asked[:, 0], asked[some] = planes[:, 0], planes[some]
         return solved(rig, settings, asked)
     images = _position_images(settings.method, traced)
     rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered(settings), images)
@@ -134,7 +137,7 @@ def correspondences(
 
 
 def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Correspondences:
-    """All rows of the method without images."""
+    """All rows by method `direct`."""
     assert settings.claim_px is not None
     guess, rays = guesses(rig, planes)
     found = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
@@ -142,24 +145,28 @@ def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Corresponde
 
 
 def unfiltered(settings: TruthSettings) -> TruthSettings:
-    """Settings without a least hit fraction: its own bundle says whether a row has light enough, not its neighbour."""
+    """Settings without a least hit fraction: a row's own bundle decides whether it has enough light, not its
+    neighbour.
+    """
     return dataclasses.replace(settings, min_hit_fraction=0.0)
 
 
 def finished(rig: Rig, rows: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
-    """Rows of a search in position images, polished where the method does that, with light and blur of their own."""
+    """Rows of a search in position images, solved directly if the method requires it, with light and blur of their
+    own bundles.
+    """
     if settings.method == "moments" and settings.search == "quad":
         rows = polished(rig, rows, planes, settings)
     return with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
 
 
 def _traced(positions: ExrWindows, target: str, planes: int, number: int, rows: slice, columns: slice) -> np.ndarray:
-    """Rows and columns of the fine grid of the position image that task `positions` traced for a tangent plane."""
+    """Rows and columns of the fine grid from the position image that task `positions` traced for a tangent plane."""
     return rows_of(positions, plane_name(target, number, planes), rows, columns, "X", "Y")
 
 
 def _position_images(method: str, traced: Traced | None) -> ImageOf:
-    """J on the planes of a target, each in its own frame, by the method that the stage asks for."""
+    """J on the planes of a target, each in its own frame, by the method of the stage."""
 
     def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
         if traced is not None:

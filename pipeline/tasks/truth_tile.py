@@ -1,4 +1,6 @@
-"""Task `truth_tile`: the rows of some target points, for the task `truth`; of the method that solves each alone."""
+"""Task `truth_tile`: the rows of some target points, for the task `truth`, by method `direct`, which solves each row
+alone.
+"""
 
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from pipeline.tasks.truth import NOTES, ROWS, target_rows
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
-    """Write the rows and what is told of the targets."""
+    """Write the rows and the notes about the targets."""
     rig = rig_of(inputs, params.table.labels.seed, params.square_px)
     notes, columns = target_rows(params.table, params.view, rig, inputs, params.points)
     write_table(out / ROWS, [], columns)

@@ -1,10 +1,10 @@
-"""Blur of a target point in the image, from the second moments of its bundle, to first order."""
+"""Blur of a target point in the image, to first order, from the second moments of its bundle."""
 
 import numpy as np
 
 
 def deviations(covariance: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Covariances of a bundle at the target plane's distance, the plane's tilt ignored.
+    """Covariances of a bundle at the distance of the target plane, ignoring the tilt of the plane.
 
     With delta_n and delta_f the deviations at the near and far plane, u = (1 - t) delta_n + t delta_f is the deviation
     at the target and v = delta_f - delta_n that of the direction.
@@ -50,6 +50,6 @@ def in_image(covariance: np.ndarray, target_from_image: np.ndarray) -> np.ndarra
 
 
 def signed_radius_px(blur_px2: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """rho = sign(tr Cov(u, v)) sqrt(2 (blur_xx + blur_yy)): positive when the target lies beyond best focus."""
+    """rho = sign(tr Cov(u, v)) sqrt(2 (blur_xx + blur_yy)): positive if the target lies beyond best focus."""
     trace = np.trace(blur_px2, axis1=1, axis2=2)
     return np.sign(np.trace(uv, axis1=1, axis2=2)) * np.sqrt(2 * np.maximum(trace, 0))

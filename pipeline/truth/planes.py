@@ -1,4 +1,4 @@
-"""Tangent planes at target points, vision frame: rows point, first axis, second axis, normal, as kernels read them."""
+"""Tangent planes at target points, vision frame, as kernels read them: rows point, first axis, second axis, normal."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: 
     Parameters
     ----------
     axes : (p, 3, 3) float64, optional
-        Columns: x and y of each plane and its normal, target frame; those of the target where it is flat.
+        Columns: x and y of each plane and its normal, target frame; by default the axes of a flat target.
     """
     planes = np.empty((len(points_mm), 4, 3))
     planes[:, 0] = points_mm @ vision_from_target[:3, :3].T + vision_from_target[:3, 3]
@@ -19,5 +19,5 @@ def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: 
 
 
 def faces_camera(planes: np.ndarray) -> np.ndarray:
-    """Whether the front of planes (p, 4, 3) is turned to the centre of the aperture stop, (p,) bool."""
+    """Whether the front of each plane (p, 4, 3) faces the centre of the aperture stop, (p,) bool."""
     return np.einsum("pi,pi->p", planes[:, 0], planes[:, 3]) < 0

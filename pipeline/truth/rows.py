@@ -1,4 +1,4 @@
-"""Rows of correspondences, and the rule of which exist: the same for every method."""
+"""Rows of correspondences, and the rule that decides which exist: the same for every method."""
 
 import dataclasses
 from collections.abc import Callable
@@ -21,7 +21,7 @@ class Found:
     noise_gain : (n,) float64
         Standard error of the solution over that of a single position of the grid.
     error_px : (n,) float64
-        Expected error from noise and from what the search assumes; NaN where it cannot tell.
+        Expected error from noise and from the assumptions of the search; NaN if unknown.
     """
 
     point: np.ndarray
@@ -33,7 +33,7 @@ class Found:
     error_px: np.ndarray
 
     def only(self, kept: np.ndarray) -> "Found":
-        """The rows where `kept` is true, or those that it numbers."""
+        """The rows selected by a mask or by indices."""
         return Found(*(getattr(self, name)[kept] for name in self.__slots__))
 
     def joined(self, other: "Found") -> "Found":
@@ -52,11 +52,11 @@ class Correspondences:
         Standard error from the ray sampling.
     hit_fraction, rho_px : (n,) float64
     blur_px2 : (n, 2, 2) float64
-        NaN where the second moments are not known.
+        Blur; NaN if the second moments are unknown.
     counts : dict
-        What was found, rejected and dropped, by reason.
+        Numbers of solutions found, rejected and dropped, by reason.
     method : (n,) str
-        How each row was found.
+        Method by which each row was found.
     """
 
     found: Found
@@ -68,12 +68,12 @@ class Correspondences:
     method: np.ndarray
 
     def only(self, kept: np.ndarray) -> "Correspondences":
-        """The rows where `kept` is true, or those that it numbers; counts stay."""
+        """The rows selected by a mask or by indices; counts are not changed."""
         columns = (getattr(self, name)[kept] for name in _PER_ROW)
         return dataclasses.replace(self, found=self.found.only(kept), **dict(zip(_PER_ROW, columns, strict=True)))
 
     def joined(self, other: "Correspondences") -> "Correspondences":
-        """These rows and those of another; counts stay these."""
+        """These rows and those of another; counts are those of this record."""
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _PER_ROW
         }
@@ -93,7 +93,7 @@ _PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
 
 
 class Whereabouts(Protocol):
-    """An image and its cells, of a camera that is made ready (`camera.rig.Rig`) or of its position images."""
+    """An image and its cells: either a camera made ready (`camera.rig.Rig`) or its position images."""
 
     @property
     def axial(self) -> np.ndarray:
@@ -109,14 +109,16 @@ class Whereabouts(Protocol):
 def which_exist(
     image: Whereabouts, x_px: np.ndarray, cell: np.ndarray, is_lit: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, dict[str, int]]:
-    """Numbers of the rows inside the image and their own cell that have light enough; the others by reason.
+    """Indices of the rows that lie inside the image and their own cell and have enough light; counts of the others
+    by reason.
 
     Parameters
     ----------
     x_px : (n, 2) float64
     cell : (n,) int64
     is_lit : callable
-        Whether rows, by their numbers, have light enough; asked of the others alone.
+        Function that tells whether rows, given by index, have enough light; called only for rows inside image and
+        cell.
     """
     counts, rows = {}, np.arange(len(cell))
     tests: dict[str, Callable[[np.ndarray], np.ndarray]] = {

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
 OF_SEARCH = ("search", "filter", "lambda_d", "lambda_alpha_deg", "nearest_threshold_mm")
-"""Fields of `TruthSettings` that only the methods with position images read."""
+"""Fields of `TruthSettings` that only methods with position images use."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +29,7 @@ class TruthSettings:
     min_hit_fraction : float
         Correspondences below this hit fraction are dropped.
     accuracy_px : float or None
-        Error that rows may have; None: what the method is expected to keep, see `claim_px`.
+        Claimed accuracy of rows; None: that of the method, see `claim_px`.
     columns : tuple of str
         Sets of columns beside those that every table has, see `column_sets`.
     """
@@ -46,15 +46,17 @@ class TruthSettings:
 
     @property
     def column_sets(self) -> tuple[str, ...]:
-        """The same sets once each, in the order of the table."""
+        """The optional sets, each once, in the order of the table."""
         return tuple(name for name in COLUMN_SETS if name in self.columns)
 
     @property
     def claim_px(self) -> float | None:
-        """The accuracy that rows claim [px]; None: `two-plane` and `image` promise none of their own accord."""
+        """The accuracy that rows claim [px]; None if nothing is authored and the method, `two-plane` or `image`, has
+        no default claim.
+        """
         return {"direct": 1e-3, "moments": 1e-3}.get(self.method) if self.accuracy_px is None else self.accuracy_px
 
     @property
     def searches(self) -> bool:
-        """Whether points are searched in position images, which must be traced then."""
+        """Whether points are searched in position images, so that these must be traced."""
         return self.method != "direct"

@@ -1,6 +1,7 @@
-"""Visibility: which share of a bundle's weight comes to the surface at its target point, past all that is in between.
+"""Visibility: the share of a bundle's weight that reaches the surface at its target point, past everything in front
+of it.
 
-J knows nothing of it: it is made of all rays that leave. Rows whose share is 0 do not exist.
+J ignores obstacles: it uses all rays that leave the camera. Rows whose share is 0 do not exist.
 """
 
 import dataclasses
@@ -18,17 +19,18 @@ from pipeline.render.surroundings import Surroundings
 from pipeline.truth.rows import Correspondences
 
 LOOK_RAYS, RAYS = 1 << 10, 1 << 14
-"""Random rays of a row that something may hide, which is mostly all or nothing, and of one that is partly hidden; over
-all replicas."""
+"""Number of random rays, over all replicas, of a row that something may hide, and of a row that turns out to be
+partly hidden. Most rows are visible or hidden as a whole.
+"""
 METHOD = (
     f"share of the leaving weight that comes to the surface at the point unhindered, by {LOOK_RAYS} random rays,"
     f" {RAYS} where it is partly hidden; 1 without a ray where nothing stands before the tangent plane"
 )
-"""The method, for headers."""
+"""Description of the method for headers."""
 _STREAM = 0x0CC1
-"""Change of the seed: random numbers here are none of those of images."""
+"""Change of the seed, so that random numbers differ from those of images."""
 _RAYS_PER_CHUNK = 1 << 19
-"""Rays that are traced before they are looked for: 64 bytes each, 32 MiB."""
+"""Rays that are traced together: 64 bytes each, 32 MiB."""
 
 
 class PointBundles(NamedTuple):
@@ -37,7 +39,7 @@ class PointBundles(NamedTuple):
     Attributes
     ----------
     microlens : (n,) int64
-        Row of the microlens of each, or NO_MICROLENS.
+        Index of the microlens of each, or NO_MICROLENS.
     x_px : (n, 2) float64
         Image positions.
     planes : (n, 4, 3) float64
@@ -49,21 +51,21 @@ class PointBundles(NamedTuple):
     planes: np.ndarray
 
     def only(self, rows: np.ndarray) -> "PointBundles":
-        """Some of them."""
+        """The bundles of some rows."""
         return PointBundles(*(part[rows] for part in self))
 
 
 def seen(
     rig: Rig, surroundings: Surroundings, target: int, rows: Correspondences, planes: np.ndarray
 ) -> tuple[Correspondences, np.ndarray]:
-    """The rows of a target that are not hidden, with what became of the others in their counts, and their visibility.
+    """The rows of a target that are not hidden, with counts of the hidden ones, and their visibility.
 
     Parameters
     ----------
     target : int
-        Its number among those of the surroundings.
+        Index of the target in the surroundings.
     planes : (p, 4, 3) float64
-        Tangent planes at the target points, as in `solve.solve`.
+        Tangent planes at the target points, as in `direct_rows.solve`.
 
     Returns
     -------
@@ -72,7 +74,7 @@ def seen(
     found = rows.found
     x_px = np.stack([found.x_px, found.y_px], axis=1)
     share, _ = visibility(rig, surroundings, target, rig.microlens(found.cell), x_px, planes[found.point])
-    kept = share != 0  # not known (NaN) is not hidden
+    kept = share != 0  # NaN (unknown) does not mean hidden
     counts = {name: count for name, count in rows.counts.items() if name != "rows"}
     counts |= {
         "dropped_hidden": int(np.sum(~kept)),
@@ -87,14 +89,14 @@ def visibility(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Visible share of the bundles at image positions (n, 2), and its standard error, (n,) each.
 
-    No ray is traced where nothing stands before the tangent plane: the share is 1.
+    No ray is traced if nothing stands before the tangent plane: the share is 1.
 
     Parameters
     ----------
     target : int
-        Number of the target that the points belong to.
+        Index of the target to which the points belong.
     microlens : (n,) int64
-        Row of each position's microlens.
+        Index of the microlens of each position.
     planes : (n, 4, 3) float64
         The tangent plane of each row's point.
     """

@@ -35,6 +35,7 @@ def test_lines_that_both_commits_print_become_ratios(monkeypatch: pytest.MonkeyP
     ]
 
 
+@pytest.mark.heavy
 def test_the_race_reports_a_rate_per_lens_with_peers_or_without(tmp_path: Path) -> None:
     """Three races, six shapes and two cameras, each with rays per second; about three quarters of rays pass at f/2."""
     text = output_of("trace.py", tmp_path)

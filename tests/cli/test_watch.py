@@ -1,13 +1,17 @@
-"""`pipeline watch` on the tiny dataset: an edit of a layer builds again, and ends a build that it supersedes."""
+"""`pipeline watch`: an edit of a layer ends the build that it supersedes, and begins another one."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
+
+from pipeline.app.verbs import watch
 
 TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
 LIMIT_S = 240
@@ -45,6 +49,38 @@ def edit(folder, old, new):
     lower.write_text(lower.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
 
 
+class Enough(Exception):
+    """Ends the loop of `watch`, which goes on for ever."""
+
+
+def test_an_edit_of_a_layer_that_a_build_has_read_ends_it_and_begins_another(tmp_path, monkeypatch):
+    """With builds that only report what they read, and then sleep."""
+    stage, layer, builds, told = tmp_path / "dataset.usda", tmp_path / "parts/lower.txt", [], []
+    layer.parent.mkdir()
+    stage.touch()
+    layer.touch()
+
+    def start(arguments):
+        Path(arguments[-1]).write_text(json.dumps({"event": "begin", "reads": [str(layer)]}) + "\n", encoding="utf-8")
+        builds.append(subprocess.Popen([sys.executable, "-ISc", "import time; time.sleep(60)"], process_group=0))
+        threading.Timer(0.4, layer.write_text, [f"edit {len(builds)}"]).start()
+        return builds[-1]
+
+    def note(text):
+        told.append(text)
+        if len(told) == 2:
+            raise Enough
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(watch, "_start", start)
+    monkeypatch.setattr(watch, "note", note)
+    with pytest.raises(Enough):
+        watch._build_on_every_edit(stage, ["build", str(stage)])
+    assert told == ["changed: parts/lower.txt"] * 2
+    assert [build.poll() for build in builds] == [-signal.SIGTERM] * 2
+
+
+@pytest.mark.heavy
 def test_an_edit_of_a_layer_builds_again_and_ctrl_c_ends_it(watching):
     folder, process = watching
     log = folder / "log.txt"

@@ -3,8 +3,8 @@
 Prints the largest difference of each rig, and whether all bits are equal.
 """
 
+import argparse
 import dataclasses
-import sys
 import warnings
 
 import numpy as np
@@ -58,8 +58,11 @@ def compare(name: str, camera: Camera, samples: int, square_px: float) -> None:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--long", action="store_true", help="also a bundle of more rays than a packet holds")
+    chosen = parser.parse_args()
     warnings.simplefilter("ignore")
     for name, camera in cameras().items():
         compare(name, camera, 16, 1.0 if name == "thin" else 0.0)
-    if "--long" in sys.argv:
+    if chosen.long:
         compare("conventional", rigs.conventional(), 1024, 0.0)

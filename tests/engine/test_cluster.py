@@ -130,6 +130,7 @@ def test_failures_come_back_with_log_and_spec(tmp_path, cluster, store):
     assert failed.spec and "about to look" in (store.root / failed.log).read_text()
 
 
+@pytest.mark.heavy
 def test_a_scheduler_that_dies_ends_with_what_was_finished(tmp_path, cluster, store, monkeypatch):
     monkeypatch.setattr("pipeline.engine.running.cluster._CONNECT_S", 2)
     slow = [(f"slow/{n}", "slow", {"folder": str(tmp_path), "name": str(n), "seconds": 0.2}) for n in range(30)]

@@ -65,7 +65,7 @@ def test_kinds_that_never_ran_are_counted_and_told(known, store, tmp_path):
     project = toy.project(tmp_path / "out", extra=[extra])
     found = to_come(project, store)
     assert (found.tasks, found.unknown, found.cpu_seconds) == (1, 1, 0)
-    assert "to come: nobody knows" in "\n".join(describe(plan_of(project, store=store), found))
+    assert "to come: unknown, because no task" in "\n".join(describe(plan_of(project, store=store), found))
 
 
 def test_a_plan_tells_work_in_words(known, store):

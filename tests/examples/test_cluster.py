@@ -87,6 +87,7 @@ def test_jobs_of_a_batch_system_give_the_same_manifest(here, stage, tmp_path):
     assert run(tmp_path, [sys.executable, str(ROOT / "examples/cluster/jobqueue.py"), str(stage), "2"]) == here
 
 
+@pytest.mark.heavy
 def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monkeypatch):
     """The real pipeline on processes of a LocalCluster, one of which dies in a task."""
     distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")

@@ -16,19 +16,18 @@ COMMANDS, QUOTES = figures.entries()
 MEND = "python docs/figures.py --write puts what is kept in docs/printed into the documents"
 
 
-def name_of(thing) -> str:
+def name_of(command: figures.Command) -> str:
     """A short test id."""
-    return thing.name if isinstance(thing, figures.Command) else thing.relative_to(ROOT).as_posix()
+    return command.name
 
 
-@pytest.mark.parametrize("document", figures.DOCUMENTS, ids=name_of)
-def test_figures_are_those_that_their_commands_printed(document):
-    assert figures.differences(document) == [], MEND
+def test_figures_are_those_that_their_commands_printed():
+    assert [line for document in figures.DOCUMENTS for line in figures.differences(document)] == [], MEND
 
 
-@pytest.mark.parametrize("document", figures.DOCUMENTS, ids=name_of)
-def test_no_figure_is_without_a_command_or_a_source(document):
-    assert figures.uncovered(document) == [], "docs/figures.toml lists what covers a figure"
+def test_no_figure_is_without_a_command_or_a_source():
+    wrong = [line for document in figures.DOCUMENTS for line in figures.uncovered(document)]
+    assert wrong == [], "docs/figures.toml lists what covers a figure"
 
 
 @pytest.mark.parametrize("command", [one for one in COMMANDS.values() if one.costs == "seconds"], ids=name_of)
@@ -44,28 +43,32 @@ def test_costly_commands_print_today_what_is_kept(command, monkeypatch):
     assert figures.same(command.output(), command.printed), f"python docs/figures.py --run {command.name}"
 
 
-@pytest.mark.parametrize("quote", [one for one in QUOTES if not one.of], ids=str)
-def test_what_no_command_prints_again_is_there_and_has_a_day_or_a_source(quote):
+def test_what_no_command_prints_again_is_there_and_has_a_day_or_a_source():
+    wrong = {str(quote): lacks(quote) for quote in QUOTES if not quote.of}
+    assert {quote: reason for quote, reason in wrong.items() if reason} == {}
+
+
+def lacks(quote: quotes.Quote) -> str:
+    """What an entry lacks whose figures no command prints again; empty: nothing."""
     texts = [path.read_text(encoding="utf-8") for path in figures.DOCUMENTS if path == ROOT / (quote.file or path)]
-    assert any(quotes.places(quote, text) for text in texts), "it is in no document"
+    if not any(quotes.places(quote, text) for text in texts):
+        return "a place: it is in no document"
     if quote.source:
         files = re.findall(r"`(\S+/\S+|\w+file)`", quote.source)
-        assert [file for file in files if not (ROOT / file).exists()] == []
-    else:
-        machine = re.search(r"cores? of an? ([^,]+?),", texts[0])
-        assert quote.date in " ".join(texts[0].split()) and machine, (
-            "the document names neither the day nor the machine"
-        )
-        goal, script = re.match(r"make (\w+)$", quote.command), re.match(r"python (\S+)$", quote.command)
-        assert not goal or re.search(rf"^{goal[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
-        assert not script or (ROOT / script[1]).exists()
+        return ", ".join(file for file in files if not (ROOT / file).exists())
+    if quote.date not in " ".join(texts[0].split()) or not re.search(r"cores? of an? ([^,]+?),", texts[0]):
+        return "a document that names the day and the machine"
+    goal, script = re.match(r"make (\w+)$", quote.command), re.match(r"python (\S+)$", quote.command)
+    if goal and not re.search(rf"^{goal[1]}:", (ROOT / "Makefile").read_text(), re.MULTILINE):
+        return f"a goal {goal[1]} of the Makefile"
+    return f"a script {script[1]}" if script and not (ROOT / script[1]).exists() else ""
 
 
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=name_of)
-def test_every_command_is_quoted_and_what_it_printed_says_when(command):
-    assert command.name in {quote.of for quote in QUOTES}
-    head = command.kept.read_text(encoding="utf-8").split("\n")[0]
-    assert re.match(r"Printed on \d+ \w+ \d{4}: \d+ cores, .+, Python 3\.\d+\.\d+\.$", head)
+def test_every_command_is_quoted_and_what_it_printed_says_when():
+    head = re.compile(r"Printed on \d+ \w+ \d{4}: \d+ cores, .+, Python 3\.\d+\.\d+\.$")
+    heads = {name: command.kept.read_text(encoding="utf-8").split("\n")[0] for name, command in COMMANDS.items()}
+    assert set(COMMANDS) - {quote.of for quote in QUOTES} == set()
+    assert [name for name, line in heads.items() if not head.match(line)] == []
 
 
 @pytest.mark.parametrize(

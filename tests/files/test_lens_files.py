@@ -346,7 +346,7 @@ def test_pbrt_planes_in_glass_are_no_stops_and_two_stops_are_refused(tmp_path: P
     assert [surface.is_stop for surface in read(tmp_path, "a.dat", plane).surfaces] == [False] * 2 + [True] + [
         False
     ] * 2
-    assert refused(tmp_path, "a.dat", "0 1 1 5\n" + plane).startswith("a.dat:4: 2 rows of radius 0 stand in air")
+    assert refused(tmp_path, "a.dat", "0 1 1 5\n" + plane).startswith("a.dat:4: 2 rows of radius 0 are in air")
     assert refused(tmp_path, "a.dat", "1 2 3\n").startswith("a.dat:1: a row has 3 columns, not 4")
 
 

@@ -197,7 +197,8 @@ def test_sigma_of_rows_in_the_penumbra_is_their_spread_over_seeds(
         x = np.array([np.stack([found.found.x_px, found.found.y_px], axis=1) for found in same])
         sigma = np.array([found.sigma_px for found in same])
         rows = (light > 0.2) & (light < 0.9)
-        ratio = np.sqrt(x.var(axis=0, ddof=1)[rows].mean() / (sigma[:, rows] ** 2).mean())
+        # Every row counts the same: one at the very edge may have half of all variance.
+        ratio = np.sqrt((x.var(axis=0, ddof=1)[rows] / (sigma[:, rows] ** 2).mean(axis=0)).mean())
         assert rows.sum() > 15
         assert HONEST[0] < ratio < HONEST[1]
 

@@ -1,6 +1,7 @@
 """Into how many tiles work is split changes no byte of the output folder."""
 
 import itertools
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -32,6 +33,7 @@ def test_small_tiles_give_the_same_bytes(
     tiny: str, truth: str, kinds: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = (DATA / f"tiny_{tiny}/dataset.usda").read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    text = re.sub(r" *uniform token plen:truth:method = .*\n", "", text)  # each case states its own
     camera = '        over "Camera"\n        {\n'
     assert camera in text
     stage = tmp_path / "dataset.usda"

@@ -41,19 +41,18 @@ def _at_the_root(monkeypatch):
     monkeypatch.chdir(ROOT)
 
 
-@pytest.mark.parametrize("file", FILES)
-def test_a_bad_file_gives_exactly_the_problems_that_it_announces(file):
-    loaded = loaded_once(file)
+def test_a_bad_file_gives_exactly_the_problems_that_it_announces():
+    given = {file: [problem.code for problem in loaded_once(file).problems] for file in FILES}
+    mild = {problem.code for file in FILES for problem in loaded_once(file).problems if not problem.is_error}
 
-    assert [problem.code for problem in loaded.problems] == announced(file)
-    assert {problem.code for problem in loaded.problems if not problem.is_error} <= WARNINGS
+    assert given == {file: announced(file) for file in FILES}
+    assert mild <= WARNINGS
 
 
-@pytest.mark.parametrize("file", FILES)
-def test_every_problem_names_a_file_and_what_is_known_of_the_place(file):
-    for problem in loaded_once(file).problems:
-        assert problem.file
-        assert problem.line
+def test_every_problem_names_a_file_and_a_line():
+    problems = [problem for file in FILES for problem in loaded_once(file).problems]
+
+    assert [problem for problem in problems if not problem.file or not problem.line] == []
 
 
 def test_every_mistake_is_reported_in_the_expected_words():
@@ -65,16 +64,14 @@ def announced(file: str) -> list[str]:
     return re.search(r"^# expect: (.*)$", (ROOT / file).read_text(), re.MULTILINE)[1].split()
 
 
-@pytest.mark.parametrize("file", [file for file in FILES if not set(announced(file)) <= WARNINGS])
-def test_nothing_is_read_from_a_stage_with_an_error(file):
-    loaded = loaded_once(file)
+def test_nothing_is_read_from_a_stage_with_an_error():
+    for file in (file for file in FILES if not set(announced(file)) <= WARNINGS):
+        loaded = loaded_once(file)
 
-    assert loaded.dataset is None
-    assert loaded.flattened == ""
-    with pytest.raises(StageError) as caught:
-        require_dataset(loaded, file)
-    assert caught.value.exit_code == 2
-    assert caught.value.problems == loaded.problems
+        assert (loaded.dataset, loaded.flattened) == (None, ""), file
+        with pytest.raises(StageError) as caught:
+            require_dataset(loaded, file)
+        assert (caught.value.exit_code, caught.value.problems) == (2, loaded.problems), file
 
 
 def test_a_missing_file_is_a_problem_and_not_a_traceback():

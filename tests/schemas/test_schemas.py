@@ -67,6 +67,9 @@ def is_numeric(schema, name):
     )
 
 
+NUMBERS = [pair for pair in ATTRIBUTES if is_numeric(*pair)]
+
+
 def run(code, **environment):
     """Run code in a fresh Python with nothing of ours imported; gives what it prints."""
     done = subprocess.run(
@@ -92,56 +95,59 @@ def test_the_generated_files_hold_no_documentation_of_usd_itself():
     assert not any(prop.documentation or len(prop.customData) for prop in foreign)
 
 
-@pytest.mark.parametrize("name", CONCRETE)
-def test_tf_type_prim_type_and_identifier_are_one_name(name):
-    info = Usd.SchemaRegistry().FindSchemaInfo(name)
+def test_tf_type_prim_type_and_identifier_are_one_name():
+    infos = {name: Usd.SchemaRegistry().FindSchemaInfo(name) for name in CONCRETE}
 
-    assert info.identifier == name
-    assert info.type.typeName == name
-
-
-@pytest.mark.parametrize(("schema", "name"), ATTRIBUTES)
-def test_every_attribute_is_documented(schema, name):
-    text = documentation(schema, name)
-
-    assert len(text) > 20
-    assert text.split("\n", 1)[0].rstrip()[0].isupper()
+    assert {name: (info.identifier, info.type.typeName) for name, info in infos.items()} == {
+        name: (name, name) for name in CONCRETE
+    }
 
 
-@pytest.mark.parametrize(("schema", "name"), [pair for pair in ATTRIBUTES if is_numeric(*pair)])
-def test_every_number_states_its_range_and_its_unit(schema, name):
-    text = documentation(schema, name)
+def test_every_attribute_is_documented():
+    texts = {pair: documentation(*pair) for pair in ATTRIBUTES}
 
-    assert range_of(text) is not None
-    assert text.rsplit("\n", 1)[1].strip().startswith("Units: ")
-
-
-@pytest.mark.parametrize(("schema", "name"), [pair for pair in ATTRIBUTES if is_numeric(*pair)])
-def test_limits_say_what_the_range_says_as_far_as_usd_can(schema, name):
-    span = range_of(documentation(schema, name))
-    hard = (definition(schema).GetPropertyMetadata(name, "limits") or {}).get("hard", {})
-
-    if "minimum" in hard:
-        assert hard["minimum"] == span.low
-    if "maximum" in hard:
-        assert hard["maximum"] == span.high
+    assert [pair for pair, text in texts.items() if len(text) <= 20] == []
+    assert [pair for pair, text in texts.items() if not text.split("\n", 1)[0].rstrip()[0].isupper()] == []
 
 
-@pytest.mark.parametrize(("schema", "name"), [pair for pair in ATTRIBUTES if is_numeric(*pair)])
-def test_every_fallback_lies_in_its_range(schema, name):
-    value = definition(schema).GetAttributeFallbackValue(name)
-    span = range_of(documentation(schema, name))
+def test_every_number_states_its_range_and_its_unit():
+    texts = {pair: documentation(*pair) for pair in NUMBERS}
 
-    numbers = [] if value is None else [value] if isinstance(value, int | float) else list(value)
-    assert all(span.holds(number) for number in numbers)
+    assert [pair for pair, text in texts.items() if range_of(text) is None] == []
+    assert [pair for pair, text in texts.items() if not text.rsplit("\n", 1)[1].strip().startswith("Units: ")] == []
 
 
-@pytest.mark.parametrize(("schema", "name"), ATTRIBUTES)
-def test_usd_knows_the_unit_of_a_length_or_angle_too(schema, name):
-    unit = documentation(schema, name).rsplit("Units: ", 1)[-1].strip()
-    shown = definition(schema).GetPropertyMetadata(name, "displayUnit")
+def test_limits_say_what_the_range_says_as_far_as_usd_can():
+    wrong = []
+    for schema, name in NUMBERS:
+        span = range_of(documentation(schema, name))
+        hard = (definition(schema).GetPropertyMetadata(name, "limits") or {}).get("hard", {})
+        if hard.get("minimum", span.low) != span.low or hard.get("maximum", span.high) != span.high:
+            wrong.append((schema, name, hard, span))
 
-    assert unit not in {"mm", "deg"} or Sdf.GetNameForUnit(shown) == unit
+    assert wrong == []
+
+
+def test_every_fallback_lies_in_its_range():
+    wrong = []
+    for schema, name in NUMBERS:
+        value = definition(schema).GetAttributeFallbackValue(name)
+        span = range_of(documentation(schema, name))
+        numbers = [] if value is None else [value] if isinstance(value, int | float) else list(value)
+        wrong += [(schema, name, number) for number in numbers if not span.holds(number)]
+
+    assert wrong == []
+
+
+def test_usd_knows_the_unit_of_a_length_or_angle_too():
+    wrong = []
+    for schema, name in ATTRIBUTES:
+        unit = documentation(schema, name).rsplit("Units: ", 1)[-1].strip()
+        shown = definition(schema).GetPropertyMetadata(name, "displayUnit")
+        if unit in {"mm", "deg"} and Sdf.GetNameForUnit(shown) != unit:
+            wrong.append((schema, name, unit, shown))
+
+    assert wrong == []
 
 
 @pytest.mark.parametrize("name", APIS)

@@ -1,4 +1,4 @@
-"""`build`: from a stage to its output folder."""
+"""`pipeline build`: make the output folder of a stage."""
 
 import shlex
 from pathlib import Path
@@ -61,7 +61,7 @@ def build(
     allow_root: Roots = None,
     untrusted: Untrusted = False,
 ) -> None:
-    """Run what is missing and fill the output folder; the second time nothing runs."""
+    """Run the missing tasks and fill the output folder; a second build runs nothing."""
     from pipeline.engine.options import BuildOptions
 
     options = BuildOptions(
@@ -102,13 +102,13 @@ def build(
 
 
 def _say_failure(stage: Path, error: PipelineError, *, as_json: bool) -> None:
-    """One object at the end, also after a failure."""
+    """Print the one JSON object that ends the output, also after a failure."""
     if as_json:
         say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
 
 
 def _say_files(result: Any) -> None:
-    """The output folder, or the files that were asked for."""
+    """Print the output folder, or the files that were asked for."""
     if result.delivery is not None:
         for file in ("",) if result.delivery.asked is None else result.delivery.asked:
             say(str(result.out / file))
@@ -126,7 +126,7 @@ _NOTHING: dict[str, Any] = {
 
 
 def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
-    """Whether a camera cannot show its accuracy; what the certificates say goes to stderr."""
+    """Print the certificates to stderr; whether one of the cameras fails to show its accuracy."""
     from pipeline.report.certificate import failed, lines
 
     for line in lines(cameras or {}) if failed(cameras) or not quiet else ():
@@ -135,7 +135,7 @@ def _failed_certificate(cameras: Any, *, quiet: bool) -> bool:
 
 
 def _say_points(cameras: Any) -> None:
-    """Tell the numbers of points that are seen in each frame, to stderr."""
+    """Print to stderr how many points are seen in each frame."""
     from pipeline.report.points import lines
 
     for line in lines(cameras or {}):
@@ -143,7 +143,7 @@ def _say_points(cameras: Any) -> None:
 
 
 def _profile(result: Any) -> dict[str, Any]:
-    """Work of the tasks that ran now; of all tasks, when they ran, if none had to."""
+    """The profile of the tasks that ran now; if none ran, the recorded one of all tasks."""
     from pipeline.report.profile import profile
 
     known = [task for task in result.tasks if task.made_by and "cpu_seconds" in task.made_by]
@@ -152,7 +152,7 @@ def _profile(result: Any) -> dict[str, Any]:
 
 
 def _say_profile(result: Any) -> None:
-    """Tell where the time went, to stderr."""
+    """Print the profile to stderr."""
     from pipeline.optics.limit import crossings_per_second
     from pipeline.report.profile import lines
 

@@ -1,4 +1,4 @@
-"""`pipeline cache`: care of the store."""
+"""`pipeline cache`: inspect and clean the store of results."""
 
 from typing import Annotated
 
@@ -8,7 +8,7 @@ from pipeline.app.progress import human
 from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_json
 from pipeline.errors import Exit
 
-cache = new_family(help="Look at and clean the store of results, $PIPELINE_CACHE.")
+cache = new_family(help="Inspect and clean the store of results, $PIPELINE_CACHE.")
 
 
 @cache.command(cls=Verb)
@@ -21,7 +21,7 @@ def path() -> None:
 
 @cache.command(cls=Verb)
 def info(as_json: Json = False) -> None:
-    """Say how much lies in the store, and how much of it finished builds hold."""
+    """Print the size of the store, and how much of it finished builds refer to."""
     from pipeline.engine.maintenance import info as contents_of
     from pipeline.engine.store.store import Store
 
@@ -40,10 +40,12 @@ def info(as_json: Json = False) -> None:
 @cache.command(cls=Verb)
 def gc(
     size: Annotated[str | None, typer.Option("--size", metavar="SIZE", help="Keep this much, e.g. 20G.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would go.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only print what would be removed.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Drop what was unused longest, down to the limit, and what nothing refers to. Finished builds keep theirs."""
+    """Remove the least recently used results until the store fits the size, and files that nothing refers to. Results
+    of finished builds are kept.
+    """
     from pipeline.engine.maintenance import bytes_of, collect, limit_from_environment
     from pipeline.engine.store.store import Store
     from pipeline.errors import EnvironmentFault
@@ -64,7 +66,7 @@ def gc(
 
 @cache.command(cls=Verb)
 def fsck(as_json: Json = False) -> None:
-    """Read every byte of the store; damaged entries go to quarantine. Exit with 4 if there were any."""
+    """Read every byte of the store and move damaged entries to quarantine. Exits with 4 if there were any."""
     from pipeline.engine.maintenance import check
     from pipeline.engine.store.store import Store
 

@@ -22,20 +22,22 @@ class Format(StrEnum):
 def graph(
     stage: Stage,
     form: Annotated[
-        Format, typer.Option("--format", rich_help_panel=OUTPUT, help="How it is printed.")
+        Format, typer.Option("--format", rich_help_panel=OUTPUT, help="Format of the output.")
     ] = Format.MERMAID,
     picture: Annotated[
         Path | None,
-        typer.Option("--picture", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw it to this file instead."),
+        typer.Option(
+            "--picture", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw the graph into this file instead."
+        ),
     ] = None,
     every: Annotated[
         bool,
-        typer.Option("--all", rich_help_panel=OUTPUT, help="Show every task, and not one node for all frames."),
+        typer.Option("--all", rich_help_panel=OUTPUT, help="Show every task, instead of one node for all frames."),
     ] = False,
     out: Out = None,
     allow_root: Roots = None,
 ) -> None:
-    """Print the graph of tasks, with what is done and what is not; or draw it."""
+    """Print or draw the graph of tasks, and which of them are done."""
     from pipeline.engine.files import chosen_place
     from pipeline.engine.planning.collapsed_graph import as_dot, as_mermaid, overview
     from pipeline.engine.running.session import plan_of

@@ -16,12 +16,14 @@ Force = Annotated[
         "-f",
         metavar="TASK",
         rich_help_panel=RUNNING,
-        help="Run this task again although its result is there.",
+        help="Run this task again, even if its result exists.",
     ),
 ]
 Until = Annotated[
     list[str] | None,
-    typer.Option("--until", metavar="TASK", rich_help_panel=RUNNING, help="Run up to this task, into the store alone."),
+    typer.Option(
+        "--until", metavar="TASK", rich_help_panel=RUNNING, help="Run up to this task and fill only the store."
+    ),
 ]
 Specs = Annotated[
     Path | None,
@@ -29,7 +31,7 @@ Specs = Annotated[
         "--specs",
         metavar="DIR",
         rich_help_panel=OUTPUT,
-        help="Write a file for `run-task` of every task that can run now: 0.json, 1.json …",
+        help="Write files for `run-task`, one per task that can run now: 0.json, 1.json …",
     ),
 ]
 
@@ -39,7 +41,7 @@ def names_of(ctx: typer.Context, incomplete: str) -> list[str]:
     try:
         stage = project_of(ctx.params["stage"], ctx.params.get("out"), ctx.params.get("allow_root"))
     except (PipelineError, KeyError, TypeError):
-        return []  # a shell has no place for messages
+        return []  # completion cannot show messages
     return [name for name in [*stage.graph, *stage.files] if name.startswith(incomplete)]
 
 
@@ -51,14 +53,14 @@ Targets = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="TARGET",
-        help="Files or folders of OUT, or tasks: only these are made and delivered. By default the whole dataset.",
+        help="Files or folders of OUT, or tasks: only these are built. By default the whole dataset.",
         autocompletion=names_of,
     ),
 ]
 Events = Annotated[
     Path | None,
     typer.Option(
-        "--events", metavar="FILE", rich_help_panel=OUTPUT, help="Write what happens to this file, as JSON lines."
+        "--events", metavar="FILE", rich_help_panel=OUTPUT, help="Write all events to this file, as JSON lines."
     ),
 ]
 Verbose = Annotated[
@@ -69,7 +71,7 @@ Verbose = Annotated[
         count=True,
         show_default=False,
         rich_help_panel=OUTPUT,
-        help="Name tasks also when they start.",
+        help="Print a line also when a task starts.",
     ),
 ]
 Quiet = Annotated[
@@ -80,12 +82,14 @@ Quiet = Annotated[
 ]
 Profile = Annotated[
     bool,
-    typer.Option("--profile", rich_help_panel=OUTPUT, help="Say where the time went, by kind of task and kernel."),
+    typer.Option("--profile", rich_help_panel=OUTPUT, help="Print where the time went, by kind of task and kernel."),
 ]
-DryRun = Annotated[bool, typer.Option("--dry-run", "-n", rich_help_panel=RUNNING, help="Only say what would run.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", "-n", rich_help_panel=RUNNING, help="Only print what would run.")]
 KeepGoing = Annotated[
     bool,
-    typer.Option("--keep-going", "-k", rich_help_panel=RUNNING, help="After a failure go on with what can go on."),
+    typer.Option(
+        "--keep-going", "-k", rich_help_panel=RUNNING, help="After a failure, go on with the tasks that can still run."
+    ),
 ]
 Retries = Annotated[
     int,
@@ -94,7 +98,7 @@ Retries = Annotated[
         metavar="N",
         min=0,
         rich_help_panel=RUNNING,
-        help="How often a task that failed is tried again.",
+        help="Number of times that a failed task is tried again.",
     ),
 ]
 Timeout = Annotated[
@@ -104,7 +108,7 @@ Timeout = Annotated[
         metavar="SECONDS",
         min=0.001,
         rich_help_panel=RUNNING,
-        help="A task that takes longer is ended and has failed.",
+        help="A task that takes longer is ended and counts as failed.",
     ),
 ]
 Engine = Annotated[
@@ -122,7 +126,7 @@ Device = Annotated[
         "--device",
         metavar="cuda",
         rich_help_panel=RUNNING,
-        help="Trace position images on a CUDA device. By default everything runs on processors.",
+        help="Trace position images on a CUDA device. By default everything runs on the CPU.",
     ),
 ]
 Preview = Annotated[
@@ -130,7 +134,7 @@ Preview = Annotated[
     typer.Option(
         "--preview",
         rich_help_panel=OUTPUT,
-        help="Only pictures, of a quarter of the size and with few samples, into a folder of their own.",
+        help="Make pictures only, a quarter of the size and with few samples, in another output folder.",
     ),
 ]
 CheckDeterminism = Annotated[
@@ -141,7 +145,7 @@ CheckDeterminism = Annotated[
         min=0,
         max=100,
         rich_help_panel=CHECKING,
-        help="Compute this share of the tasks twice, and compare their bytes.",
+        help="Compute this share of the tasks twice and compare the bytes of their results.",
     ),
 ]
 

@@ -1,4 +1,4 @@
-"""`plan`, `explain`, `status`: what a build would do, why, and what lies finished."""
+"""`pipeline plan`, `explain`, `status`: the tasks that a build would run, the reasons, and the finished files."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,7 +24,7 @@ def plan(
     allow_root: Roots = None,
     untrusted: Untrusted = False,
 ) -> None:
-    """Say what `build` would run, and why."""
+    """Print the tasks that `build` would run, and why."""
     from pipeline.engine.options import BuildOptions
 
     options = BuildOptions(
@@ -42,7 +42,7 @@ def explain(
     allow_root: Roots = None,
     untrusted: Untrusted = False,
 ) -> None:
-    """Say why a task would run: the attribute, frame and line that were edited. Many alike are one line."""
+    """Print why a task would run: the attribute, frame and line that were edited. Similar tasks share one line."""
     from pipeline.engine.planning.explain import describe_alike
     from pipeline.engine.project import tasks_of
     from pipeline.engine.running.session import plan_of
@@ -60,7 +60,7 @@ def explain(
 def status(
     stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None, untrusted: Untrusted = False
 ) -> None:
-    """Say what lies finished in the output folder: built, stale or missing, per task."""
+    """Print the state of the output folder: built, stale or missing, per task."""
     from pipeline.engine.running.session import status_of
 
     project = project_of(stage, out, allow_root, untrusted)
@@ -74,7 +74,7 @@ def status(
 
 
 def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
-    """Planned tasks, their reasons with the edits of the stage; as they are where nothing was kept of it."""
+    """Planned tasks with the edits of the stage in their reasons; unchanged if no earlier stage was kept."""
     if project.source is None or all(task.state == "cached" for task in tasks):
         return tasks
     from pipeline.app.why import with_edits
@@ -84,7 +84,7 @@ def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
 
 
 def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, specs: Path | None = None) -> bool:
-    """Print a plan of a build with such `BuildOptions`; whether there is work to do."""
+    """Print the plan of a build with these `BuildOptions`; whether there is work to do."""
     from pipeline.app.build import project as project_made_of
     from pipeline.engine.planning.explain import describe
     from pipeline.engine.running.run_task import write_specs

@@ -1,4 +1,4 @@
-"""Verbs about single tasks: `run-task`, `logs`."""
+"""Verbs for single tasks: `pipeline run-task`, `logs`."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,11 +17,11 @@ def run_task(
     ],
     force: Annotated[
         bool,
-        typer.Option("--force", "-f", rich_help_panel=RUNNING, help="Compute although the result is there."),
+        typer.Option("--force", "-f", rich_help_panel=RUNNING, help="Compute even if the result exists."),
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Run single tasks from their files, in this process: to repeat a failure, or in an array of a batch system."""
+    """Run single tasks from their files in this process, to repeat a failure or as jobs of a batch system."""
     from pipeline.app.build import TASKS
     from pipeline.engine.interrupts import Interrupts
     from pipeline.engine.running.run_task import run_task as run
@@ -56,7 +56,7 @@ def logs(
     as_json: Json = False,
     allow_root: Roots = None,
 ) -> None:
-    """Print what a task said when it last ran, and what it took: seconds, memory, host."""
+    """Print the log of the last run of a task, its time, its memory and its host."""
     from pipeline.engine.running.session import logs_of
 
     found = logs_of(project_of(stage, out, allow_root), target)

@@ -1,4 +1,4 @@
-"""Common ground of all verbs: stdout is data, stderr is log and progress."""
+"""Shared parts of all verbs. Data go to stdout, messages and progress to stderr."""
 
 import contextlib
 import json
@@ -32,7 +32,10 @@ Jobs = Annotated[
 Roots = Annotated[
     list[Path] | None,
     typer.Option(
-        "--allow-root", metavar="DIR", rich_help_panel=READING, help="A further folder whose files the stage may read."
+        "--allow-root",
+        metavar="DIR",
+        rich_help_panel=READING,
+        help="A further folder from which the stage may read files.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", rich_help_panel=OUTPUT, help="Print one JSON object.")]
@@ -41,13 +44,15 @@ Untrusted = Annotated[
     typer.Option(
         "--untrusted",
         rich_help_panel=READING,
-        help="Read the stage in a process that can read, compute and answer, and nothing else.",
+        help="Do not trust the stage: read it in a confined process that cannot write files.",
     ),
 ]
 
 
 def library_file(path: Any) -> Any:
-    """A stage that was typed; if it is not there, that of the shipped library, as stages find `@lenses/...@`."""
+    """The path of a stage as typed; if no such file exists, the one in the shipped library, found as `@lenses/...@`
+    is.
+    """
     if isinstance(path, (list, tuple)):
         return [library_file(one) for one in path]
     if path is None or flaw_of(path) or path.exists() or path.is_absolute():
@@ -65,14 +70,14 @@ StageOrPart = Annotated[
     Path,
     typer.Argument(
         metavar="STAGE",
-        help="A dataset, or a rig, a lens or a target alone; also of the library: lenses/NAME.usda.",
+        help="A dataset, a rig, a lens or a target; also one of the library: lenses/NAME.usda.",
         callback=library_file,
     ),
 ]
 
 
 class Verb(typer.core.TyperCommand):
-    """A verb in whose help flags stand without a type of value."""
+    """A verb whose help shows flags without a type of value."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Options and arguments, `--help` included."""
@@ -80,7 +85,7 @@ class Verb(typer.core.TyperCommand):
 
 
 class Family(typer.core.TyperGroup):
-    """The same for a group of verbs."""
+    """A group of verbs whose help shows flags without a type of value."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Options, `--help` included."""
@@ -88,7 +93,7 @@ class Family(typer.core.TyperGroup):
 
 
 def _flags_plain(parameters: list[Any]) -> list[Any]:
-    """Parameters of which those without a value do not show `<bool>`, as if one were expected."""
+    """The parameters, with flags that do not show `<bool>`: they take no value."""
     for parameter in parameters:
         if getattr(parameter, "is_flag", False) or getattr(parameter, "count", False):
             parameter.metavar = ""
@@ -96,7 +101,7 @@ def _flags_plain(parameters: list[Any]) -> list[Any]:
 
 
 def new_family(**settings: Any) -> typer.Typer:
-    """A group of verbs: help by -h too, and plain tracebacks."""
+    """A group of verbs that also accepts -h and prints plain tracebacks."""
     names = {"help_option_names": ["-h", "--help"]}
     return typer.Typer(
         cls=Family, no_args_is_help=True, pretty_exceptions_enable=False, context_settings=names, **settings
@@ -104,7 +109,7 @@ def new_family(**settings: Any) -> typer.Typer:
 
 
 class ReaderGone(Exception):
-    """Nobody reads our output any more."""
+    """The reader of our output has closed it."""
 
 
 def say(text: str) -> None:
@@ -114,14 +119,14 @@ def say(text: str) -> None:
     ------
     ReaderGone
     EnvironmentFault
-        It cannot be written, for example because a disk is full.
+        The output cannot be written, for example because the disk is full.
     """
     with _writing():
         print(text)
 
 
 def written() -> None:
-    """Write what waits in a buffer; raises as `say`."""
+    """Flush the output; raises as `say` does."""
     with _writing():
         sys.stdout.flush()
 
@@ -142,12 +147,12 @@ def say_json(value: Any) -> None:
 
 
 def number_of(count: int, thing: str) -> str:
-    """1 error, 2 errors."""
+    """A number with its noun: 1 error, 2 errors."""
     return f"{count} {thing}{'s' * (count != 1)}"
 
 
 def note(text: str) -> None:
-    """Print what is not data to stderr, after the data that was said before: both may end in one pipe."""
-    with contextlib.suppress(OSError):  # that is told when the command ends
+    """Print a message to stderr, after flushing the data printed before: both may go to the same pipe."""
+    with contextlib.suppress(OSError):  # reported when the command ends
         sys.stdout.flush()
     print(text, file=sys.stderr, flush=True)

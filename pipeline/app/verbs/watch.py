@@ -1,7 +1,7 @@
-"""`pipeline watch`: build again whenever a file changes that the stage was read from.
+"""`pipeline watch`: build again whenever a file of the stage changes.
 
-The build is a process of its own, so edited code counts too and nothing of an older reading stays in memory. A change
-ends a build that is running: frames that are superseded are dropped, what was finished is in the store.
+The build runs in a process of its own, so edited code takes effect and nothing of an earlier reading stays in memory. A
+change ends a running build. Its finished tasks are in the store; the others would be out of date.
 """
 
 import json
@@ -16,9 +16,9 @@ from pipeline.errors import Exit, Interrupted
 from pipeline.machine.another_python import command
 
 _LOOK_S = 0.15
-"""Time between two looks at the files [s]: a person hardly notices it, and a look is one `stat` per file."""
+"""Time between two looks at the files [s]: a delay that a person hardly notices; a look is one `stat` per file."""
 _QUIET_S = 0.3
-"""Time without a change after which an edit is whole [s]: twice the time between looks."""
+"""Time without a change after which an edit counts as complete [s]: twice the time between looks."""
 
 Looks = dict[Path, tuple[int, int] | None]
 
@@ -29,7 +29,7 @@ def watch(
     jobs: Jobs = None,
     allow_root: Roots = None,
 ) -> None:
-    """Build, and build again on every edit of the stage, its layers or the code; Ctrl-C ends it."""
+    """Build now, and again after every edit of the stage, its layers or the code. Ctrl-C ends it."""
     arguments = ["build", str(stage), *(["-o", str(out)] if out else []), *(["-j", str(jobs)] if jobs else [])]
     arguments += [f"--allow-root={root}" for root in allow_root or ()]
     with Interrupts() as interrupts:
@@ -46,7 +46,7 @@ def _build_on_every_edit(stage: Path, arguments: list[str]) -> None:
             process = _start([*arguments, "--events", str(events)])
             try:
                 while not (changed := _changed(looks)):
-                    for path in _read_files(events) - looks.keys():  # layers that this build found
+                    for path in _read_files(events) - looks.keys():  # layers that this build has read
                         looks |= _looks({path})
                     time.sleep(_LOOK_S)
             finally:
@@ -57,12 +57,12 @@ def _build_on_every_edit(stage: Path, arguments: list[str]) -> None:
 
 
 def _start(arguments: list[str]) -> "subprocess.Popen[bytes]":
-    # A group of its own: Ctrl-C is for us, and we say once what becomes of the build.
+    # A process group of its own: Ctrl-C reaches only this process, which ends the build and reports it once.
     return subprocess.Popen(command("pipeline.__main__:main", *arguments), process_group=0)
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    """End a build; it tidies up, unless that takes longer than a signal to us may take."""
+    """End a build. It gets half of our own grace time to tidy up, then it is killed."""
     if process.poll() is None:
         process.terminate()
         try:
@@ -73,13 +73,13 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _near(stage: Path) -> set[Path]:
-    """Files that are looked at as long as no build has said what it reads."""
+    """Files to look at until a build has reported the files that it reads."""
     code = Path(__file__).parents[2]
     return {stage.resolve(), *stage.resolve().parent.glob("*.usd*"), *code.rglob("*.py")}
 
 
 def _read_files(events: Path) -> set[Path]:
-    """Files that the last build was read from; empty if it did not get that far."""
+    """Files that the last build has read; empty if it ended before it reported them."""
     try:
         with events.open(encoding="utf-8") as stream:
             first = json.loads(stream.readline())
@@ -89,7 +89,7 @@ def _read_files(events: Path) -> set[Path]:
 
 
 def _looks(files: set[Path]) -> Looks:
-    """Looks of files: a hint that they may have changed; content decides, in the build."""
+    """Time and size of files: a difference means that a file may have changed; the build compares the content."""
     found: Looks = {}
     for path in sorted(files):
         try:
@@ -106,13 +106,13 @@ def _changed(before: Looks) -> list[Path]:
 
 
 def _shown(path: Path) -> str:
-    """A path as it was typed, as far as it lies below the working directory."""
+    """A path relative to the working directory if it lies below it."""
     here = Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def _wait_for_quiet(files: set[Path]) -> None:
-    """Editors write in several steps."""
+    """Wait until the files stop changing: editors write in several steps."""
     last, since = _looks(files), time.monotonic()
     while time.monotonic() - since < _QUIET_S:
         time.sleep(_LOOK_S / 3)

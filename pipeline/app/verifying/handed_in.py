@@ -1,6 +1,6 @@
-"""An output folder as it was handed in: its files against its manifest, its stage and its tables as records.
+"""An output folder to be verified: its files compared with its manifest, its stage and tables read into records.
 
-Nobody vouches for the folder. Its stage is read from a copy, in the sandbox; of its other files only tables are parsed.
+The folder is not trusted. Its stage is read from a copy in the sandbox; of its other files only the tables are parsed.
 """
 
 import dataclasses
@@ -38,16 +38,16 @@ STAGE = "dataset.usda"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """A frame of a camera: what the task `truth` reads of it, and the table that the folder has.
+    """One frame of one camera: the inputs of its task `truth`, and the table in the folder.
 
     Attributes
     ----------
     file : str
-        Where the table lies in the folder.
+        Path of the table in the folder.
     truth : TruthTable
-        Of the task `truth`, from the stage.
+        Parameters of the task `truth`, from the stage.
     view : View
-        Of the same; targets in the order of the table.
+        The view of the same task, with targets in the order of the table.
     table : Table
     """
 
@@ -69,9 +69,9 @@ class JudgedCamera:
     Attributes
     ----------
     sampling : Sampling or None
-        Of its position images; None for the method without.
+        Sampling of its position images; None for method `direct`, which has none.
     tables : dict
-        By frame: where its table lies in the folder, with what `Scene` has of the stage.
+        Path of its table in the folder and the stage's part of `Scene`, by frame.
     """
 
     name: str
@@ -83,7 +83,7 @@ class JudgedCamera:
     tables: dict[int, tuple[str, TruthTable, View]]
 
     def rig(self, stream: int = 0) -> Rig:
-        """The camera ready to trace, with the random numbers of the build, or with others."""
+        """The camera ready to trace, with the random numbers of the build (stream 0) or with others."""
         tracer = Tracer(self.camera, self.seed ^ stream)
         return Rig.of(tracer, self.square_px)
 
@@ -95,9 +95,9 @@ class HandedIn:
     Attributes
     ----------
     problems : list of str
-        What is wrong with its files.
+        Problems of its files.
     unread : dict
-        Files that are too large to be opened: name -> reason.
+        Files too large to be opened: name -> reason.
     """
 
     root: Path
@@ -106,7 +106,7 @@ class HandedIn:
     unread: dict[str, str] = field(default_factory=dict)
 
     def look(self) -> None:
-        """Hold every file against the manifest, and read what other programs would."""
+        """Compare every file with the manifest, and try to read the files that other programs read."""
         size = sum(entry["size"] for entry in self.manifest.files.values())
         if size > limits().folder_bytes:
             raise UsageError(
@@ -124,7 +124,7 @@ class HandedIn:
             self._add(f"{name} cannot be read: {why}")
 
     def project(self) -> Project | None:
-        """Project of the folder's stage; None, and a problem, if it cannot be read."""
+        """Project of the folder's stage. If it cannot be read: None, and a problem is added."""
         try:
             project = _project(ForeignFolder(self.root).read(STAGE, limits().layer_bytes))
         except Unfit as reason:
@@ -141,7 +141,7 @@ class HandedIn:
         return project
 
     def tables_of(self, camera: JudgedCamera) -> list[Scene]:
-        """The tables of a camera that can be read; those that cannot are problems."""
+        """The readable tables of a camera; each unreadable one adds a problem."""
         scenes, folder, left = [], ForeignFolder(self.root), limits().table_bytes
         for file, truth, view in camera.tables.values():
             try:
@@ -156,7 +156,7 @@ class HandedIn:
         return scenes
 
     def require_small_tables(self, project: Project) -> None:
-        """Refuse tables that are too much for the memory together, before the first one is read."""
+        """Refuse the tables if together they exceed the memory, before the first one is read."""
         names = [name for name in project.files if name.endswith("/correspondences.csv")]
         size = sum(self.manifest.files[name]["size"] for name in names if name in self.manifest.files)
         if size > limits().table_bytes:
@@ -166,14 +166,14 @@ class HandedIn:
             )
 
     def _add(self, problem: str) -> None:
-        """Names of files may hold anything, escape sequences of terminals included."""
+        """Add a problem as safe text: names of files may hold anything, even escape sequences of terminals."""
         problem = "\n".join(map(printable, problem.splitlines()))
         if problem not in self.problems:
             self.problems.append(problem)
 
 
 def cameras_of(project: Project) -> list[JudgedCamera]:
-    """All cameras of a project, as its tasks read them."""
+    """All cameras of a project, with the parameters of its tasks."""
     names = project.findings["certificate"]
     return [_camera(project, name) for name in names]
 
@@ -206,20 +206,20 @@ def _camera_of(graph: TaskGraph, name: str) -> Camera:
 
 
 def _view_of(graph: TaskGraph, truth: str) -> View:
-    """The view of a task `truth`, which its tiles have if there are any; targets by name."""
+    """The view of a task `truth`, or of its tiles if it has any; targets by name."""
     own = from_plain(Truth, graph[truth].params).view
     view = own or from_plain(TruthTile, graph[graph[truth].reads["tile0"]].params).view
     return dataclasses.replace(view, targets=tuple(sorted(view.targets, key=lambda entry: entry.name)))
 
 
 def _focused(focus: Focus, planes: Planes) -> Camera:
-    """The camera that the tasks `focus` and `planes` would make."""
+    """The camera that the tasks `focus` and `planes` would compute."""
     return focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
 
 
 @functools.lru_cache(maxsize=1)
 def _project(stage: bytes) -> Project:
-    """The project of a stage that is a file of its own: whatever else it wants to read, it does not find."""
+    """The project of a stage that stands alone in an empty folder, so that it finds no other file to read."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder).resolve() / STAGE
         path.write_bytes(stage)

@@ -1,6 +1,6 @@
-"""Whether the files of a folder can be read at all, asked in a process with limits: their readers are not ours.
+"""Check that the files of a folder can be read, in a process with limits, because foreign libraries read them.
 
-The process writes a line per file, so that one whose reader crashes is known, and the others are read after it.
+The process writes one line per file. If a reader crashes, the file is known, and another process goes on with the rest.
 """
 
 import json
@@ -19,17 +19,18 @@ from pipeline.machine.another_python import command
 from pipeline.machine.processor import settings
 
 MEMORY_BYTES = 4 * 2**30
-"""Memory of the process that opens the files of a folder [bytes], as that of the process that reads a foreign stage: a
-file is read as a whole, and may be built to fill any memory."""
+"""Memory of the process that opens the files [bytes], the same as for reading an untrusted stage: a file is read as a
+whole, and a hostile one may be made to fill any memory.
+"""
 _FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
-"""A file may take so long, and longer if it is large."""
+"""Time limit of a file: these seconds, plus its size over this rate [bytes/s], slower than any disk."""
 _TOO_LARGE = f"needs more than {MEMORY_BYTES // 2**30} GiB of memory"
 
 Reader = Callable[[Path], Any]
 
 
 def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Files whose content is damaged, and files that are too large to tell: name -> reason."""
+    """Files with damaged content, and files too large to be checked: name -> reason each."""
     left = [name for name in sorted(names) if Path(name).suffix in (".exr", ".png", ".json", ".csv")]
     damaged, unknown = dict[str, str](), dict[str, str]()
     while left:
@@ -44,10 +45,10 @@ def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[s
 
 
 def main() -> None:
-    """The confined process: root and names on stdin, on stdout a line of JSON per file."""
+    """Run the confined process: root and names come on stdin, one line of JSON per file goes to stdout."""
     question = json.load(sys.stdin)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # whatever prints must not end up among the answers
+    os.dup2(2, 1)  # what libraries print must not mix with the answers
     bounds = Bounds(memory_bytes=MEMORY_BYTES, cpu_s=question["cpu_s"], file_bytes=0)
     confine([Path(question["root"])], bounds, question["parent"])
     for name in question["names"]:
@@ -55,12 +56,12 @@ def main() -> None:
 
 
 def _reason(root: Path, name: str) -> str | None:
-    """Why a file cannot be read; None if it can, or is no file at all, which others have said."""
+    """The reason why a file cannot be read. None if it can, or if it is no file, which is reported elsewhere."""
     try:
         handle = ForeignFolder(root).open(name)
     except Unfit:
         return None
-    place = Path(f"/proc/self/fd/{handle}")  # no other file can take its place
+    place = Path(f"/proc/self/fd/{handle}")  # the open file: nobody can replace it meanwhile
     try:
         _reader(name)(place)
     except DamagedFile as error:
@@ -73,7 +74,7 @@ def _reason(root: Path, name: str) -> str | None:
 
 
 def _reader(name: str) -> Reader:
-    """Reader of a file, by its ending; libraries are loaded when the first of a kind comes."""
+    """The reader of a file, by its suffix. A library is loaded with the first file that needs it."""
     if name.endswith(".exr"):
         from pipeline.files.exr import read_exr
 
@@ -92,7 +93,7 @@ def _reader(name: str) -> Reader:
 
 
 def _ask(root: Path, names: list[str]) -> tuple[list[str | None], str]:
-    """Answers about the first names, and how the process ended before it answered about the others."""
+    """Answers about the first names, and how the process ended if it left some unanswered."""
     allowed_s = _FILE_S * len(names) + sum(_sizes(root, names)) / _SLOWEST_BYTES_PER_S
     order = {"root": str(root.absolute()), "names": names, "cpu_s": math.ceil(allowed_s), "parent": os.getpid()}
     try:

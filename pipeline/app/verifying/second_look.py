@@ -1,4 +1,4 @@
-"""Target points drawn from the tables of a camera, of which all rows are derived again, by the method of the stage."""
+"""A second derivation of all rows of some target points, drawn from a camera's tables, by the method of the stage."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -24,36 +24,38 @@ from pipeline.truth.rows import Correspondences
 from pipeline.truth.visibility import seen
 
 ROWS = 64
-"""So many rows are about what the drawn points of a camera have together."""
+"""Number of rows that the drawn points of a camera have together, approximately."""
 _FEWEST_POINTS = 4
-"""Points that are drawn at least, where a point has more rows than should be drawn in all: every microlens may see
-it."""
+"""Least number of drawn points. It counts if single points have very many rows, because every microlens may see them.
+"""
 _SAME_PX = 1e-6
-"""Positions from the same random rays [px]: they differ by rounding."""
+"""Tolerance of positions from the same random rays [px]: they differ by rounding."""
 _SAME_SIGMA = 1e-3
-"""Standard errors from the same random rays, relative: of second moments that nearly cancel in single precision."""
+"""Relative tolerance of standard errors from the same random rays: second moments nearly cancel in single precision."""
 _SAME_SHARE = 1e-3
-"""Hit fractions: two levels of quadrature differ by 3e-5 at the rim of a micro-image."""
+"""Tolerance of hit fractions: two levels of quadrature differ by 3e-5 at the rim of a micro-image."""
 _SAME_BLUR = 0.02
-"""Share of the blur's trace: it is as exact as the derivative of J, which the last steps of the solution change."""
+"""Tolerance of a blur as a share of its trace. The blur is as exact as the derivative of J, which depends on the last
+steps of the solution.
+"""
 _SAME_BLUR_PX2 = 1e-5
-"""Least tolerance of a blur [px^2], for points in focus, where the share of the trace is nothing: (0.003 px)^2."""
+"""Least tolerance of a blur [px^2], (0.003 px)^2: for points in focus, whose trace is nearly 0."""
 _SAME_OTHERS_PX = 2e-3
-"""Tolerance of the positions of column sets [px]: they err by some 1e-4 px."""
+"""Tolerance of the positions of column sets [px]: their error is a few 1e-4 px."""
 _EDGE_PX, _EDGE_SHARE = 1e-3, 1e-3
-"""A row this near to the edge of its cell, or to the smallest hit fraction, may be there or not."""
+"""Distance from the edge of a cell [px] and from the least hit fraction within which a row may exist or not."""
 
 
 @dataclass(frozen=True, slots=True)
 class SecondLook:
-    """Findings of a second look.
+    """Findings of the second derivation.
 
     Attributes
     ----------
     points, of : int
-        Target points that were drawn, from so many: those of all targets in all frames.
+        Number of drawn target points, and number of points of all targets in all frames.
     rows : int
-        Rows that they have by the tables.
+        Number of rows that the tables have of these points.
     problems : list of str
     """
 
@@ -64,12 +66,12 @@ class SecondLook:
 
 
 def second_look(camera: JudgedCamera, rig: Rig, scenes: list[tuple[Scene, Rows]], seed: int) -> SecondLook:
-    """Derive all rows of drawn points again and compare every column.
+    """Derive all rows of the drawn points again and compare every column.
 
     Parameters
     ----------
     rig : Rig
-        With the random numbers of the build.
+        The camera ready to trace, with the random numbers of the build.
     """
     groups = [(scene, rows, number) for scene, rows in scenes for number in range(len(scene.view.targets))]
     sizes = [len(_target(scene, number).points().kinds) for scene, _, number in groups]
@@ -94,7 +96,7 @@ def _target(scene: Scene, number: int) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Drawn points of one target in one frame, and the rows that the table has of them (`here`)."""
+    """Drawn points of one target in one frame, and their rows in the table (`here`)."""
 
     camera: JudgedCamera
     rig: Rig
@@ -128,7 +130,8 @@ class _Group:
         points = target.points()
         planes = tangent_planes(pose, points.position_mm, points.plane_axes)
         asked = planes.copy()
-        asked[np.setdiff1d(np.arange(len(planes)), self.points), 3] = 0.0  # turned neither to the camera nor away
+        # these points face neither to the camera nor away: no rows
+        asked[np.setdiff1d(np.arange(len(planes)), self.points), 3] = 0.0
         if camera.sampling is None:
             found = solved(rig, settings, asked)
         else:
@@ -142,7 +145,7 @@ class _Group:
         return found, others
 
     def _searched(self, points: TargetPoints, pose: np.ndarray, planes: np.ndarray) -> Correspondences:
-        """Rows that the search finds in position images around stated rows, and around where else rows may be."""
+        """Rows that the search finds in position images, around the stated rows and wherever else rows may be."""
         camera, rig = self.camera, self.rig
         assert camera.sampling is not None
         whatever = unfiltered(camera.settings)
@@ -173,7 +176,7 @@ class _Group:
         others: dict[str, np.ndarray],
         theirs: np.ndarray,
     ) -> Iterator[str]:
-        """Columns that differ by more than they may, and by how much."""
+        """Descriptions of the columns that differ by more than their tolerance."""
         stated = {column: values[theirs] for column, values in self.rows.values.items()}
         expected = self._expected(again)
         expected |= {column: (values, _SAME_OTHERS_PX) for column, values in others.items()}
@@ -189,10 +192,10 @@ class _Group:
             yield f"{int(wrong.sum())} of {len(wrong)} rows of {name} state another method"
 
     def _expected(self, again: Correspondences) -> dict[str, tuple[np.ndarray, Any]]:
-        """Columns as derived again, and by how much the stated ones may differ."""
+        """The derived columns, each with its tolerance."""
         settings, is_direct = self.camera.settings, again.method == "direct"
         claim = settings.claim_px or NO_CLAIM_PX
-        # Rows by `direct` of a search begin where that has left them, and end within the claim.
+        # A row of a search that was solved by `direct` began where the search ended, so it agrees to the claim only.
         moved = np.where(is_direct, claim + 3 * np.hypot(*again.sigma_px.T), _SAME_PX)
         blur, trace = again.blur_px2, np.trace(again.blur_px2, axis1=1, axis2=2)
         blurred = _SAME_BLUR * trace + _SAME_BLUR_PX2
@@ -210,13 +213,13 @@ class _Group:
         return expected
 
     def _is_doubtful(self, again: Correspondences, row: int) -> bool:
-        """Whether a row that the table lacks may lack."""
+        """Whether a derived row is so near a limit that the table may lack it."""
         one = again.only(np.array([row]))
         x = np.stack([one.found.x_px, one.found.y_px], axis=1)
         return self._at_an_edge(one.found.cell, x, float(one.hit_fraction[0]))
 
     def _may_go(self, row: int) -> bool:
-        """Whether a row of the table that was not found again may be there all the same."""
+        """Whether a row of the table is so near a limit that it need not be found again."""
         at = np.array([row])
         return self._at_an_edge(self.rows.cell[at], self.rows.x_px[at], float(self.rows.values["hit_fraction"][row]))
 

@@ -1,4 +1,4 @@
-"""Rules for every row of a table of correspondences, whatever light did: no ray is traced for it."""
+"""Rules that every row of a table of correspondences must keep; no ray is traced to check them."""
 
 import math
 import re
@@ -21,25 +21,27 @@ from pipeline.truth.settings import TruthSettings
 
 _TEXT = ("camera", CHANNEL, "target", "method")
 _SAME_MM = 1e-6
-"""Points in a table against those of the stage: text keeps every digit, matrices are multiplied in another order."""
+"""Tolerance of points in a table against the stage [mm]: text keeps every digit, but matrix products may be rounded in
+another order.
+"""
 _SAME_RHO = 1e-9
-"""rho^2 against twice the trace of the blur, relative: the same numbers, squared and rounded."""
+"""Relative tolerance of rho^2 against twice the trace of the blur: the same numbers, squared and rounded."""
 
 
 class UnfitTable(PipelineError):
-    """A table that is none of a camera of the stage: nothing else can be asked of it."""
+    """The table does not belong to a camera of the stage, so that nothing else can be checked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """The rows of a table as numbers.
+    """Rows of a table as arrays of numbers.
 
     Attributes
     ----------
     target, point, cell : (n,) int64
-        Number of the target among those of the scene, id of its point, row of the microlens (0 where there are none).
+        Index of the target in the scene, id of its point, index of the microlens (0 without microlenses).
     values : dict
-        Every other column of numbers, (n,) float64 each; NaN where a cell is empty.
+        All other numeric columns, (n,) float64 each, NaN for an empty cell.
     method : (n,) str
     """
 
@@ -61,7 +63,7 @@ def rows_of_scene(camera: JudgedCamera, rig: Rig, scene: Scene) -> Rows:
     Raises
     ------
     UnfitTable
-        Columns are missing or hold no numbers, or rows name what the stage does not have.
+        Columns are missing or not numeric, or rows name a target, point or microlens that the stage lacks.
     """
     columns, wanted = list(scene.table.columns), column_order(scene.truth)
     if columns != wanted:
@@ -82,7 +84,7 @@ def rows_of_scene(camera: JudgedCamera, rig: Rig, scene: Scene) -> Rows:
 
 
 def broken_rules(camera: JudgedCamera, rig: Rig, scene: Scene, rows: Rows) -> Iterator[str]:
-    """Faults of a table by itself, and against the stage."""
+    """Descriptions of the rules that a table breaks, by itself or against the stage."""
     for wrong, what in (
         *_labels(scene, rig, rows),
         *_places(scene, rig, rows),
@@ -94,7 +96,7 @@ def broken_rules(camera: JudgedCamera, rig: Rig, scene: Scene, rows: Rows) -> It
 
 
 def wrong_counts(camera: str, stated: Any, scenes: list[tuple[Scene, Rows]]) -> Iterator[str]:
-    """Places in which the `points` of a manifest count other rows than the tables have."""
+    """Differences between the counts under `points` in the manifest and the rows of the tables."""
     frames = stated.get(camera, {}).get("frames") if isinstance(stated, dict) and _is_dict(stated, camera) else None
     known = {row.get("frame"): row for row in frames if isinstance(row, dict)} if isinstance(frames, list) else {}
     for scene, rows in scenes:
@@ -110,7 +112,7 @@ def _is_dict(stated: dict[str, Any], name: str) -> bool:
 
 
 _Rule = tuple[np.ndarray, str]
-"""Rows that break a rule, (n,) bool, and what is wrong with them."""
+"""Rows that break a rule, (n,) bool, and a description of the fault."""
 
 
 def _labels(scene: Scene, rig: Rig, rows: Rows) -> Iterator[_Rule]:
@@ -151,7 +153,8 @@ def _ranges(settings: TruthSettings, rows: Rows) -> Iterator[_Rule]:
     xx, xy, yy, rho = (values[name] for name in ("blur_xx_px2", "blur_xy_px2", "blur_yy_px2", "rho_px"))
     unknown = np.isnan(xx) & np.isnan(xy) & np.isnan(yy)
     for name in ("sigma_x_px", "sigma_y_px"):
-        is_unknown = np.isnan(values[name]) & unknown & (rows.method != "direct")  # both need the derivatives of J
+        # both columns need the derivatives of J
+        is_unknown = np.isnan(values[name]) & unknown & (rows.method != "direct")
         is_error = (values[name] >= 0) & np.isfinite(values[name])
         yield ~(is_error | is_unknown), f"whose {name} is no standard error"
     light, visible = values["hit_fraction"], values["visibility"]
@@ -168,7 +171,7 @@ def _ranges(settings: TruthSettings, rows: Rows) -> Iterator[_Rule]:
 
 
 def _header(camera: JudgedCamera, scene: Scene, rows: Rows) -> Iterator[str]:
-    """Comment lines against the stage, and the rows that they count."""
+    """Faults of the comment lines: differences from the stage, and wrong counts of rows."""
     k = camera.sampling.supersampling if camera.sampling else None
     is_plenoptic = camera.camera.microlenses is not None
     head = header_of(scene.truth, k, is_plenoptic=is_plenoptic)
@@ -188,7 +191,7 @@ def _points(entry: PlacedTarget) -> TargetPoints:
 
 
 def _cells(rig: Rig, values: dict[str, np.ndarray]) -> np.ndarray:
-    """Row of the microlens of each row; 0 for a conventional camera, -1 where there is no such microlens."""
+    """Index of the microlens of each row; 0 for a conventional camera, -1 if no such microlens exists."""
     k, l, lattice = values["microlens_k"], values["microlens_l"], rig.tracer.lattice
     if lattice is None:
         return np.where(np.isnan(k) & np.isnan(l), 0, -1)
@@ -197,7 +200,7 @@ def _cells(rig: Rig, values: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _whole(values: np.ndarray) -> np.ndarray:
-    """Whole numbers; -1 for what is none, or no id."""
+    """Values as whole numbers; -1 for a value that is not whole or cannot be an id."""
     fits = (values >= 0) & (values < 2**31) & (values == np.floor(values))
     return np.where(fits, values, -1).astype(np.int64)
 
@@ -207,6 +210,6 @@ def _equal(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _some(wrong: np.ndarray) -> str:
-    """3 of 28 rows (first the 5th) are."""
+    """A count of rows for a message: "3 of 28 rows (first the 5th) are"."""
     first = int(np.flatnonzero(wrong)[0]) + 1
     return f"{int(wrong.sum())} of {len(wrong)} rows, the first is row {first}:"

@@ -1,6 +1,6 @@
-"""`pipeline verify OUT`: derive a sample of a build's ground truth again, from the output folder alone.
+"""`pipeline verify OUT`: derive a sample of the ground truth again, from the output folder alone.
 
-Neither the store nor the original stage is read, and the folder is not trusted: what it holds becomes findings.
+Neither the store nor the original stage is read. The folder is not trusted: whatever is wrong in it is a finding.
 """
 
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from pipeline.errors import PipelineError, UsageError
 from pipeline.tasks.certificate import certificate
 
 _STREAM = 0x7E51
-"""Random numbers of the judges are none of those of the build."""
+"""Random stream of the verification; a build never uses it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +26,13 @@ class Verdict:
     Attributes
     ----------
     problems : list of str
-        Files that are lost, odd or altered, tables that break a rule, and rows that were derived otherwise.
+        Missing, unexpected or altered files, tables that break a rule, and rows that were derived with other values.
     cameras : dict
         Camera name -> certificate of the new sample.
     looks : dict
-        Camera name -> {points, of, rows}: target points of which all rows were derived again in every column.
+        Camera name -> {points, of, rows}: target points whose rows were all derived again, in every column.
     unread : dict
-        Files that were too large to be opened: name -> reason.
+        Files too large to be opened: name -> reason.
     """
 
     problems: list[str]
@@ -42,11 +42,11 @@ class Verdict:
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing speaks against the build."""
+        """Whether no check contradicts the build."""
         return not self.problems and all(found["passed"] is not False for found in self.cameras.values())
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, as `verify --json` prints it."""
+        """The verdict as plain data, as `verify --json` prints it."""
         return {
             "agrees": self.agrees,
             "problems": self.problems,
@@ -57,17 +57,18 @@ class Verdict:
 
 
 def verify(out: str | Path, seed: int = 1) -> Verdict:
-    """Check files against the manifest, every row against the stage, and samples of rows against fresh solutions.
+    """Check the files against the manifest, every row against the stage, and samples of rows against new solutions.
 
-    Files are read as what their names say they are, in a process with limits. Every row of every table: its labels,
-    target point and place in the scene, image and cell, the ranges of its numbers, rho against the blur, that it is
-    there once, and that comments and manifest count it. Of drawn points all rows in every column, see `second_look`. Of
-    drawn rows position and visibility by other rules and rays. Other files are not derived again.
+    Files are read in a process with limits, in the format that their names promise. For every row of every table the
+    check covers labels, target point, place in the scene, image and cell, ranges of numbers, rho against the blur,
+    duplicates, and the counts in comments and manifest. For drawn points all rows are derived again in every column,
+    see `second_look`. For drawn rows position and visibility are found with other rules and rays. Other files are not
+    derived again.
 
     Parameters
     ----------
     seed : int
-        Which rows and points are drawn, and the random rays of those who judge.
+        Seed of the drawn rows and points and of the random rays of the verification.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
 
 
 def _judge(folder: HandedIn, camera: JudgedCamera, seed: int, verdict: Verdict) -> None:
-    """Add what is found about a camera to a verdict."""
+    """Add the findings about a camera to a verdict."""
     built, other = camera.rig(), camera.rig(_STREAM + seed)
     scenes: list[tuple[Scene, Rows]] = []
     for scene in folder.tables_of(camera):

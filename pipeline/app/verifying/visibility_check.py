@@ -1,4 +1,4 @@
-"""The visibility of a sample of rows, found again with other rays."""
+"""Visibility of a sample of rows, determined again with other rays."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from pipeline.truth.judging.judged import sample
 from pipeline.truth.visibility import visibility
 
 _SAME_SHARE = 0.02
-"""Tolerance: a look by a thousand rays may miss some thousandths at an edge."""
+"""Tolerance of the visibility: a thousand rays may be wrong by some thousandths at an edge."""
 
 
 def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:

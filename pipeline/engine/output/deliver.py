@@ -1,11 +1,12 @@
-"""Fill an output folder so that it holds exactly what the records say, touching only what differs.
+"""Fill an output folder with exactly the files that the records state, touching only those that differ.
 
-New files are first written aside, inside the folder, and hashed there; a full disk shows while the previous build is
-still whole. Then the manifest goes, files no longer made go, files are renamed into place, and the manifest comes last.
-Only bytes that we put there are ever removed or replaced: whatever else stands in the way gets another name.
+New files are first written to a temporary folder inside the output folder and hashed there, so a full disk is noticed
+while the previous build is still whole. Then the manifest and obsolete files are removed, the new files are renamed
+into place, and the new manifest is written last. Only bytes that we have written are ever removed or replaced: anything
+else that is in the way gets another name.
 
-A partial delivery puts some of the files there and removes none. A manifest that agrees with them stays; one that does
-not goes, because the folder is then no longer the build that it describes. A partial delivery never makes one.
+A partial delivery writes some of the files and removes none. It keeps a manifest that agrees with them and removes one
+that does not, because the folder is then no longer the build it describes. It never writes a manifest.
 """
 
 import contextlib
@@ -30,9 +31,9 @@ Source = bytes | tuple[str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delivery:
-    """Changes in the folder; paths are posix and relative.
+    """Changes that a delivery made in the folder; paths are posix and relative.
 
-    `asked` are the files that a partial delivery put or found there; None after a whole one. `finished` says whether
+    `asked` lists the files that a partial delivery wrote or found; None after a whole one. `finished` states whether
     the folder has a manifest now.
     """
 
@@ -45,20 +46,20 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """Everything that an output folder shall hold.
+    """The intended content of an output folder.
 
     Attributes
     ----------
     files : mapping of str to Source
-        By their paths in the folder.
+        Sources of the files by path in the folder.
     head : dict
         Facts of the manifest about the build.
     records : mapping of str to Record
-        What the tasks gave whose results are among the files.
+        Records of the tasks whose outputs are among the files.
     stage_id : str
-        The stage that is built: a folder holds builds of one.
+        Identity of the stage: a folder holds builds of one stage only.
     whole : bool
-        Whether these are all files of the build; if not, other files of it may stay.
+        Whether these are all files of the build; if not, other files of the build may stay.
     """
 
     files: Mapping[str, Source]
@@ -69,19 +70,19 @@ class Contents:
 
 
 def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], None] = lambda text: None) -> Delivery:
-    """Make `out` hold the files and a manifest, and nothing of an earlier build of the same stage.
+    """Make `out` hold the files and a manifest, and no file of an earlier build of the same stage.
 
-    If the contents are not `whole`, put their files there and leave the rest.
+    If the contents are not `whole`, write their files and leave all others alone.
 
     Raises
     ------
     UsageError
         The folder holds a build of another stage.
     EnvironmentFault
-        The folder cannot be written, or the disk is full; then the previous build is still whole. Or another machine,
-        whose locks do not reach here, changes it at the same time.
+        The folder cannot be written, or the disk is full; then the previous build is still whole. Or another machine
+        changes it at the same time: file locks may not work between machines.
     DamagedBlob
-        A result went from the store since it was made; the previous build is still whole.
+        A result vanished from the store after it was made; the previous build is still whole.
     """
     entries = {path: _entry(source, contents.records) for path, source in sorted(contents.files.items())}
     _check_paths(entries)
@@ -91,7 +92,7 @@ def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], N
     )
     with chosen_place("write to", out):
         out.mkdir(parents=True, exist_ok=True)
-    # The store's lock may reach other machines; the folder's own reaches builders with other stores.
+    # The lock in the store may work between machines; the one of the folder covers builders with other stores.
     flight, errand = store.single_flight(name_of(out), f"fills {out}"), Errand(say=store.say_waiting)
     with flight, locked_folder(out, errand=errand) as alone, _errors_told(out, goal):
         there = manifest.read_of(out, contents.head.get("stage"))
@@ -100,13 +101,15 @@ def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], N
         seen = Seen(out, store, contents.stage_id)
         seen.require_same_stage()
         folder = Folder(out, warn)
-        folder.remove_old_asides(alone=alone)  # also where nothing changes: a builder may have died after its last file
+        folder.remove_old_asides(alone=alone)  # even if nothing changes: a builder may have died after its last file
         return _fill(folder, goal, seen)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Goal:
-    """Files that a folder shall hold, and the store that has it. If it is not `whole`, other files of ours may stay."""
+    """The files that a folder is to hold, and the store with their bytes. If not `whole`, other files of ours may
+    stay.
+    """
 
     files: Mapping[str, Source]
     entries: dict[str, dict[str, Any]]
@@ -121,7 +124,7 @@ class _Goal:
 
     @property
     def note(self) -> dict[str, str]:
-        """Digests of all files, with the manifest if there shall be one."""
+        """Digests of all files, including the manifest if one is to be written."""
         own = {} if self.manifest is None else {manifest.NAME: hashlib.sha256(self.manifest).hexdigest()}
         return {**self.digests, **own}
 
@@ -136,7 +139,7 @@ class _Goal:
 
 def _fill(folder: Folder, goal: _Goal, seen: Seen) -> Delivery:
     present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
-    # What is not present is missing, or lies behind a link to a folder: then it is not in this one.
+    # A file that is not present is missing, or lies behind a link to a folder and so outside this one.
     changed = [path for path, digest in digests.items() if path not in present or seen.digest(path) != digest]
     others = sorted(present - digests.keys()) if goal.whole else []
     stale = [path for path in others if seen.is_ours(path)]
@@ -161,7 +164,7 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
         seen.begin(goal.note)
         is_ours = seen.is_ours(manifest.NAME) or _is_begun(folder.out / manifest.NAME, goal)
         folder.clear(manifest.NAME, is_ours=is_ours, is_same=lambda kept: _is_begun(kept, goal))
-        for path in filter(seen.is_ours, stale):  # maybe somebody has written to it meanwhile
+        for path in filter(seen.is_ours, stale):  # somebody may have written to it meanwhile
             folder.remove(path)
         for number, path in enumerate(changed):
             folder.place(
@@ -173,19 +176,19 @@ def _change(folder: Folder, seen: Seen, goal: _Goal, *, changed: list[str], stal
 
 
 def _agrees(there: manifest.Manifest, entries: Mapping[str, Any]) -> bool:
-    """Whether a manifest says of these files what they shall be."""
+    """Whether a manifest states the intended digests of these files."""
     return all(there.files.get(path) == entry for path, entry in entries.items())
 
 
 def _is_begun(path: Path, goal: _Goal) -> bool:
-    """Whether a file is the manifest that shall be there, or one that was cut, of which nothing is lost."""
+    """Whether a file is the intended manifest, or a truncated beginning of it, which holds nothing else."""
     data = read_regular(path)
     return data is not None and (goal.manifest or b"").startswith(data)
 
 
 @contextlib.contextmanager
 def _errors_told(out: Path, goal: _Goal) -> Iterator[None]:
-    """Turn errors of the disk, or of others in the folder, into faults of the environment: no bug of ours."""
+    """Turn errors of the disk, or errors due to other processes in the folder, into an `EnvironmentFault`."""
     try:
         with machine_errors("write to", out, needed=sum(entry["size"] for entry in goal.entries.values())):
             yield

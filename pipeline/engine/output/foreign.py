@@ -1,4 +1,4 @@
-"""Plain files of a folder that nobody vouches for: what is no plain file of it is a finding, never waited for."""
+"""Plain files of an untrusted folder: anything else in it is a finding and is never waited for."""
 
 import hashlib
 import os
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _CHUNK = 1 << 20
-"""Bytes that are read at once, 1 MiB: a file of any size is compared in little memory."""
+"""Size of one read [bytes], 1 MiB: files of any size are compared in little memory."""
 _LOOK = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -20,21 +20,21 @@ _KINDS = {
 
 
 class Unfit(Exception):
-    """Something that is no whole, plain, readable file of its folder; the text says what it is, without its name."""
+    """The entry is not a complete, plain, readable file of its folder; the text says why, without its name."""
 
 
 class ForeignFolder:
-    """Reads files below a folder, also while somebody else changes it.
+    """Reader of files below a folder that somebody may be changing.
 
-    No link is followed on the way down, nothing but a plain file is opened for reading, and never more bytes are read
-    than were asked for: neither a FIFO, nor a device, nor a file that grows keeps us waiting.
+    Links are not followed, only plain files are opened, and never more bytes are read than were asked for. So no FIFO,
+    device or growing file can block us.
     """
 
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root)
 
     def read(self, name: str, most: int) -> bytes:
-        """All bytes of a file of at most so many.
+        """All bytes of a file that has at most `most` bytes.
 
         Raises
         ------
@@ -51,12 +51,12 @@ class ForeignFolder:
             os.close(handle)
 
     def require_whole(self, name: str, size: int, sha256: str) -> None:
-        """Compare a file with what a manifest says of it.
+        """Compare a file with its size and digest in the manifest.
 
         Raises
         ------
         Unfit
-            It is no plain file, or holds other bytes.
+            It is not a plain file, or holds other bytes.
         """
         handle = self.open(name)
         try:
@@ -89,7 +89,7 @@ class ForeignFolder:
             return _opened(last, at)
         except FileNotFoundError:
             raise Unfit("is lost") from None
-        except (OSError, ValueError) as error:  # ValueError: a name that no file system knows
+        except (OSError, ValueError) as error:  # ValueError: a name that no file system accepts
             reason = error.strerror if isinstance(error, OSError) else "no file system knows such a name"
             raise Unfit(f"cannot be read ({reason})") from None
         finally:
@@ -105,7 +105,7 @@ def _entered(name: str, above: int) -> int:
 
 
 def _opened(name: str, folder: int) -> int:
-    # Looked at before it is opened, because opening some devices does something.
+    # Examined before it is opened, because opening some devices has effects.
     _require_file(os.stat(name, dir_fd=folder, follow_symlinks=False))
     handle = os.open(name, _LOOK, dir_fd=folder)
     try:
@@ -122,7 +122,7 @@ def _require_file(facts: os.stat_result) -> None:
 
 
 def _pieces(handle: int, size: int) -> Iterator[bytes]:
-    """So many bytes of a file in pieces; fewer if it ends before."""
+    """The first `size` bytes of a file in pieces; fewer if it ends before."""
     try:
         while size > 0 and (piece := os.read(handle, min(size, _CHUNK))):
             size -= len(piece)

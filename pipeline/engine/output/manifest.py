@@ -1,4 +1,4 @@
-"""The manifest of an output folder: what lies there, made of which tasks. Without one a folder is not finished."""
+"""The manifest of an output folder: its files and the tasks that made them. A folder without one is not finished."""
 
 import json
 from dataclasses import dataclass, field
@@ -14,23 +14,23 @@ NAME = "manifest.json"
 FORMAT = 1
 """Version of the manifest: it rises when readers of the old one would misread the new one."""
 _BYTES_PER_FRAME = 1 << 14
-"""Ten times what the files and tasks of a frame of a camera take in a manifest."""
+"""Bytes that one frame of one camera may take in a manifest: ten times what its files and tasks need."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Content of a manifest; empty if there is none that can be read.
+    """Content of a manifest; empty if no manifest can be read.
 
     Attributes
     ----------
     data : bytes or None
-        The file as it is.
+        Bytes of the file.
     files : dict
         Posix path -> {"sha256", "size"}.
     tasks : dict
         Task name -> key.
     points : any
-        What it says of how many points were seen; not looked at here.
+        Its statement of how many points are seen; not interpreted here.
     """
 
     data: bytes | None = None
@@ -41,7 +41,7 @@ class Manifest:
 
 
 def read(out: Path) -> Manifest:
-    """The manifest in a folder. What does not look like one of ours, or is far too large for one, counts as none."""
+    """The manifest in a folder. A file that is not one of ours, or far too large, counts as none."""
     data = read_regular(out / NAME, most=_BYTES_PER_FRAME * limits().frames)
     try:
         parsed = json.loads(data or b"")
@@ -60,7 +60,7 @@ def _is_entry(entry: dict[str, Any]) -> bool:
 
 
 def render(head: dict[str, Any], tasks: dict[str, str], files: dict[str, dict[str, Any]]) -> bytes:
-    """The manifest's bytes: a function of the facts alone, with a line per task and per file."""
+    """Bytes of a manifest, with one line per task and per file; they depend on these facts only."""
     facts = {name: _json(value, indent=1).replace("\n", "\n ") for name, value in {"format": FORMAT, **head}.items()}
     facts["tasks"] = _lines({name: f'"{key}"' for name, key in tasks.items()})
     facts["files"] = _lines(
@@ -70,7 +70,7 @@ def render(head: dict[str, Any], tasks: dict[str, str], files: dict[str, dict[st
 
 
 def _lines(items: dict[str, str], indent: str = " ") -> str:
-    """A JSON object of values that are JSON already, sorted, a line each."""
+    """A JSON object of values that are JSON texts already, sorted, one per line."""
     rows = ",\n".join([f"{indent} {_json(name)}: {items[name]}" for name in sorted(items)])
     return f"{{\n{rows}\n{indent}}}" if items else "{}"
 
@@ -80,7 +80,7 @@ def _json(value: Any, indent: int | None = None) -> str:
 
 
 def read_of(out: Path, stage: Any) -> Manifest:
-    """The manifest in a folder for builds of a stage.
+    """The manifest in a folder, for builds of this stage.
 
     Raises
     ------

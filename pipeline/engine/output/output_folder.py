@@ -1,4 +1,4 @@
-"""An output folder: what lies there, writing aside and putting into place, and keeping what others put there."""
+"""An output folder: listing, writing new files aside, moving them into place, and keeping files of others."""
 
 import contextlib
 import os
@@ -17,25 +17,25 @@ from pipeline.engine.store.workspace import ABANDONED_S
 
 ASIDE = ".pipeline-"
 _MANY = 3
-"""Warnings of one kind that are told one by one; the rest is counted."""
+"""Number of warnings of one kind that are shown one by one; further ones are counted."""
 _ASIDE_NAME = re.compile(rf"{re.escape(ASIDE)}(?P<host>.+)-[0-9a-f]{{32}}")
 
 
 class Folder:
-    """A folder that a build fills. Nothing in it that is not ours is removed, or written to through a link."""
+    """A folder that a build fills. Files of others are never removed, nor written to through a link."""
 
     def __init__(self, out: Path, warn: Callable[[str], None]) -> None:
         self.out, self.warn = out, warn
         self._kept: list[tuple[Path, Path]] = []
 
     def present(self) -> set[str]:
-        """Paths of all files but the manifest; what lies behind a link to a folder is not in this one."""
+        """Paths of all files but the manifest; links to folders are not followed."""
         found = set(_files_below(self.out)) - {manifest.NAME}
         return {path for path in found if not _ASIDE_NAME.fullmatch(path.partition("/")[0])}
 
     @contextlib.contextmanager
     def aside(self) -> Iterator[Path]:
-        """A folder inside this one to write files to first; removed in the end."""
+        """A temporary folder inside this one for new files; removed at the end."""
         aside = self.out / f"{ASIDE}{socket.gethostname()}-{uuid.uuid4().hex}"
         aside.mkdir()
         try:
@@ -44,31 +44,35 @@ class Folder:
             shutil.rmtree(aside, ignore_errors=True)
 
     def remove_old_asides(self, *, alone: bool) -> None:
-        """Remove what dead builders left; whoever is `alone`, with the folder's lock, knows all of this machine are."""
+        """Remove temporary folders of dead builders. A builder that is `alone`, because it holds the folder's lock,
+        knows that all other builders of this machine are dead.
+        """
         for folder in self.out.glob(f"{ASIDE}*"):
             match = _ASIDE_NAME.fullmatch(folder.name)
-            with contextlib.suppress(FileNotFoundError):  # another machine's, just done
+            with contextlib.suppress(FileNotFoundError):  # of another machine, which has just finished
                 dead = match and alone and match["host"] == socket.gethostname()
                 if dead or (match and time.time() - folder.lstat().st_mtime > ABANDONED_S):
                     shutil.rmtree(folder, ignore_errors=True)
 
     def place(self, aside: Path, path: str, *, is_ours: bool) -> None:
-        """Move a file to its place, with the folders above it; what stands there stays unless it is ours."""
+        """Move a file into place, creating folders as necessary; a file of somebody else there is kept under another
+        name.
+        """
         target, digest = self.out / path, digest_of(aside)
         for parent in reversed(target.relative_to(self.out).parents[:-1]):
             if _is_no_folder(self.out / parent):
                 self.clear(parent.as_posix(), is_ours=False)
             if not (self.out / parent).is_dir():
                 (self.out / parent).mkdir(exist_ok=True)
-        # Nobody loses a file with the very same bytes, for example another machine's that builds the same.
+        # A file with the very same bytes may be replaced: another machine may be delivering the same build.
         self.clear(path, is_ours=is_ours or digest_of(target) == digest, is_same=lambda kept: digest_of(kept) == digest)
         aside.replace(target)
 
     def clear(self, path: str, *, is_ours: bool, is_same: Callable[[Path], bool] = lambda kept: False) -> None:
-        """Free a place: a file of ours goes, everything else gets another name.
+        """Free a path: a file of ours is removed, anything else is renamed.
 
-        What came after that look goes, too, if it `is_same` as what shall stand there: another machine, whose locks do
-        not reach here, has delivered it.
+        A file that appeared after the check is removed, too, if it `is_same` as the one to be placed: then another
+        machine, which our lock does not reach, has delivered it.
         """
         target = self.out / path
         if is_ours and not target.is_dir():
@@ -84,7 +88,7 @@ class Folder:
 
     @contextlib.contextmanager
     def saying_what_was_kept(self) -> Iterator[None]:
-        """Warn in the end, also after an error, of everything that got another name."""
+        """Warn at the end, even after an error, of everything that was renamed."""
         try:
             yield
         finally:
@@ -97,17 +101,17 @@ class Folder:
             self._kept.clear()
 
     def remove(self, path: str) -> None:
-        """Remove a file of ours, and the folders above it that are empty then."""
+        """Remove a file of ours and the folders above it that become empty."""
         (self.out / path).unlink(missing_ok=True)
         for parent in (self.out / path).relative_to(self.out).parents[:-1]:
             try:
                 (self.out / parent).rmdir()
-            except OSError:  # not empty: somebody else's files, or ours that stay
+            except OSError:  # not empty: it holds files of others, or files that stay
                 return
 
 
 def _is_no_folder(path: Path) -> bool:
-    """Whether something else than a folder stands there, in one look: others may make what is missing."""
+    """Whether the path holds something other than a folder, in one call: other processes may create missing folders."""
     try:
         return not stat.S_ISDIR(path.lstat().st_mode)
     except FileNotFoundError:
@@ -119,7 +123,7 @@ def _files_below(out: Path) -> Iterator[str]:
     todo = [""]
     while todo:
         below = todo.pop()
-        with contextlib.suppress(PermissionError), os.scandir(f"{out}/{below}") as found:  # not ours, then
+        with contextlib.suppress(PermissionError), os.scandir(f"{out}/{below}") as found:  # unreadable, so not ours
             for entry in found:
                 if entry.is_dir(follow_symlinks=False):
                     todo.append(f"{below}{entry.name}/")

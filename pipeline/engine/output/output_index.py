@@ -1,8 +1,7 @@
-"""Memory of an output folder in the store: the bytes that we put there, and how files looked when we knew them.
+"""Note about an output folder, kept in the store: digests of the files that we wrote, and their signatures.
 
-A file is ours only if its bytes are those that we put under its name: whatever else it holds is somebody's. A file that
-still looks the same need not be read again. Only what was certain is remembered: a file that somebody else may have
-written to since is read again next time.
+A file is ours only if it holds the bytes that we wrote under its name. A file with an unchanged signature need not be
+read again. Only certain signatures are kept: a file that somebody may have written to since is read again next time.
 """
 
 import hashlib
@@ -19,22 +18,22 @@ from pipeline.engine.store.store import Store
 from pipeline.errors import UsageError
 
 _CLOCK_TICK_NS = 20_000_000
-"""Tick of the time stamps of a file system [ns], generously: two writes within one cannot be told apart."""
+"""Resolution of the time stamps of a file system [ns], generously: two writes within it cannot be told apart."""
 
 
 class Seen:
-    """The note of one output folder.
+    """The note about one output folder.
 
     Parameters
     ----------
     stage_id : str
-        The stage that is built now: what the output folder cannot say, because no path of a machine stands in it.
+        Identity of the stage that is built now. It is not in the output folder, which holds no path of a machine.
 
     Attributes
     ----------
     ours : dict
-        Path -> digests of the bytes that we put there: one, or before and after a delivery that was cut short. Of a
-        folder that was moved or copied, what we put into the place where it was.
+        Path -> digests of the bytes that we wrote: one, or two (before and after) if a delivery was interrupted. For a
+        folder that was moved or copied they are taken from its old place.
     """
 
     def __init__(self, out: Path, store: Store, stage_id: str = "") -> None:
@@ -49,14 +48,14 @@ class Seen:
         self._read: dict[str, tuple[Signature, str | None]] = {}
 
     def require_same_stage(self) -> None:
-        """Refuse a folder that files of another stage lie in.
+        """Refuse a folder that holds files of another stage.
 
         Raises
         ------
         UsageError
         """
         other = self._note.get("stage") or self._stage
-        if other == self._stage or not Path(other).exists():  # a stage that was moved is no other one
+        if other == self._stage or not Path(other).exists():  # a stage that was moved is the same stage
             return
         if any(os.path.lexists(f"{self._out}/{path}") for path in self.ours):
             raise UsageError(
@@ -65,18 +64,18 @@ class Seen:
             )
 
     def is_ours(self, path: str) -> bool:
-        """Whether a file holds the bytes that we put there."""
+        """Whether a file holds the bytes that we wrote."""
         return path in self.ours and self.digest(path) in self.ours[path]
 
     def digest(self, path: str) -> str | None:
-        """Digest of a file; read again unless it looks exactly as when its bytes were last known."""
+        """Digest of a file, which is read again unless its signature is the one noted with a known digest."""
         target = f"{self._out}/{path}"
         try:
             looks = signature(os.lstat(target))
         except OSError:
             return None
         is_known = self._looks.get(path) == looks and path in self.ours
-        if is_known or looks[3] < self._settled_ns:  # looks from before it is read: what is written then shows
+        if is_known or looks[3] < self._settled_ns:  # the signature from before reading: a later write changes it
             self._certain[path] = looks
         if is_known:
             return self.ours[path][0]
@@ -85,27 +84,28 @@ class Seen:
         return self._read[path][1]
 
     def wrote(self, path: str, aside: Path) -> None:
-        """A file has been written aside, to come to `path`."""
+        """Note a new file, written aside, which will be moved to `path`."""
         self._aside[path] = signature(os.lstat(aside))
 
     def placed(self, path: str) -> None:
-        """It has been renamed: only its ctime may be another one, and later by so much that no write hides between."""
+        """Note that it was renamed. Only its ctime may have changed, and by too little for a write in between."""
         aside, now = self._aside.pop(path), signature(os.lstat(self._out / path))
         self._certain.pop(path, None)
         if now[:3] == aside[:3] and now[3] - now[2] > _CLOCK_TICK_NS:
             self._certain[path] = now
 
     def begin(self, digests: Mapping[str, str]) -> None:
-        """Files with these digests are about to be put into place: no looks count until `keep`."""
+        """Note the digests of files that are about to be put into place. No signature counts until `keep`."""
         both = {path: [digest] for path, digest in digests.items()}
         for path, before in self.ours.items():
             both[path] = list(dict.fromkeys([*both.get(path, []), *before]))
         self._write({"looks": {}, "ours": both})
 
     def keep(self, digests: Mapping[str, str], *, whole: bool = True) -> None:
-        """Remember that the folder holds these bytes, and the looks of files that nobody has touched meanwhile.
+        """Note that the folder holds these bytes, with the signatures of files that nobody has touched meanwhile.
 
-        After a partial delivery, not `whole`, other files of ours but the manifest stay ours, as they looked before.
+        After a partial delivery (not `whole`) our other files, except the manifest, remain ours with their old
+        signatures.
         """
         now = {path: signature(os.lstat(f"{self._out}/{path}")) for path in digests}
         looks = {path: seen for path, seen in now.items() if seen == self._certain.get(path)}
@@ -125,12 +125,12 @@ class Seen:
 
 
 def name_of(out: Path) -> str:
-    """Name of a folder's note and of its lock in the store, the same by whichever links one comes to the folder."""
+    """Name of a folder's note and lock in the store; it does not depend on links in the path."""
     return key_of("out/v1", os.path.realpath(out))
 
 
 def _delivered(note: dict[str, Any]) -> dict[str, list[str]]:
-    """Paths and digests of a note, without anything that is none."""
+    """Paths and digests of a note; invalid entries are left out."""
     ours = note.get("ours")
     return {
         path: [digest for digest in digests if isinstance(digest, str) and DIGEST.fullmatch(digest)]
@@ -140,9 +140,9 @@ def _delivered(note: dict[str, Any]) -> dict[str, list[str]]:
 
 
 def _moved_here(out: Path, store: Store) -> dict[str, Any]:
-    """The note of another folder into which we put the very manifest that lies in this one; empty if there is none.
+    """The note of another folder that received the same manifest from us; empty if there is none.
 
-    A manifest alone is no evidence: anybody can write one that lists files of somebody else.
+    A manifest alone proves nothing: anybody can write one that lists foreign files.
     """
     data = read_regular(out / manifest.NAME)
     digest = None if data is None else hashlib.sha256(data).hexdigest()

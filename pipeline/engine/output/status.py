@@ -1,6 +1,6 @@
-"""Status of a dataset: which of its files lie finished in the output folder.
+"""Status of a dataset: which of its files are finished in the output folder.
 
-It is read from the folder and the store; nothing ever says "running".
+It is read from the folder and the store only, so no task is ever shown as running.
 """
 
 from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ class TaskStatus:
 
 
 def status(planned: Iterable[PlannedTask], files: Mapping[str, Source], out: Path) -> list[TaskStatus]:
-    """State of every task of a plan, by what the manifest of `out` says and by which files are there."""
+    """State of every task of a plan, from the manifest of `out` and the files that exist."""
     there = manifest.read(out)
     incomplete = {
         source[0] for path, source in files.items() if not isinstance(source, bytes) and not _is_there(path, there, out)

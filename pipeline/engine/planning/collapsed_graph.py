@@ -1,4 +1,4 @@
-"""A graph of tasks for people: tasks that differ in a number only (frames, tiles) are one node."""
+"""A condensed graph of tasks: tasks that differ only in a number (frame, tile) are one node."""
 
 import json
 import re
@@ -15,7 +15,7 @@ _COLOURS = {"cached": "#d9ead3", "run": "#f9cb9c", "maybe": "#fff2cc"}
 
 @dataclass(slots=True)
 class Group:
-    """Tasks that are one node.
+    """A node: one or more tasks.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Group:
 
     @property
     def colour(self) -> str:
-        """Colour of the least finished of its states."""
+        """Colour of the node: that of its least finished task."""
         return _COLOURS[next(state for state in ("run", "maybe", "cached") if self.states[state])]
 
     def to_dict(self) -> dict[str, Any]:
@@ -53,7 +53,7 @@ class Group:
 
 
 def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool = True) -> list[Group]:
-    """Groups in an order in which sources come first."""
+    """The groups, sources before their readers."""
     groups: dict[str, Group] = {}
     for task in planned:  # sources first
         name = _collapsed(task.name) if collapse else task.name

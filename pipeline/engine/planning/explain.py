@@ -1,6 +1,6 @@
-"""Plans in words: what runs and why, grouped so that a thousand frames that changed alike are one line.
+"""Description of plans: the tasks that run and the reasons, grouped so that a thousand similar frames take one line.
 
-A reason is told by the edits of the source behind it, where they are known, else by the parameter that changed.
+A reason is described by the edits that caused it, if they are known, else by the changed parameter.
 """
 
 import re
@@ -12,17 +12,19 @@ from pipeline.engine.planning.forecast import Forecast
 from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
 
 _SHOWN = 5
-"""Groups of tasks alike of which one is explained."""
+"""Number of groups of similar tasks for which one task is explained."""
 _REASONS_SHOWN = 6
-"""Reasons that are shown of one task in a plan: without its edit, a turned board changes a dozen numbers."""
+"""Number of reasons shown for one task of a plan: a turned board, if its edit is unknown, changes a dozen numbers."""
 _SAMPLES_SHOWN = 3
-"""Time samples that are shown of one attribute."""
+"""Number of time samples shown for one attribute."""
 _PATHS_SHOWN = 4
-"""Paths that are shown of the edits behind tasks that are only counted."""
+"""Number of edited paths shown for tasks that are only counted."""
 
 
 def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) -> Iterator[str]:
-    """Lines about a plan: counts, the work to come, the first of tasks alike with its reasons, the others by number."""
+    """Lines about a plan: counts, expected work, and for each group of similar tasks the first with its reasons and the
+    number of others.
+    """
     tasks = list(planned)
     counts = Counter(task.state for task in tasks)
     yield f"{len(tasks)} tasks: {counts['cached']} cached, {counts['run']} to run, {counts['maybe']} maybe"
@@ -40,14 +42,14 @@ def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) ->
 
 def _work(to_come: Forecast) -> str:
     if to_come.unknown == to_come.tasks:
-        return "nobody knows, for no task of these kinds ever ran here"
+        return "unknown, because no task of these kinds has run here"
     known = f"about {to_come.cpu_seconds:.3g} s of processor time, {to_come.rays:.2g} rays,"
     known += f" {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
     return known + (f"; {to_come.unknown} of a kind that never ran here" if to_come.unknown else "")
 
 
 def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:
-    """All reasons of tasks, one after the other; of tasks with the same reasons the first, and how many more there are.
+    """All reasons of tasks; for tasks with the same reasons the first one and the number of others.
 
     Numbers of frames, names and old and new values may differ within such a group.
     """
@@ -66,7 +68,7 @@ def _alike(planned: Iterable[PlannedTask]) -> dict[tuple[str, str, str], list[Pl
 
 
 def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
-    """A task, its state, and a line per edit and per other reason, of which at most `most` are shown."""
+    """Lines about one task: its name and state, then at most `most` edits and other reasons."""
     yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
     told = [reason for reason in task.reasons if _is_told(reason)]
     others = [str(reason) for reason in told if reason.type is not ReasonType.UPSTREAM]
@@ -77,7 +79,7 @@ def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
 
 
 def _edits_told(edits: Iterable[Edit]) -> Iterator[str]:
-    """A line per edit; of many time samples of one attribute the first few, and how many more there are."""
+    """One line per edit; for many time samples of one attribute the first few and the number of others."""
     groups: dict[str, list[Edit]] = {}
     for edit in edits:
         groups.setdefault(edit.what, []).append(edit)
@@ -88,7 +90,7 @@ def _edits_told(edits: Iterable[Edit]) -> Iterator[str]:
 
 
 def _upstream_told(reasons: Iterable[Reason]) -> Iterator[str]:
-    """A line per kind of the tasks that must run before; of several the first, and how many more there are."""
+    """One line per kind of the tasks that must run before: the first one and the number of others."""
     sources: dict[str, list[str]] = {}
     for reason in reasons:
         if reason.type is ReasonType.UPSTREAM and reason.field:
@@ -98,17 +100,17 @@ def _upstream_told(reasons: Iterable[Reason]) -> Iterator[str]:
 
 
 def _is_told(reason: Reason) -> bool:
-    """Whether a reason is told itself: its edits do not say it already."""
+    """Whether a reason gets a line of its own because no edit covers it."""
     return not reason.edits or reason.type is ReasonType.UPSTREAM
 
 
 def _cause(task: PlannedTask) -> str:
-    """Reasons without what differs from frame to frame."""
+    """Reasons of a task without the parts that differ from frame to frame."""
     edited = sorted({edit.what for edit in task.edits})
     more = [f"… {len(edited) - _PATHS_SHOWN} more edits"] if len(edited) > _PATHS_SHOWN else []
     causes = set()
     for reason in filter(_is_told, task.reasons):
-        # Elements of a list count as the list.
+        # Elements of a list are grouped under the list.
         field = re.sub(r"(\[\d+\])+$", "", reason.field or "")
         if reason.type is ReasonType.UPSTREAM:
             field = field.split("/")[0]

@@ -1,4 +1,4 @@
-"""Work that a plan will take, by what its tasks, or others of their kind, took before. Estimates change no result."""
+"""Forecast of the work of a plan, from earlier runs of its tasks or of others of their kind. It changes no result."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -9,7 +9,7 @@ from pipeline.engine.planning.task_spec import Record
 from pipeline.engine.store.store import Store
 
 Size = Callable[[str, dict[str, Any]], float]
-"""Kind and params of a task to a number that its work grows with; 0 where nobody can tell."""
+"""Function from kind and params of a task to a number to which its work is proportional; 0 if unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +23,7 @@ class Cost:
     rays : float
         Rays started.
     peak_bytes : int
-        Memory that one process took at most.
+        Peak memory of one process.
     """
 
     cpu_seconds: float
@@ -31,20 +31,21 @@ class Cost:
     peak_bytes: int
 
     def times(self, factor: float) -> "Cost":
-        """The same for work that is larger by a factor; memory is bounded by tiles and stays."""
+        """The cost of work that is larger by a factor; memory stays the same, because tiles limit it."""
         return Cost(cpu_seconds=self.cpu_seconds * factor, rays=self.rays * factor, peak_bytes=self.peak_bytes)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """Work to come.
+    """Expected work.
 
     Attributes
     ----------
     tasks, unknown : int
-        Tasks that run or may have to; those of them of whose kind none ever ran: they count nothing.
+        Number of tasks that run or may have to run; number of those whose kind has never run, which are left out of the
+        sums.
     cpu_seconds, rays, peak_bytes :
-        As of `Cost`: sums, and the most that one task takes.
+        As in `Cost`: the sums, and the largest memory of one task.
     """
 
     tasks: int
@@ -59,7 +60,7 @@ class Forecast:
 
 
 def forecast(planned: Iterable[PlannedTask], params: Callable[[str], dict[str, Any]], past: "Past") -> Forecast:
-    """Sum the costs of all tasks of a plan that are not cached; `params` gives those of a task by name."""
+    """Sum the costs of all tasks of a plan that are not cached; `params` maps the name of a task to its parameters."""
     todo = [task for task in planned if task.state != "cached"]
     costs = [past.cost_of(task, params(task.name)) for task in todo]
     known = [cost for cost in costs if cost is not None]
@@ -73,7 +74,7 @@ def forecast(planned: Iterable[PlannedTask], params: Callable[[str], dict[str, A
 
 
 class Past:
-    """Costs of earlier tasks: of the same one where it ran before, else the mean of its kind.
+    """Costs of earlier runs: of the same task if it ran before, else the mean of its kind.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ class Past:
         self._store, self._last_keys, self._kinds, self._size = store, last_keys, kinds, size
 
     def cost_of(self, task: PlannedTask, params: dict[str, Any]) -> Cost | None:
-        """Estimate for a task; None if neither it nor its kind ever ran."""
+        """Estimated cost of a task; None if neither it nor its kind has ever run."""
         last = self._store.peek(self._last_keys[task.name]) if task.name in self._last_keys else None
         cost = cost_of_record(last) if last else None
         if last is not None and cost is not None:
@@ -102,7 +103,7 @@ class Past:
 
 
 def cost_of_record(record: Record) -> Cost | None:
-    """Cost of the task that made a record; None if it does not say so."""
+    """Cost of the task that made a record; None if the record does not state it."""
     made_by = record["made_by"]
     if "cpu_seconds" not in made_by:
         return None
@@ -111,7 +112,9 @@ def cost_of_record(record: Record) -> Cost | None:
 
 
 def means_by_kind(made: Iterable[tuple[str, Record]]) -> dict[str, dict[str, Any]]:
-    """Mean cost of each kind, from kinds and records of tasks, as `Past` reads it; of memory the most."""
+    """Mean cost of each kind, from kinds and records of tasks, in the form that `Past` reads; for memory the
+    maximum.
+    """
     found: dict[str, list[Cost]] = {}
     for kind, record in made:
         if cost := cost_of_record(record):

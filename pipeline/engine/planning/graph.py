@@ -23,17 +23,17 @@ class Task:
     Attributes
     ----------
     name : str
-        Unique in its graph, for people: `truth/Rig.Camera/0003`. It is not part of the key.
+        Readable name, unique in its graph: `truth/Rig.Camera/0003`. It is not part of the key.
     kind : str
         Module whose function `run(params, inputs, out)` does the work; `params` is a record, if the module has one with
         the name `Params`.
     params : dict
-        Plain values, part of the key; `canonical` are their bytes.
+        Plain values, part of the key; `canonical` holds their bytes.
     reads : dict
         Role -> name of the task whose outputs are read. Roles are part of the key, names are not.
     together : str or None
-        Tasks of one kind that name the same have the same inputs and may run in company, where they share work; no part
-        of the key, because the outputs are the same. Their module has `run_together(params, inputs, outs)`, too.
+        Tasks of one kind with the same value here have the same inputs and may run together to share work. It is not
+        part of the key, because the outputs are the same. Their module also has `run_together(params, inputs, outs)`.
     """
 
     name: str
@@ -61,7 +61,7 @@ class TaskGraph:
     def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
         self.packages = packages
         self._graph: nx.DiGraph = nx.DiGraph()
-        self._order: list[str] = []  # of an older graph as long as it is shorter
+        self._order: list[str] = []  # outdated while it is shorter than the graph
 
     def add(
         self,
@@ -71,12 +71,13 @@ class TaskGraph:
         reads: dict[str, str] | None = None,
         together: str | None = None,
     ) -> str:
-        """Add a task and give its name back. Its parameters must not be changed afterwards.
+        """Add a task and return its name. Its parameters must not be changed afterwards.
 
         Raises
         ------
         ValueError
-            The name is taken, a task that it reads is not there (yet), or `kind` is outside the accepted packages.
+            The name exists already, a task that it reads has not been added, or `kind` is outside the accepted
+            packages.
         TypeError
             A parameter is not a plain value.
         """
@@ -117,7 +118,9 @@ class TaskGraph:
         return sorted(self._graph.successors(name))
 
     def priorities(self) -> dict[str, int]:
-        """Tasks on the longest path from each task to an end of the graph: the critical path goes first."""
+        """Priority of each task: the number of tasks on the longest path from it to an end of the graph, so that the
+        critical path goes first.
+        """
         lengths: dict[str, int] = {}
         for name in reversed(list(self)):
             lengths[name] = 1 + max((lengths[reader] for reader in self._graph.successors(name)), default=0)
@@ -133,14 +136,14 @@ class TaskGraph:
         return part
 
     def select(self, pattern: str) -> list[str]:
-        """Tasks meant by a name, by a wildcard pattern, or by the beginning of names up to a slash.
+        """Tasks that match a name, a wildcard pattern, or the beginning of names up to a slash.
 
         Zeros before a number may be left out: `image/2` means `image/0002`.
 
         Raises
         ------
         UsageError
-            Nothing is meant.
+            Nothing matches.
         """
         found = [n for n in self if n == pattern or n.startswith(f"{pattern}/") or fnmatchcase(n, pattern)]
         if not found:

@@ -1,4 +1,4 @@
-"""Installed distributions behind imported modules. Imports none of them."""
+"""Installed distributions that provide imported modules. None of them is imported."""
 
 import email
 import functools
@@ -32,19 +32,21 @@ def versions_of(modules: Iterable[str]) -> dict[str, str]:
 
 
 def is_foreign(module: str) -> bool:
-    """Whether a top-level module comes from a distribution and not with Python."""
+    """Whether a top-level module comes from a distribution, not from Python itself."""
     return bool(module) and module not in sys.stdlib_module_names
 
 
 @functools.cache
 def installed_version(name: str) -> str:
-    """Version of a distribution when this process first asked for it: later it may be another than was imported."""
+    """Version of a distribution, kept from the first call in this process: an update may install another one than was
+    imported.
+    """
     return _facts(name)["Version"]
 
 
 @functools.cache
 def _facts(name: str) -> Message:
-    """Version, name and requirements of a distribution: the head of its metadata, without the long text below."""
+    """Version, name and requirements of a distribution: the head of its metadata without the long description."""
     found = importlib.metadata.distribution(name)
     text = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
     return email.message_from_string(text.partition("\n\n")[0])
@@ -73,7 +75,7 @@ def _normal(name: str) -> str:
 
 @functools.cache
 def _required(name: str) -> tuple[str, ...]:
-    """Installed distributions that another one requires, extras aside."""
+    """Installed distributions that a distribution requires, without its extras."""
     found = []
     for line in _facts(name).get_all("Requires-Dist", ()):
         requirement, _, marker = line.partition(";")
@@ -82,6 +84,6 @@ def _required(name: str) -> tuple[str, ...]:
             try:
                 installed_version(_normal(match[0]))
             except importlib.metadata.PackageNotFoundError:
-                continue  # for another system or Python
+                continue  # required only on another system or Python
             found.append(_normal(match[0]))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""Names of tasks and files that somebody may have meant by one that means nothing."""
+"""Suggestions for a name that matches no task and no file."""
 
 import re
 from collections.abc import Callable, Iterable
@@ -6,19 +6,20 @@ from collections.abc import Callable, Iterable
 from pipeline.spelling import nearest
 
 _TOLD = 6
-"""Names in one hint: one line of a terminal."""
+"""Number of names in one hint: they fit into one line of a terminal."""
 
 
 def unpadded(name: str) -> str:
-    """A name or path without the zeros before its numbers, so that `truth/2` and `truth/0002` are the same."""
+    """A name or path without leading zeros in its numbers, so that `truth/2` and `truth/0002` are equal."""
     return re.sub(r"(?<![^/])0+(?=\d+(/|$))", "", name)
 
 
 def hint(target: str, tasks: Iterable[str], files: Iterable[str]) -> str:
-    """A hint for a name that means nothing: what lacks a part, what is misspelt, or what else there is.
+    """A hint for a name that matches nothing: names that it abbreviates, names that it misspells, or what else there
+    is.
 
     Names are compared part by part, as slashes divide them: `image/1` lacks the camera of `image/Rig.Camera/0001`.
-    Numbers are not misspelt: frame 9 is not near frame 1.
+    Numbers do not count as misspelt: frame 9 is not near frame 1.
     """
     parts, kinds = unpadded(target).split("/"), sorted({task.split("/")[0] for task in tasks})
     names = [(name.split("/"), unpadded(name).split("/")) for name in (*tasks, *files)]
@@ -39,7 +40,7 @@ def hint(target: str, tasks: Iterable[str], files: Iterable[str]) -> str:
 def _beginnings(
     parts: list[str], names: list[tuple[list[str], list[str]]], same: Callable[[str, str], bool]
 ) -> list[str]:
-    """Beginnings of names in which all parts occur in their order, perhaps with others between them."""
+    """Beginnings of names that contain all parts in their order, possibly with others between them."""
     found = set()
     for name, plain in names:
         at = 0

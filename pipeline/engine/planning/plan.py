@@ -1,4 +1,4 @@
-"""Tasks that would run, and why, without running anything. Reasons are data first, text second."""
+"""Plan of a build: the tasks that would run and the reasons, as data and as text. Nothing is run."""
 
 import enum
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,7 +11,7 @@ from pipeline.engine.planning.task_spec import Record, Spec, Specs
 from pipeline.engine.store.store import Store
 
 _LONGEST = 72
-"""Characters of a value in a text: with what stands before it, one line of a terminal."""
+"""Longest value in a text [characters]: with the words before it, one line of a terminal."""
 
 
 class ReasonType(enum.StrEnum):
@@ -34,9 +34,9 @@ class Reason:
         changed: the component of the key (`params.pose`); missing: the output, or `record`;
         upstream: the task that must run first.
     old, new : plain values
-        changed: the component at the last build of this task, and now.
+        changed: the component at the last build of this task, and at present.
     edits : tuple of Edit
-        The edits of the source that made this reason, as far as somebody found them, see `app.why`.
+        The edits of the source that caused this reason, if they were found, see `app.why`.
     """
 
     type: ReasonType
@@ -69,7 +69,7 @@ class Reason:
 class PlannedTask:
     """A task of a plan; `state` is cached, run, or maybe (below a task that must run: early cutoff may save it).
 
-    `key` and `spec` are None as long as the inputs are not known.
+    `key` and `spec` are None while the inputs are unknown.
     """
 
     name: str
@@ -93,7 +93,7 @@ class PlannedTask:
 def plan(
     graph: TaskGraph, store: Store, last_keys: Mapping[str, str], *, force: Iterable[str] = ()
 ) -> list[PlannedTask]:
-    """State of every task, in an order in which sources come first.
+    """State of every task, sources before their readers.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Code of a task kind, as it enters its keys.
+"""Code of a kind of task, as a part of its keys.
 
-The fingerprint covers the module of the kind and every module of its own package which that imports, directly or not,
-inside functions too. Comments, layout and docstrings do not count; any other edit does. Modules of other distributions
-that are reached this way count by the versions of these distributions. Nothing is imported for it, so a plan starts
-neither NumPy nor Numba.
+The fingerprint covers the module of the kind and all modules of its own package that it imports, directly or
+indirectly, even inside functions. Comments, layout and docstrings do not count; any other edit does. Modules of other
+distributions count by the version of their distribution. Nothing is imported to compute it, so a plan loads neither
+NumPy nor Numba.
 
-Parsing all modules takes most of a second. What a source file says follows from its bytes alone, so a store remembers
-it under their digest, and nothing has to decide whether that still holds.
+Parsing all modules takes most of a second. The result depends only on the bytes of a source file, so the store keeps it
+under their digest and it never becomes outdated.
 """
 
 import ast
@@ -33,7 +33,7 @@ class UnknownKind(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Module:
-    """Statements of one source file that matter, read by its syntax tree."""
+    """Relevant facts of one source file, from its syntax tree."""
 
     digest: str
     imports: list[str]
@@ -45,20 +45,21 @@ Modules = dict[str, _Module | None]
 """Modules by the name of their source file; None if there is none."""
 
 Machine = Callable[[Collection[str]], dict[str, str]]
-"""Facts about a machine as far as libraries decide bits by them."""
+"""Function that returns the facts about a machine on which the bits computed by these libraries depend."""
 
 _first_seen: dict[str, str] = {}
-"""Digest of every module's source when this process first read it, at the latest before a task imported it."""
+"""Digest of every module's source when this process first read it, which is before a task imports it."""
 
 _MANY = 4000
-"""Modules that the note in the store may know: about ten times those of this package. A note with more is full of
-sources that are gone, and begins anew."""
+"""Most modules in the note of the store, about ten times the modules of this package. A note with more holds mainly
+outdated sources and is started anew.
+"""
 _remembered: dict[str, dict[str, Any]] = {}  # fields of `_Module` by a digest of a module's name and source
 
 
 @contextlib.contextmanager
 def remembering(store: Store) -> Iterator[None]:
-    """Inside, only source files are parsed that no process with this store has parsed before."""
+    """Context in which source files are parsed only if no process with this store has parsed them before."""
     note = f"code-{_reader()}"
     known = store.read_facts("index", note)
     _remembered.update(known if len(known) < _MANY else {})
@@ -70,28 +71,28 @@ def remembering(store: Store) -> Iterator[None]:
 
 @functools.cache
 def _reader() -> str:
-    """Version of the parser: another Python or an edit of this module may read the same source in another way."""
+    """Version of the parser: another Python or an edit of this module may read the same source differently."""
     return key_of("reader/v1", [sys.version, hashlib.sha256(Path(__file__).read_bytes()).hexdigest()])
 
 
 def check_kind(kind: str, packages: tuple[str, ...]) -> None:
-    """Refuse module names outside the accepted packages: a record or a spec must not choose what gets imported."""
+    """Refuse module names outside the accepted packages: a record or a spec must not decide which code is imported."""
     below = any(kind.startswith(f"{package}.") for package in packages)
     if not below or not all(part.isidentifier() for part in kind.split(".")):
         raise UnknownKind(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 
 def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> dict[str, Any]:
-    """Components of a key that stand for the code: version, fingerprint, libraries, machine.
+    """Components of a key that represent the code: version, fingerprint, libraries, machine.
 
     Parameters
     ----------
     kind : str
-        Module name. The module may say `VERSION = 2` as a literal, to run again although its code is the same.
+        Module name. The module may set `VERSION = 2` as a literal to make its tasks run again with unchanged code.
     seen : dict, optional
-        Modules that were looked up already, and are again: kinds share most of what they reach.
+        Modules already read, shared between calls: kinds import mostly the same modules.
     machine : callable
-        Facts about the machine that decide what libraries compute, of this process unless another is meant.
+        Facts about the machine on which the results of libraries depend; by default those of this process.
     """
     reached = _reached(kind, {} if seen is None else seen)
     own = reached.get(kind)
@@ -109,12 +110,14 @@ def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) ->
 
 
 def edited(kind: str) -> list[str]:
-    """Modules that a kind reaches and whose source is not what this process saw first: it may have imported that."""
+    """Modules that a kind imports and whose source has changed since this process first read it: it may run the old
+    code.
+    """
     return sorted(name for name, module in _reached(kind, {}).items() if module.digest != _first_seen[name])
 
 
 def fingerprint(kind: str) -> str:
-    """Hex digest of the code that the module `kind` can reach inside its own top package."""
+    """Hex digest of the code that the module `kind` imports from its own top package."""
     return _digest(_reached(kind, {}))
 
 
@@ -139,7 +142,7 @@ def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
 
 
 def _parents(name: str) -> Iterator[str]:
-    # Importing a.b.c runs a.b too. The top package only lists what is public: its edits change no task.
+    # Importing a.b.c also runs a.b. The top package only lists public names: its edits change no task.
     parts = name.split(".")
     return (".".join(parts[:n]) for n in range(2, len(parts)))
 

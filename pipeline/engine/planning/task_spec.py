@@ -1,4 +1,4 @@
-"""From a task and the records of what it reads to its key: plain data, complete, independent of the graph."""
+"""Specs of tasks: a task, the records of its inputs and its key, as complete plain data without the graph."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Spec:
     key : str
         `key_of(KEY_DOMAIN, components)`.
     components : dict
-        Everything the key is made of; kept in the record, so that a rerun can be explained.
+        All parts of the key; kept in the record, so that a rerun can be explained.
     """
 
     name: str
@@ -32,12 +32,12 @@ class Spec:
     components: dict[str, Any]
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain values that cross a process border."""
+        """The spec as plain values for another process."""
         return {"name": self.name, "key": self.key, "components": self.components}
 
 
 class Specs:
-    """Makes specs, reading and encoding the code of every kind once."""
+    """Maker of specs, which reads and encodes the code of every kind once."""
 
     def __init__(self, store: Store) -> None:
         self._store = store

@@ -1,7 +1,8 @@
 """Tasks on a Dask cluster. The only module that knows `distributed`, which comes with the extra [cluster].
 
-Dask sees neither the graph nor an array: a task is plain data of a few kB, its result a record, and all else goes
-through the store, a folder that every worker reaches under the same path. What is finished survives whatever dies.
+Dask sees neither the graph nor an array: a task is plain data of a few kB and its result a record. Everything else goes
+through the store, a folder that every worker reaches under the same path. Finished results survive the death of any
+process.
 """
 
 import asyncio
@@ -20,27 +21,29 @@ from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 
 _CONNECT_S = 30
-"""Patience with a scheduler that does not answer [s]: that of Dask itself for a connection."""
+"""Timeout for connecting to a scheduler [s]: the default of Dask."""
 _NO_WORKERS_S = 120.0
-"""Patience with a cluster without workers [s]: batch systems start them when there is room, and a person should hear of
-none at all."""
+"""Timeout for a cluster without workers [s]: batch systems start workers when there is room, but a user should hear of
+a cluster that has none.
+"""
 _OF_DASK = re.compile(r"distributed\.")
 _SETTINGS = {
-    # A worker that holds the interpreter's lock for long is not dead.
+    # A worker that holds the interpreter's lock for a long time is not dead.
     "distributed.scheduler.worker-ttl": "30 minutes",
-    # The driver counts: one dying machine must not condemn tasks that only waited there.
+    # The driver counts deaths itself: a dying machine must not fail tasks that only waited there.
     "distributed.scheduler.allowed-failures": 1000,
     "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
 }
 
 
 def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
-    """Meaning of `--engine dask:…`: an address as tcp://host:8786, or the file that a scheduler wrote.
+    """The engine of `--engine dask:…`, which takes an address such as tcp://host:8786 or the file that a scheduler
+    wrote.
 
     Raises
     ------
     UsageError
-        It is neither.
+        The text is neither.
     EnvironmentFault
         The extra [cluster] is not installed.
     """
@@ -62,15 +65,15 @@ def engine_of(text: str, timeout_s: float | None = None) -> Callable[[Store, tup
 
 
 class Dask:
-    """A cluster as a place for tasks.
+    """Engine that runs tasks on a Dask cluster.
 
     Parameters
     ----------
     where : str
         Address of a scheduler, or path of its file.
     timeout_s : float, optional
-        A task that takes longer has failed; its worker is started again (if it has a
-        nanny), because Dask cannot end a running task.
+        A task that takes longer fails. Its worker is restarted if it has a nanny, because Dask cannot end a running
+        task.
     """
 
     def __init__(self, where: str, store: Store, packages: tuple[str, ...], *, timeout_s: float | None = None) -> None:
@@ -79,7 +82,7 @@ class Dask:
 
         dask.config.set(_SETTINGS)
         for name in ("distributed", *filter(_OF_DASK.match, logging.root.manager.loggerDict)):
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said by us
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # we report what matters ourselves
         self._store, self._packages, self._timeout_s = store, packages, timeout_s
         self._running: dict[Any, tuple[Plain, float]] = {}
         self._submitted = 0
@@ -97,7 +100,7 @@ class Dask:
 
     @property
     def free(self) -> int:
-        """Threads of all workers without a task of ours, and one task per worker that waits for its turn."""
+        """Number of tasks that the cluster can take: idle threads, plus one waiting task per worker."""
         workers = self._workers()
         return sum(int(worker["nthreads"]) for worker in workers.values()) + len(workers) - len(self._running)
 
@@ -110,19 +113,19 @@ class Dask:
                 spec,
                 str(self._store.root),
                 list(self._packages),
-                # Never a key that Dask knows already: it would give the old result.
+                # A new key each time: for a known key Dask would return the old result.
                 key=f"{spec['components']['kind']}-{spec['key'][:32]}-{os.getpid()}-{self._submitted}",
                 pure=False,
-                priority=-self._submitted,  # in the order of the driver, which sends the longest path first
+                priority=-self._submitted,  # keeps the order of the driver, which submits the longest path first
             )
         self._running[future] = spec, time.monotonic()
 
     def wait(self, timeout_s: float) -> list[Plain]:
-        """Replies that arrived within the timeout; maybe none."""
+        """Replies that arrived within the timeout, possibly none."""
         import distributed
 
         self._require_scheduler()
-        if not self._running:  # Dask would not wait for nothing, and only a worker that comes can help
+        if not self._running:  # nothing to wait for in Dask: only a new worker can help
             time.sleep(timeout_s)
             self._require_workers()
             return []
@@ -136,12 +139,12 @@ class Dask:
         return [self._reply(future) for future in done if future in self._running]
 
     def drop_waiting(self) -> list[str]:
-        """None: the scheduler does not say which tasks wait."""
+        """Return nothing: the scheduler does not tell which tasks wait."""
         return []
 
     def close(self) -> None:
-        """Drop what is not finished; the cluster stays."""
-        with contextlib.suppress(Exception):  # a scheduler that is gone has nothing to drop
+        """Cancel unfinished tasks; the cluster goes on."""
+        with contextlib.suppress(Exception):  # a dead scheduler has nothing to cancel
             self._client.cancel(list(self._running), force=True)
         with contextlib.suppress(Exception):
             self._client.close(timeout=5)
@@ -157,7 +160,7 @@ class Dask:
         except (distributed.CancelledError, asyncio.CancelledError, TimeoutError, OSError):
             self._require_scheduler()
             return lost(spec["name"], "its worker was lost")
-        except Exception as error:  # it cannot even begin there: another version of us, a store out of reach
+        except Exception as error:  # it could not begin: another version of this package, a store out of reach
             return {
                 **failed(spec["name"], spec["key"], f"{type(error).__name__}: {error}", self._store),
                 "machine": True,
@@ -216,7 +219,7 @@ class Dask:
 
     @contextlib.contextmanager
     def _reaching(self) -> Iterator[None]:
-        """Work for which the scheduler must be there. A client that has lost it raises this and that."""
+        """Context for calls to the scheduler. A client that has lost it raises errors of many kinds."""
         try:
             yield
         except PipelineError:
@@ -230,7 +233,7 @@ class Dask:
             raise
 
     def _require_same_store(self) -> None:
-        """Every worker must see this store under this path: it is the only thing that we share."""
+        """Check that every worker sees this store under this path, the only thing that workers and driver share."""
         note = f"{os.getpid()}-{time.time_ns()}"
         self._store.write_note("index", f"here-{note}", note)
         try:
@@ -255,7 +258,7 @@ def _sees_note(root: str, note: str) -> bool:
 
 
 def _perform_there(spec: Plain, root: str, packages: list[str]) -> Plain:
-    """On a worker."""
+    """Perform a task on a worker."""
     warnings: list[str] = []
     store = Store(root, warn=warnings.append)
     with store.in_use():

@@ -1,4 +1,4 @@
-"""The one driver loop, whatever the engine: look up, submit what is missing, collect."""
+"""The driver loop, the same for every engine: look up results, submit the missing tasks, collect the replies."""
 
 import contextlib
 import heapq
@@ -19,11 +19,13 @@ from pipeline.engine.store.store import Store
 from pipeline.machine.processor import pin
 
 MAX_DEATHS = 3
-"""Workers that may die in one task before it counts as failed."""
+"""Number of workers that may die in one task before it counts as failed."""
 MAX_COMPANY = 8
-"""Tasks that share work in one go: what they share is cheap by then, and a death costs all of them."""
+"""Most tasks that run together to share work: with so many the shared part is cheap, and a dying worker costs all of
+them.
+"""
 _TICK_S = 0.25
-"""Time that a signal may wait for the loop [s]."""
+"""Longest time until the loop notices a signal [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,23 +35,23 @@ class TaskResult:
     Attributes
     ----------
     state : str
-        executed, cached (also: computed meanwhile by another builder), failed or skipped.
+        executed, cached (or computed meanwhile by another builder), failed or skipped.
     seconds : float
         Wall time spent now; 0 when cached [s].
     key : str or None
         None if the task was skipped before its inputs were known.
     machine : bool
-        Whether the machine (disk full, …) made it fail.
+        Whether it failed because of the machine (disk full, …).
     place : str or None
-        Where in the stage stands what a task that failed was about.
+        Place in the stage of the subject of a failed task, such as its camera.
     spec : str or None
-        Of a task that failed: the file from which `pipeline run-task` repeats it.
+        For a failed task, the file from which `pipeline run-task` repeats it.
     differs : tuple of str
-        Outputs that came out other than before, for the same key.
+        Outputs that differ from earlier ones with the same key.
     peak_bytes : int or None
-        Memory that its process took at most, if it ran now.
+        Peak memory of its process, if it ran now.
     made_by : dict or None
-        What its record says of the run that made it, this one or an earlier one.
+        Facts in its record about the run that made it, this one or an earlier one.
     """
 
     name: str
@@ -67,7 +69,7 @@ class TaskResult:
     made_by: dict[str, Any] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """As in the summary of a build."""
+        """The result as in the summary of a build."""
         facts = {"name": self.name, "kind": self.kind, "state": self.state, "seconds": self.seconds, "key": self.key}
         if self.state == "failed":
             facts |= {"error": self.error, "log": self.log, "place": self.place, "spec": self.spec}
@@ -76,9 +78,9 @@ class TaskResult:
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """Results by task name, records of what is there, and the signal that ended the run, if one did.
+    """Results and records by task name, and the signal that ended the run, if any.
 
-    `peaks` is the memory that tasks of each kind took at most in this run [bytes]; `checked` are tasks that ran twice.
+    `peaks` holds the peak memory of each kind of task in this run [bytes]; `checked` lists tasks that ran twice.
     """
 
     results: dict[str, TaskResult] = field(default_factory=dict)
@@ -97,14 +99,14 @@ def run(
     caller: Caller = NOBODY,
     known: Known = NOTHING,
 ) -> Outcome:
-    """Make every task of a graph be in the store.
+    """Bring the results of all tasks of a graph into the store.
 
     Parameters
     ----------
     options : BuildOptions
-        Workers, failures, and tasks to run in any case, here by name; the others are none of the driver's.
+        Workers, treatment of failures, and forced tasks (by name). The driver ignores the other options.
     engine : Engine, optional
-        Another place for tasks than `options` say; it is closed at the end.
+        Engine to use instead of the one that `options` ask for; it is closed at the end.
     """
     if engine is None:
         inline = options.workers <= 1 and options.timeout_s is None and pin()
@@ -133,9 +135,9 @@ class _Driver:
         self._healed: set[str] = set()
         self._failures: Counter[str] = Counter()
         self._deaths: Counter[str] = Counter()
-        self._alone: set[str] = set()  # tasks that met too little memory: nothing runs beside them
-        self._company: dict[str, list[str]] = {}  # tasks that went to a worker along with another one
-        self._apart: set[str] = set()  # tasks that died in company
+        self._alone: set[str] = set()  # tasks that lacked memory: nothing runs beside them
+        self._company: dict[str, list[str]] = {}  # tasks that were given to a worker together with another one
+        self._apart: set[str] = set()  # tasks whose worker died while they ran together with others
         self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
         self._priority = graph.priorities()
         self._ready: list[tuple[int, str]] = []
@@ -207,9 +209,11 @@ class _Driver:
         return {**spec.to_plain(), "force": spec.name in self._forced}
 
     def _companions(self, name: str) -> list[str]:
-        """Tasks to run along with one, because they share work; as many as leave something for every free worker."""
+        """Tasks to run together with one because they share work; not so many that a free worker is left without a
+        task.
+        """
         together, timed = self.graph[name].together, self.options.timeout_s is not None
-        if together is None or timed or name in self._apart:  # how long each took could not be told
+        if together is None or timed or name in self._apart:  # the time of each could not be measured
             return []
         ready = {other for _, other in self._ready if self._is_ready(other)} - {name}
         alike = sorted(other for other in ready - self._apart if self.graph[other].together == together)
@@ -217,7 +221,7 @@ class _Driver:
         return alike[: min(MAX_COMPANY, math.ceil((1 + len(alike)) / idle)) - 1]
 
     def _spec_to_run(self, name: str) -> Spec | None:
-        """The spec of a task that has to run; one whose result is there is settled, and has none."""
+        """The spec of a task that has to run. None if its result exists; then the task is settled."""
         if not self._is_ready(name):  # queued twice, or an input was lost meanwhile: `_heal` queues it again
             return None
         task = self.graph[name]
@@ -235,14 +239,14 @@ class _Driver:
         if reply["state"] == "waiting":
             return
         company = self._company.pop(reply["name"], [])
-        if company and "company" not in reply:  # the worker died, or could not begin: nobody knows by which of them
+        if company and "company" not in reply:  # the worker died or could not begin: any of them may be the cause
             self._part([reply["name"], *company], reply)
             return
         for one in (reply, *reply.get("company", ())):
             self._collect_one(one)
 
     def _part(self, names: list[str], reply: dict[str, Any]) -> None:
-        """Let tasks that ended in company run again, each alone."""
+        """Queue tasks that failed together again, each alone."""
         self._apart.update(names)
         for name in names:
             del self._running[name]
@@ -280,7 +284,7 @@ class _Driver:
         )
 
     def _bury(self, name: str, spec: Spec, reply: dict[str, Any]) -> None:
-        """A worker died in a task: maybe the task kills them, maybe it only met too little memory beside others."""
+        """Handle the death of a worker: either the task kills workers, or it lacked memory beside other tasks."""
         self._deaths[name] += 1
         if self._deaths[name] < MAX_DEATHS:
             if reply["memory"]:
@@ -293,7 +297,7 @@ class _Driver:
         self._finish(name, spec, failed(name, spec.key, text, self.store))
 
     def _try_again(self, name: str, reply: dict[str, Any]) -> bool:
-        """Whether a task that failed may be queued again."""
+        """Queue a failed task again if it has tries left; whether it has."""
         short_of_memory = reply["memory"] and name not in self._alone
         if short_of_memory:
             self._alone.add(name)
@@ -316,7 +320,7 @@ class _Driver:
                 self._queue_if_ready(reader)
 
     def _heal(self, name: str) -> None:
-        """An input went bad between lookup and use: make it again, then try the task once more."""
+        """Handle an input that was damaged between lookup and use: make it again, then try the task once more."""
         self._healed.add(name)
         for source in self.graph.sources(name):
             result = self.outcome.results[source]

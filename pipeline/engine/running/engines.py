@@ -1,4 +1,4 @@
-"""Places to run tasks: this process, or in worker processes that may die."""
+"""Engines that run tasks: in this process, or in worker processes, which may die."""
 
 import collections
 import contextlib
@@ -20,10 +20,10 @@ Plain = dict[str, Any]
 
 
 class Engine(Protocol):
-    """A place for tasks. `free` is the number of tasks that it can take now.
+    """An engine runs tasks. `free` is the number of tasks that it can take now.
 
-    `wait` gives replies of tasks, and of such as still wait for another builder what they say about that (state
-    waiting). `drop_waiting` gives up these, as far as it knows of any, and gives their names.
+    `wait` returns replies of tasks; a task that still waits for another builder replies with state waiting.
+    `drop_waiting` gives up such tasks, as far as the engine knows of them, and returns their names.
     """
 
     @property
@@ -39,7 +39,7 @@ class Engine(Protocol):
 
 
 class Inline:
-    """One task after the other, in this process."""
+    """Engine that runs one task after the other in this process."""
 
     def __init__(self, store: Store, packages: tuple[str, ...]) -> None:
         self._store, self._packages = store, packages
@@ -47,25 +47,25 @@ class Inline:
 
     @property
     def free(self) -> int:
-        """One, unless a task waits."""
+        """1, or 0 if a task has been submitted."""
         return 1 - len(self._waiting)
 
     def submit(self, spec: Plain) -> None:
-        """Take a task; it runs in `wait`."""
+        """Accept a task; it runs in `wait`."""
         self._waiting.append(spec)
 
     def wait(self, timeout_s: float) -> list[Plain]:
-        """Run what was submitted and give the replies."""
+        """Run the submitted tasks and return the replies."""
         replies = [perform(spec, self._store, self._packages) for spec in self._waiting]
         self._waiting.clear()
         return replies
 
     def drop_waiting(self) -> list[str]:
-        """None: what waits in this process is stopped by the signal itself."""
+        """Return nothing: a task that waits in this process is stopped by the signal itself."""
         return []
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Do nothing: there is no worker to end."""
 
 
 @dataclass(slots=True, eq=False)
@@ -77,14 +77,16 @@ class _Worker:
 
 
 class Processes:
-    """Workers that import only what their tasks import. A dead one costs the task it was in, and no other.
+    """Engine with worker processes, which import only what their tasks need. A dying worker costs only the task it was
+    running.
 
     Parameters
     ----------
     timeout_s : float, optional
-        A task that takes longer is ended with its worker, and has failed. Waiting for another builder does not count.
+        A task that takes longer fails and is ended with its worker. Time spent waiting for another builder does not
+        count.
     memory_bytes : int, optional
-        Addresses that a worker may take; a task that asks for more has failed.
+        Limit of a worker's address space; a task that needs more fails.
     """
 
     def __init__(
@@ -103,7 +105,7 @@ class Processes:
 
     @property
     def free(self) -> int:
-        """Workers without a task, those not started yet included."""
+        """Number of workers without a task, including those not started yet."""
         return self._jobs - sum(worker.spec is not None for worker in self._workers)
 
     def pids(self) -> list[int]:
@@ -111,7 +113,7 @@ class Processes:
         return [worker.process.pid for worker in self._workers]
 
     def submit(self, spec: Plain) -> None:
-        """Give a task to an idle worker, or start one."""
+        """Give a task to an idle worker, or to a new one."""
         worker = next((w for w in self._workers if w.spec is None), None) or self._start()
         worker.spec, worker.since = spec, None
         self._send(worker, spec)
@@ -136,7 +138,7 @@ class Processes:
         return replies + self._overdue()
 
     def _overdue(self) -> list[Plain]:
-        """End workers whose task has taken too long."""
+        """End workers whose task exceeds the time limit; their replies."""
         replies = []
         for worker in list(self._workers):
             if worker.spec is None or worker.since is None:
@@ -151,7 +153,7 @@ class Processes:
         return replies
 
     def drop_waiting(self) -> list[str]:
-        """End workers whose task has not begun, because another builder has it."""
+        """End workers whose task waits for another builder; the names of these tasks."""
         names = []
         for worker in list(self._workers):
             if worker.spec is not None and worker.since is None:
@@ -161,7 +163,7 @@ class Processes:
         return names
 
     def close(self) -> None:
-        """End all workers at once; what they had not finished leaves nothing behind."""
+        """End all workers at once; unfinished tasks leave nothing behind."""
         for worker in self._workers:
             worker.process.kill()
         for worker in list(self._workers):
@@ -173,10 +175,10 @@ class Processes:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **settings()},
-            process_group=0,  # Ctrl-C is for the driver: it decides what becomes of running tasks
+            process_group=0,  # Ctrl-C reaches the driver only, which decides about running tasks
         )
         worker = _Worker(process)
-        # A signal may end this between any two lines: what `close` finds among the workers is registered.
+        # A signal may interrupt between any two lines: a worker is registered at once, so that `close` ends it.
         self._ready.register(process.stdout, selectors.EVENT_READ, worker)  # type: ignore[arg-type]
         self._workers.append(worker)
         setup = {"store": str(self._store.root), "packages": self._packages, "memory_bytes": self._memory_bytes}
@@ -185,7 +187,7 @@ class Processes:
 
     def _send(self, worker: _Worker, message: Plain) -> None:
         assert worker.process.stdin is not None
-        # A broken pipe means that it is dead: `wait` reads the end of its replies and starts the task again.
+        # A broken pipe means a dead worker: `wait` reads the end of its replies and starts the task again.
         with contextlib.suppress(BrokenPipeError):
             worker.process.stdin.write(json.dumps(message).encode() + b"\n")
             worker.process.stdin.flush()

@@ -1,6 +1,6 @@
-"""Do the work of one task anywhere: small plain data in, small plain data out; bulk data moves through the store.
+"""Perform one task in any process: small plain data in and out; bulk data moves through the store.
 
-This module and what it imports is all that a worker loads of the engine.
+A worker loads no other part of the engine than this module and its imports.
 """
 
 import contextlib
@@ -30,12 +30,12 @@ Plain = dict[str, Any]
 
 _logs = threading.Lock()
 _LINES = 12
-"""Lines of an error that a failure carries."""
+"""Most lines of an error message in the reply of a failed task."""
 _REPORT = "this is a bug of ours: please report it with the log and your stage"
 
 
 def perform(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
-    """Look the key up, else compute it; running twice is harmless.
+    """Look up the result of a task, or compute it; running it twice is harmless.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ def perform(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
     specs = [spec, *company]
     try:
         first, *others = _together(specs, store, packages)
-    except (Exception, SystemExit):  # one of them, or their company: each alone says which, and why
+    # unknown which of them failed: they run again one by one, and each reports its own error
+    except (Exception, SystemExit):
         first, *others = (_alone(one, store, packages) for one in specs)
     return {**first, "company": others}
 
@@ -67,7 +68,7 @@ def _alone(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
     log = store.file_for("log", key)
     try:
         with store.single_flight(key, f"makes {spec['name']}"):
-            record = _found(spec, store)  # somebody may have made it meanwhile
+            record = _found(spec, store)  # another builder may have made it meanwhile
             if record is not None:
                 return _cached(spec, record)
             with _logging(log, store):
@@ -86,10 +87,11 @@ def _alone(spec: Plain, store: Store, packages: tuple[str, ...]) -> Plain:
 
 
 def _together(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> list[Plain]:
-    """Replies of tasks with the same inputs that share work; an error says nothing about which of them is to blame."""
+    """Replies of tasks with the same inputs that run together. An error does not show which of them is to blame."""
     start, replies = time.perf_counter(), dict[str, Plain]()
     with contextlib.ExitStack() as locks:
-        for spec in sorted(specs, key=lambda spec: str(spec["key"])):  # in one order, lest two builders wait for ever
+        # always in the same order, so that two builders cannot wait for each other for ever
+        for spec in sorted(specs, key=lambda spec: str(spec["key"])):
             locks.enter_context(store.single_flight(spec["key"], f"makes {spec['name']}"))
         todo = []
         for spec in specs:
@@ -120,7 +122,7 @@ def _executed(spec: Plain, seconds: float, record: Plain, differs: list[str]) ->
 
 
 def _lacks_inputs(spec: dict[str, Any], store: Store) -> bool:
-    """Whether bytes that the task reads are gone or altered, also if they went while it ran."""
+    """Whether input bytes of the task are missing or altered, even if that happened while it ran."""
     try:
         for blobs in spec["components"]["inputs"].values():
             for digest in blobs.values():
@@ -131,7 +133,7 @@ def _lacks_inputs(spec: dict[str, Any], store: Store) -> bool:
 
 
 def failed(name: str, key: str, how: str, store: Store, seconds: float = 0.0) -> dict[str, Any]:
-    """The reply for a task that was ended from outside: its worker died, or its time was up."""
+    """The reply for a task that was ended from outside: its worker died or its time limit was reached."""
     log = store.file_for("log", key)
     _append(log, f"{how}\n")
     reply: dict[str, Any] = {"name": name, "state": "failed", "error": how, "log": str(log)}
@@ -144,7 +146,9 @@ def lost(name: str, how: str, *, memory: bool = False) -> dict[str, Any]:
 
 
 def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> list[tuple[Plain, list[str]]]:
-    """Run tasks of one kind with the same inputs, and keep what they made: record, and outputs that differ, of each."""
+    """Run tasks of one kind with the same inputs and store their results. Of each: the record, and the outputs that
+    differ from earlier ones.
+    """
     components = specs[0]["components"]
     kind, count = components["kind"], len(specs)
     check_kind(kind, packages)
@@ -157,7 +161,8 @@ def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> lis
     with contextlib.ExitStack() as folders:
         outs = [folders.enter_context(_folder_for_outputs(store)) for _ in specs]
         meter, start, cpu_s, before = PeakMeter(), time.perf_counter(), time.process_time(), work().copy()
-        # A copy, by the order of names: a task sees no order that its key does not know, and changes nobody's params.
+        # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
+        # parameters.
         plain = [json.loads(json.dumps(spec["components"]["params"], sort_keys=True)) for spec in specs]
         module = importlib.import_module(kind)
         params = [from_plain(module.Params, one) if hasattr(module, "Params") else one for one in plain]
@@ -166,7 +171,7 @@ def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> lis
         else:
             module.run(params[0], inputs, outs[0])
         _refuse_edited_code(kind)
-        store.confirm(read.values())  # what the task has read since is what was verified before
+        store.confirm(read.values())  # the task has read the verified bytes
         made_by: Plain = {"seconds": round((time.perf_counter() - start) / count, 4), "peak_bytes": meter.read_bytes()}
         made_by["cpu_seconds"] = round((time.process_time() - cpu_s) / count, 4)
         made_by |= work().since(before).to_plain(1 / count)
@@ -184,9 +189,9 @@ def _keep(spec: Plain, out: Path, made_by: Plain, store: Store) -> tuple[Plain, 
 
 
 def _refuse_other_code(kind: str, components: dict[str, Any], store: Store) -> None:
-    """Refuse to run anything but what the key says: code, libraries and machine.
+    """Refuse to run a task with other code, libraries or machine than its key states.
 
-    The source may have been edited since the driver read it, and a worker on another machine may have another version
+    The source may have been edited since the driver read it, and a worker on another machine may have other versions
     of anything.
     """
     with remembering(store):
@@ -209,7 +214,7 @@ def _way_out(part: str) -> str:
 
 
 def _refuse_edited_code(kind: str) -> None:
-    """The source may also have been edited since this process imported it, or while it did."""
+    """Refuse to run a task whose source was edited during or after its import by this process."""
     if names := edited(kind):
         raise EnvironmentFault(
             f"{kind}: the code was edited after this process had read it: {', '.join(names)}",
@@ -226,7 +231,7 @@ def _changed(old: Any, new: Any) -> str:
 
 @contextlib.contextmanager
 def _folder_for_outputs(store: Store) -> Iterator[Path]:
-    """A folder on the store's file system, gone afterwards; a disk that fills up says how much it lacked."""
+    """A temporary folder on the store's file system. If the disk fills up, the error states how much is needed."""
     with machine_errors("keep results in", store.root) as disk:
         out = store.new_path()
         out.mkdir()
@@ -240,7 +245,9 @@ def _folder_for_outputs(store: Store) -> Iterator[Path]:
 
 
 def _outputs(out: Path) -> Iterator[tuple[str, Path]]:
-    """Files below a folder by their relative names, sorted; anything that is not a plain file or folder raises."""
+    """Relative names and paths of the files below a folder, sorted; anything but plain files and folders raises an
+    error.
+    """
     for path in sorted(out.rglob("*")):
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
             raise ValueError(f"a task may only write plain files, and {path.relative_to(out)} is not one")
@@ -251,7 +258,7 @@ def _outputs(out: Path) -> Iterator[tuple[str, Path]]:
 @contextlib.contextmanager
 def _logging(log: Path, store: Store) -> Iterator[None]:
     """Send what the task prints to its log: stdout is data of the command, stderr belongs to the progress."""
-    if not _logs.acquire(blocking=False):  # another thread's task owns the streams of this process
+    if not _logs.acquire(blocking=False):  # a task in another thread has redirected the streams of this process
         yield
         return
     try:
@@ -261,12 +268,12 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
         with (
             log.open(
                 "a", encoding="utf-8", buffering=1
-            ) as stream,  # appending: descriptor 2 of a worker is this file too
+            ) as stream,  # append, because descriptor 2 of a worker is this file, too
             contextlib.redirect_stdout(stream),
             contextlib.redirect_stderr(stream),
         ):
             yield
-        with contextlib.suppress(FileNotFoundError):  # where locks do not reach, another machine does the same task
+        with contextlib.suppress(FileNotFoundError):  # without locks between machines another one may run the same task
             if log.stat().st_size == 0:
                 log.unlink()
     finally:
@@ -274,14 +281,14 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
 
 
 def _append(log: Path, text: str) -> None:
-    with contextlib.suppress(OSError):  # the failure itself is reported anyway
+    with contextlib.suppress(OSError):  # the failure itself is reported in any case
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("a", encoding="utf-8") as stream:
             stream.write(text)
 
 
 def _said(error: BaseException) -> str:
-    """Words for the user; the traceback is in the log."""
+    """Message of an error for the user; the traceback is in the log."""
     if isinstance(error, PipelineError):
         return str(error)
     text = "\n".join(f"{type(error).__name__}: {error}".strip(" :\n").splitlines()[-_LINES:])

@@ -1,4 +1,4 @@
-"""Memory that tasks took, and whether one more fits. Estimates only save time: nothing here changes a byte."""
+"""Memory of earlier tasks, and whether one more task fits. The estimates save time and never change a result."""
 
 import contextlib
 import resource
@@ -10,14 +10,16 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 
 class PeakMeter:
-    """Peak memory of this process since the meter was made, where the system can tell, else since its start."""
+    """Peak memory of this process since the meter was created, or, if the system cannot tell, since the process
+    started.
+    """
 
     def __init__(self) -> None:
         with contextlib.suppress(OSError):
             Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # resets VmHWM; see proc(5)
 
     def read_bytes(self) -> int:
-        """Highest resident size so far [bytes]."""
+        """Largest resident size so far [bytes]."""
         found = _kilobytes(Path("/proc/self/status"), "VmHWM")
         if found is not None:
             return found
@@ -26,14 +28,14 @@ class PeakMeter:
 
 
 def available_bytes() -> int | None:
-    """Memory that may still be used: the system's estimate, or less inside a container; None where nobody says."""
+    """Available memory [bytes]: the estimate of the system, or less inside a container; None if unknown."""
     found = [_kilobytes(Path("/proc/meminfo"), "MemAvailable"), _cgroup_bytes()]
     known = [value for value in found if value is not None]
     return min(known) if known else None
 
 
 class Budget:
-    """Peaks by kind of task, and what is there for all tasks that run at the same time."""
+    """Peak memory by kind of task, and the memory available to all running tasks together."""
 
     def __init__(self, limit_bytes: int | None, peaks: dict[str, int] | None = None) -> None:
         self._limit_bytes = limit_bytes
@@ -41,11 +43,11 @@ class Budget:
         self.peaks: dict[str, int] = {}
 
     def learn(self, kind: str, peak_bytes: int) -> None:
-        """Take a measured peak into account [bytes]."""
+        """Update the peak of a kind with a measured one [bytes]."""
         self.peaks[kind] = max(peak_bytes, self.peaks.get(kind, 0))
 
     def fits(self, kind: str, running: Iterable[str]) -> bool:
-        """Whether a task may start beside others. Alone it always may; kinds that nobody has measured count nothing."""
+        """Whether a task may start beside the running ones. Alone it always may; kinds never measured count as 0."""
         others = [self._of(other) for other in running]
         return not others or self._limit_bytes is None or sum(others) + self._of(kind) <= self._limit_bytes
 

@@ -20,17 +20,17 @@ class Result:
     seconds : float
         Wall time of the whole build [s].
     store, store_bytes : Path, int
-        Where the results are kept, and the size of all that is kept there.
+        The folder of the store, and the size of its whole content [bytes].
     certificate, points : Any
-        What tasks found for the head of the manifest; None if that was not written.
+        Findings of tasks for the head of the manifest; None if no manifest was written.
     delivery : Delivery or None
         Changes in the output folder; None if it was not touched, see `untouched`.
     interrupted : int or None
         Exit code of the signal that ended the build, if one did.
     error : PipelineError or None
-        Why the output folder could not be filled although all tasks are done.
+        The reason why the output folder could not be filled although all tasks are done.
     checked : tuple of str
-        Tasks that ran once more, to see whether they give the same bytes.
+        Tasks that ran a second time to compare their bytes.
     """
 
     stage: Any
@@ -57,7 +57,7 @@ class Result:
 
     @property
     def cached(self) -> int:
-        """Tasks whose results were in the store, or that another builder made meanwhile."""
+        """Tasks whose results were in the store, or were made by another builder meanwhile."""
         return self.count("cached")
 
     @property
@@ -77,12 +77,14 @@ class Result:
 
     @property
     def different(self) -> tuple[TaskResult, ...]:
-        """Tasks that gave other bytes than before, for the same key."""
+        """Tasks whose bytes differ from earlier ones with the same key."""
         return tuple(task for task in self.tasks if task.differs)
 
     @property
     def exit_code(self) -> int:
-        """0 done, 1 a task failed, 4 other bytes than before, 5 the machine is at fault, 130 or 143 interrupted."""
+        """Exit code: 0 done, 1 a task failed, 4 bytes differ from earlier ones, 5 the machine is at fault, 130 or 143
+        interrupted.
+        """
         if self.interrupted is not None:
             return self.interrupted
         if any(task.machine for task in self.failures):
@@ -95,7 +97,7 @@ class Result:
 
     @property
     def untouched(self) -> str | None:
-        """Why the output folder was not touched, and what to do; None if it was."""
+        """The reason why the output folder was not touched, and what to do; None if it was touched."""
         if self.delivery is not None or self.error is not None:
             return None
         if self.interrupted is not None:
@@ -105,19 +107,19 @@ class Result:
         return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file"
 
     def ending(self) -> dict[str, Any]:
-        """Fields of the event `end` beside the summary."""
+        """Fields of the event `end`, in addition to the summary."""
         facts = {"store": str(self.store), "store_bytes": self.store_bytes, "delivered": self.delivery is not None}
         facts |= {"untouched": self.untouched, "partial": self._partial()}
         return {**facts, "exit_code": self.exit_code, "checked": list(self.checked)}
 
     def _partial(self) -> dict[str, Any] | None:
-        """Files of a partial delivery, and their places; None after a whole one."""
+        """Files of a partial delivery and their paths; None after a whole one."""
         if self.delivery is None or self.delivery.asked is None:
             return None
         return {"files": list(self.delivery.asked), "finished": self.delivery.finished}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, as in outputs of `build --json`."""
+        """The result as plain data, as `build --json` prints it."""
         counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
         whole = {**head, "certificate": self.certificate, "points": self.points}

@@ -1,4 +1,4 @@
-"""One task from a file: for repeating a failure, for arrays of batch systems, for render farms."""
+"""Running one task from a file, to repeat a failure, in job arrays of batch systems, or on render farms."""
 
 import json
 from pathlib import Path
@@ -13,12 +13,12 @@ from pipeline.errors import UsageError
 
 
 def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
-    """Files 0.json, 1.json, … for all tasks of a plan that can run now; older ones are removed.
+    """Write 0.json, 1.json, … for all tasks of a plan that can run now; older such files are removed.
 
     Raises
     ------
     UsageError
-        A file of such a name in the folder is no spec: it is somebody's.
+        A file with such a name in the folder is not a spec, so it must not be overwritten.
     """
     folder.mkdir(parents=True, exist_ok=True)
     old = [path for path in folder.glob("*.json") if path.stem.isdecimal()]
@@ -34,12 +34,12 @@ def write_specs(planned: list[PlannedTask], folder: Path) -> list[Path]:
 
 
 def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool = False) -> dict[str, Any]:
-    """Make the result of one task be in the store; gives the reply of `perform`.
+    """Bring the result of one task into the store; returns the reply of `perform`.
 
     Raises
     ------
     UsageError
-        The file is no spec, or its key does not belong to what it says: then it would put a wrong result under it.
+        The file is not a spec, or its key does not match its content, which would store a wrong result under the key.
     """
     spec = _read(path)
     with store.in_use():

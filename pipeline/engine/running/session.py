@@ -1,4 +1,4 @@
-"""From a project to its output folder: run the graph, deliver the files, say what happened."""
+"""A build session: run the graph of a project, deliver its files, report what happened."""
 
 import contextlib
 import dataclasses
@@ -33,8 +33,7 @@ from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.places import flaw_of
 
 _SOURCES_KEPT = 4
-"""Sources of a project in the store: the last one, two before it, and the oldest, of which results may still be
-there."""
+"""Number of sources kept per project: the last one, two before it, and the oldest whose results may still exist."""
 
 
 def build(
@@ -45,16 +44,17 @@ def build(
     engine: Callable[[Store, tuple[str, ...]], Engine] | None = None,
     caller: Caller = NOBODY,
 ) -> Result:
-    """Run what is missing and fill the output folder.
+    """Run the missing tasks and fill the output folder.
 
     Parameters
     ----------
     options : BuildOptions
-        How its stage is read is none of ours.
+        Options of the build; those about reading the stage are ignored here.
     engine : callable, optional
-        Makes another place for tasks than `options` say, from a store and the packages of task kinds.
+        Maker of an engine to use instead of the one that `options` ask for, from a store and the packages of task
+        kinds.
     caller : Caller
-        Its interrupts are not asked for: a build has its own.
+        Its interrupts are not used: a build has its own.
     """
     start = time.perf_counter()
     _require_place(project)
@@ -74,7 +74,7 @@ def build(
         interrupts.stoppable(work.hand_over)
         outcome.interrupted = interrupts.exit_code
         stack.close()
-        store.sweep()  # workers that were ended could not tidy up
+        store.sweep()  # ended workers could not tidy up
         result = work.result(time.perf_counter() - start, _within_limit(store, limit_bytes, warn))
         emit({"event": "end", "summary": result.to_dict(), **result.ending()})
         keep_events(store, _history_name(project))
@@ -82,7 +82,7 @@ def build(
 
 
 class _Build:
-    """A build under way: its tasks, what they made, and what of it was delivered."""
+    """A running build: its tasks, their results and what was delivered."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class _Build:
         self.error: PipelineError | None = None
 
     def compute(self, forced: Iterable[str]) -> Outcome:
-        """Run the tasks, those of a sample twice, and remember what they took."""
+        """Run the tasks, those of a sample twice, and note their costs."""
         self.outcome = self._run(forced)
         if self.options.check_percent and self.outcome.interrupted is None:
             _check_again(self.outcome, self._run(_sample(self.outcome, self.options.check_percent)))
@@ -108,14 +108,14 @@ class _Build:
         return self.outcome
 
     def hand_over(self) -> None:
-        """Fill the output folder; what was lost meanwhile is made again."""
+        """Fill the output folder; results lost meanwhile are made again."""
         try:
             _fill_again_if_lost(self._fill, lambda: _take_over(self.outcome, self._run()), self.warn)
         except PipelineError as error:
             self.error = error
 
     def result(self, seconds: float, store_bytes: int) -> Result:
-        """All that is told of it."""
+        """The result of the build."""
         return Result(
             stage=self.project.head.get("stage"),
             out=self.project.out.absolute(),
@@ -142,7 +142,7 @@ class _Build:
         )
 
     def _fill(self) -> None:
-        """Deliver what was asked for, if all of it is there."""
+        """Deliver the requested files if all of them exist."""
         project, outcome = self.project, self.outcome
         if len(outcome.records) < len(self.graph) or outcome.interrupted is not None:
             return
@@ -164,12 +164,12 @@ class _Build:
 
 
 def _require_place(project: Project) -> None:
-    """Refuse an output folder that no build of this stage can fill: `plan` and `status` as `build`.
+    """Refuse an output folder that no build of this stage can fill; for `plan` and `status` as for `build`.
 
     Raises
     ------
     UsageError
-        It is no folder, has no possible name, holds another build, lies in a store, or the stage itself lies in it.
+        It is not a folder, has an impossible name, holds another build, lies in a store, or contains the stage itself.
     """
     if flaw := flaw_of(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
@@ -188,7 +188,9 @@ def _require_place(project: Project) -> None:
 
 
 def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None], warn: Callable[[str], None]) -> None:
-    """Fill the output folder; if a result went from the store since it was made, make it again and fill once more."""
+    """Fill the output folder. If a result vanished from the store after it was made, make it again and fill once
+    more.
+    """
     try:
         fill()
     except DamagedBlob:
@@ -203,7 +205,7 @@ def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None]
 
 
 def _take_over(outcome: Outcome, again: Outcome) -> None:
-    """Go on with what a second run of all tasks found or made; what the first one had to do stays said."""
+    """Continue with the records of a second run of all tasks; the report still counts the work of the first one."""
     outcome.results |= {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
     outcome.records, outcome.interrupted = again.records, again.interrupted
 
@@ -223,7 +225,7 @@ def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | N
     Raises
     ------
     UsageError
-        As `build`, of the output folder too.
+        As for `build`, also about the output folder.
     """
     _require_place(project)
     store = writable(store or Store())
@@ -235,7 +237,7 @@ def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | N
 def forecast_of(
     project: Project, planned: Iterable[PlannedTask], size: Size, *, store: Store | None = None
 ) -> Forecast:
-    """Work that a plan of the project will take, by what it took before, here or in other builds of the store."""
+    """Forecast of the work of a plan, from earlier builds of this project and others in the store."""
     store = writable(store or Store())
     own, name = _history(project, store), _history_name(project)
     others = (store.read_facts("history", other).get("costs") for other in store.notes("history") if other != name)
@@ -245,7 +247,7 @@ def forecast_of(
 
 
 def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
-    """Sources of the project when its tasks were last built, latest first; more than one after partial builds."""
+    """Kept sources of the project from the last builds of its tasks, latest first; several after partial builds."""
     kept = writable(store or Store()).read_note("sources", _history_name(project))
     return kept if isinstance(kept, list) else []
 
@@ -273,7 +275,8 @@ def logs_of(project: Project, target: str, *, store: Store | None = None) -> lis
 
 
 def _history_name(project: Project) -> str:
-    return key_of("history/v1", [os.path.realpath(project.out), project.stage_id])  # one folder may have two names
+    # realpath, because one folder may have two names
+    return key_of("history/v1", [os.path.realpath(project.out), project.stage_id])
 
 
 def _history(project: Project, store: Store) -> dict[str, Any]:
@@ -283,7 +286,7 @@ def _history(project: Project, store: Store) -> dict[str, Any]:
 
 
 def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str, Any], *, whole: bool) -> None:
-    """Keep the key of every task that is there now, so that the next plan can say what changed since."""
+    """Keep the keys of all finished tasks, so that the next plan can tell what has changed."""
     keys = {name: key for name, key in before["keys"].items() if name in project.graph or not whole}
     keys |= {name: record["key"] for name, record in outcome.records.items()}
     ran = [(task.kind, outcome.records[name]) for name, task in outcome.results.items() if task.state == "executed"]
@@ -297,7 +300,9 @@ def _remember(project: Project, store: Store, outcome: Outcome, before: dict[str
 
 
 def _remember_source(project: Project, store: Store, is_complete: bool) -> None:
-    """Keep what the project is made of; as long as some tasks are older, also what they may have been made of."""
+    """Keep the source of the project; while some tasks are older, also the sources that they may have been made
+    from.
+    """
     kept = sources_of(project, store=store)
     sources = [project.source]
     if not is_complete:
@@ -313,14 +318,14 @@ def _begin(project: Project, graph: TaskGraph, jobs: int) -> Event:
 
 
 def _sample(outcome: Outcome, percent: float) -> list[str]:
-    """Some of the tasks that are done, at least one, other ones every time."""
+    """A random sample of the finished tasks, at least one, different every time."""
     done = sorted(outcome.records)
     count = min(len(done), max(1, math.ceil(len(done) * percent / 100)))
     return random.SystemRandom().sample(done, count)
 
 
 def _check_again(outcome: Outcome, again: Outcome) -> None:
-    """Take over what a second run of some tasks found out."""
+    """Add the findings of the second run of some tasks."""
     repeated = {name: task for name, task in again.results.items() if task.state in ("executed", "failed")}
     outcome.checked = tuple(sorted(repeated))
     outcome.interrupted = again.interrupted
@@ -330,7 +335,9 @@ def _check_again(outcome: Outcome, again: Outcome) -> None:
 
 
 def _recorded(on_event: Emit) -> tuple[Emit, Callable[[Store, str], None]]:
-    """A listener that passes events on and keeps how tasks ended; and what writes that down, for `pipeline logs`."""
+    """A listener that passes events on and records how tasks ended, and a function that stores the record for `pipeline
+    logs`.
+    """
     ended: dict[str, Event] = {}
 
     def emit(event: Event) -> None:
@@ -346,13 +353,13 @@ def _recorded(on_event: Emit) -> tuple[Emit, Callable[[Store, str], None]]:
 
 
 def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
-    """Drop what was unused longest if the store has grown beyond its limit; gives its size [bytes]."""
+    """Remove the least recently used results if the store exceeds its limit; returns its size [bytes]."""
     size = store.size()
     if size <= limit:
         return size
     try:
         size = collect(store, limit).bytes_left
-    except PipelineError as error:  # a read-only store, or a record that cannot be read: nothing of it can go
+    except PipelineError as error:  # a read-only store or an unreadable record: nothing can be removed
         warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: {error.what}")
         return size
     if size > limit:

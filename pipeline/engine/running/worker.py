@@ -1,7 +1,7 @@
-"""A worker process: tasks come in as lines of JSON; that a task begins, and its reply, go out as lines of JSON.
+"""A worker process: tasks arrive as lines of JSON; the start of a task and its reply are sent as lines of JSON.
 
-Not a pool of the standard library: that one would import the driver's main module again (with typer and the rest),
-move pickles, and fail every waiting task when one worker dies.
+A pool of the standard library is not used: it would import the driver's main module again (with typer and the rest),
+send pickles, and fail all waiting tasks when one worker dies.
 """
 
 import contextlib
@@ -22,20 +22,20 @@ from pipeline.limits import how_to_raise
 
 
 class _Announcing(Store):
-    """A store that tells the driver when a task has its lock: what another builder takes is not the task's time."""
+    """A store that tells the driver when a task has its lock: time spent by another builder is not time of the task."""
 
     replies: int
     task: str
 
     @contextlib.contextmanager
     def single_flight(self, key: str, doing: str) -> Iterator[bool]:
-        """As in any store."""
+        """Hold the lock of a key as any store does, and announce the start of the task."""
         with super().single_flight(key, doing) as held:
             _send(self.replies, {"begun": key})
             yield held
 
     def say_waiting(self, text: str) -> None:
-        """Let the driver tell it now, not when the task is done."""
+        """Send the message to the driver now, not when the task is done."""
         _send(self.replies, {"name": self.task, "state": "waiting", "warnings": [text]})
 
 
@@ -43,7 +43,7 @@ def main() -> None:
     """Serve until the driver closes our standard input."""
     requests, replies = os.dup(0), os.dup(1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)  # whatever prints on descriptor 1 must not end up between the replies
+    os.dup2(2, 1)  # output to descriptor 1 must not mix with the replies
     faulthandler.enable()
     lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
@@ -67,8 +67,8 @@ def main() -> None:
 
 
 def _take_at_most(memory_bytes: int) -> None:
-    """Let the kernel refuse more addresses to this process."""
-    with contextlib.suppress(ValueError):  # a lower limit is in force
+    """Limit the address space of this process."""
+    with contextlib.suppress(ValueError):  # a lower limit is already in force
         resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
 
 
@@ -82,7 +82,7 @@ def _listen(handle: int, lines: "queue.SimpleQueue[bytes]") -> None:
     with os.fdopen(handle, "rb") as stream:
         for line in stream:
             lines.put(line)
-    os._exit(0)  # the driver is gone or wants no more: nothing half done is visible in the store
+    os._exit(0)  # the driver has ended or needs no more; nothing half done is visible in the store
 
 
 @contextlib.contextmanager

@@ -1,7 +1,7 @@
-"""A place for damaged entries of a store, for a person to look at: `quarantine/<time>-<name>`.
+"""The quarantine of a store, for the inspection of damaged entries: `quarantine/<time>-<name>`.
 
-What the store made itself is removed by the next collection. Anything else that stood in the way stays for ever: it may
-be somebody's.
+The next collection removes entries made by the store itself. Anything else that was in the way stays for ever: it may
+belong to somebody.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ _ENTRY = re.compile(r"\d+-[0-9a-f]{64}(\.json|\.log)?")
 
 
 def put_away(root: Path, path: Path) -> Path | None:
-    """Move a file or folder of the store at `root` into its quarantine; its new place, or None if that cannot be."""
+    """Move a file or folder of the store at `root` into its quarantine; its new path, or None if it cannot be moved."""
     folder = root / "quarantine"
     try:
         if os.path.lexists(folder) and not folder.is_dir():
@@ -31,13 +31,13 @@ def put_away(root: Path, path: Path) -> Path | None:
 
 
 def entries(root: Path) -> Iterator[Path]:
-    """Damaged entries that were put away, by their names: a digest, or a digest with a suffix of ours."""
+    """Damaged entries in the quarantine, recognised by their names: a digest, possibly with one of our suffixes."""
     folder = root / "quarantine"
     yield from (path for path in sorted(folder.iterdir()) if _ENTRY.fullmatch(path.name)) if folder.is_dir() else ()
 
 
 def empty(root: Path) -> None:
-    """Remove them. A folder that holds anything was not made by the store, and stays."""
+    """Remove the damaged entries. A folder that is not empty was not made by the store and stays."""
     for path in entries(root):
         with contextlib.suppress(FileNotFoundError, OSError):
             path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()

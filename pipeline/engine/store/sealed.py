@@ -1,4 +1,4 @@
-"""Small JSON files that show their own damage: a text, and a line with its digest."""
+"""Sealed files: small JSON files with a last line that holds the digest, so that damage is noticed."""
 
 import hashlib
 import json
@@ -8,13 +8,13 @@ _TRAILER = b"\n#sha256="
 
 
 def seal(value: Any) -> bytes:
-    """Plain data as bytes that `unseal` knows again."""
+    """Plain data as sealed bytes, which `unseal` reads."""
     body = json.dumps(value, sort_keys=True).encode()
     return body + _TRAILER + hashlib.sha256(body).hexdigest().encode() + b"\n"
 
 
 def unseal(raw: bytes | None) -> Any:
-    """The sealed content; None if a byte is missing or another, or if it is no JSON that a reader survives."""
+    """The sealed content; None if a byte is missing or altered, or if it is not JSON that can be parsed safely."""
     body, _, tail = (raw or b"").rpartition(_TRAILER)
     if tail != hashlib.sha256(body).hexdigest().encode() + b"\n":
         return None
@@ -22,7 +22,7 @@ def unseal(raw: bytes | None) -> Any:
 
 
 def parse(text: bytes | None) -> Any:
-    """JSON, or None. A text that nests deeper than a reader can follow is none."""
+    """The value of a JSON text, or None if it is invalid or nested too deeply for the parser."""
     try:
         return json.loads(text or b"")
     except (ValueError, RecursionError):

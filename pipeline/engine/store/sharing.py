@@ -1,6 +1,6 @@
-"""A store of several users: what is made in it gets the rights of its root folder, whatever the umask of its maker.
+"""Stores shared by several users: new files get the access rights of the root folder, whatever the umask.
 
-As `git init --shared`: whoever may write to the root may write everywhere in it.
+As with `git init --shared`, whoever may write to the root may write everywhere below it.
 """
 
 import contextlib
@@ -14,13 +14,13 @@ from pathlib import Path
 from pipeline.errors import EnvironmentFault
 
 _FOLDER, _FILE = stat.S_ISGID | 0o777, 0o666
-"""Bits of the root folder's rights that folders and files in it take over."""
+"""Mode bits that folders and files inherit from the root folder."""
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rights:
-    """Mode and group of the root of a store."""
+    """Access rights of the root of a store: its mode and group."""
 
     root: Path
     mode: int
@@ -32,17 +32,17 @@ class Rights:
         return bool(self.mode & _OTHERS)
 
     def give(self, path: Path) -> None:
-        """Give a file or folder that this process made the rights of the root. In a store for one user, nothing."""
+        """Give a new file or folder of this process the rights of the root; do nothing in a store for one user."""
         if not self.is_shared:
             return
-        with contextlib.suppress(OSError):  # somebody else's, who has given them
+        with contextlib.suppress(OSError):  # made by another user, who has set the rights
             facts = path.stat()
             if facts.st_gid != self.group:
                 os.chown(path, -1, self.group)
             path.chmod(self.mode & (_FOLDER if stat.S_ISDIR(facts.st_mode) else _FILE))
 
     def make_folder(self, folder: Path) -> None:
-        """Make a folder below the root, and those above it."""
+        """Make a folder below the root, with its parents."""
         missing = []
         while not folder.is_dir() and folder != self.root:
             missing.append(folder)
@@ -52,18 +52,18 @@ class Rights:
             self.give(new)
 
     def make_file(self, path: Path) -> None:
-        """Make an empty file, if nothing is there, in which others may write, too."""
+        """Make an empty file that others may write to, too, unless it exists."""
         with contextlib.suppress(OSError):
             os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644))
             self.give(path)
 
     def require_same_inside(self, names: tuple[str, ...]) -> None:
-        """Refuse a store whose folders were made when its root had other rights.
+        """Refuse a store whose folders have other rights than its root.
 
         Raises
         ------
         EnvironmentFault
-            With the command that mends it.
+            The folders differ; the error states the command that mends them.
         """
         if not os.access(self.root, os.W_OK):
             return
@@ -78,7 +78,7 @@ class Rights:
 
 
 def rights_of(root: Path) -> Rights:
-    """The rights that everything in a store gets."""
+    """The access rights for everything in a store."""
     facts = root.stat()
     return Rights(root=root, mode=stat.S_IMODE(facts.st_mode), group=facts.st_gid)
 

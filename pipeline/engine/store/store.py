@@ -1,21 +1,21 @@
-"""The store: bytes under their digest, and records of which bytes the task with a key made.
+"""The store: blobs under their digests, and for each key of a task a record of the blobs that it made.
 
-    VERSION                      says that the folder is a store: one that holds anything and does not say so is refused
-    below                        path of another store, whose results count as ours: see `writable`
+    VERSION                      marks the folder as a store; a folder that is not empty and has no such file is refused
+    below                        path of another store whose results are used, too: see `writable`
     cas/sha256/ab/<digest>       a blob, mode 0444
     ac/v1/ab/<key>.json          a record, followed by a line with its own digest
     lock/ab/<key>                locked while somebody computes the key
     tmp/                         files being written
-    quarantine/                  what failed verification or stood in the way, for a person to look at
+    quarantine/                  damaged or misplaced entries, kept for inspection
     gc.lock                      shared by builders, exclusive for the collector
-    logs/  specs/                what tasks printed; tasks that failed, to be repeated alone
-    history/  sources/           per output folder the keys of the last build, and what it was made of
-    events/  index/              the events of the last build, the bytes that we put there, what code says:
-                                 without them nothing is wrong, but no file of an output folder is known to be ours
+    logs/  specs/                output of tasks; specs of failed tasks, to repeat them alone
+    history/  sources/           per output folder the keys of the last build, and its source
+    events/  index/              the events of the last build, the delivered digests, parsed code:
+                                 losing them does no harm, but then no file of an output folder is known to be ours
 
-Two promises: a record that `record` gives has complete blobs, and a reader gets the right bytes or a miss, never wrong
-bytes and never an exception because an entry is damaged. Only what was seen to be wrong goes to quarantine; what cannot
-be read just now (no descriptors left, a disk that is away) is a miss and stays where it is.
+Two promises hold. A record returned by `record` has complete blobs. A reader gets the right bytes or a miss, never
+wrong bytes, and never an exception because of a damaged entry. Only entries known to be wrong go to quarantine; an
+entry that is unreadable at present (no descriptors left, a disk that is not mounted) is a miss and stays in place.
 """
 
 import contextlib
@@ -45,14 +45,14 @@ from pipeline.user_cache import user_cache
 
 _BELOW = "below"
 _FORMAT = 1
-"""Version of records in the store: it rises when a field changes, and a record of another version is not taken."""
+"""Version of the records in the store: it rises when a field changes, and records of other versions are ignored."""
 _COSTS = ("seconds", "cpu_seconds", "loading_seconds", "peak_bytes", "calls", "rays", "crossings")
 
 Entry = dict[str, Any]
 
 
 class DamagedBlob(Exception):
-    """A blob is gone, is not what its name says, or was written to while it was used; building again heals it."""
+    """A blob is missing, does not match its digest, or was written to while in use. Building again repairs it."""
 
     def __init__(self, digest: str, how: str = "is gone or damaged") -> None:
         super().__init__(f"{digest} {how} in the store")
@@ -60,7 +60,7 @@ class DamagedBlob(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verified:
-    """A blob that was hashed, and how it looked before."""
+    """A verified blob: its path and its signature before it was hashed."""
 
     digest: str
     path: Path
@@ -68,13 +68,13 @@ class Verified:
 
 
 def default_root() -> Path:
-    """$PIPELINE_CACHE, or `store/` in the user's cache folder."""
+    """Default folder of the store: $PIPELINE_CACHE, or `store/` in the user's cache folder."""
     chosen = os.environ.get("PIPELINE_CACHE")
     return Path(chosen) if chosen else user_cache() / "store"
 
 
 def writable(store: "Store") -> "Store":
-    """The store, or, where it may only be read, a private one that reads it too and keeps what is new."""
+    """The store itself, or, if it is read-only, a private store that reads it, too, and keeps new results."""
     if os.access(store.root, os.W_OK):
         return store
     name = hashlib.sha256(os.fsencode(store.root)).hexdigest()[:16]
@@ -87,14 +87,14 @@ def writable(store: "Store") -> "Store":
 
 
 class Store(StoreFolder):
-    """A store on a plain file system; many processes may use one at the same time.
+    """A store in a folder of a plain file system; many processes may use it at the same time.
 
     Parameters
     ----------
     root : Path, optional
-        Its folder; default `default_root()`.
+        Folder of the store; default `default_root()`.
     warn : callable, optional
-        Gets one sentence about every damaged entry and every key that gave two results.
+        Called with one sentence about every damaged entry and every key with two different results.
     """
 
     def __init__(
@@ -109,9 +109,9 @@ class Store(StoreFolder):
         self._below = self._open_below((*above, os.path.realpath(self.root)))
 
     def _open_below(self, above: tuple[str, ...]) -> "Store | None":
-        """The store whose results count as ours, if there is one and it is another one."""
+        """The store below, whose results are used, too; None if there is none."""
         named = os.fsdecode(read_regular(self.root / _BELOW) or b"")
-        if not named or not is_folder(Path(named)):  # none, or away just now
+        if not named or not is_folder(Path(named)):  # none, or not mounted
             return None
         if os.path.realpath(named) == above[-1]:
             self._quarantine(self.root / _BELOW)
@@ -122,13 +122,13 @@ class Store(StoreFolder):
         return Store(named, warn=self.warn, above=above)
 
     def put_above(self, root: Path) -> None:
-        """Let the results of another store count as ours, from the next time that this one is opened."""
+        """Note another store whose results are used, too, from the next time that this one is opened."""
         self._write(self.root / _BELOW, os.fsencode(root))
 
     # Blobs
 
     def put_bytes(self, data: bytes) -> Entry:
-        """Keep bytes; gives {"sha256", "size"}, which is how everybody else names them."""
+        """Store bytes; returns {"sha256", "size"}, by which all others refer to them."""
         digest = hashlib.sha256(data).hexdigest()
         entry = {"sha256": digest, "size": len(data)}
         if not self.is_whole(entry):
@@ -136,11 +136,13 @@ class Store(StoreFolder):
         return entry
 
     def put_file(self, path: Path) -> Entry:
-        """Take a file that a task wrote on this file system. It is hashed in pieces and moved, or copied if shared."""
+        """Store a file that a task wrote on this file system. It is hashed in pieces, then moved, or copied if it is
+        shared.
+        """
         facts = path.lstat()
         if not stat.S_ISREG(facts.st_mode):
             raise ValueError(f"{path.name} is not a plain file")
-        if facts.st_nlink > 1:  # another name could still change it, and what it names is not ours to move
+        if facts.st_nlink > 1:  # it could be changed by its other name, and is not ours to move
             aside = self.new_path()
             copy(path, aside)
             path = aside
@@ -160,7 +162,7 @@ class Store(StoreFolder):
         DamagedBlob
         """
         path = self.path("blob", digest)
-        with contextlib.suppress(OSError):  # not here
+        with contextlib.suppress(OSError):  # not in this store
             if self._holds({"sha256": digest, "size": path.lstat().st_size}):
                 return path
         if self._below is not None:
@@ -168,7 +170,7 @@ class Store(StoreFolder):
         raise DamagedBlob(digest)
 
     def verified(self, digest: str) -> "Verified":
-        """A blob as `blob` gives it, and how it looked: for `confirm`.
+        """A blob as returned by `blob`, with its signature for `confirm`.
 
         Raises
         ------
@@ -178,12 +180,12 @@ class Store(StoreFolder):
         return Verified(digest=digest, path=path, looks=self._looks_of(digest))
 
     def confirm(self, blobs: Iterable["Verified"]) -> None:
-        """Hash blobs once more, and require that nobody wrote to them since they looked like this.
+        """Hash blobs again and require that nobody has written to them since `verified`.
 
         Raises
         ------
         DamagedBlob
-            Whoever has used their bytes meanwhile may have used others.
+            A blob changed, so whoever read it meanwhile may have read wrong bytes.
         """
         for blob in blobs:
             if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.looks:
@@ -192,7 +194,7 @@ class Store(StoreFolder):
                 raise DamagedBlob(blob.digest, "was written to while it was used")
 
     def read(self, digest: str) -> bytes:
-        """The bytes of a blob; what is hashed is what is given.
+        """The bytes of a blob; exactly these bytes were hashed.
 
         Raises
         ------
@@ -222,13 +224,13 @@ class Store(StoreFolder):
         return self._below._looks_of(digest)
 
     def _forget(self, digest: str) -> None:
-        """Look at a blob anew the next time, however it looks."""
+        """Forget that a blob was verified, so that it is hashed again."""
         self._verified.pop(digest, None)
         if self._below is not None:
             self._below._forget(digest)
 
     def is_whole(self, entry: Entry) -> bool:
-        """Whether the store holds exactly these bytes; anything else under their name goes to quarantine."""
+        """Whether the store holds exactly these bytes. Anything else under their name goes to quarantine."""
         return self._holds(entry) or (self._below is not None and self._below.is_whole(entry))
 
     def _holds(self, entry: Entry) -> bool:
@@ -240,23 +242,23 @@ class Store(StoreFolder):
             return False
         now = signature(facts)
         regular = stat.S_ISREG(facts.st_mode) and facts.st_size == entry["size"]
-        if regular and self._verified.get(digest) == now:  # hashed before by this process, not written to since
+        if regular and self._verified.get(digest) == now:  # verified by this process, unchanged since
             return True
         found = digest_of(path) if regular else ""
         if found == digest:
             self._verified[digest] = now
-        elif found is not None:  # None says nothing about its bytes: they cannot be read just now
+        elif found is not None:  # None: unreadable at present, so nothing is known about its bytes
             self._quarantine(Path(path))
         return found == digest
 
     def size(self) -> int:
-        """Bytes of all blobs."""
+        """Size of all blobs [bytes]."""
         return sum(facts.st_size for _, facts in self.entries("blob"))
 
     # Records
 
     def put_record(self, key: str, record: dict[str, Any]) -> dict[str, Any]:
-        """Keep the first record of a key; gives the record that is kept."""
+        """Store a record unless the key has one; returns the record that is kept."""
         kept = self.record(key)
         if kept is not None:
             if kept["outputs"] != record["outputs"]:
@@ -269,37 +271,41 @@ class Store(StoreFolder):
         return parsed
 
     def record(self, key: str) -> dict[str, Any] | None:
-        """The record of a key, if it and all its blobs are whole; else None, which is a miss."""
+        """The record of a key if it and all its blobs are whole; else None, a miss."""
         return self.complete(key, self.peek(key))
 
     def complete(self, key: str, record: dict[str, Any] | None) -> dict[str, Any] | None:
-        """The record that `peek` gave for a key, if all its blobs are whole; else None: it waits for them."""
+        """A record returned by `peek` if all its blobs are whole, else None; the record stays until they come back."""
         if record is None or not all(self.is_whole(entry) for entry in record["outputs"].values()):
             return None
-        with contextlib.suppress(OSError):  # in use: what was unused longest is collected first
+        with contextlib.suppress(OSError):  # mark it as used: the collector removes the least recently used first
             os.utime(self._at("record", key))
         return record
 
     def peek(self, key: str) -> dict[str, Any] | None:
-        """The record of a key without a look at its blobs: for explanations."""
+        """The record of a key, without checking its blobs; for explanations."""
         path = self._at("record", key)
         raw = read_regular(path)
         record = _parse_record(raw, key)
         if record is None:
-            if raw is not None or is_no_file(path):  # else an ordinary miss, or it cannot be read just now
+            if raw is not None or is_no_file(path):  # otherwise an ordinary miss, or unreadable at present
                 self._quarantine(Path(path))
             return self._below.peek(key) if self._below is not None else None
         return record
 
     def give_up(self, key: str) -> None:
-        """Move a record whose blobs are gone to quarantine, unless a store below, maybe away just now, had them."""
+        """Move a record whose blobs are missing to quarantine, unless they may be in a store below that is not
+        mounted.
+        """
         if not os.path.lexists(self.root / _BELOW):
             self._quarantine(self.path("record", key))
 
-    # Files that are hints or help, never the truth
+    # Notes: helpful, but no result depends on them
 
     def keep_spec(self, key: str, spec: dict[str, Any]) -> str | None:
-        """Write a task down so that it can be repeated alone; gives the path, None if it cannot be written."""
+        """Save the spec of a task so that it can be repeated alone; returns the path, or None if it cannot be
+        written.
+        """
         path = self.path("spec", key)
         try:
             self._write(path, json.dumps(spec, sort_keys=True).encode() + b"\n")
@@ -308,17 +314,17 @@ class Store(StoreFolder):
         return str(path)
 
     def write_note(self, folder: str, name: str, note: Any) -> None:
-        """Keep plain data in `history`, `sources`, `events` or `index`. A store that cannot be written goes without."""
+        """Keep plain data in `history`, `sources`, `events` or `index`; a read-only store skips it."""
         with contextlib.suppress(OSError):
             self._write(self.root / folder / f"{name}.json", seal(note))
 
     def read_note(self, folder: str, name: str) -> Any:
-        """The note that `write_note` kept; None if it is not there or damaged."""
+        """The note kept by `write_note`; None if it is missing or damaged."""
         note = unseal(read_regular(self.root / folder / f"{name}.json"))
         return self._below.read_note(folder, name) if note is None and self._below is not None else note
 
     def read_facts(self, folder: str, name: str) -> dict[str, Any]:
-        """The same for a note that is a dict; empty if there is none."""
+        """A note that is a dict; empty if there is none."""
         note = self.read_note(folder, name)
         return note if isinstance(note, dict) else {}
 
@@ -328,12 +334,12 @@ class Store(StoreFolder):
 
 
 def _tells_costs(facts: dict[str, Any]) -> bool:
-    """Whether what is told of a run, or of one of its kernels, are numbers."""
+    """Whether the facts about a run, or about one of its kernels, are numbers."""
     return all(isinstance(facts.get(name, 0), int | float) for name in _COSTS)
 
 
 def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:
-    """Bytes as a record; None unless checksum, format and key are right."""
+    """The record in some bytes; None unless checksum, format and key are right."""
     record = unseal(raw)
     try:
         whole = record["format"] == _FORMAT and record["key"] == key

@@ -1,6 +1,7 @@
-"""The folder of a store: made or refused, mended where something else took the place of a folder or a file, written to.
+"""The folder of a store: creating or refusing it, repairing it if something stands in the place of a folder or file,
+writing.
 
-What is written comes aside first and is renamed into place, so that nobody ever finds half of it.
+Files are written under a temporary name and then renamed, so that nobody ever finds half a file.
 """
 
 import contextlib
@@ -23,21 +24,21 @@ _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 
 class StoreFolder:
-    """The folder, its tables and locks.
+    """The folder of a store, its tables and its locks.
 
     Attributes
     ----------
     displaced : tuple of str
-        What stood in the place of a folder or file, and went to quarantine when this was opened.
+        Names of things that stood in the place of a folder or file and went to quarantine when the store was opened.
     rights : Rights
-        Of everything that is made in it.
+        Access rights of everything that is made in it.
     counts : Counter
-        How much went to quarantine (`damaged`), and how many keys gave two results (`nondeterministic`).
+        Number of entries moved to quarantine (`damaged`), and of keys with two results (`nondeterministic`).
 
     Raises
     ------
     EnvironmentFault
-        It cannot be made, or it holds anything and is no store.
+        The folder cannot be created, or it is neither empty nor a store.
     """
 
     def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
@@ -60,50 +61,52 @@ class StoreFolder:
                 self._write(self.root / "VERSION", VERSION)
 
     def path(self, table: str, name: str) -> Path:
-        """Path of an entry. Only digests get in, so no path leads outside."""
+        """Path of an entry. Names must be digests, so no path leads outside."""
         return Path(self._at(table, name))
 
     def _at(self, table: str, name: str) -> str:
-        """The same as text, for look-ups: thousands of them, and a `Path` takes longer than the look."""
+        """The path as text, for thousands of look-ups: making a `Path` takes longer than the look-up."""
         if not DIGEST.fullmatch(name):
             raise ValueError(f"not a digest: {name!r}")
         return f"{self.root}/{TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
     @contextlib.contextmanager
     def single_flight(self, key: str, doing: str) -> Iterator[bool]:
-        """Hold the lock of a key, so that two builders compute it once; `doing` is what others are told."""
+        """Hold the lock of a key, so that two builders compute it only once; `doing` describes the work to those who
+        wait.
+        """
         with locked(self.file_for("lock", key), errand=Errand(doing=doing, say=self.say_waiting)) as held:
             yield held
 
     def say_waiting(self, text: str) -> None:
-        """Tell for whom this process waits."""
+        """Report the process for which this one waits."""
         self.warn(text)
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[bool]:
-        """While this is open nothing is collected, by anybody."""
+        """Context during which no process collects garbage in this store."""
         errand = Errand(say=self.say_waiting)
         if has_other_names(self.root / "gc.lock"):
-            with contextlib.suppress(OSError):  # a store that may only be read
+            with contextlib.suppress(OSError):  # a read-only store
                 (self.root / "gc.lock").unlink()
         self.rights.make_file(self.root / "gc.lock")
         with locked(self.root / "gc.lock", timeout_s=60.0, shared=True, errand=errand) as held:
             yield held
 
     def file_for(self, table: str, name: str) -> Path:
-        """Path of a lock or a log that is, or will be, there; whatever else stands there goes out of the way."""
+        """Path of a lock or log file, present or future; anything else in its place is moved to quarantine."""
         path = self.path(table, name)
         if is_no_file(path):
             self._quarantine(path)
-        elif has_other_names(path):  # it will be written to, and the file with the other name with it
+        elif has_other_names(path):  # writing to it would change the file with the other name
             path.unlink()
         if self.rights.is_shared:
             self._share(table, path)
         return path
 
     def _share(self, table: str, path: Path) -> None:
-        """Let all users have a lock; a log belongs to whoever did the task last."""
-        with contextlib.suppress(OSError):  # whoever needs it says so
+        """Make a lock usable for all users; a log belongs to the user who ran the task last."""
+        with contextlib.suppress(OSError):  # a process that needs it reports the problem
             self.rights.make_folder(path.parent)
             if table == "lock":
                 self.rights.make_file(path)
@@ -111,7 +114,7 @@ class StoreFolder:
                 path.unlink()
 
     def new_path(self) -> Path:
-        """A path on the store's file system for this process alone; what is left there is removed later."""
+        """A temporary path on the store's file system for this process alone; leftovers are removed later."""
         try:
             return self._workspace.new_path()
         except (FileExistsError, NotADirectoryError):
@@ -119,17 +122,17 @@ class StoreFolder:
             return self._workspace.new_path()
 
     def sweep(self, older_than_s: float | None = None) -> int:
-        """Remove what dead processes left in `tmp`; see `workspace.sweep`."""
+        """Remove leftovers of dead processes in `tmp`; see `workspace.sweep`."""
         return sweep(self.root / "tmp", older_than_s)
 
     def entries(self, table: str) -> Iterator[tuple[str, os.stat_result]]:
-        """Name and facts of every entry of a table, sorted by name; what is not named like one is passed over."""
+        """Name and file status of every entry of a table, sorted by name; other names are ignored."""
         suffix = _SUFFIXES.get(table, "")
         for folder in filter(Path.is_dir, sorted((self.root / TABLES[table]).glob("[0-9a-f][0-9a-f]"))):
             with os.scandir(folder) as found:
                 for entry in sorted(found, key=lambda entry: entry.name):
                     name = entry.name.removesuffix(suffix)
-                    with contextlib.suppress(FileNotFoundError):  # somebody else's quarantine
+                    with contextlib.suppress(FileNotFoundError):  # another process has moved it to quarantine
                         if DIGEST.fullmatch(name):
                             yield name, entry.stat(follow_symlinks=False)
 
@@ -145,12 +148,12 @@ class StoreFolder:
             self._mend()
             self.rights.make_folder(final.parent)
         aside.chmod(0o444)
-        if final.is_dir() and not final.is_symlink():  # nothing else has to give way: a rename replaces it
+        if final.is_dir() and not final.is_symlink():  # a rename replaces anything but a folder
             self._quarantine(final)
         aside.replace(final)
 
     def _quarantine(self, path: Path) -> None:
-        """Move what is damaged or stands in the way out of it, if it is there and we may."""
+        """Move a damaged or misplaced entry to quarantine, if it exists and we may."""
         if not os.path.lexists(path):
             return
         self.counts["damaged"] += 1
@@ -159,7 +162,7 @@ class StoreFolder:
         self.warn(f"damaged entry of the store, {done}: {path}")
 
     def _mend(self) -> tuple[str, ...]:
-        """Move whatever took the place of a folder of the store to quarantine; names of what there was."""
+        """Move everything that stands in the place of a folder of the store to quarantine; returns the names."""
         found = tuple(misplaced(self.root))
         for path in found:
             self._quarantine(path)

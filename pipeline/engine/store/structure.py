@@ -1,4 +1,4 @@
-"""The skeleton of a store: whether a folder is one, and what stands where its folders and files belong."""
+"""Structure of a store: recognising one, and finding misplaced folders and files in it."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ from pipeline.engine.store.workspace import is_workspace
 from pipeline.errors import EnvironmentFault
 
 VERSION = b"plenoptic-pipeline store 1\n"
-"""Content of the file VERSION. Without it a folder that holds anything is somebody's, and nothing in it is touched."""
+"""Content of the file VERSION. A folder without it that is not empty is not a store, and nothing in it is touched."""
 
 TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
 
@@ -26,12 +26,12 @@ _SHARD = re.compile(r"[0-9a-f]{2}")
 
 
 def require_store(root: Path) -> None:
-    """Refuse a folder that holds anything and is no store.
+    """Refuse a folder that is neither empty nor a store.
 
     Raises
     ------
     EnvironmentFault
-        With the way out. Nothing was touched.
+        The folder is refused; the hint tells what to do. Nothing was touched.
     """
     names = sorted(_listed(root))
     if not names or is_store(root):
@@ -49,7 +49,7 @@ def require_store(root: Path) -> None:
 
 
 def is_store(root: Path) -> bool:
-    """Whether a folder is a store of this version, also one that lost its VERSION or was never finished."""
+    """Whether a folder is a store of this version, including one that lost its VERSION or was never finished."""
     said = read_regular(root / "VERSION")
     if said == VERSION:
         return True
@@ -68,7 +68,7 @@ def is_store(root: Path) -> bool:
 
 
 def store_around(path: Path) -> Path | None:
-    """The store that a folder is or lies in, links followed; None if it is in none."""
+    """The store that a folder is or lies in, with links followed; None if there is none."""
     real = Path(os.path.realpath(path))
     return next(
         (folder for folder in (real, *real.parents) if read_regular(folder / "VERSION", len(VERSION)) == VERSION), None
@@ -76,7 +76,7 @@ def store_around(path: Path) -> Path | None:
 
 
 def misplaced(root: Path) -> Iterator[Path]:
-    """Whatever is no folder, or no file, where the store has one: damage that no entry shows."""
+    """Paths in a store that should be folders or files and are not: damage that no entry shows."""
     for name in FOLDERS:
         if os.path.lexists(root / name) and not is_folder(root / name):
             yield root / name
@@ -91,7 +91,7 @@ def misplaced(root: Path) -> Iterator[Path]:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path, any text of it, leads to a folder just now."""
+    """Whether a path leads to a folder at present; any text is allowed."""
     try:
         return stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError):
@@ -99,4 +99,4 @@ def is_folder(path: Path) -> bool:
 
 
 def _listed(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()} - {"lost+found"}  # an empty disk holds that folder
+    return {path.name for path in folder.iterdir()} - {"lost+found"}  # an empty disk contains that folder

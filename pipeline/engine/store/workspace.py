@@ -1,4 +1,6 @@
-"""Workspaces: one folder of the store for each process, which writes there before it renames, locked while it lives."""
+"""Workspaces: temporary folders in the store, one per process and locked while it lives; files are written there and
+then renamed.
+"""
 
 import os
 import re
@@ -13,18 +15,21 @@ from pipeline.engine.locks import try_lock
 from pipeline.engine.store.sharing import Rights
 
 ABANDONED_S = 86400.0
-"""Files being written by other machines are theirs for a day: no lock of theirs may reach here [s]."""
+"""Age after which a workspace of another machine counts as abandoned [s], one day: locks may not work between machines.
+"""
 
-_NAME = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")  # names of machines may hold dashes
+_NAME = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")  # names of machines may contain dashes
 
 
 def is_workspace(name: str) -> bool:
-    """Whether a folder in `tmp/` is named as ours are: `<machine>-<pid>-<32 hex digits>`. No other one is touched."""
+    """Whether a folder in `tmp/` has the name of a workspace, `<machine>-<pid>-<32 hex digits>`. No other one is
+    touched.
+    """
     return _NAME.fullmatch(name) is not None
 
 
 class Workspace:
-    """A folder in `tmp/`, made when first needed, removed with this object or swept once its process is dead."""
+    """A folder in `tmp/`, made when first needed and removed with this object, or swept after its process has died."""
 
     def __init__(self, tmp: Path, rights: Rights) -> None:
         self._tmp, self._rights = tmp, rights
@@ -39,10 +44,10 @@ class Workspace:
 
 
 def sweep(tmp: Path, older_than_s: float | None = None) -> int:
-    """Remove folders whose process is dead, and count them. What is not named as ours are is somebody else's and stays.
+    """Remove workspaces of dead processes and count them. Folders with other names stay.
 
-    The kernel's locks say who lives, no clock and no pid. Where several machines share the store their locks may not
-    reach here, so folders of other machines stay unless they are older than asked.
+    File locks tell which processes live, not clocks or process ids. Locks may not work between machines, so workspaces
+    of other machines stay unless they are older than `older_than_s`.
     """
     swept = 0
     for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
@@ -69,7 +74,7 @@ def _locked_folder(tmp: Path, rights: Rights) -> tuple[Path, int]:
         folder.mkdir()
         rights.give(folder)
         handle = _open_folder(folder)
-        # Somebody may have swept the folder before it was locked.
+        # Another process may have swept the folder before it was locked.
         if handle is not None and try_lock(handle) is not False and folder.is_dir():
             return folder, handle
         if handle is not None:

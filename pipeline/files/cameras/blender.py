@@ -1,4 +1,4 @@
-"""Cameras of the Blender add-on for plenoptic cameras: rows `key;value`, beside the lens table that they name.
+"""Cameras of the Blender add-on for plenoptic cameras: rows `key;value`, and the lens table that they name.
 
 Lengths are millimetres but the pitch of the microlenses, which is micrometres. The distance of the sensor counts from
 the stop. The add-on's types are (i - j) mod 3 as ours, but 0, 1, 2 have its first, third and second focal length.
@@ -56,12 +56,12 @@ def read_blender_camera(path: str | Path, lens: Path | None = None) -> PrintedCa
     ----------
     path : path
     lens : path, optional
-        The lens table; if it is left out, the one that the file names, in the same folder or in `Lenses` beside it.
+        The lens table; by default the one that the file names, in the same folder or in `Lenses` beside it.
 
     Raises
     ------
     UnreadableLens
-        The file is no camera of the add-on, or its lens is not at hand, or it cannot be represented.
+        The file is not a camera of the add-on, its lens is missing, or it cannot be represented.
     """
     keys = _Keys(path)
     printed = _stopped(keys, read_blender(lens or _lens_path(keys)))
@@ -96,7 +96,7 @@ def _lens_path(keys: _Keys) -> Path:
 
 
 def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
-    """The lens scaled and with the aperture of the camera, which the stop of the lens clips."""
+    """The lens, scaled, with the aperture of the camera, limited by the stop of the lens."""
     scale = keys.number("prop_objective_scale") if "prop_objective_scale" in keys.rows else 1.0
     if not scale > 0:
         raise UnreadableLens(keys.path, f"scales its lens by {scale:g}", line=keys.rows["prop_objective_scale"][0])

@@ -22,10 +22,11 @@ _LAYOUTS = {0: "square", 1: "hexagonal", 2: "hexagonal-columns"}
 _SIN_60 = math.sqrt(3) / 2
 """Distance of the rows of a hexagonal lattice over its pitch."""
 _UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-"""Rotation of an array of whose rotation the file says nothing: the unit matrix."""
+"""Rotation of an array if the file states none: the unit matrix."""
 _NO_TILT_DEG = 1e-9
 """Tilt below which there is none [deg]: rounding of a rotation matrix. It moves the rim of an array of 50 mm by 0.4
-pm."""
+pm.
+"""
 
 
 def read_libpleno(path: str | Path) -> PrintedCamera:
@@ -116,7 +117,7 @@ def _array(
     if layout == "square" or (shifted + count) % 2 == 0:
         return array, []
     line = "row" if layout == "hexagonal" else "column"
-    return array, [Lost(what=f"the outermost lens of every other {line} stands at the other end of it")]
+    return array, [Lost(what=f"the outermost microlens of every other {line} is at its other end")]
 
 
 def _node(layout: str, k: int, l: int) -> tuple[float, float]:
@@ -188,7 +189,7 @@ def _vector(pose: dict[str, Any]) -> list[float]:
 
 
 def _rotation(pose: dict[str, Any]) -> list[list[float]]:
-    """Rows of a rotation matrix, which the file lists by columns; none is the unit matrix."""
+    """Rows of a rotation matrix, which the file lists by columns; the unit matrix if there is none."""
     columns = [[_finite(value) for value in column] for column in pose.get("rotation", _UPRIGHT)]
     return [list(row) for row in zip(*columns, strict=True)]
 

@@ -1,4 +1,4 @@
-"""A camera from the file of another program, by the ending of its name."""
+"""Import of a camera from the file of another program, chosen by the suffix of its name."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamer
     Raises
     ------
     UnreadableLens
-        The file is of no known kind, or its camera cannot be represented.
+        The format is unknown, or the camera cannot be represented.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".csv":

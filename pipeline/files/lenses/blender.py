@@ -16,7 +16,7 @@ _COLUMNS = ("radius", "thickness", "material", "index", "v-no", "sa")
 
 
 def is_blender(lines: list[str]) -> bool:
-    """Whether a file begins as the add-on writes it: a lens table or a camera."""
+    """Whether a file begins like a file of the add-on: a lens table or a camera."""
     header = [cell.strip().lower() for cell in lines[0].split(";")] if lines else []
     return tuple(header[: len(_COLUMNS)]) == _COLUMNS or any(line.startswith(("prop_", "objective_")) for line in lines)
 
@@ -27,7 +27,7 @@ def read_blender(path: str | Path) -> PrintedLens:
     Raises
     ------
     UnreadableLens
-        The file is no lens table of the add-on, or has no stop.
+        The file is not a lens table of the add-on, or has no stop.
     """
     lines = read_lines(path)
     header = [cell.strip().lower() for cell in lines[0].split(";")] if lines else []

@@ -1,7 +1,7 @@
 """CODE V sequences (`.seq`): one lens of spheres, conics and even aspheres, object side first.
 
-Only commands that make a lens are obeyed. Those that change it in a way that we cannot represent are named, each with
-its line; a few, after which the numbers would mean something else, are refused.
+Only commands that make a lens are obeyed. Commands that change it in a way that we cannot represent are reported,
+each with its line; a few, which would change the meaning of the numbers, are refused.
 """
 
 import math
@@ -154,7 +154,7 @@ class _Sequence:
         return True
 
     def _edge(self, line: int, row: _Row, name: str, rest: list[str]) -> None:
-        """An aperture: clear, or with a qualifier in front of its value an edge, a hole or an obstruction."""
+        """An aperture: clear, or with a qualifier before its value an edge, a hole or an obstruction."""
         kind = rest[0].upper() if rest and rest[0].upper() in ("CLR", "EDG", "OBS", "HOL") else ""
         value = self._numbers(line, name, rest[1:] if kind else rest)[0]
         if name == "CIR" and kind == "OBS":
@@ -169,7 +169,7 @@ class _Sequence:
             row.half_widths[name] = value
 
     def _addressed(self, line: int, values: list[str]) -> tuple[_Row | None, list[str]]:
-        """The surface that a command means, named as S3 or else the current one, and the other words."""
+        """The surface that a command refers to, named as S3 or else the current one, and the other words."""
         named = re.fullmatch(r"S(\d+)", values[0].upper()) if values else None
         if not named:
             return self.current, values
@@ -186,7 +186,7 @@ class _Sequence:
             self.private_wavelengths = self._numbers(line, name, words[1:])
         else:
             listed = self._numbers(line, words[0], words[1:])
-            # Of the wavelengths that it lists, the one that is the d line.
+            # The wavelength that is the d line, among those listed.
             near = [n for w, n in zip(self.private_wavelengths, listed, strict=False) if abs(w - 587.6) < 0.1]
             if not near:
                 raise UnreadableLens(self.path, f"private glass {words[0]} has no index at 587.6 nm", line=line)
@@ -199,7 +199,7 @@ def read_codev(path: str | Path) -> PrintedLens:
     Raises
     ------
     UnreadableLens
-        The file leaves open what its numbers mean, or its lens cannot be represented.
+        The meaning of its numbers is unclear, or its lens cannot be represented.
     """
     sequence = _Sequence(path)
     for line, words in _commands(read_lines(path)):

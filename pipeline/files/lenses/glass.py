@@ -1,4 +1,4 @@
-"""The index of a glass that a lens file only names: as the catalogue has it, and never a guess."""
+"""Index of a glass that a lens file only names: from the catalogue, never guessed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,12 +11,12 @@ from pipeline.optics.glass import catalogue
 def medium(
     path: str | Path, line: int, surface: int, name: str, vendors: Sequence[str]
 ) -> tuple[float, float | None, str]:
-    """Index at the d line, Abbe number and full name of a glass, at these vendors or, if none is stated, at any.
+    """Index at the d line, Abbe number and full name of a glass from these vendors or, if none is stated, from any.
 
     Raises
     ------
     UnreadableLens
-        Nobody knows the glass: a lens with a guessed index would be another lens.
+        The glass is unknown: a lens with a guessed index would be another lens.
     """
     found = known(name, vendors)
     if not isinstance(found, PipelineError):
@@ -28,7 +28,9 @@ def medium(
 
 
 def known(name: str, vendors: Sequence[str]) -> tuple[float, float | None, str] | PipelineError:
-    """A glass of the shipped catalogue, or the error with near names: the one place where lens files meet it."""
+    """A glass of the shipped catalogue, or the error with similar names: the only access of lens files to the
+    catalogue.
+    """
     error = PipelineError(f"the catalogue knows no index of {name} at the d line")
     # With vendors stated, the same name at another vendor would be another glass.
     for full in [f"{vendor.casefold()}:{name}" for vendor in vendors] or [name]:
@@ -43,7 +45,7 @@ def known(name: str, vendors: Sequence[str]) -> tuple[float, float | None, str] 
 
 
 def _spelt(full: str) -> str:
-    """A name that has lost its hyphens, as in NSSK2 of CODE V, with those of the only glass that it can be."""
+    """A name without its hyphens, as in NSSK2 of CODE V, with those of the only matching glass."""
     vendor, _, bare = full.rpartition(":")
     entries = [one for one in catalogue.catalogue() if vendor in ("", one.vendor)]
     if any(one.name.casefold() == bare.casefold() for one in entries):

@@ -1,4 +1,6 @@
-"""The system aperture of a file, ENPD and FNUM of Zemax, EPD and FNO of CODE V, decides how far the stop opens."""
+"""The system aperture of a file (ENPD and FNUM of Zemax, EPD and FNO of CODE V), which determines the semi-diameter
+of the stop.
+"""
 
 import math
 from dataclasses import replace
@@ -11,26 +13,27 @@ from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost, PrintedLens
 
 _SAME = 1e-6
-"""Relative difference of two semi-diameters of the stop that rounding in a file explains."""
+"""Relative difference between two semi-diameters of the stop that is due to rounding in a file."""
 
 
 def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_ring: bool) -> PrintedLens:
-    """The lens with its stop as wide as the system aperture asks, to first order; a difference to the row is named.
+    """The lens with the stop that the system aperture requires, to first order; a difference from the file is
+    reported.
 
-    Programs of lens design launch rays into the entrance pupil that the system aperture states, and print at the stop
-    what they draw. A hard ring there blocks what passes it by: it stays where it is the smaller one.
+    Lens design programs launch rays into the entrance pupil of the system aperture and print at the stop the size
+    that they draw. A hard ring there blocks rays outside it: if it is smaller, it remains.
 
     Parameters
     ----------
     lens : PrintedLens
-        With every semi-diameter known.
+        The lens, with all semi-diameters known.
     has_ring : bool
         Whether the semi-diameter of the stop is a hard ring.
 
     Raises
     ------
     UnreadableLens
-        No stop can be what the system aperture asks for.
+        No stop fulfils the system aperture.
     """
     stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
     if len(stops) != 1 or not beam.is_known:
@@ -62,5 +65,5 @@ def _with_stop(lens: PrintedLens, place: int, semi_diameter_mm: float | None) ->
 def _f_number(lens: PrintedLens, wide_mm: float) -> str:
     try:
         return f"f/{efl_mm(lens) / wide_mm:.3g}"
-    except PrescriptionError:  # without a focal length; what else is wrong is said when the lens is built
+    except PrescriptionError:  # without a focal length; other problems are reported when the lens is built
         return f"an entrance pupil of {wide_mm:.6g} mm"

@@ -1,7 +1,7 @@
 """Lens tables of the renderer pbrt: rows `radius thickness index diameter` in mm, object side first.
 
-Two traps. The fourth column is the full diameter. And some files in circulation give the space before each surface
-where pbrt itself reads the space behind it; see `spacing_of` for how that is decided.
+Two traps: the fourth column is the full diameter. And some files in circulation state the space before each surface,
+whereas pbrt itself reads the space behind it; `spacing_of` decides between them.
 """
 
 import math
@@ -22,12 +22,12 @@ def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
     ----------
     path : path
     spacing : {"before", "after"}, optional
-        What the second column means; decided by the numbers if it is left out.
+        Meaning of the second column; by default decided from the numbers.
 
     Raises
     ------
     UnreadableLens
-        The file is no lens table, or it has no stop, or its numbers leave the meaning of the second column open.
+        The file is not a lens table, has no stop, or its numbers do not decide the meaning of the second column.
     """
     comments, nominal_mm, rows = _parsed(path)
     surfaces = _with_stop(path, rows)
@@ -45,7 +45,7 @@ def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
 
 
 def spacing_of(path: str | Path, surfaces: list[PrintedSurface]) -> tuple[str, str]:
-    """Meaning of the second column, and the rule that says so.
+    """Meaning of the second column, and the rule that decides it.
 
     A first thickness of 0 means "before": no lens begins with an element of no thickness. A last thickness of 0 means
     "after": there is always a space before the last surface. Otherwise the reading wins in which no surfaces cross
@@ -103,7 +103,7 @@ def _with_stop(path: str | Path, rows: list[tuple[int, list[float]]]) -> list[Pr
         )
         index_before = index
     if len(stops) != 1:
-        reason = f"{len(stops)} rows of radius 0 stand in air, and the stop is the only one there may be"
+        reason = f"{len(stops)} rows of radius 0 are in air, and only the stop may be one"
         lines = [rows[i][0] for i in stops]
         raise UnreadableLens(path, reason, line=lines[1] if lines else None, hint="leave one such row: the stop")
     surfaces[stops[0]] = replace(surfaces[stops[0]], is_stop=True)
@@ -111,7 +111,7 @@ def _with_stop(path: str | Path, rows: list[tuple[int, list[float]]]) -> list[Pr
 
 
 def _shifted(surfaces: list[PrintedSurface]) -> list[PrintedSurface]:
-    """Spaces before each surface turned into spaces behind it; the last one is not known, so 0."""
+    """Spaces before each surface converted to spaces behind it; the last one is unknown, so 0."""
     behind = [surface.thickness_mm for surface in surfaces[1:]] + [0.0]
     return [replace(surface, thickness_mm=space) for surface, space in zip(surfaces, behind, strict=True)]
 

@@ -1,4 +1,4 @@
-"""A lens from the file of another program, by the ending of its name."""
+"""Import of a lens from the file of another program, chosen by the suffix of its name."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,14 +34,15 @@ def read_lens(
     ----------
     path : path
     spacing : {"before", "after"}, optional
-        Only for pbrt: what its thicknesses are.
+        Only for pbrt: the meaning of its thicknesses.
     f_number, half_field_deg : float, optional
-        Only for tables: the beam for which semi-diameters that are missing are computed; they stand above the file's.
+        Only for tables: the beam for which semi-diameters that are missing are computed; they override those of the
+        file.
 
     Raises
     ------
     UnreadableLens
-        The file is of no known kind, or its lens cannot be represented.
+        The format is unknown, or the lens cannot be represented.
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".js":
@@ -64,7 +65,7 @@ def read_lens(
 
 
 def _from_table(path: str | Path, f_number: float | None, half_field_deg: float | None) -> tuple[str, PrintedLens]:
-    """A lens of the Blender add-on's table or of a plain one, every semi-diameter known."""
+    """A lens from a table of the Blender add-on or a plain table, with all semi-diameters known."""
     if is_blender(read_lines(path)):
         what, lens, beam = "a lens table of the Blender add-on", read_blender(path), Beam()
     else:

@@ -1,4 +1,4 @@
-"""Apertures for files that print none: of CODE V nearly always, of Zemax sometimes."""
+"""Apertures for files that print none: nearly all of CODE V, some of Zemax."""
 
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
@@ -15,7 +15,7 @@ from pipeline.optics.printed import Lost, PrintedLens, prescription_of
 class Beam:
     """The beam of a file: diameter of the entrance pupil [unit of the file] or f-number, and fields.
 
-    `said` and `line` are the file's own words for the pupil or f-number, and where they stand.
+    `said` and `line` are the text of the file for the pupil or f-number, and its line.
     """
 
     pupil: float | None = None
@@ -37,7 +37,7 @@ class Beam:
 
     @property
     def is_known(self) -> bool:
-        """Whether the file says how wide the beam is."""
+        """Whether the file states the width of the beam."""
         return self.pupil is not None or self.f_number is not None
 
     @property
@@ -53,7 +53,8 @@ class Beam:
 
 
 def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> PrintedLens:
-    """The lens with every semi-diameter known: as printed, or as large as the beam of the file needs, and then named.
+    """The lens with all semi-diameters known: as printed, or as large as the beam of the file requires, which is
+    then reported.
 
     Raises
     ------
@@ -86,12 +87,12 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
 
 
 def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:
-    """Diameter of the entrance pupil of a beam that is known.
+    """Diameter of the entrance pupil for a known beam [mm].
 
     Raises
     ------
     PrescriptionError
-        It follows from an f-number, and the lens has no focal length.
+        Only an f-number is known, and the lens has no focal length.
     """
     return beam.pupil * unit_mm if beam.pupil is not None else efl_mm(lens) / (beam.f_number or 1)
 

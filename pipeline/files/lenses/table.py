@@ -1,7 +1,8 @@
-"""Plain tables of a lens, as typed from a patent or a book: one row per surface, a header that names the columns.
+"""Plain tables of a lens, as typed from a patent or a book: one row per surface, and a header that names the
+columns.
 
-docs/lenses.md is the contract. A quantity may be called by any of its usual names; what a column or a row means is
-never guessed beyond these names.
+docs/lenses.md is the contract. A quantity may have any of its usual names; beyond these, the meaning of a column or
+row is never guessed.
 """
 
 import math
@@ -32,8 +33,9 @@ NAMES = {
 
 _QUANTITY = {re.sub(r"[\s_-]+", " ", name): quantity for quantity, names in NAMES.items() for name in names}
 _LARGEST_INDEX = 5.0
-"""Index that no medium of a lens has: germanium, the highest of the usual ones, has 4.0 in the infrared. Numbers beyond
-it are radii or thicknesses in a wrong column."""
+"""Largest plausible index: germanium, the highest of the usual media, has 4.0 in the infrared. Larger numbers are
+radii or thicknesses in a wrong column.
+"""
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "in": 25.4, "inch": 25.4}
 _STOP_WORDS = {"stop", "ast", "aperture stop", "iris", "diaphragm"}
 _SKIPPED = {"object", "obj", "image", "img"}
@@ -52,7 +54,7 @@ class _Table:
     lost: list[Lost] = field(default_factory=list)
 
     def setting(self, name: str) -> float | None:
-        """A number of the comments above the table."""
+        """A number from the comments above the table."""
         if name not in self.settings:
             return None
         text, line = self.settings[name]
@@ -60,7 +62,7 @@ class _Table:
 
 
 def read_table(path: str | Path) -> tuple[PrintedLens, Beam]:
-    """A lens from a plain table, and what its comments say about the beam; semi-diameters may be missing.
+    """A lens from a plain table, and the beam stated in its comments; semi-diameters may be missing.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def _is_row(text: str) -> bool:
 
 
 def _delimiter(header: str) -> str | None:
-    """Tab, semicolon or comma, whichever the header has first in this order; None means blanks."""
+    """Tab, semicolon or comma, the first of these that the header contains; None means blanks."""
     return next((mark for mark in "\t;," if mark in header), None)
 
 
@@ -141,7 +143,7 @@ def _columns(path: str | Path, line: int, header: str) -> _Table:
 
 
 def _comment(table: _Table, line: int, text: str) -> None:
-    """A setting, as `f-number: 4.5`, or a remark about where the lens comes from."""
+    """Read a comment: a setting, such as `f-number: 4.5`, or a remark about the source of the lens."""
     name, colon, value = text.partition(":")
     name = re.sub(r"[\s_]+", "-", name.strip().casefold())
     if not colon or name not in _SETTINGS:
@@ -230,7 +232,7 @@ def _thickness(table: _Table, line: int, values: dict[str, str], *, is_last: boo
 
 
 def _semi_diameter(table: _Table, line: int, values: dict[str, str], unit_mm: float) -> float | None:
-    """None where the table leaves it open; 0 and empty cells do."""
+    """Semi-diameter of a row; None if it is 0 or its cell is empty."""
     semi, whole = (_value(table, line, values, name) for name in ("semi-diameter", "diameter"))
     found = semi or (whole / 2 if whole else None)
     return found * unit_mm if found else None

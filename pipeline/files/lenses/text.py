@@ -14,7 +14,7 @@ _MARKS = (
 
 
 class UnreadableLens(UsageError):
-    """A lens file that cannot be read, or whose lens we cannot represent.
+    """A lens file cannot be read, or its lens cannot be represented.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class UnreadableLens(UsageError):
     reason : str
         What is wrong, with the offending value.
     line : int, optional
-        Where, counted from 1.
+        Line, counted from 1.
     hint : str, optional
         How to mend it.
     """
@@ -42,7 +42,7 @@ def read_lines(path: str | Path) -> list[str]:
     Raises
     ------
     UnreadableLens
-        There is no such file, or it is no text.
+        The file does not exist or is not text.
     """
     try:
         raw = Path(path).read_bytes()
@@ -61,7 +61,7 @@ def read_lines(path: str | Path) -> list[str]:
 
 
 def number(path: str | Path, line: int, text: str, what: str) -> float:
-    """A finite number as Fortran, C or Python write it."""
+    """A finite number as written by Fortran, C or Python."""
     try:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
@@ -72,5 +72,5 @@ def number(path: str | Path, line: int, text: str, what: str) -> float:
 
 
 def radius_of(curvature: float) -> float:
-    """1 / curvature; a plane has none."""
+    """1 / curvature; infinite for a plane."""
     return 1 / curvature if curvature else math.inf

@@ -1,7 +1,7 @@
 """Zemax lens files (`.zmx`): keyword lines, one block per surface, object and image among them.
 
-What changes the lens and cannot be represented is named with its line, or refused where the numbers would mean
-something else without it.
+Statements that change the lens and cannot be represented are reported with their line, or refused if the numbers
+would have another meaning without them.
 """
 
 import math
@@ -20,8 +20,9 @@ _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the param
 _PLACEHOLDER = (1.5, 40.0)
 """Index and Abbe number that Zemax writes where it keeps none."""
 _SAME_INDEX = 5e-4
-"""Difference of a printed index from the catalogue's that is still the same glass, as in
-`optics.glass.row` for stages."""
+"""Difference of a printed index from that of the catalogue up to which the glass counts as the same, as in
+`optics.glass.row` for stages.
+"""
 _APERTURES = ("ELAP", "UDAD", "SPID", "UDOB", "OBEL", "OBSQ", "OBDC")
 _OF_SURFACE = (
     "TYPE",
@@ -85,7 +86,7 @@ class _System:
 
     @property
     def opens_stop(self) -> bool:
-        """Whether the system aperture decides about the stop."""
+        """Whether the system aperture determines the stop."""
         return self.beam.is_known and not self.stop_floats
 
     def obey(self, line: int, text: str) -> None:
@@ -133,7 +134,7 @@ class _System:
             self.unread.setdefault(keyword, line)
 
     def _system_aperture(self, line: int, keyword: str, words: list[str]) -> None:
-        """ENPD or FNUM opens the stop; with FLOA, "float by stop size", its own semi-diameter does."""
+        """ENPD or FNUM determine the stop; with FLOA, "float by stop size", its own semi-diameter does."""
         if keyword == "FLOA":
             self.stop_floats = True
         elif (value := self._first(line, keyword, words)) > 0:
@@ -167,7 +168,7 @@ class _System:
             self.unread.setdefault(keyword, line)
 
     def _aperture(self, line: int, row: _Row, keyword: str, words: list[str]) -> None:
-        """DIAM is a semi-diameter, for drawing unless it is fixed; CLAP a hard ring and stands above it.
+        """DIAM is a semi-diameter, only for drawing unless it is fixed; CLAP is a hard ring and overrides it.
 
         OBSC blocks what lies between two radii, SQAP what lies outside a rectangle of two half widths.
         """
@@ -193,7 +194,7 @@ def read_zemax(path: str | Path) -> PrintedLens:
     Raises
     ------
     UnreadableLens
-        The file leaves open what its numbers mean, or its lens cannot be represented.
+        The meaning of its numbers is unclear, or its lens cannot be represented.
     """
     system = _System(path)
     for line, text in enumerate(read_lines(path), 1):
@@ -275,9 +276,11 @@ def _printed(system: _System, place: int, row: _Row) -> PrintedSurface:
 
 
 def _medium(system: _System, place: int, row: _Row) -> tuple[float, float | None, str]:
-    """Index, Abbe number and name: a model glass has the file's numbers, a named one the catalogue's, if it knows it.
+    """Index, Abbe number and name: those of the file for a model glass, those of the catalogue for a named one that
+    it knows.
 
-    The numbers beside a named glass may be left over, or placeholders; without a catalogue the former cannot be seen.
+    Numbers beside a named glass may be left over or placeholders; without a catalogue they cannot be recognised as
+    left over.
     """
     if not row.glass:
         return 1.0, None, ""

@@ -1,4 +1,4 @@
-"""Prims that ask for more than `limits` allow, found before anything of that size is made."""
+"""Checks of prims that ask for more than `limits` allow, before anything of that size is made."""
 
 import math
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ CODE = "over-limit"
 
 
 def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
-    """Problems of size of one prim, whatever its type; values out of range are reported elsewhere and count nothing."""
+    """Problems of size of one prim of any type. Values out of range are reported elsewhere and ignored here."""
     if prim.IsA("PlenDataset"):
         yield from _check_frames(prim)
         for mesh in targets(prim, "plen:occluders", "Mesh"):
@@ -97,13 +97,13 @@ def _check_points(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _pattern_points(prim: Usd.Prim) -> int:
-    """Points of a pattern, or a few more: never fewer."""
+    """Upper bound of the number of points of a pattern."""
     columns, rows = (read(prim, name) or 0 for name in ("plen:columns", "plen:rows"))
     if prim.IsA("PlenAprilGrid"):
         return 4 * int(columns * rows)
     if prim.IsA("PlenCharuco") and read(prim, "plen:markerCorners"):
         return int(columns * rows + 2 * (columns + 1) * (rows + 1))
-    if prim.IsA("PlenStars"):  # as much to draw as points
+    if prim.IsA("PlenStars"):  # its bars cost as much to draw as points
         return int(columns * rows) * (read(prim, "plen:spokes") or 1)
     if prim.IsA("PlenSiemensStar"):
         return 1 + 2 * (read(prim, "plen:spokes") or 0)
@@ -117,7 +117,7 @@ def _faces(prim: Usd.Prim) -> int:
 
 def _check_mesh(mesh: Usd.Prim) -> Iterator[Problem]:
     indices = read(mesh, "faceVertexIndices")
-    count = len(indices or ())  # of face corners: at least as many as triangles
+    count = len(indices or ())  # number of face corners, which is at least that of triangles
     yield from _over("triangles", count, f"{count:,} corners of faces", mesh.GetAttribute("faceVertexIndices"))
 
 

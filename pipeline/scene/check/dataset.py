@@ -1,4 +1,4 @@
-"""A dataset as a whole: its frames, its names, what it holds."""
+"""Checks of a dataset as a whole: its frames, names and contents."""
 
 import unicodedata
 from collections import Counter
@@ -15,7 +15,7 @@ from pipeline.scene.usd.usda_lines import line_of_metadata
 from pipeline.scene.usd.values import read, targets
 
 LONGEST_NAME = 200
-"""Bytes in the name of a camera or target: file systems take 255, and suffixes are appended."""
+"""Longest name of a camera or target [bytes]: file systems allow 255, and suffixes are appended."""
 
 
 def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
@@ -25,7 +25,7 @@ def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:
 
 
 def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
-    """Problems of a PlenDataset, its poses left out; `wrong` are the prims whose own values are."""
+    """Problems of a PlenDataset except poses; `wrong` holds the prims with wrong values."""
     yield from _check_frames(root)
     cameras = targets(root, "plen:cameras", "Camera")
     for prim in cameras:
@@ -45,7 +45,7 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 
 def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
-    """PlenDataset prims that nobody would build, because they are not the default prim."""
+    """Problems of PlenDataset prims that would not be built, because they are not the default prim."""
     for prim in stage.TraverseAll():
         if prim.IsA("PlenDataset") and prim != stage.GetDefaultPrim():
             hint = f'write defaultPrim = "{prim.GetName()}"'
@@ -53,7 +53,7 @@ def check_only_dataset(stage: Usd.Stage) -> Iterator[Problem]:
 
 
 def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
-    """Position images that would have to be traced for every point of a curved target."""
+    """A problem if a method would trace position images for every point of a curved target."""
     curved = [
         prim.GetName()
         for prim in targets(root, "plen:targets", "PlenTarget")
@@ -91,7 +91,8 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
     named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
     seen: dict[tuple[str, str], str] = {}
     for name, prim, what in named:
-        # Names become files, and some file systems do not tell Rig from rig, or one spelling of an umlaut from another.
+        # Names become file names, and some file systems do not distinguish Rig from rig, or two encodings of an
+        # umlaut.
         key = (what, unicodedata.normalize("NFC", name).casefold())
         if key in seen:
             message = f'two {what} would share the name "{name}": <{seen[key]}> and <{prim.GetPath()}>'

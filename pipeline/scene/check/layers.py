@@ -1,4 +1,4 @@
-"""Statements that every layer of a stage must make, and make alike; and statements that USD drops in silence."""
+"""Checks of layers: statements on which all layers of a stage must agree, and statements that USD drops silently."""
 
 from collections.abc import Iterator
 
@@ -10,7 +10,7 @@ from pipeline.scene.usd.usda_lines import line_of_metadata, text_map
 from pipeline.scene.usd.used_layers import used_layers
 from pipeline.scene.usd.values import Range
 
-# Layer metadata, its fallback, and what USD does when layers disagree.
+# Layer metadata, its fallback, and the behaviour of USD if layers disagree.
 _ALIKE = (
     ("metersPerUnit", 0.01, "USD does not convert lengths between layers"),
     ("timeCodesPerSecond", 24.0, "USD would rescale the time codes of the samples"),
@@ -70,7 +70,7 @@ def _check_alike(stage: Usd.Stage) -> Iterator[Problem]:
 
 
 def _alone(root: Sdf.Layer, key: str, differs: str, why: str) -> Problem:
-    """The root says otherwise than all other layers do: it is told there, once."""
+    """The problem that the root layer disagrees with all others, reported once, at the root."""
     file, line = shown_path(root.realPath), line_of_metadata(root.realPath, key)
     hint = f"{why}: say what they say, and write what follows in it"
     return Problem(code="layer-" + key, message=f"{key} is {differs}", file=file, line=line, hint=hint)
@@ -90,7 +90,7 @@ def _check_repeated(stage: Usd.Stage) -> Iterator[Problem]:
                 file=shown_path(layer.realPath),
                 line=line,
                 at=path,
-                hint="USD keeps the last one without a word; remove one",
+                hint="USD silently keeps the last one; remove one",
             )
 
 
@@ -103,5 +103,5 @@ def _check_cut(stage: Usd.Stage) -> Iterator[Problem]:
                 file=shown_path(layer.realPath),
                 line=line,
                 at=path or None,
-                hint=f"USD would take {taken} without a word",
+                hint=f"USD would silently use {taken}",
             )

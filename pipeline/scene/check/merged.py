@@ -1,4 +1,4 @@
-"""Parts that are two at once: USD lays what a second reference brings over the first, and takes nothing away."""
+"""Checks of parts merged from two references: USD lays the second over the first and removes nothing."""
 
 from collections.abc import Iterator
 
@@ -15,13 +15,13 @@ _LINKS = {
 }
 """Types of parts, and the relationships that name them."""
 _TOLD = 4
-"""Names in one message: a lens keeps dozens, and the first few say which file they come from."""
+"""Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
 
 
 def check_merged(prim: Usd.Prim) -> Iterator[Problem]:
-    """A part that is defined by two files beside each other, and keeps something of the one that is overlaid.
+    """A problem if two independent files define a part and something of the weaker one remains.
 
-    Files that build on one another, and opinions of the stage itself, are one part.
+    Files that build on each other, and opinions of the stage itself, are no problem.
     """
     link = next((link for name, link in _LINKS.items() if prim.IsA(name)), None)
     index = prim.GetPrimIndex() if link else None
@@ -38,7 +38,7 @@ def check_merged(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _origins(node: Pcp.NodeRef) -> list[Pcp.NodeRef]:
-    """Places where a part begins, strongest first: they define it, and build on no other that does."""
+    """Nodes that define a part without building on another definition, strongest first."""
     found = [origin for child in node.children for origin in _origins(child)]
     return found or [node] * any(spec.typeName for spec in _specs(node) if spec.specifier == Sdf.SpecifierDef)
 

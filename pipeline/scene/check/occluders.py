@@ -1,4 +1,4 @@
-"""Occluders: meshes that can be built, that keep their shape, and that leave the lens alone."""
+"""Checks of occluders: they must be valid meshes, keep their shape, and stay outside the lens."""
 
 from collections.abc import Iterator, Set
 
@@ -17,7 +17,7 @@ from pipeline.targets.errors import TargetError
 
 
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
-    """Problems of the occluders of a dataset, their poses left out; `wrong` are the prims whose own values are."""
+    """Problems of the occluders of a dataset except poses; `wrong` holds the prims with wrong values."""
     meshes = {target(prim, "plen:mesh", "Mesh"): prim for prim in targets(root, "plen:targets", "PlenMeshTarget")}
     for prim in targets(root, "plen:occluders", "Mesh"):
         if prim in meshes:
@@ -40,14 +40,14 @@ def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
     except TargetError as error:
         yield problem(prim, error.code, error.what, hint=error.hint)
     except ValueError:
-        message = "the mesh has faces that do not fit each other"
+        message = "the faces of the mesh contradict each other"
         yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts and faceVertexIndices")
 
 
 def check_outside_lens(
     camera: Usd.Prim, occluders: list[Usd.Prim], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
-    """No part of an occluder may stand inside the lens of a camera; beside and behind it is room."""
+    """Problems of occluders that enter the lens of a camera; beside and behind it they are allowed."""
     if not occluders:
         return
     lens = target(camera, "plen:camera:lens", "PlenLens")

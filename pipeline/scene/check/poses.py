@@ -1,4 +1,4 @@
-"""Poses of cameras, targets and occluders: a sample at every frame, rigid, and the board before the camera."""
+"""Checks of poses of cameras, targets and occluders: one sample per frame, rigid, targets in front of the camera."""
 
 import math
 from collections.abc import Iterator
@@ -20,21 +20,22 @@ from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import read, target, targets
 
-# How far a quaternion may be off unit length without a word: what its type resolves.
+# Deviation of a quaternion from unit length that is accepted silently: the resolution of its type.
 _ROUNDING = {
     UsdGeom.XformOp.PrecisionDouble: 1e-12,
     UsdGeom.XformOp.PrecisionFloat: 1e-6,
     UsdGeom.XformOp.PrecisionHalf: 1e-3,
 }
 _MENDABLE = 1e-3
-"""Deviation of a quaternion from unit length that is normalised with a warning: the resolution of half precision. What
-is worse was not meant as a rotation."""
+"""Deviation of a quaternion from unit length up to which it is normalised with a warning: the resolution of half
+precision. A worse one was not meant as a rotation.
+"""
 _RIGID = 1e-9
 """Largest deviation of the columns of a rotation from orthonormal ones."""
 
 
 def check_poses(root: Usd.Prim) -> Iterator[Problem]:
-    """Problems of the poses of a dataset whose prims are in order."""
+    """Problems of the poses of a dataset whose prims have no errors."""
     frames = tuple(frame_numbers(root))
     cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
     boards = targets(root, "plen:targets", "PlenTarget")
@@ -56,7 +57,7 @@ def _has_error(problems: list[Problem]) -> bool:
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
-    """One prim whose transform moves a camera, a target or an occluder."""
+    """Problems of one prim whose transform moves a camera, a target or an occluder."""
     for op in xform_ops(prim):
         attribute = op.GetAttr()
         if attribute.HasSpline():
@@ -67,7 +68,7 @@ def _check_link(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
         if len(present) < len(frames):
             missing = sorted(set(frames).difference(present))
             message = f'"{attribute.GetName()}" has no sample at time code {_listed(missing)}'
-            hint = "USD would interpolate without a word; write one sample per frame"
+            hint = "USD would interpolate silently; write one sample per frame"
             yield problem(attribute, "no-pose-sample", message, hint=hint)
         for number in present:
             yield from _check_op(op, number, number if times else None)
@@ -85,7 +86,7 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
         parts = quaternion(op, float(number)) or (math.nan,)
         off = abs(math.sqrt(sum(part * part for part in parts)) - 1.0)
         if math.isnan(off) or off <= _ROUNDING.get(op.GetPrecision(), 1e-12):
-            return  # NaN is reported as a value that is not finite
+            return  # NaN is reported elsewhere as not finite
         if off >= _MENDABLE:
             message = f"the quaternion is {off:.3g} off unit length, so it is no rotation"
             yield problem(attribute, "non-rigid", message, hint="write a unit quaternion (w, x, y, z)", time=sample)
@@ -103,7 +104,7 @@ def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
     rotation = world_from(prim, frames, 1.0)[:, :3, :3]
     off = np.abs((rotation[:, :, :, None] * rotation[:, :, None, :]).sum(axis=1) - np.eye(3)).max(axis=(1, 2))
     mirrored = np.linalg.det(rotation) < 0
-    bad = np.flatnonzero((off > _RIGID) | mirrored)  # NaN is reported as a value that is not finite
+    bad = np.flatnonzero((off > _RIGID) | mirrored)  # NaN is reported elsewhere as not finite
     if len(bad):
         first = bad[0]
         what = "mirrors" if mirrored[first] and off[first] <= _RIGID else "scales or shears"
@@ -112,7 +113,7 @@ def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
 
 
 def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
-    """The operation most likely to blame."""
+    """The transform operation most likely to blame."""
     for link in ancestry(prim):
         for op in xform_ops(link):
             if op.GetOpType() in (UsdGeom.XformOp.TypeScale, UsdGeom.XformOp.TypeTransform):
@@ -123,7 +124,7 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
 def _check_before_camera(
     camera: Usd.Prim, boards: list[Usd.Prim], hulls: list[np.ndarray], root: Usd.Prim, frames: tuple[int, ...]
 ) -> Iterator[Problem]:
-    """All of the targets, their margins included, must lie before the first vertex of the lens."""
+    """Problems of targets that are not entirely, margins included, in front of the first vertex of the lens."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     prescription = read_prescription(lens, read(camera, "plen:camera:wavelength"))
     first_mm = -prescription.vertices_from_stop_mm[0]

@@ -1,4 +1,4 @@
-"""Prims whose type, schemas, transform or variants USD takes without a word, although they mean nothing."""
+"""Checks of prims: types, schemas, transforms and variants that USD accepts silently although they have no meaning."""
 
 from collections.abc import Iterator
 
@@ -8,11 +8,11 @@ from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
 
 _MOST_OPS = 100
-"""Operations that move one prim: real stages have fewer than ten."""
+"""Most transform operations of one prim: real stages have fewer than ten."""
 
 
 def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Every prim that is defined, abstract ones, inactive ones and instances included, in stage order."""
+    """Every defined prim in stage order, including abstract and inactive ones and instances."""
     everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
     found = []
     prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
@@ -27,7 +27,7 @@ def all_prims(stage: Usd.Stage) -> list[Usd.Prim]:
 
 
 def check_dangling(stage: Usd.Stage) -> Iterator[Problem]:
-    """Overs on prims that nothing defines."""
+    """Problems of overs on prims that nothing defines."""
     everything = Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)
     prims = iter(Usd.PrimRange(stage.GetPseudoRoot(), everything))
     for prim in prims:
@@ -49,7 +49,7 @@ def _is_dangling(prim: Usd.Prim) -> bool:
 
 
 def check_prim(prim: Usd.Prim) -> list[Problem]:
-    """Problems of one prim, its properties left out."""
+    """Problems of one prim, except its properties."""
     return [*_check_type(prim), *_check_apis(prim), *_check_xform_order(prim), *_check_variants(prim)]
 
 
@@ -68,14 +68,14 @@ def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
             hint = did_you_mean(name, _known_apis())
             yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
             continue
-        # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call looks.
+        # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.
         can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
         if not can:
             yield problem(prim, "api-not-applicable", can.whyNot)
 
 
 def _authored_apis(prim: Usd.Prim) -> list[str]:
-    """Names that somebody wrote; `GetAppliedSchemas` would add those that come with them."""
+    """Names of API schemas that are written in a file; `GetAppliedSchemas` would add those that they include."""
     edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
     return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))
 
@@ -83,15 +83,15 @@ def _authored_apis(prim: Usd.Prim) -> list[str]:
 def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     order = prim.GetAttribute("xformOpOrder")
     value = order.Get() if order else None
-    # What is no array of tokens is reported as a wrong type.
+    # Anything but an array of tokens is reported as a wrong type.
     named = [token.removeprefix("!invert!") for token in value] if isinstance(value, Vt.TokenArray) else []
     if len(named) > _MOST_OPS:
-        message = f'"xformOpOrder" has {len(named)} entries, and not 0 to {_MOST_OPS}'
+        message = f'"xformOpOrder" has {len(named)} entries, not 0 to {_MOST_OPS}'
         yield problem(order, "entries", message)
         return
     for name in named:
         if name != "!resetXformStack!" and not prim.HasProperty(name):
-            # USD raises later, when somebody asks for the transform.
+            # USD raises an error only later, when the transform is read.
             hint = did_you_mean(name, filter(lambda other: other.startswith("xformOp:"), prim.GetPropertyNames()))
             message = f'xformOpOrder names "{name}", which does not exist'
             yield problem(order, "missing-xform-op", message, hint=hint)

@@ -1,4 +1,4 @@
-"""Properties by their names: misspelt, missing, meaningless ones, and relationships that point at nothing useful."""
+"""Checks of properties by name: misspelt, missing and meaningless ones, and relationships with wrong targets."""
 
 from collections.abc import Iterator
 
@@ -13,19 +13,19 @@ from pipeline.spelling import nearest
 
 _MOVES = Rule(span=FOREIGN["xformOp"])
 _NAMED = 5
-"""Missing targets of one relationship that are named one by one; the others are counted."""
-# Anyone may add properties here, on any prim.
+"""Number of missing targets of one relationship that are listed; further ones are counted."""
+# Namespaces in which anybody may add properties to any prim.
 _FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 _FAMILIES = {
     "plen:apertureShape": "aperture-value",
     "plen:shape": "shape-value",
     "plen:typeTable": "microlens-types",
 }
-"""Codes of attributes that are missing or mean nothing, by the property that decides it; others have a common code."""
+"""Error codes for missing or meaningless attributes, by the property that decides; all others share one code."""
 
 
 def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
-    """Problems of the authored properties of a prim, and of those that it must have and has not."""
+    """Problems of the authored properties of a prim, and of required properties that it lacks."""
     definition = prim.GetPrimDefinition()
     known = set(definition.GetPropertyNames())
     strange = []
@@ -47,7 +47,9 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem | None:
-    """An attribute where the schema has a relationship, or the other way round: USD believes the schema."""
+    """A problem if an attribute is written where the schema has a relationship, or the other way round: USD follows
+    the schema.
+    """
     wants_relationship = bool(definition.GetRelationshipDefinition(prop.GetName()))
     for spec in specs(prop):
         if isinstance(spec, Sdf.RelationshipSpec) != wants_relationship:
@@ -58,7 +60,7 @@ def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem |
 
 def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
     prim, name = prop.GetPrim(), prop.GetName()
-    is_ours = name.startswith("plen:")  # never extra data, on any prim
+    is_ours = name.startswith("plen:")  # plen: names are never extra data
     if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES)):
         return
     type_name = prim.GetPrimTypeInfo().GetSchemaTypeName()
@@ -68,7 +70,7 @@ def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
 
 
 def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
-    """Hint for a name that resembles no other."""
+    """A hint for an unknown property."""
     if not is_ours:
         return 'write "custom" in front of it if it is meant to be extra data'
     prim = prop.GetPrim()
@@ -81,7 +83,7 @@ def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
 
 
 def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
-    """Names that are missing, except those whose names were misspelt: `meant` are the right names of these."""
+    """Problems of required names that are missing; `meant` holds those that are present but misspelt."""
     if not _is_meant_to_be_built(prim):
         return
     for name in [name for names in schema_facts(prim, "plenRequired") for name in names if name not in meant]:
@@ -93,13 +95,13 @@ def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]
 
 
 def _is_meant_to_be_built(prim: Usd.Prim) -> bool:
-    """Whether a prim is a whole, and of the type that its applied schemas are for: `check_prim` names others."""
+    """Whether a prim is complete and has a type that its applied schemas allow; `check_prim` reports others."""
     ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
     return not prim.IsAbstract() and all(prim.CanApplyAPI(name) for name in ours)
 
 
 def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
-    """Attributes that others need, and attributes that mean nothing beside the others; `meant` as above."""
+    """Problems of attributes that other values require, or that have no meaning beside them; `meant` as above."""
     for name, rules in conditions_of(prim).items() if _is_meant_to_be_built(prim) else ():
         written = is_written(prim, name)
         needing = next((rule for rule in rules.needed if rule.holds(prim)), None)
@@ -110,22 +112,22 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
             yield problem(place, code, f'{_said(needing, prim)} needs "{name}"', hint=hint)
         failing = next((rule for rule in rules.only if rule.holds(prim) is False), None)
         if written and failing:
-            what = f'"{name}" means nothing {_without(failing, prim)}'
+            what = f'"{name}" has no effect {_without(failing, prim)}'
             place, code = prim.GetAttribute(name), _FAMILIES.get(failing.name, "unused-value")
             yield problem(place, code, what, hint=f"remove it, or write {_wanted(failing)}")
 
 
 def _said(rule: Condition, prim: Usd.Prim) -> str:
-    """Quotation of what a stage says by the property of a condition."""
+    """The value that a stage has for the property of a condition, as a quotation."""
     return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
 
 
 def _without(rule: Condition, prim: Usd.Prim) -> str:
-    return f"where {_said(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
+    return f"with {_said(rule, prim)}" if rule.tokens else f'without "{rule.name}"'
 
 
 def _wanted(rule: Condition) -> str:
-    """Statement with which a condition would hold."""
+    """The statement with which a condition would hold."""
     tokens = " or ".join(f'"{token}"' for token in rule.tokens)
     return f"{rule.name} = {tokens}" if tokens else rule.name
 
@@ -145,11 +147,11 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
         prim = stage.GetPrimAtPath(path)
         if stage.GetObjectAtPath(path) and not (prim and prim.IsA(wanted)):
             got = (prim.GetTypeName() or "prim without a type") if prim else "property"
-            yield problem(relationship, "wrong-target", f'"{name}" wants a {wanted}; <{path}> is a {got}')
+            yield problem(relationship, "wrong-target", f'"{name}" must point at a {wanted}; <{path}> is a {got}')
         elif prim and not prim.IsActive():
             yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
 
 
 def wanted_target(prim: Usd.Prim, name: str) -> str | None:
-    """The prim type that our plugInfo.json names for a relationship."""
+    """The type of prim to which a relationship must point by our plugInfo.json."""
     return next((found[name] for found in schema_facts(prim, "plenTargets") if name in found), None)

@@ -1,4 +1,4 @@
-"""Duration of a build, as far as a count of rays tells: a request may be possible and still unwise."""
+"""Warnings about the duration of a build, estimated from its number of rays."""
 
 from collections.abc import Iterator
 
@@ -10,14 +10,17 @@ from pipeline.scene.usd.source_locations import problem
 
 CODE = "long-build"
 RAYS_PER_S = 4e6
-"""A careful guess for one core of 2026: images of a singlet were traced at 8e6, moments of a double Gauss at 16e6."""
+"""Rays per second of one core of 2026, a careful estimate: images of a singlet were traced at 8e6, moments of a
+double Gauss at 16e6.
+"""
 LONG_S = 3 * 3600.0
-"""Computing time of a camera on one core from which on a build is doubted [s]: longer than one waits for it, and well
-short of a night, over which large datasets are built on purpose."""
+"""Computing time of one camera on one core above which there is a warning [s]: longer than a person waits, and well
+below a night, in which large datasets are built on purpose.
+"""
 
 
 def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:
-    """Rays of all images of a camera, white ones included, and of its position images."""
+    """Number of rays of all images of a camera, white ones included, and of its position images."""
     pixels = float(camera.asked.sensor.width_px) * camera.asked.sensor.height_px
     images = pixels * camera.image_samples * (1 + len(camera.f_numbers) + frames)
     if camera.truth.get("method") == "direct":
@@ -26,7 +29,7 @@ def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:
 
 
 def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
-    """A warning for each camera whose rays take one core hours."""
+    """A warning for each camera whose rays would take one core hours."""
     for camera in dataset.cameras:
         images, positions = rays_of(camera, len(dataset.frames))
         seconds = (images + positions) / RAYS_PER_S

@@ -1,6 +1,6 @@
-"""Whether anything of a target can be seen: in which frames an image of it would be blank, and why.
+"""Warnings about targets that a camera does not see: the frames in which the image would be blank, and the reason.
 
-On records, after all other checks.
+This check works on records, after all other checks.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from pipeline.scene.views import HIDDEN, MERGED, View, look, spacing_px
 
 
 def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
-    """A warning for each camera and target where the camera sees no point of it in some frames."""
+    """A warning for each camera and target if the camera sees no point of the target in some frames."""
     for entry in dataset.cameras:
         try:
             camera = focused(entry.camera)
@@ -30,19 +30,19 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             continue
         for number, target in enumerate(dataset.targets):
             if not target.target.points().kinds:
-                continue  # there is nothing to see
+                continue  # the target has no points
             view = look(dataset, entry.name, camera, number)
             blank = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             if blank:
                 prim = stage.GetPrimAtPath(target.prim_path)
-                whom = f'no point of "{prim.GetName()}" can be made out by "{entry.name}"'
+                whom = f'"{entry.name}" sees no point of "{prim.GetName()}"'
                 message = f"{whom} in {len(blank)} of {len(view.numbers)} frames: {_listed(blank)}"
                 hint = _hint(camera, view, blank)
                 yield problem(prim, "blank", message, hint=hint, severity="warning")
 
 
 def _listed(blank: dict[int, int]) -> str:
-    """Frames by the reason why they are blank."""
+    """A list of frames by the reason why they are blank, as text."""
     reasons = dict.fromkeys(_REASONS[fate] for fate in blank.values())
     frames = {
         reason: frames_in_words(number for number, fate in blank.items() if _REASONS[fate] == reason)
@@ -62,13 +62,13 @@ _REASONS = {
 
 
 def _turned_deg(points_mm: np.ndarray, front: np.ndarray) -> float:
-    """Angle between the fronts of points and their ways to the camera, in the middle of all: 180 shows the back."""
+    """Median angle between the front of points and their direction to the camera [deg]; 180 shows the back."""
     cosine = -np.sum(points_mm * front, axis=-1) / np.linalg.norm(points_mm, axis=-1)
     return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1.0, 1.0))))
 
 
 def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
-    """Hint that mends the first of the frames."""
+    """A hint to mend the first blank frame."""
     number, fate = next(iter(blank.items()))
     index = view.numbers.index(number)
     x, y, z = view.points_mm[index].mean(axis=0)
@@ -76,19 +76,19 @@ def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
         turned = _turned_deg(view.points_mm[index], view.front[index])
         return f"in frame {number} its front, +Z, looks {turned:.0f} degrees past the camera: turn it about its X or Y"
     if fate == HIDDEN:
-        return "move it, or what stands before it"
+        return "move it, or the object in front of it"
     if fate == MERGED:
         spacing, blur = spacing_px(camera, view.points_mm[index]), np.median(view.outlook.blur_px[index])
-        return f"in frame {number}, at z = {z:.4g} mm, points stand {spacing:.2g} px apart and blur to {blur:.3g} px"
+        return f"in frame {number}, at z = {z:.4g} mm, points are {spacing:.2g} px apart and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
         blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
         return (
-            f"in frame {number} it stands at z = {z:.4g} mm, and the focus at {middle_focus(camera):.4g} mm: its points"
+            f"in frame {number} it is at z = {z:.4g} mm, and the focus at {middle_focus(camera):.4g} mm: its points"
             f" blur to {blur:.3g} px, and {of} is {widest_blur_px(camera):.3g} px wide"
         )
     width, height = covered_mm(camera, float(z))
     across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")
     return (
-        f"in frame {number} it stands {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it; at its"
+        f"in frame {number} it is {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it; at its"
         f" z = {z:.4g} mm the image covers about {width:.3g} x {height:.3g} mm"
     )

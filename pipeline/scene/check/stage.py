@@ -1,6 +1,6 @@
-"""Say everything that is wrong with a stage, in one pass. No task runs on a stage with an error here.
+"""All checks of a stage, in one pass. No task runs on a stage with an error.
 
-USD composes a stage with a typo in every attribute without a word, so the checks are strict about names, types,
+USD silently composes a stage with a typing error in every attribute. So the checks are strict about names, types,
 tokens and ranges, and then ask whether the parts can be built.
 """
 
@@ -46,7 +46,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         Folders that the stage may read from, as `roots.allowed_roots` gives them.
     """
     if outside := check_used(stage, roots):
-        return outside  # what such a layer says must not be quoted
+        return outside  # the content of such a layer must not be quoted
     found = [*check_layers(stage), *check_assets(stage, roots), *check_dangling(stage)]
     prims = all_prims(stage)
     wrong: set[Sdf.Path] = set()
@@ -56,14 +56,14 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         if any(one.is_error for one in own):
             wrong.add(prim.GetPath())
     if over := [one for prim in _parts(prims) for one in check_budgets(prim)]:
-        return list(dict.fromkeys([*found, *over]))  # what follows makes points, poses and lattices
+        return list(dict.fromkeys([*found, *over]))  # the further checks make points, poses and lattices
     for prim in _parts(prims):
         found += _check_whole(prim, wrong)
     found += check_only_dataset(stage)
     if root := find_dataset(stage):
         found += check_dataset(root, wrong)
     if not any(one.is_error for one in found):
-        # What follows computes with values that the checks so far have vouched for.
+        # The further checks compute with values that have passed the checks so far.
         for prim in _parts(prims):
             found += check_nominal(prim) if prim.IsA("PlenLens") else []
             found += check_planes(prim) if _is_camera(prim) else []
@@ -80,9 +80,9 @@ def _is_camera(prim: Usd.Prim) -> bool:
 
 
 def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
-    """Problems of the parts of one prim against each other; `wrong` are the prims whose own values are."""
+    """Problems between the parts of one prim; `wrong` holds the prims with wrong values."""
     if merged := list(check_merged(prim)):
-        return merged  # all else follows from it
+        return merged  # all other problems would follow from it
     found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
     found += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     found += check_target(prim, wrong) if prim.IsA("PlenTarget") else []

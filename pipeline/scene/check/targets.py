@@ -1,4 +1,4 @@
-"""A target that cannot be built: values of its shape, its pattern against its surface, marked points off their mesh."""
+"""Checks of targets: values of the shape, the pattern on its surface, marked points off their mesh."""
 
 from collections.abc import Iterator, Set
 
@@ -15,11 +15,13 @@ from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.target import AnyTarget
 
 OFF_MESH_MM = 1e-3
-"""A marked point this far from its mesh is drawn elsewhere than the truth says."""
+"""Distance of a marked point from its mesh above which there is a warning [mm]: its image would not be where the
+truth says.
+"""
 
 
 def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
-    """Problems of a PlenTarget as a whole; `wrong` are the prims whose own values are."""
+    """Problems of a PlenTarget as a whole; `wrong` holds the prims with wrong values."""
     parts = [*_check_shape(prim), *_check_mesh(prim)]
     yield from parts
     mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
@@ -43,7 +45,7 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 
 def _check_contrast(prim: Usd.Prim, record: AnyTarget) -> Iterator[Problem]:
-    """A target that shines nowhere, or everywhere alike: its images show nothing of it."""
+    """A warning if a target is uniformly dark or bright, so that its pattern is invisible."""
     white = prim.GetAttribute("plen:white")
     if isinstance(record, MeshTarget):
         if not np.any(record.albedo):
@@ -57,7 +59,7 @@ def _check_contrast(prim: Usd.Prim, record: AnyTarget) -> Iterator[Problem]:
 
 
 def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
-    """A mesh that shall be bent."""
+    """A problem if a shape is stated for a mesh target."""
     shape = read(prim, "plen:shape")
     if prim.IsA("PlenMeshTarget") and shape not in ("flat", None):
         message = f'a mesh has its own shape, and "plen:shape" is {shape}'
@@ -65,7 +67,7 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
-    """A mesh that would not move with its target, or that would move below it."""
+    """Problems of a mesh that would not move with its target, or that would move relative to it."""
     mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
     if mesh is None:
         return
@@ -84,5 +86,5 @@ def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:
         distance, index = max(off)
         which = f"{len(off)} of {len(distances)} marked points do not lie on the mesh"
         message = f"{which}; point {index} is {distance:.4g} mm off"
-        hint = "images show the mesh, and the ground truth believes the points"
+        hint = "images show the mesh, and the ground truth uses the points"
         yield problem(prim.GetAttribute("plen:points"), "off-mesh", message, hint=hint, severity="warning")

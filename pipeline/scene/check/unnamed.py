@@ -1,5 +1,5 @@
-"""Geometry and lights that a USD viewer shows and no image has, unnamed or not simulated; targets that it does not show
-and images have.
+"""Warnings about differences from a USD viewer: geometry and lights that it shows and no image has, targets that
+images have and it does not show.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,17 +15,18 @@ from pipeline.scene.usd.values import target_paths, targets
 from pipeline.scene.write.for_viewers import PREVIEW
 
 _MOST_KINDS = 8
-"""Types of prims that are named, with one warning each: scenes made elsewhere have dozens, and errors must stay in
-sight."""
+"""Number of types of prims with a warning of their own: scenes made elsewhere have dozens, and errors must stay in
+sight.
+"""
 _MOST_PATHS = 4
-"""Prims of a type that its warning names; the others are counted."""
+"""Number of prims that the warning about a type lists; further ones are counted."""
 _AIDS = 'what is there for viewers alone says so with uniform token purpose = "guide"'
 
 
 def check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
-    """One warning per type of prim that stands in the stage of a dataset and leaves its images as they are.
+    """One warning per type of prim that is in the stage of a dataset but has no effect on its images.
 
-    Left out are previews of targets, prims of the purposes guide and proxy, and those that no frame shows.
+    Previews of targets, prims with the purposes guide and proxy, and prims invisible in all frames are left out.
     """
     named = _named(root.GetStage())
     frames = frame_numbers(root)
@@ -39,7 +40,7 @@ def check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_invisible(root: Usd.Prim) -> Iterator[Problem]:
-    """A warning for each target that USD hides in some frames: images and truth have it in all."""
+    """A warning for each target that is invisible in USD in some frames, although images and truth have it in all."""
     frames = frame_numbers(root)
     for prim in targets(root, "plen:targets", "PlenTarget"):
         if _comes_and_goes(prim):
@@ -67,7 +68,7 @@ def _left_out(kind: str, prims: list[Usd.Prim]) -> Problem:
 
 
 def _named(stage: Usd.Stage) -> set[Sdf.Path]:
-    """Everything that one of our relationships points at; what is wrong with it is said elsewhere."""
+    """All targets of our relationships; problems of these prims are reported elsewhere."""
     relationships = [
         relationship
         for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies())
@@ -86,7 +87,7 @@ def _is_geometry(prim: Usd.Prim) -> bool:
 
 
 def _is_preview(prim: Usd.Prim) -> bool:
-    """Whether a prim is what viewers show of a target: of our own writing, or of the library's."""
+    """Whether a prim is the preview of a target, written by us or in the library."""
     return bool(prim.GetName() == PREVIEW and prim.GetParent().IsA("PlenTarget"))
 
 
@@ -97,6 +98,6 @@ def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
 
 
 def _comes_and_goes(prim: Usd.Prim) -> bool:
-    """Whether a prim is shown in some frames, perhaps, and in others not."""
+    """Whether a prim may be visible in some frames and invisible in others."""
     above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
     return any(one.GetAttribute("visibility").ValueMightBeTimeVarying() for one in above)

@@ -1,4 +1,4 @@
-"""Values of attributes against their schemas: types, tokens, ranges, and what is not supported yet."""
+"""Checks of values of attributes: types, tokens, ranges, and values that are not supported yet."""
 
 import math
 from collections.abc import Iterator
@@ -13,12 +13,12 @@ from pipeline.scene.usd.usda_lines import line_of
 from pipeline.scene.usd.values import LONGEST_TEXT, Range, Rule, bad_text, numbers, plain, rule_of
 
 _NAMED = 5
-"""Wrong values of one attribute that are named."""
+"""Number of wrong values of one attribute that are listed."""
 
 _NO_TILT = ((0.0, 0.0),)
-"""Tilts of a sensor that are built [deg]: none yet."""
-# What the schemas allow and the pipeline builds today, with the prim type in front where it depends on that. Attributes
-# that are not named here are supported as a whole.
+"""Supported tilts of a sensor [deg]: none yet."""
+# Supported values of attributes for which the schemas allow more, with the prim type in front where it matters. All
+# values of other attributes are supported.
 SUPPORTED: dict[str, tuple[Any, ...]] = {
     "PlenSensor plen:tilt": _NO_TILT,
 }
@@ -28,7 +28,7 @@ def check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) ->
     """Problems of one authored attribute that a schema defines."""
     schema = definition.GetAttributeDefinition(attribute.GetName())
     if wrong := list(_check_written_type(attribute, schema.GetTypeName())):
-        yield from wrong  # values of a wrong type would only confuse what follows
+        yield from wrong  # values of a wrong type would confuse the further checks
         return
     name = attribute.GetName()
     if schema.GetVariability() == Sdf.VariabilityUniform and attribute.ValueMightBeTimeVarying():
@@ -42,14 +42,14 @@ def check_attribute(attribute: Usd.Attribute, definition: Usd.PrimDefinition) ->
 def check_value(
     attribute: Usd.Attribute, value: Any, time: float | None, rule: Rule | None = None
 ) -> Iterator[Problem]:
-    """A value as USD gives it: of the type that the attribute claims, of the right length, finite and in range."""
+    """Problems of one value as read by USD: it must have the right type and length, and be finite and in range."""
     name, wanted = attribute.GetName(), attribute.GetTypeName()
     if type(value) is not type(wanted.defaultValue):
         message = f'"{name}" must hold a {wanted}, not {shortened(str(value))}'
         yield problem(attribute, "wrong-type", message, time=time)
     elif rule and rule.entries and not rule.entries[0] <= len(value) <= rule.entries[1]:
         fewest, most = rule.entries
-        message = f'"{name}" has {len(value)} entries, and not {fewest} to {most}'
+        message = f'"{name}" has {len(value)} entries, not {fewest} to {most}'
         yield problem(attribute, "entries", message, time=time)
     else:
         yield from _check_texts(attribute, value, time)
@@ -57,7 +57,7 @@ def check_value(
 
 
 def authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, Any]]:
-    """Pairs of a time, None for the value without time, and USD's value there."""
+    """Pairs of a time (None for the default value) and the value of USD at that time."""
     if not attribute.HasAuthoredValue():
         return
     default = attribute.Get()
@@ -68,7 +68,7 @@ def authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, An
 
 
 def _check_written_type(attribute: Usd.Attribute, wanted: Sdf.ValueTypeName) -> Iterator[Problem]:
-    # The composed attribute claims the type of the schema; only the opinions tell.
+    # The composed attribute has the type of the schema; only the opinions show the written type.
     for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
         if spec.typeName != wanted:
             yield Problem(
@@ -103,7 +103,7 @@ def _check_texts(attribute: Usd.Attribute, value: Any, time: float | None) -> It
 
 
 def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, span: Range | None) -> Iterator[Problem]:
-    """The first number of a value that is not finite, or not in the range that its documentation states."""
+    """A problem for the first number of a value that is not finite or outside the range stated in the schema."""
     name, found = attribute.GetName(), numbers(value)
     outside = np.flatnonzero(~(span.holds(found) if span else np.isfinite(found)))
     if not len(outside):

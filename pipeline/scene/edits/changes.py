@@ -1,4 +1,4 @@
-"""The differences of two composed layers, and how to take some of them back."""
+"""Differences between two composed layers, and undoing some of them."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
@@ -8,25 +8,25 @@ from pxr import Sdf
 from pipeline.scene.usd.values import plain
 
 _SAYS_NOTHING = {"documentation", "comment", "customData", "customLayerData", "fallbackPrimTypes", "assetInfo"}
-"""Metadata that no build reads."""
+"""Metadata that does not affect a build."""
 
 
 class Change(NamedTuple):
-    """A property or prim that differs, is new or gone; with `field` a piece of metadata of a prim or of the layer."""
+    """A property or prim that was changed, added or removed; with `field`, metadata of a prim or of the layer."""
 
     path: Sdf.Path
     field: str | None = None
 
 
 def layer_of(text: str) -> Sdf.Layer:
-    """A layer of its own with a text."""
+    """A new layer with this text."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.ImportFromString(text)
     return layer
 
 
 def changes(old: Sdf.Layer, new: Sdf.Layer, at: Sdf.Path = Sdf.Path.absoluteRootPath) -> Iterator[Change]:
-    """All changes at and below a prim that both layers have; of a prim that is new or gone nothing below it."""
+    """All changes at and below a prim that both layers have; an added or removed prim is one change."""
     before, now = old.GetPrimAtPath(at), new.GetPrimAtPath(at)
     for field in sorted(_fields(before) | _fields(now)):
         if before.GetInfo(field) != now.GetInfo(field):
@@ -43,7 +43,7 @@ def changes(old: Sdf.Layer, new: Sdf.Layer, at: Sdf.Path = Sdf.Path.absoluteRoot
 
 
 def undone(new: Sdf.Layer, old: Sdf.Layer, taken_back: Iterable[Change]) -> Sdf.Layer:
-    """A copy of the new layer in which some changes are as they were in the old one."""
+    """A copy of the new layer with some changes undone."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.TransferContent(new)
     for path, field in taken_back:
@@ -64,7 +64,7 @@ Values = dict[tuple[str | None, float | None], Any]
 
 
 def values_of(spec: Sdf.Spec | None) -> Values:
-    """All that a property says, by field and time; empty if there is none."""
+    """All values of a property, by field and time; empty if there is no property."""
     values: Values = {}
     for field, value in _content(spec).items():
         if field == "timeSamples":
@@ -75,7 +75,7 @@ def values_of(spec: Sdf.Spec | None) -> Values:
 
 
 def metadata_of(spec: Sdf.Spec | None, field: str) -> Any:
-    """Plain metadata of a prim or a layer; None if it says nothing."""
+    """Metadata of a prim or a layer as plain values; None if it is not set."""
     return _plain(spec.GetInfo(field)) if spec and spec.HasInfo(field) else None
 
 

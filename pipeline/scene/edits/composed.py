@@ -1,6 +1,6 @@
-"""A composed stage as plain data that can be kept: its text, and which file says what.
+"""A composed stage as plain data for the store: its text, and the file behind each statement.
 
-The text alone shows what changed between two builds; which file said it shows where, also when it is gone.
+The text shows the changes between two builds; the files show their places, even of removed statements.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ Site = tuple[str, str]
 
 
 class Arc(NamedTuple):
-    """An arc that brings other prims or layers in: prim on the composed stage, field, and the site that says it."""
+    """A composition arc: prim on the composed stage, field, and the site of the statement."""
 
     prim: str
     field: str
@@ -31,16 +31,16 @@ class Arc(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Composed:
-    """A stage that was composed.
+    """A composed stage as plain data.
 
     Attributes
     ----------
     text : str
-        All of it in one layer, nothing added.
+        Text of the flattened stage, without additions.
     sites : dict
-        Path of a prim or property -> where its strongest opinion stands.
+        Path of a prim or property -> site of its strongest opinion.
     arcs : dict
-        What brings other prims or layers in -> the assets, paths or variants that are named there.
+        Composition arc -> the assets, paths or variants that it names.
     """
 
     text: str
@@ -48,7 +48,7 @@ class Composed:
     arcs: dict[Arc, list[str]]
 
     def to_plain(self) -> dict[str, Any]:
-        """As JSON values."""
+        """The record as JSON values."""
         sites = {path: list(site) for path, site in self.sites.items()}
         return {
             "format": _FORMAT,
@@ -59,7 +59,7 @@ class Composed:
 
 
 def composed_from_plain(plain: dict[str, Any]) -> Composed | None:
-    """The record that `to_plain` wrote; None if another version of it did."""
+    """The record written by `to_plain`; None if another version wrote it."""
     if plain.get("format") != _FORMAT:
         return None
     sites = {path: (site[0], site[1]) for path, site in plain["sites"].items()}
@@ -68,7 +68,7 @@ def composed_from_plain(plain: dict[str, Any]) -> Composed | None:
 
 
 def composed(stage: Usd.Stage, layer: Sdf.Layer) -> Composed:
-    """A stage and the layer that it was flattened to."""
+    """The record of a stage and its flattened layer."""
     sites: dict[str, Site] = {}
     arcs: dict[Arc, list[str]] = {}
     for used in used_layers(stage):
@@ -87,7 +87,7 @@ def composed(stage: Usd.Stage, layer: Sdf.Layer) -> Composed:
 
 
 def written(specs: list[Sdf.Spec]) -> list[Sdf.Spec]:
-    """Specs that stand in a file: the session layer is none."""
+    """Specs that are written in a file, which the session layer is not."""
     return [spec for spec in specs if spec.layer.realPath]
 
 

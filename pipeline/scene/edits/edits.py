@@ -1,7 +1,7 @@
-"""The edits between two states of a stage, each with its place in the files and with what takes it back.
+"""Edits between two states of a stage, each with its place in the files and a way to undo it.
 
-An edit is a property, a prim, a piece of metadata, or what brings other files in: all values that follow from another
-reference are one edit, that of the reference.
+An edit changes a property, a prim, metadata, or a composition arc. All values that change with a reference are one
+edit, that of the reference.
 """
 
 from bisect import bisect_left, bisect_right
@@ -27,16 +27,16 @@ from pipeline.scene.usd.usda_lines import text_map
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EditUnit:
-    """Edits that are taken back together.
+    """Edits that are undone together.
 
     Attributes
     ----------
     edits : tuple of Edit
-        One, or one per time sample.
+        One edit, or one per time sample.
     changes : tuple of Change
-        In the composed layers.
+        The changes in the composed layers.
     old_times, new_times : tuple of float
-        All time samples of a property, before and now.
+        Times of all samples of a property, before and now.
     """
 
     edits: tuple[Edit, ...]
@@ -46,11 +46,13 @@ class EditUnit:
 
     @property
     def prim(self) -> Sdf.Path:
-        """The prim that it is an edit of."""
+        """The edited prim."""
         return self.changes[0].path.GetPrimPath()
 
     def at_frame(self, frame: int | None) -> tuple[Edit, ...]:
-        """The edits that a frame depends on: of time samples those at it, or the nearest before and after it."""
+        """The edits on which a frame depends: for time samples the one at the frame, or the nearest before and after
+        it.
+        """
         if frame is None or not (self.old_times or self.new_times):
             return self.edits
         near = {time for times in (self.old_times, self.new_times) for time in _around(times, frame)}
@@ -58,7 +60,7 @@ class EditUnit:
 
 
 def together(units: list[EditUnit]) -> EditUnit:
-    """Edits that are taken back together, so that nobody can tell them apart: the first one, and how many more."""
+    """One unit of many edits, which cannot be told apart: the first edit and the number of others."""
     first = units[0].edits[0]
     remark = f"or one of {len(units) - 1:,} further edits" if len(units) > 1 else first.remark
     return EditUnit(
@@ -67,19 +69,19 @@ def together(units: list[EditUnit]) -> EditUnit:
 
 
 def edits_of_stage(path: Path, before: dict[str, Any], now: dict[str, Any]) -> "EditsOfStage | None":
-    """The edits between two states, as plain data, of a stage that can be opened; None if they cannot be compared."""
+    """The edits between two states of a stage, given as plain data; None if the states cannot be compared."""
     was, is_now = composed_from_plain(before), composed_from_plain(now)
     return EditsOfStage(was, is_now, open_stage(path)[0]) if was and is_now else None
 
 
 class EditsOfStage:
-    """The edits between a stage as it was kept and as it is now.
+    """The edits between the kept state of a stage and its present state.
 
     Parameters
     ----------
     before, now : Composed
     stage : Usd.Stage
-        As it is now, opened from its files.
+        The present stage, opened from its files.
     """
 
     def __init__(self, before: Composed, now: Composed, stage: Usd.Stage) -> None:
@@ -87,7 +89,7 @@ class EditsOfStage:
         self._old, self._new = layer_of(before.text), layer_of(now.text)
 
     def units(self) -> list[EditUnit]:
-        """All edits, those of references and layers first, then in the order of their paths."""
+        """All edits: those of references and layers first, the others in the order of their paths."""
         left, units = list(changes(self._old, self._new)), []
         for arc in self._changed_arcs():
             following = [change for change in left if self._follows(arc, change)]
@@ -97,14 +99,14 @@ class EditsOfStage:
         return units + [self._unit(change) for change in left]
 
     def dataset_without(self, units: Iterable[EditUnit]) -> Dataset | None:
-        """The dataset as if some edits had not been made; None if the others alone make none that can be read."""
+        """The dataset with some edits undone; None if the resulting stage cannot be read."""
         taken_back = [change for unit in units for change in unit.changes]
         return _dataset_of(undone(self._new, self._old, taken_back))
 
-    # What brings other files in
+    # Composition arcs
 
     def _changed_arcs(self) -> list[Arc]:
-        """Arcs that differ, outer ones first, without those that follow from an outer one."""
+        """Changed arcs, outer ones first, without those that changed because of an outer one."""
         old, new = self._before.arcs, self._now.arcs
         found: list[Arc] = []
         for arc in sorted(old.keys() | new.keys(), key=lambda arc: (arc.prim.count("/"), arc)):
@@ -114,7 +116,9 @@ class EditsOfStage:
         return found
 
     def _follows(self, arc: Arc, change: Change) -> bool:
-        """Whether a change comes through an arc: its opinion stands elsewhere than before, and not beside the arc."""
+        """Whether a change is due to an arc: its opinion has another site than before, and is not in the layer of
+        the arc.
+        """
         path = str(change.path)
         if not _is_below(path, arc.prim):
             return False
@@ -134,7 +138,7 @@ class EditsOfStage:
         values = {"old": old and ", ".join(old), "new": new and ", ".join(new)}
         return _edit(arc.prim, place, field=arc.field, **values)
 
-    # What is written at a prim or property itself
+    # Statements about a prim or property itself
 
     def _unit(self, change: Change) -> EditUnit:
         path, field = change
@@ -151,7 +155,7 @@ class EditsOfStage:
     def _property_unit(self, change: Change) -> EditUnit:
         old, new = (values_of(layer.GetPropertyAtPath(change.path)) for layer in (self._old, self._new))
         differ = sorted((key for key in old.keys() | new.keys() if old.get(key) != new.get(key)), key=_order)
-        values = [key for key in differ if key[0] is None] or differ  # its type alone: then that is the edit
+        values = [key for key in differ if key[0] is None] or differ  # only its type differs: then that is the edit
         edits = [self._value_edit(change.path, key, old.get(key), new.get(key)) for key in values]
         times = [tuple(sorted(time for _, time in found if time is not None)) for found in (old, new)]
         return EditUnit(edits=tuple(edits), changes=(change,), old_times=times[0], new_times=times[1])
@@ -168,21 +172,21 @@ def _edit(at: Sdf.Path | str, place: Place, **values: Any) -> Edit:
 
 
 def _dataset_of(layer: Sdf.Layer) -> Dataset | None:
-    delegate = UsdUtils.CoalescingDiagnosticDelegate()  # what USD would print of half an edit concerns nobody
+    delegate = UsdUtils.CoalescingDiagnosticDelegate()  # hides messages of USD about an incomplete edit
     try:
         stage = Usd.Stage.Open(layer)
         root = find_dataset(stage)
         if root is None or any(True for prim in stage.Traverse() for _ in check_budgets(prim)):
             return None
         return read_dataset(root)
-    except Exception:  # half of what was changed together: whatever may break is an answer, not a bug
+    except Exception:  # a part of related edits: any failure is an answer, not a bug
         return None
     finally:
         delegate.TakeUncoalescedDiagnostics()
 
 
 def _around(times: tuple[float, ...], frame: int) -> list[float]:
-    """The nearest of sorted times before and after a frame, itself included."""
+    """The nearest of sorted times before and after a frame, including the frame itself."""
     after = bisect_left(times, frame)
     before = bisect_right(times, frame) - 1
     return [times[index] for index in {before, after} if 0 <= index < len(times)]

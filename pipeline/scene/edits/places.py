@@ -1,4 +1,4 @@
-"""Places of edits: the file and line of what differs, is new, or has gone, between two states of a stage."""
+"""Places of edits: file and line of statements that were changed, added or removed."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ GONE = "removed; the line is that of the prim that held it"
 
 
 class Place(NamedTuple):
-    """File as messages show it, line, and a word on it where the line is not simply that of the new value."""
+    """File as messages show it, line, and a remark if the line is not that of the new value."""
 
     file: str | None = None
     line: int | None = None
@@ -22,13 +22,13 @@ class Place(NamedTuple):
 
 
 class EditPlaces:
-    """Finds the places of edits.
+    """Search for the places of edits.
 
     Parameters
     ----------
     before, now : Composed
     stage : Usd.Stage
-        As it is now, opened from its files.
+        The present stage, opened from its files.
     """
 
     def __init__(self, before: Composed, now: Composed, stage: Usd.Stage) -> None:
@@ -36,7 +36,7 @@ class EditPlaces:
         self._files = {layer.realPath for layer in stage.GetUsedLayers()}
 
     def of_opinion(self, path: Sdf.Path, time: float | None = None) -> Place:
-        """Place of a prim, a property or a time sample."""
+        """The place of a prim, a property or a time sample."""
         was, now = self.before.sites.get(str(path)), self.now.sites.get(str(path))
         if now is None:
             return place_of_gone(was, GONE) if was else Place(remark="removed")
@@ -44,11 +44,12 @@ class EditPlaces:
         file, line = place(thing, time)
         if was in (None, now) or was[0] not in self._files or was in _sites(thing):
             return Place(file, line)
-        # What was stronger has gone from a file that is still there: that is the edit, not the value that shows now.
+        # A stronger opinion was removed from a file that still exists: that is the edit, not the value that is now
+        # visible.
         return place_of_gone(was, f"removed here; {file}:{line} counts now")
 
     def of_metadata(self, path: Sdf.Path, field: str) -> Place:
-        """Place of metadata of a prim, or of the whole layer."""
+        """The place of metadata of a prim or of the whole layer."""
         if path == Sdf.Path.absoluteRootPath:
             root = self.stage.GetRootLayer().realPath
             return Place(shown_path(root), line_of_metadata(root, field))
@@ -56,14 +57,14 @@ class EditPlaces:
         return Place(shown_path(spec.layer.realPath), line_of(*site_of(spec))) if spec else self.of_opinion(path)
 
     def says(self, path: Sdf.Path, field: str) -> Sdf.PrimSpec | None:
-        """The strongest spec that says a piece of metadata of a prim."""
+        """The strongest spec that sets a metadata field of a prim."""
         prim = self.stage.GetPrimAtPath(path)
         specs = written(prim.GetPrimStack()) if prim else []
         return next((spec for spec in specs if spec.HasInfo(field)), None)
 
 
 def place_of_gone(site: Site, remark: str | None = None) -> Place:
-    """The nearest line above what stood at a site; no line if the file is gone or no text."""
+    """The nearest line above a removed statement; no line if the file does not exist or is not text."""
     file, at = site[0], Sdf.Path(site[1])
     line = None
     if is_plain_file(file):

@@ -1,6 +1,6 @@
 """Media behind the surfaces of a lens, and so their indices at a wavelength.
 
-The formula is evaluated here, while a stage is read: records carry plain numbers, and a task knows no glass.
+Dispersion formulas are evaluated here, while a stage is read: records carry plain numbers, and tasks know no glass.
 """
 
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
 
 
 def uses_catalogue(lens: Usd.Prim) -> bool:
-    """Whether the indices of a lens are those of its glasses and not the printed ones."""
+    """Whether the indices of a lens come from its glasses instead of print."""
     return bool(need(lens, "plen:indexSource") == "catalogue")
 
 
 def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
-    """The medium behind a surface by its glass, compared with what is printed.
+    """The medium behind a surface, from its glass and compared with the printed index.
 
     Raises
     ------
     GlassError
-        It is not known, or is not the printed one.
+        The glass is unknown, or contradicts the printed index.
     """
     has_index = surface.GetAttribute("plen:index").HasAuthoredValue()
     return row.medium(
@@ -65,7 +65,7 @@ def indices(lens: Usd.Prim, prims: Sequence[Usd.Prim], wavelength_nm: float) -> 
 
 
 def index_source(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> str:
-    """Source of the indices of a lens, as reports and tables name it: with the medium of every element."""
+    """Source of the indices of a lens for reports and tables, with the medium of every element."""
     if not uses_catalogue(lens):
         return str(need(lens, "plen:indexSource"))
     labels = [medium_behind(prim, lens).label for prim in prims]

@@ -1,4 +1,4 @@
-"""PlenMicrolensArray prims to records, and which of their attributes belong together."""
+"""Reading of PlenMicrolensArray prims, and the attributes that belong together."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ _OPTIONAL = {
 
 
 def read_microlenses(prim: Usd.Prim, distance_mm: float, wavelength_nm: float) -> MicrolensArray:
-    """A PlenMicrolensArray at a distance from the sensor, in the light of a camera."""
+    """The record of a PlenMicrolensArray at a distance from the sensor, at the wavelength of a camera."""
     model, aperture = need(prim, "plen:model"), need(prim, "plen:aperture")
     parts: dict[str, Any] = {field: read(prim, name) for field, name in _OPTIONAL.items()}
     if model != "refractive":
@@ -61,7 +61,7 @@ def microlens_index(prim: Usd.Prim, wavelength_nm: float) -> float:
     Raises
     ------
     GlassError
-        The glass is not known, or not at that wavelength.
+        The glass is unknown, or unknown at that wavelength.
     """
     glass = need(prim, "plen:glass")
     if not glass:

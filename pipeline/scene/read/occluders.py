@@ -1,4 +1,4 @@
-"""Occluder prims to records."""
+"""Reading of occluder prims."""
 
 from pxr import Usd, UsdGeom
 
@@ -20,7 +20,7 @@ def read_occluder(prim: Usd.Prim) -> Occluder:
     Raises
     ------
     TargetError, ValueError
-        Its faces do not fit its points or each other.
+        Its faces do not match its points or each other.
     """
     mesh, scale_mm = fans(UsdGeom.Mesh(prim)), mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
     return Occluder(

@@ -1,4 +1,4 @@
-"""Prims to records. Only stages that pass the checks are read as a whole; parts raise on values that are wrong."""
+"""Reading of prims into records. Only stages that pass the checks are read as a whole; parts raise on wrong values."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,7 +23,7 @@ from pipeline.scene.usd.values import UnreadableValue, need, read, target, targe
 from pipeline.units import mm_per_unit
 
 LAST_FRAME = 1_000_000_000
-"""Time codes beyond this, or below its negative, are no frames."""
+"""Largest absolute time code that is accepted as a frame."""
 
 _TRUTH = {
     "method": "plen:truth:method",
@@ -41,7 +41,7 @@ APERTURE_VALUES = {
     "rectangular": {"half_widths_mm": "plen:halfWidths"},
     "polygonal": {"blades": "plen:blades"},
 }
-"""Attributes that give an aperture of a shape its size, by the fields of `Surface`."""
+"""Attributes that set the size of an aperture, by shape and field of `Surface`."""
 
 ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
     "all": {},
@@ -51,7 +51,7 @@ ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
         "acceptance_roll_off_deg": "plen:acceptanceRollOff",
     },
 }
-"""Attributes that give a pixel's acceptance of a shape its numbers, by the fields of `Sensor`."""
+"""Attributes that set the numbers of a pixel's acceptance, by model and field of `Sensor`."""
 
 
 def read_dataset(root: Usd.Prim) -> Dataset:
@@ -82,16 +82,18 @@ def frame_numbers(root: Usd.Prim) -> Sequence[int]:
     start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
     if not (start.is_integer() and end.is_integer() and max(abs(start), abs(end)) <= LAST_FRAME):
         return ()
-    return range(int(start), int(end) + 1)  # a list would be made before anybody asks how long it is
+    return range(int(start), int(end) + 1)  # a list would be made before its length can be checked
 
 
 def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
-    """Path of a camera below the dataset with a dot for each slash."""
+    """Path of a camera below the dataset, with dots instead of slashes."""
     return str(prim.GetPath().MakeRelativePath(root.GetPath())).replace("/", ".")
 
 
 def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
-    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order; names count from its root."""
+    """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order; names are relative to its
+    root.
+    """
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
     seed = read(root, "plen:seed") or 0
     cameras = [prim for prim in stage.Traverse() if prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI")]
@@ -114,7 +116,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
 
 
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
-    """A camera of the dataset with its settings."""
+    """The entry of one camera with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
     file, line = place(prim)
     return CameraEntry(
@@ -142,7 +144,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
 
 
 def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
-    """A Camera with PlenCameraAPI; a request where it says what shall be in focus, or that the stop shall match."""
+    """The record of a Camera with PlenCameraAPI; a request if it states an object in focus or a stop to be matched."""
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     parts: dict[str, Any] = {
         "prescription": read_prescription(
@@ -175,7 +177,7 @@ def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
 
 
 def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
-    """A PlenLens at a wavelength; without one at the wavelength of its printed indices."""
+    """The prescription of a PlenLens at a wavelength, by default that of its printed indices."""
     prims = ordered_surfaces(lens)
     surfaces = with_indices(lens, prims, [read_surface(prim) for prim in prims], wavelength_nm)
     groups = [read_group(prim, [surface.GetName() for surface in prims]) for prim in lens_groups(lens)]
@@ -183,7 +185,7 @@ def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Pre
 
 
 def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
-    """A PlenLensGroup; `surfaces` are the names of those of its lens, in order."""
+    """The record of a PlenLensGroup; `surfaces` holds the names of all surfaces of its lens in order."""
     names = need(prim, "plen:surfaces")
     first = surfaces.index(names[0]) if names and names[0] in surfaces else 0
     if not names or list(names) != surfaces[first : first + len(names)]:
@@ -199,7 +201,7 @@ def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
 
 
 def read_surface(prim: Usd.Prim) -> Surface:
-    """A PlenSurface, its index as printed."""
+    """The record of a PlenSurface, with its printed index."""
     return Surface(
         radius_mm=need(prim, "plen:radius"),
         thickness_mm=need(prim, "plen:thickness"),
@@ -217,7 +219,7 @@ def read_surface(prim: Usd.Prim) -> Surface:
 
 
 def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
-    """Fields of a surface's aperture, which it cuts from the circle of its semi-diameter."""
+    """Fields of the aperture of a surface, which lies inside the circle of its semi-diameter."""
     shape = need(prim, "plen:apertureShape")
     fields = {field: need(prim, name) for field, name in APERTURE_VALUES.get(shape, {}).items()}
     if shape in ("rectangular", "polygonal"):
@@ -226,7 +228,7 @@ def _read_aperture(prim: Usd.Prim) -> dict[str, Any]:
 
 
 def read_sensor(prim: Usd.Prim) -> Sensor:
-    """A PlenSensor."""
+    """The record of a PlenSensor."""
     acceptance = need(prim, "plen:acceptance")
     width_px, height_px = need(prim, "plen:resolution")
     offset_x_mm, offset_y_mm = need(prim, "plen:offset")
@@ -281,5 +283,5 @@ def _read_frames(
 
 
 def _matrices(stack: np.ndarray) -> list[Matrix]:
-    # + 0.0: no -0.0, which products leave behind, in a key.
+    # + 0.0 turns -0.0, which products may leave, into 0.0: keys must not differ by it.
     return [tuple(map(tuple, matrix)) for matrix in (stack + 0.0).tolist()]

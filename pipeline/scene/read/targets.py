@@ -1,4 +1,4 @@
-"""Target prims to records."""
+"""Reading of target prims."""
 
 from typing import Any
 
@@ -65,7 +65,7 @@ PATTERNS: dict[str, tuple[type, dict[str, str]]] = {
     ),
     "PlenLines": (Lines, {**_GRID, "spacing_mm": "plen:spacing", "width_mm": "plen:lineWidth"}),
 }
-"""The pattern of each type of prim, and the attributes of its fields; white and black come with all of them."""
+"""The pattern of each type of prim with the attributes of its fields; all patterns also have white and black."""
 
 SHAPES: dict[str, tuple[type, dict[str, str]]] = {
     "flat": (Flat, {}),
@@ -75,7 +75,7 @@ SHAPES: dict[str, tuple[type, dict[str, str]]] = {
     "cube": (Cube, {"edge_mm": "plen:shape:edge"}),
     "stairs": (Stairs, {"steps": "plen:shape:steps", "depth_mm": "plen:shape:depth"}),
 }
-"""The surface of each plen:shape, and the attributes of its fields."""
+"""The surface of each plen:shape with the attributes of its fields."""
 
 
 def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
@@ -94,7 +94,7 @@ def read_target(prim: Usd.Prim) -> AnyTarget:
     Raises
     ------
     TargetError
-        Its values do not go together.
+        Its values contradict each other.
     """
     if prim.IsA("PlenMeshTarget"):
         return read_mesh_target(prim)
@@ -111,7 +111,7 @@ def _values(prim: Usd.Prim, fields: dict[str, str]) -> dict[str, Any]:
 
 
 def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
-    """A PlenMeshTarget: faces become triangles, corners and colours go to the target frame and to radiance."""
+    """The record of a PlenMeshTarget: triangles, corners in the target frame, colours as radiance."""
     mesh_prim = target(prim, "plen:mesh", "Mesh")
     if mesh_prim is None:
         raise UnreadableValue('"plen:mesh" has to name one Mesh', prim.GetRelationship("plen:mesh") or prim)
@@ -130,7 +130,9 @@ def read_mesh_target(prim: Usd.Prim) -> MeshTarget:
 
 
 def _target_from_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> np.ndarray:
-    """Any affine transform: a mesh may be scaled below a target that is rigid. The matrix also makes millimetres."""
+    """Transform from the mesh to its rigid target, with mm per unit included; affine, because the mesh may be
+    scaled.
+    """
     scale_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
     first = [_first_time(prim)]
     matrix = product(np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh, first, scale_mm))[0]
@@ -144,7 +146,7 @@ def _first_time(prim: Usd.Prim) -> float:
 
 
 def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
-    """First component of the display colour at the corners of each triangle; 1 without."""
+    """First component of the display colour at the corners of each triangle; 1 without display colour."""
     colour = UsdGeom.PrimvarsAPI(mesh.GetPrim()).GetPrimvar("displayColor")
     values = plain(colour.ComputeFlattened() or ()) if colour and colour.HasValue() else ()
     if not values:
@@ -162,5 +164,5 @@ def _colours(mesh: UsdGeom.Mesh, shape: Fans) -> list[tuple[float, ...]]:
 
 
 def _triples(points: np.ndarray) -> tuple[tuple[float, float, float], ...]:
-    # + 0.0: no -0.0 in a key.
+    # + 0.0 turns -0.0 into 0.0: keys must not differ by it.
     return tuple((x + 0.0, y + 0.0, z + 0.0) for x, y, z in points.tolist())

@@ -1,7 +1,7 @@
-"""Files that a stage may read: only those below the roots that we allow.
+"""Asset roots: a stage may read only files below allowed folders.
 
-A ten-line stage can name any file of the machine, and USD resolves it. Real paths are compared, so that neither `..`
-nor a link leads out.
+A stage of ten lines can name any file of the machine, and USD would open it. Real paths are compared, so that
+neither `..` nor a link leads out.
 """
 
 from collections.abc import Iterable, Iterator
@@ -19,13 +19,13 @@ HINT = "mark the folder of the project by an empty file pipeline.toml, or allow 
 
 
 def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
-    """Whether the file itself, links followed, lies below one of the roots."""
+    """Whether a file, with links followed, lies below one of the roots."""
     real = real_path(path)
     return any(real.is_relative_to(root) for root in roots)
 
 
 def file_of(identifier: str) -> str:
-    """The file of a layer: without arguments for its format, and of a member the package. Empty if malformed."""
+    """The file of a layer identifier: without format arguments, and for a member its package. Empty if malformed."""
     try:
         path, _ = Sdf.Layer.SplitIdentifier(identifier)
     except Tf.ErrorException:
@@ -34,7 +34,7 @@ def file_of(identifier: str) -> str:
 
 
 def outside(file: str, roots: list[Path], user: str, asset: str | None = None) -> Problem | None:
-    """The problem that a file lies outside of all roots, at the line of its user that mentions the asset."""
+    """The problem that a file lies outside all roots, at the line that mentions the asset; None if it lies inside."""
     if is_inside(file, roots):
         return None
     return Problem(
@@ -47,14 +47,14 @@ def outside(file: str, roots: list[Path], user: str, asset: str | None = None) -
 
 
 def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Layers of the composed stage that lie outside of all roots, however they came in."""
+    """Problems of layers of the composed stage that lie outside all roots, by whatever way they were found."""
     root = stage.GetRootLayer().realPath
     found = (outside(file_of(layer.realPath), roots, root) for layer in used_layers(stage))
     return [problem for problem in found if problem]
 
 
 def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Asset values that lie outside of all roots, and asset values altogether: nothing reads them yet."""
+    """Problems of asset values: those outside all roots, and any others, because nothing reads asset values yet."""
     prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
     return [problem for prim in prims for problem in _check_asset_values(prim, roots)]
 

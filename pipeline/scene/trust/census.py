@@ -1,6 +1,6 @@
-"""The most prims that a stage can be composed of, counted before USD composes it.
+"""Upper bound of the number of prims of a stage, counted before USD composes it.
 
-A prim that references another one twice has its children twice: thirty such prims in a row are a thousand million.
+A prim that references another one twice has its children twice: thirty such prims in a row make a thousand million.
 """
 
 from collections.abc import Iterator
@@ -9,14 +9,14 @@ from typing import Any
 from pxr import Sdf
 
 _ENOUGH = 10**12
-"""No count goes on beyond this."""
+"""Count at which counting stops."""
 
 _Site = tuple[str, str]
-"""A prim: root of its layer stack, and path."""
+"""A prim: root layer of its layer stack, and path."""
 
 
 def most_prims(root: Sdf.Layer) -> int:
-    """An upper bound of the prims that a layer composes with layers that are open; arcs that lead nowhere count 0."""
+    """Upper bound of the number of prims that a layer composes with the open layers; arcs that lead nowhere count 0."""
     counts: dict[_Site, int] = {}
     todo: list[tuple[_Site, list[_Site] | None]] = [((root.identifier, "/"), None)]
     while todo:
@@ -24,14 +24,14 @@ def most_prims(root: Sdf.Layer) -> int:
         if parts is not None:
             counts[site] = min(_ENOUGH, 1 + sum(counts[part] for part in parts))
         elif site not in counts:
-            counts[site] = 0  # as long as it is not known: what leads back to itself is an error of composition
+            counts[site] = 0  # while unknown: an arc that leads back to itself is a composition error
             parts = list(_parts(site))
             todo += [(site, parts), *((part, None) for part in parts)]
     return counts[root.identifier, "/"]
 
 
 def _parts(site: _Site) -> Iterator[_Site]:
-    """Prims whose children a prim has, and its own, in all layers of its stack and in all variants."""
+    """Prims whose children a prim receives, and its own children, in all layers of its stack and all variants."""
     stack, path = site
     names: set[str] = set()
     for layer in _stack_of(stack):
@@ -65,7 +65,7 @@ def _target(layer: Sdf.Layer, stack: str, arc: Sdf.Reference | Sdf.Payload) -> I
 
 
 def _stack_of(root: str) -> Iterator[Sdf.Layer]:
-    """A layer and its sublayers, as far as they are open, each once."""
+    """A layer and its open sublayers, each once."""
     todo, seen = [root], set[str]()
     while todo:
         layer = Sdf.Layer.Find(todo.pop())

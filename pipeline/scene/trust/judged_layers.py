@@ -1,4 +1,4 @@
-"""Layers of the very bytes that were looked at, whatever lies under their names meanwhile."""
+"""Layers made of exactly the inspected bytes, even if the files change meanwhile."""
 
 import os
 import tempfile
@@ -16,25 +16,25 @@ from pipeline.scene.usd.problems import StageError
 
 
 def layer_of(identifier: str, resolved: str, file: LayerFile, *, confined: bool) -> Sdf.Layer | None:
-    """A layer of the bytes of a file; None if nothing knows its format, which USD says with its place.
+    """A layer made of the bytes of a file; None if its format is unknown, which USD reports with its place.
 
     Parameters
     ----------
     confined : bool
-        Whether this process can neither write a copy nor read anything that a stage may not.
+        Whether this process is confined: it cannot write a copy, nor read files that a stage may not read.
 
     Raises
     ------
     Tf.ErrorException
         USD cannot read these bytes.
     StageError
-        USD had to open the file by its name, and got another one.
+        USD had to open the file by its name, and its content had changed.
     """
     known = Sdf.Layer.Find(identifier)
     kind = Sdf.FileFormat.FindByExtension(resolved)
     if known or kind is None:
         return known  # a caller may have it open
-    if file.is_package or not hasattr(os, "memfd_create"):  # USD makes no packages of bytes
+    if file.is_package or not hasattr(os, "memfd_create"):  # USD cannot make a package from bytes
         return Sdf.Layer.FindOrOpen(identifier) if confined else _by_name(identifier, resolved, file)
     layer = Sdf.Layer.New(kind, resolved)
     with os.fdopen(os.memfd_create("layer"), "wb") as copy:
@@ -45,14 +45,14 @@ def layer_of(identifier: str, resolved: str, file: LayerFile, *, confined: bool)
 
 
 def _by_name(identifier: str, resolved: str, file: LayerFile) -> Sdf.Layer | None:
-    """A layer that USD opens itself, if it says what a copy of the bytes says that nobody else can write to."""
+    """A layer that USD opens by name, accepted if it equals a private copy of the inspected bytes."""
     name = file_of(resolved)
     with _private_copy(file.data, Path(name).suffix) as copy:
         judged = Sdf.Layer.FindOrOpen(resolved.replace(name, copy, 1))
         try:
             layer = Sdf.Layer.FindOrOpen(identifier)
         except Tf.ErrorException:
-            layer = None  # what it quotes is of another file
+            layer = None  # its message would quote another file
         if _said(layer) != _said(judged):
             raise StageError([changed(name)])
         return layer
@@ -60,7 +60,7 @@ def _by_name(identifier: str, resolved: str, file: LayerFile) -> Sdf.Layer | Non
 
 @contextmanager
 def _private_copy(data: bytes, suffix: str) -> Iterator[str]:
-    """The name of a file of some bytes, in a folder for this user alone, in a form that messages of `opening` know."""
+    """Path of a private file with these bytes, in a form that `opening` recognises in messages."""
     try:
         folder = tempfile.TemporaryDirectory()
         (Path(folder.name) / f"judged{suffix}").write_bytes(data)

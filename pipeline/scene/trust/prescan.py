@@ -1,8 +1,8 @@
-"""Before a stage is composed: which files would that open, and may it?
+"""Inspection of all files that composing a stage would open, before it is composed.
 
-USD opens what a layer names while it composes, so a check afterwards comes too late for files that nobody may read.
-Layers are therefore opened one by one here, from the very bytes that were looked at, and only those that lie inside the
-allowed roots. As long as they are held, USD composes the stage of them and does not look into their files again.
+USD opens the files that a layer names while it composes, so a check afterwards would be too late for forbidden
+files. Layers are therefore opened here one by one, from exactly the inspected bytes, and only inside the allowed
+roots. While they are held, USD composes the stage from them and does not open the files again.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ from pipeline.scene.usd.usda_lines import TextMap, line_of, text_map
 
 @dataclass(frozen=True, slots=True)
 class _Mention:
-    """An asset path, made absolute, and where it is written."""
+    """An absolute asset path, and the layer that mentions it."""
 
     identifier: str
     user: str
@@ -36,7 +36,7 @@ class _Mention:
 
     @property
     def is_expression(self) -> bool:
-        """Whether USD computes the path, of variables that other layers may set."""
+        """Whether the path is an expression of variables that other layers may set."""
         return bool(Sdf.VariableExpression.IsExpression(self.asset or ""))
 
     @property
@@ -51,22 +51,22 @@ class _Mention:
 
 @dataclass(slots=True)
 class Look:
-    """The layers of a stage, one by one.
+    """The inspection of the layers of a stage.
 
     Attributes
     ----------
     root : Path
         File of the stage.
     roots : list of Path
-        Folders that it may read from.
+        Folders from which it may read.
     texts : dict
         Maps of all texts that were read, for `lines.text_map`.
     guards : Guards or None
-        Those of this process, if it is one that may crash.
+        Guards of this process, if it is a confined one.
     layers : dict
-        Real path -> layer: held, so that USD takes these.
+        Real path -> layer: held, so that USD uses it.
     problems : list of Problem
-        Why the stage must not even be composed; empty if it may.
+        Problems that forbid even composing the stage; empty if there are none.
     """
 
     root: Path
@@ -80,7 +80,7 @@ class Look:
 
     def run(self) -> None:
         """Open all layers that composing the stage would open."""
-        # As USD does when it opens the stage: names without ./ are also looked for beside the root layer.
+        # As in USD, names without ./ are also searched beside the root layer.
         context = Ar.GetResolver().CreateDefaultContextForAsset(self.root.as_posix())
         # Collects what USD would print to stderr.
         delegate = UsdUtils.CoalescingDiagnosticDelegate()
@@ -114,7 +114,7 @@ class Look:
                 todo += _mentions(layer)
 
     def _count_prims(self) -> None:
-        """Refuse a stage that multiplies prims; USD makes each one, whatever becomes of memory."""
+        """Refuse a stage that multiplies prims: USD would make all of them, even without enough memory."""
         layer = self.layers.get(self.root.as_posix())
         count, most = most_prims(layer) if layer and not self.problems else 0, limits().prims
         if count > most:
@@ -123,11 +123,11 @@ class Look:
             self.problems.append(_Mention(root, root).problem("over-limit", message, hint))
 
     def _file(self, mention: _Mention) -> LayerFile | None:
-        """The file of a mention, if there is one and nothing is wrong with it."""
-        # Only the file around a member of a package: to look for the member, USD opens the package.
+        """The file of a mention, if it exists and has no problem."""
+        # For a member only its package: USD opens the package to look for the member.
         path = Ar.GetResolver().Resolve(file_of(mention.identifier)).GetPathString()
         if not path:
-            return None  # USD finds nothing either, and says so with its place
+            return None  # USD finds nothing either, and reports the place
         if path not in self._files:
             try:
                 self._files[path] = read_layer_file(path, self.roots)
@@ -160,7 +160,7 @@ class Look:
                 yield from trial(self.root, self.roots)
 
     def _layer(self, mention: _Mention, file: LayerFile) -> Sdf.Layer | None:
-        """A layer of the bytes that were looked at; None, with a problem, if USD cannot read them."""
+        """A layer of the inspected bytes; None, and a problem is added, if USD cannot read them."""
         resolved = Ar.GetResolver().Resolve(mention.identifier).GetPathString()
         if not resolved:
             return None  # no such member
@@ -186,7 +186,7 @@ def _clips(layer: Sdf.Layer) -> Iterator[Problem]:
 
 
 def _mentions(layer: Sdf.Layer) -> Iterator[_Mention]:
-    """Files that USD would open: layers, and packages that hold an asset value, which it looks into to find that."""
+    """Mentions of files that USD would open: layers, and packages in which it would look for an asset value."""
     for asset in layer.GetCompositionAssetDependencies():
         yield _Mention(layer.ComputeAbsolutePath(asset), layer.realPath, asset)
     for asset in _asset_values(layer):
@@ -198,7 +198,7 @@ def _asset_values(layer: Sdf.Layer) -> Iterator[str]:
     """Asset paths in values and metadata, as written."""
     for spec in _specs(layer):
         for key in spec.ListInfoKeys():
-            with suppress(TypeError, Tf.ErrorException):  # a value that Python cannot hold, or that is damaged
+            with suppress(TypeError, Tf.ErrorException):  # a damaged value, or one without a Python type
                 yield from _assets_in(spec.GetInfo(key))
 
 

@@ -1,6 +1,7 @@
-"""Binary layers are first read in a process that may crash: USD believes the offsets in them, and some are fatal.
+"""Trial reading of binary layers in a process that may crash: USD trusts the offsets in them, and wrong ones can be
+fatal.
 
-A text is as good as its brackets, which `layer_files` counts; so only a stage with a usdc or usdz pays for this.
+Text layers are safe once `layer_files` has counted their brackets; so only stages with a usdc or usdz need this.
 """
 
 import sys
@@ -13,11 +14,13 @@ from pipeline.scene.usd.problems import Problem, shown_path
 
 _READING = "reading: "
 BOUNDS = Bounds(cpu_s=20, wall_s=60)
-"""Time for a stage with binary layers: `check` is to end within seconds; by the clock a busy machine takes longer."""
+"""Time limits for a stage with binary layers: `check` should end within seconds; a busy machine takes longer by the
+clock.
+"""
 
 
 def trial(root: Path, roots: list[Path]) -> Iterator[Problem]:
-    """The errors that a process found which read the stage; or that it did not survive it."""
+    """The errors found by the process that read the stage, or the problem that it crashed."""
     question = {"path": str(root), "roots": [str(one) for one in roots]}
     try:
         found, _ = ask("pipeline.scene.load:attempt", question, readable_for(roots), BOUNDS)
@@ -27,12 +30,12 @@ def trial(root: Path, roots: list[Path]) -> Iterator[Problem]:
 
 
 def announce(layer: str) -> None:
-    """Note the layer that USD is about to read, in the log of a confined process: it may be the last word."""
+    """Note the layer that USD is about to read, in the log of a confined process: it may be the last entry."""
     print(f"{_READING}{layer}", file=sys.stderr, flush=True)
 
 
 def unreadable(error: Ended, root: Path) -> Problem:
-    """A process that was ended by what it read, as a problem of the layer that it read last."""
+    """The crash of a process as a problem of the layer that it read last."""
     read = [line.removeprefix(_READING) for line in error.words.splitlines() if line.startswith(_READING)]
     message = f"reading it does not end well: {error.why}"
     hint = "it is damaged, or far too large; write it anew, as text if that is possible"

@@ -1,4 +1,4 @@
-"""Conditions of attributes, as the schemas document them: where one is needed, and where it means nothing."""
+"""Conditions of attributes, from the documentation in the schemas: when one is needed, and when it has no meaning."""
 
 import re
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ class Condition:
     name : str
         The property that decides.
     tokens : tuple of str
-        Its values with which the condition holds; empty: any, as long as something is written.
+        Its values for which the condition holds; empty: any authored value.
     """
 
     name: str
     tokens: tuple[str, ...] = ()
 
     def holds(self, prim: Usd.Prim) -> bool | None:
-        """Whether it holds on a prim; None where the value that decides is itself wrong."""
+        """Whether it holds for a prim; None if the deciding value is itself wrong."""
         if not self.tokens:
             return is_written(prim, self.name)
         value = read(prim, self.name)
@@ -40,9 +40,9 @@ class Conditions:
     Attributes
     ----------
     needed : tuple of Condition
-        Any of them that holds makes the attribute a needed one.
+        If any of them holds, the attribute is needed.
     only : tuple of Condition
-        All of them have to hold, or else the attribute means nothing.
+        Unless all of them hold, the attribute has no meaning.
     """
 
     needed: tuple[Condition, ...] = ()
@@ -50,7 +50,7 @@ class Conditions:
 
 
 def conditions_in(documentation: str) -> Conditions:
-    """The conditions that a documentation states."""
+    """The conditions stated in a documentation."""
     found: dict[str, list[Condition]] = {"Needed": [], "Only": []}
     for which, name, tokens in _LINE.findall(documentation):
         found[which].append(Condition(name=name, tokens=tuple(tokens.split(", ")) if tokens else ()))
@@ -72,10 +72,10 @@ def conditions_of(prim: Usd.Prim) -> dict[str, Conditions]:
 
 
 def is_written(prim: Usd.Prim, name: str) -> bool:
-    """Whether a stage says something by a property.
+    """Whether a stage sets a property to something.
 
-    Nothing is said by a relationship without targets, an empty text or array, and the fallback itself: a stage writes
-    these to take back what a file below it says.
+    A relationship without targets, an empty text or array, and the fallback count as not set: a stage writes them to
+    cancel an opinion of a weaker file.
     """
     rule = rule_of(prim, name)
     if rule is None:

@@ -1,4 +1,4 @@
-"""One hint per mistake: what an error of USD most likely means, and no errors that only follow from another."""
+"""Hints about errors of USD: their most likely cause, without errors that only follow from others."""
 
 import re
 from pathlib import Path
@@ -19,12 +19,12 @@ _STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
 """Names of files of USD, and of those that `files.lenses` reads."""
 _TOLD = 4
-"""Names in one hint: the stage that was meant is among few, or not to be guessed."""
+"""Number of names in one hint: the intended stage is among a few, or cannot be guessed."""
 _ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
 
 
 def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
-    """The message of a syntax error in our words where USD's say little, and how to mend the line."""
+    """The message of a syntax error, reworded where that of USD is unclear, and a hint to mend the line."""
     if duplicate := _DUPLICATE.match(message):
         repeated = _repeated(re.findall(r"<[^>]*>", duplicate[2]))
         return f'"{duplicate[1]}" names {repeated} twice', "remove one"
@@ -36,14 +36,14 @@ def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
     if _DECIMAL_COMMA.search(text):
         return message, "write decimals with a point, not a comma"
     if _WITH_UNIT.search(text):
-        return message, "numbers stand without a unit: lengths in mm, wavelengths in nm, angles in degrees"
+        return message, "numbers are written without a unit: lengths in mm, wavelengths in nm, angles in degrees"
     if _ONE_LINE.search(text):
         return message, "give each property a line of its own, and the closing brace as well"
     return message, None
 
 
 def of_folder(path: Path) -> str | None:
-    """Stages in the folder that was named in place of one; None if it is no folder."""
+    """A hint with the stages in a folder that was given instead of a stage; None if it is not a folder."""
     if not path.is_dir():
         return None
     names = sorted(file.name for file in path.iterdir() if file.suffix in _STAGES)
@@ -53,7 +53,7 @@ def of_folder(path: Path) -> str | None:
 
 
 def of_format(path: Path) -> str | None:
-    """A hint for a file that USD does not take for one of its own; None if it has the name of one."""
+    """A hint for a file that is not one of USD; None if its name is that of a USD file."""
     if path.suffix in _STAGES:
         return None
     if path.suffix.lower() in _LENSES:
@@ -66,9 +66,9 @@ def _repeated(items: list[str]) -> str:
 
 
 def of_missing_asset(asset: str, layer: str) -> str | None:
-    """Files of nearly that name, and the folders that were searched; None if it is there.
+    """A hint with files of similar names and the searched folders; None if the file exists.
 
-    Only the folder of the layer and the library are looked into: names of other folders are not for every stage.
+    Only the folder of the layer and the library are searched: names in other folders must not be shown to any stage.
     """
     own, relative = Path(layer).parent, Path(asset)
     inside = not relative.is_absolute() and ".." not in relative.parts
@@ -77,14 +77,14 @@ def of_missing_asset(asset: str, layer: str) -> str | None:
 
 
 def of_missing_stage(path: Path) -> str:
-    """Stages of nearly the name that was typed, given as an absolute path, and the folders that were searched."""
+    """A hint with stages of a name similar to the typed one (an absolute path), and the searched folders."""
     shown = Path(shown_path(path))
     own = path.parent if shown.is_absolute() else Path.cwd()
     return _meant(path.relative_to(own).as_posix(), _stages_by_name(path.parent, own), '"{}"', path.parent)
 
 
 def _stages_by_name(folder: Path, own: Path) -> set[str]:
-    """Stages in a folder, named as seen from `own`, and all of the library."""
+    """Stages in a folder, relative to `own`, and all stages of the library."""
     library = Path(library_path())
     try:
         here = {path.relative_to(own).as_posix() for path in folder.iterdir() if _is_stage(path)}
@@ -98,7 +98,7 @@ def _is_stage(path: Path) -> bool:
 
 
 def _meant(name: str, found: set[str], quoted: str, folder: Path) -> str:
-    """The nearest of the names that were found, and where all of them lie."""
+    """The hint with the most similar names, or all of them and their folders."""
     near = nearest(name, found) or nearest(Path(name).name, {one.rpartition("/")[2] for one in found})
     whole = next((one for one in sorted(found) if one == near or one.endswith(f"/{near}")), None)
     meant = f"did you mean {quoted.format(whole)}? " if whole else ""
@@ -106,7 +106,7 @@ def _meant(name: str, found: set[str], quoted: str, folder: Path) -> str:
 
 
 def without_followers(problems: list[Problem]) -> list[Problem]:
-    """Problems without those that follow from others.
+    """Problems, except those that follow from others.
 
     These are what a reference to a missing file brings about at its prim and below, values that a reader could not
     use on a prim of which another error is told, and what parts cannot make up where any other error is.

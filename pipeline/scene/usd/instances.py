@@ -1,4 +1,4 @@
-"""Instances: prims that share their children in USD, and here stand for themselves."""
+"""Instances: prims that share their children in USD. Here each gets its own."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from pipeline.scene.usd.usda_lines import line_of
 
 
 def write_out_instances(stage: Usd.Stage) -> None:
-    """Let every prim stand for itself, by the session layer, which is no file."""
+    """Turn every instance into an ordinary prim, by the session layer, so that no file changes."""
     with Usd.EditContext(stage, stage.GetSessionLayer()):
         while instances := [prim for prim in stage.TraverseAll() if prim.IsInstance()]:
             for prim in instances:
@@ -17,16 +17,16 @@ def write_out_instances(stage: Usd.Stage) -> None:
 
 
 def check_instances(stage: Usd.Stage) -> list[Problem]:
-    """Write the instances out, and tell where something is said of prims below them: USD takes no notice of it.
+    """Write the instances out, and report opinions on prims below them, which USD ignores.
 
-    From then on it counts, so such a stage must not be read.
+    Afterwards these opinions count, so such a stage must not be read.
     """
     everything = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
     tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
     write_out_instances(stage)
     found = []
-    for top in reversed(tops):  # instances in instances first
+    for top in reversed(tops):  # nested instances first
         if ignored := list(_ignored(stage.GetPrimAtPath(top), before)):
             found.append(_problem(top, ignored))
         before |= {prim.GetPath(): prim.GetPrimStack() for prim in _range(stage.GetPrimAtPath(top))}
@@ -34,7 +34,7 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
 
 
 def _ignored(top: Usd.Prim, before: dict[Sdf.Path, list[Sdf.PrimSpec]]) -> Iterator[Sdf.PrimSpec]:
-    """Opinions on prims below an instance that count since it is none, strongest first of each prim."""
+    """Opinions on prims below an instance that count only since it was written out; for each prim strongest first."""
     session = top.GetStage().GetSessionLayer()
     for prim in _range(top):
         known = before.get(prim.GetPath(), [])
@@ -51,7 +51,7 @@ def _problem(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
     file = first.layer.realPath
     return Problem(
         code="below-instance",
-        message=f"USD takes no notice of what is said of {', '.join(names[:4])}, because <{top}> is an instance",
+        message=f"USD ignores the opinions on {', '.join(names[:4])}, because <{top}> is an instance",
         file=shown_path(file) if file else None,
         line=line_of(file, str(first.path)) if file else None,
         at=str(top),

@@ -1,6 +1,6 @@
-"""The file of a layer before USD opens it: the very bytes that USD will get, and what is wrong with them.
+"""Files of layers, inspected before USD opens them: exactly the bytes that USD will get, and their problems.
 
-A name may mean another file a moment later. So a file is opened once, what is open is judged, and its bytes are read.
+A name may lead to another file a moment later. So a file is opened once, and the open file is checked and read.
 """
 
 import io
@@ -24,20 +24,20 @@ _OPEN_FILES = Path("/proc/self/fd")
 
 @dataclass(slots=True)
 class LayerFile:
-    """A file that was opened, and read if it is one that a stage may read.
+    """An opened file, with its content if a stage may read it.
 
     Attributes
     ----------
     real : Path
-        Where the open file lies, links followed.
+        Path of the open file, links followed.
     is_plain : bool
-        Whether it is a file, no FIFO, folder or device.
+        Whether it is a plain file, not a FIFO, folder or device.
     data : bytes
-        All of it; empty if it is not plain, lies outside of the roots, or is too large.
+        Its content; empty if it is not plain, lies outside the roots, or is too large.
     problems : list of Problem
-        With size, encoding and nesting, and of the members of a package.
+        Problems of size, encoding and nesting, and of the members of a package.
     texts : dict
-        Maps of the text, or of those in the package: keys as `Sdf.Layer.realPath`.
+        Maps of the text, or of the texts in the package; keys as `Sdf.Layer.realPath`.
     """
 
     real: Path
@@ -48,17 +48,17 @@ class LayerFile:
 
     @property
     def is_package(self) -> bool:
-        """Whether it is a usdz by its bytes."""
+        """Whether its bytes are those of a usdz."""
         return self.data[:2] == b"PK"
 
     @property
     def is_binary(self) -> bool:
-        """Whether USD reads it by offsets that stand in it, so that a wrong one may crash it."""
+        """Whether it holds offsets by which USD reads it: a wrong one may crash USD."""
         return self.data[:8] == b"PXR-USDC" or self.is_package
 
 
 def read_layer_file(path: str, roots: list[Path]) -> LayerFile:
-    """Open a file, and read it if it lies below one of the roots. What lies elsewhere, or is no file, is not opened."""
+    """Open and read a file that lies below one of the roots. Anything else is not opened."""
     with _anchored(path) as (place, real, status):
         found = LayerFile(real, stat.S_ISREG(status.st_mode))
         if not found.is_plain or not any(real.is_relative_to(root) for root in roots):
@@ -79,7 +79,7 @@ def read_layer_file(path: str, roots: list[Path]) -> LayerFile:
 
 @contextmanager
 def _anchored(path: str) -> Iterator[tuple[Path, Path, os.stat_result]]:
-    """A name that goes on meaning the same file, where that really lies, and what it is; nothing is opened for it."""
+    """A path that keeps leading to the same file, its real path and its status; the file itself is not opened."""
     if not hasattr(os, "O_PATH") or not _OPEN_FILES.is_dir():
         yield Path(path), real_path(path), Path(path).stat()
         return
@@ -92,7 +92,7 @@ def _anchored(path: str) -> Iterator[tuple[Path, Path, os.stat_result]]:
 
 
 def is_plain_file(path: str | Path) -> bool:
-    """Whether there is a file, links followed; False also for a name that the file system cannot hold."""
+    """Whether the path leads to a plain file, links followed; False for names that the file system cannot hold."""
     try:
         return Path(path).is_file()
     except OSError:
@@ -100,7 +100,7 @@ def is_plain_file(path: str | Path) -> bool:
 
 
 def _check_text(found: LayerFile, path: str, key: str, data: bytes, member: str = "") -> Iterator[Problem]:
-    """USD reads text in any encoding, and Python then stumbles over it; what is nested too deep crashes USD."""
+    """Problems of a text: USD accepts any encoding but Python does not, and too deep nesting crashes USD."""
     try:
         if data.startswith(b"#usda"):
             data.decode()
@@ -118,7 +118,7 @@ def _check_text(found: LayerFile, path: str, key: str, data: bytes, member: str 
 
 
 def _check_package(found: LayerFile, path: str) -> Iterator[Problem]:
-    """A usdz is a zip archive whose members are stored, not compressed; it cannot hold more bytes than it has."""
+    """Problems of a usdz: its members must be stored without compression, and cannot be larger than the archive."""
     try:
         with zipfile.ZipFile(io.BytesIO(found.data)) as archive:
             members = archive.infolist()
@@ -137,7 +137,8 @@ def _check_package(found: LayerFile, path: str) -> Iterator[Problem]:
     for name, data in contents.items():
         key = Ar.JoinPackageRelativePath([path, name])
         yield from _check_text(found, path, key, data, f"member {name!r}: ")
-        found.texts.setdefault(path, found.texts.get(key, TextMap()))  # the first member is what the package is for
+        # The first member is the default layer of the package
+        found.texts.setdefault(path, found.texts.get(key, TextMap()))
 
 
 def _is_plain(member: zipfile.ZipInfo) -> bool:

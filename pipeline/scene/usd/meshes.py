@@ -1,4 +1,4 @@
-"""Meshes of USD as triangles."""
+"""Meshes of USD, split into triangles."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 from pipeline.scene.usd.values import plain
 
 SHAPE = ("points", "faceVertexCounts", "faceVertexIndices", "holeIndices")
-"""Attributes that say which triangles a mesh has."""
+"""Attributes that define the triangles of a mesh."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,9 +22,9 @@ class Fans:
     indices : tuple of int
         Vertex of every face corner.
     corners : list of triples of int
-        Per triangle the places of its corners in the list of face corners, anticlockwise from the front.
+        Per triangle the indices of its corners in the list of face corners, anticlockwise as seen from the front.
     faces : list of int
-        Per triangle the face that it is a part of.
+        Per triangle the index of its face.
     """
 
     points: tuple[tuple[float, float, float], ...]
@@ -39,12 +39,12 @@ class Fans:
 
 
 def fans(mesh: UsdGeom.Mesh) -> Fans:
-    """The triangles of a mesh; a face of n corners gives n - 2, one that is a hole gives none.
+    """The triangles of a mesh: n - 2 of a face with n corners, none of a hole.
 
     Raises
     ------
     ValueError
-        Counts and indices of the faces do not fit each other.
+        Counts and indices of the faces contradict each other.
     """
     points, counts, indices, holes = (_value(mesh, name) for name in SHAPE)
     if sum(counts) != len(indices) or min(counts, default=3) < 3:

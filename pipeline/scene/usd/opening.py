@@ -1,4 +1,4 @@
-"""Open a stage so that nothing USD says on the way is lost."""
+"""Opening of stages, with all messages of USD collected as problems."""
 
 import re
 from pathlib import Path
@@ -17,18 +17,18 @@ _SYNTAX = re.compile(
     re.DOTALL,
 )
 _COPY = re.compile(r"/proc/self/fd/\d+(?:/judged\.usd[acz]?(?:\[[^\]]*\])?)?")
-"""The name of the bytes that were looked at; messages name their file."""
+"""Pattern of the path of inspected bytes; our messages show the original file instead."""
 _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
 _FORWARD_SLASHES = "asset paths use forward slashes on every system"
 
 
 def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
-    """The stage, and what went wrong while composing it.
+    """The stage, and the problems of its composition.
 
     Raises
     ------
     StageError
-        There is no stage: no such file, not USD, a syntax error.
+        The stage cannot be opened: missing file, not USD, syntax error.
     """
     # Absolute, or Sdf may hold one file under two identifiers.
     path = real_path(path)
@@ -50,12 +50,12 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
 
 
 def problems_of(exception: Tf.ErrorException, path: Path, used: str | None = None) -> list[Problem]:
-    """The reasons why USD cannot read a file; `used` says by whom, as a hint."""
+    """The reasons why USD cannot read a file; `used` is a hint that names the layer that uses it."""
     texts = [_COPY.sub(lambda _: str(path), error.commentary).strip() for error in exception.args]
     found = [_syntax_problem(match, used) for text in texts if (match := _SYNTAX.match(text))]
     if found:
         return found
-    # No position. One text only says that it failed; any other says why.
+    # No position. One text only states the failure; any other states the reason.
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
     file = shown_path(path)
     return [
@@ -78,14 +78,14 @@ def _syntax_problem(match: re.Match[str], hint: str | None = None) -> Problem:
 
 
 def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
-    # A Pcp error has a type and a site; layer, asset and reason stand only in its text.
+    # A Pcp error has a type and a site; layer, asset and reason are only in its text.
     text = _ANONYMOUS_LAYER.sub("", str(error)).strip()
     introduced = re.search(r"introduced by @([^@]*)@<([^>]*)>", text)
-    # The text repeats asset paths, which may hold anything: only layers of the stage are looked into.
+    # The text repeats asset paths, which may hold anything: only layers of the stage are considered.
     layer, path = (files[introduced[1]], introduced[2]) if introduced and introduced[1] in files else _site(error)
     _, _, reason = text.partition(" -- ")
     if inner := _SYNTAX.search(reason.rstrip(".\n ")):
-        return changed(inner["file"])  # it parsed a moment ago; whatever it is now must not be quoted
+        return changed(inner["file"])  # it could be parsed a moment ago; its present content must not be quoted
     hint = _FORWARD_SLASHES if "\\" in text else None
     if hint is None and isinstance(error, Pcp.ErrorInvalidAssetPath) and (asset := re.search(r"@([^@]+)@", text)):
         hint = of_missing_asset(_as_written(asset[1], layer), layer)
@@ -93,20 +93,20 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
         text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
     message, _, _ = text.partition(" introduced by ")
     message = re.sub(r"@(/[^@]*)@", lambda match: f"@{shown_path(match[1])}@", message)
-    # An asset that opens may be mentioned more than once; then the prim says more.
+    # An asset that can be opened may be mentioned more than once; then the prim is more helpful.
     opens = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
     line = (None if opens else _line_of_asset(layer, str(error))) or line_of(layer, path)
     return Problem(code=_code(error), message=message, file=shown_path(layer), line=line, at=path, hint=hint)
 
 
 def changed(file: str | Path) -> Problem:
-    """The problem that a file is another one than was looked at."""
+    """The problem that a file has changed since its inspection."""
     message = "it changed, or appeared, while the stage was read"
     return Problem(code="changed", message=message, file=shown_path(file), line=1, hint="try again when it is quiet")
 
 
 def _as_written(asset: str, layer: str) -> str:
-    """An asset path as the layer mentions it; messages hold some of them resolved."""
+    """An asset path as written in the layer; in messages some are resolved."""
     name = asset.rpartition("/")[2]
     return next((one for one in text_map(layer).assets if one.rpartition("/")[2] == name), asset)
 
@@ -116,13 +116,13 @@ def _site(error: Pcp.ErrorBase) -> tuple[str, str]:
 
 
 def _line_of_asset(layer: str, text: str) -> int | None:
-    """Line where a layer mentions an asset of a message; messages hold it resolved, the layer as written."""
+    """Line of a layer that mentions the asset of a message, which may be resolved there."""
     names = {mentioned.rpartition("/")[2] for mentioned in re.findall(r"@([^@]*)@", text)}
     lines = [line for asset, line in text_map(layer).assets.items() if asset.rpartition("/")[2] in names]
     return lines[0] if len(lines) == 1 else None
 
 
 def _code(error: Pcp.ErrorBase) -> str:
-    """ErrorInvalidAssetPath -> usd-invalid-asset-path."""
+    """Code of an error of USD: ErrorInvalidAssetPath -> usd-invalid-asset-path."""
     name = type(error).__name__.removeprefix("Error")
     return "usd-" + re.sub(r"(?<!^)(?=[A-Z])", "-", name).lower()

@@ -1,7 +1,7 @@
 """Rigid transforms of prims, computed the same on every machine.
 
-USD's own matrices would take a quaternion off unit length as it is; here it is normalised first. Products are summed
-in a fixed order instead of by BLAS, whose sums depend on the processor.
+USD's own matrices use a quaternion off unit length as it is; here it is normalised first. Products are summed in a
+fixed order instead of by BLAS, whose sums depend on the processor.
 """
 
 import math
@@ -15,7 +15,7 @@ from pipeline.scene.usd.values import plain
 
 
 def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """The prim and its ancestors, as far up as their transforms count."""
+    """The prim and its ancestors, up to the last whose transform counts."""
     while prim and not prim.IsPseudoRoot():
         if prim.IsA(UsdGeom.Xformable):
             yield prim
@@ -25,7 +25,7 @@ def ancestry(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
-    """Operations of a prim's own transform, the one applied last first."""
+    """Operations of a prim's own transform; the first one listed is applied last."""
     return list(UsdGeom.Xformable(prim).GetOrderedXformOps())
 
 
@@ -35,7 +35,7 @@ def world_from(prim: Usd.Prim, times: Sequence[float], mm_per_unit: float) -> np
     Returns
     -------
     (n, 4, 4) float64
-        One per time. Each acts on column vectors [mm]. Rigid only if the stage is.
+        One transform per time, acting on column vectors [mm]; rigid only if those of the stage are.
     """
     world_from_prim = np.eye(4)
     for link in ancestry(prim):
@@ -64,7 +64,7 @@ def inverse(a_from_b: np.ndarray) -> np.ndarray:
 
 def quaternion(op: UsdGeom.XformOp, time: float) -> tuple[float, float, float, float] | None:
     """Real part and imaginary parts of an orient operation; None if it has no value."""
-    # Of the attribute: the operation itself would give an inverse one already turned round.
+    # Read from the attribute: the operation would return the inverse for an inverted one.
     value = op.GetAttr().Get(time)
     return None if value is None else plain(value)
 
@@ -75,7 +75,7 @@ def is_orient(op: UsdGeom.XformOp) -> bool:
 
 
 def _op_matrices(op: UsdGeom.XformOp, times: Sequence[float], mm_per_unit: float) -> np.ndarray:
-    """An operation at some times, (n, 4, 4); (4, 4) where it never moves."""
+    """Matrices of an operation at some times, (n, 4, 4), or (4, 4) if it is constant."""
     if not op.MightBeTimeVarying():
         return _op_matrix(op, float(times[0]), mm_per_unit)
     return np.array([_op_matrix(op, float(time), mm_per_unit) for time in times])

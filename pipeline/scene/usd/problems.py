@@ -14,24 +14,25 @@ __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 IMPOSSIBLE = "impossible"
 """Code of parts that do not make up what their prim stands for. Where another error is told it follows from that."""
 _LONGEST_LINE = 1000
-"""Characters in a line of a problem: names and paths of a stage may be of any length, and words of ours stay far
-below."""
+"""Longest line of a problem [characters]: names and paths of a stage may have any length; our own texts are far
+shorter.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """One finding, with the place in the text where a person can mend it.
+    """One problem of a stage, with the place in the text to mend it.
 
     Attributes
     ----------
     severity : str
         `error` or `warning`.
     code : str
-        Stable name of the kind of problem: scripts and documentation refer to it.
+        Stable name of the kind of problem, for scripts and documentation.
     message : str
         One sentence: what is wrong, with the offending value.
     file : str or None
-        Relative to the working directory where it lies below it, else absolute.
+        Path relative to the working directory if it lies below it, else absolute.
     line, column : int or None
         Counted from 1.
     at : str or None
@@ -51,7 +52,7 @@ class Problem:
 
     @property
     def is_error(self) -> bool:
-        """Whether it keeps the stage from being built."""
+        """Whether it prevents a build."""
         return self.severity == "error"
 
     def to_dict(self) -> dict[str, Any]:
@@ -65,7 +66,7 @@ class Problem:
             lines.append(f"    at <{self.at}>")
         if self.hint:
             lines.append(f"    hint: {self.hint}")
-        # Names and paths of a stage may hold anything, escape sequences of terminals included.
+        # Names and paths of a stage may hold anything, even escape sequences of terminals.
         return "\n".join(printable(shortened(line, _LONGEST_LINE)) for line in lines)
 
 
@@ -78,13 +79,13 @@ class StageError(UsageError):
 
     @property
     def told(self) -> str:
-        """As the command prints it: every problem says itself whether it is an error."""
+        """Text as the command prints it; every problem states itself whether it is an error."""
         return str(self)
 
 
 @contextlib.contextmanager
 def blamed_on(file: str | None, line: int | None, at: str) -> Iterator[None]:
-    """An error of what a prim stands for becomes a problem of the stage, at the prim."""
+    """Turn an error about the object of a prim into a problem of the stage at that prim."""
     try:
         yield
     except (UsageError, EnvironmentFault):
@@ -104,5 +105,5 @@ def shown_path(path: str | Path) -> str:
 
 
 def shortened(text: str, most: int = 100) -> str:
-    """A text of a stage as messages quote it: its first characters."""
+    """The beginning of a text of a stage, as messages quote it."""
     return text if len(text) <= most else f"{text[:most]}…"

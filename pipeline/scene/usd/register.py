@@ -1,4 +1,4 @@
-"""Make USD know our schemas and our library of stages, or say why it cannot."""
+"""Registration of our schemas and our library of stages with USD."""
 
 import os
 
@@ -11,7 +11,7 @@ PLUGIN_NAME = "plenScene"
 
 
 class SchemaNotLoaded(EnvironmentFault):
-    """The schemas came too late for USD's schema registry."""
+    """The schemas were registered too late: USD has already built its schema registry."""
 
 
 def plugin_path() -> str:
@@ -30,19 +30,19 @@ def register() -> None:
     Raises
     ------
     SchemaNotLoaded
-        A stage was opened before, so USD would ignore the schemas without a word.
+        A stage was opened before, so USD would silently ignore the schemas.
     """
     registry = Plug.Registry()
-    # It may be there already, found by USD itself through PXR_PLUGINPATH_NAME.
+    # USD may have found it already through PXR_PLUGINPATH_NAME.
     if registry.GetPluginWithName(PLUGIN_NAME) is None:
         registry.RegisterPlugins(plugin_path())
-    # The question builds USD's schema registry now, in the importing thread: first built in another thread it may
-    # hang, and without asking, a late import would only show as prims without a type.
+    # This call builds USD's schema registry now, in the importing thread: built first in another thread it may hang,
+    # and without the call a late import would only be noticed as prims without a type.
     if Usd.SchemaRegistry().FindConcretePrimDefinition("PlenDataset") is None:
         raise SchemaNotLoaded(
             "USD ignores the plenScene schemas, because it had opened a stage before they were registered",
             hint=f"import pipeline.scene before opening a stage, or set PXR_PLUGINPATH_NAME={plugin_path()}",
         )
-    # Setting the path takes the place of what the environment says, so that is repeated here.
+    # Setting the path replaces that of the environment variable, so it is repeated here.
     theirs = [folder for folder in os.environ.get("PXR_AR_DEFAULT_SEARCH_PATH", "").split(os.pathsep) if folder]
     Ar.DefaultResolver.SetDefaultSearchPath([library_path(), *theirs])

@@ -1,4 +1,4 @@
-"""From a prim or property to the file and line of its strongest opinion."""
+"""Source locations: file and line of the strongest opinion on a prim or property."""
 
 from pxr import Sdf, Usd
 
@@ -23,10 +23,10 @@ def problem(
 
 
 def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[str | None, int | None]:
-    """File as messages show it, and line, of the strongest authored opinion."""
+    """File (as messages show it) and line of the strongest authored opinion."""
     stack = specs(thing)
     if not stack:
-        # Nobody wrote it: a fallback, or something missing. Its prim is the place to write it.
+        # Not authored: a fallback or something missing. Its prim is the place to write it.
         return place(thing.GetPrim()) if isinstance(thing, Usd.Property) else (None, None)
     file = stack[0].layer.realPath
     if not file:
@@ -36,7 +36,9 @@ def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[st
 
 
 def _time_in_layer(thing: Usd.Prim | Usd.Property, time: float) -> float:
-    """A time of the stage as the file of the strongest opinion writes it: a reference may shift and stretch times."""
+    """A time of the stage, converted to that of the file with the strongest opinion: a reference may shift and scale
+    times.
+    """
     if not isinstance(thing, Usd.Property):
         return time
     _, layer_to_stage = thing.GetPropertyStackWithLayerOffsets(Usd.TimeCode.Default())[0]

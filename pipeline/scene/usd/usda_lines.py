@@ -1,7 +1,7 @@
-"""Find things in .usda text: the line of a prim, a property, a time sample, an asset.
+"""Line numbers in .usda text: of prims, properties, time samples and assets.
 
-Sdf forgets line numbers, and the first of two equal statements, while it parses. To show where a valid but wrong
-value stands, the text is scanned once more: names, brackets and strings are enough.
+While parsing, Sdf drops line numbers and the first of two equal statements. To show the place of a valid but wrong
+value, the text is scanned again; names, brackets and strings are enough.
 """
 
 import re
@@ -18,7 +18,7 @@ from pxr import Ar
 
 from pipeline.scene.usd.whole_numbers import SUFFIX, CutNumbers
 
-# What is opened and not closed goes on to the end, of the line or of all: else each of a million would look for it.
+# An unclosed string extends to the end of the line or the text; otherwise each of a million would be searched for.
 _TOKEN = re.compile(
     r"""(?P<string>\"{3}(?:\\.|[^\\])*?(?:\"{3}|\Z)|'{3}(?:\\.|[^\\])*?(?:'{3}|\Z)
                   |"(?:\\.|[^"\\\n])*"?|'(?:\\.|[^'\\\n])*'?)
@@ -32,9 +32,9 @@ _TOKEN = re.compile(
       | (?P<newline>\n)""",
     re.VERBOSE | re.DOTALL,
 )
-"""Most of a large mesh is arrays of numbers: each is one token, `numbers`."""
+"""Pattern of tokens. A large mesh is mostly arrays of numbers: a whole array is one token, `numbers`."""
 MOST_NESTED = 200
-"""Brackets in brackets: USD and its parser call themselves once for each, until their stack is full."""
+"""Deepest nesting of brackets: USD and its parser recurse once for each, until the stack overflows."""
 _PRIM_WORDS = ("def", "over", "class", "variantSet")
 _LIST_EDITS = ("prepend", "append", "add", "delete", "reorder")
 
@@ -48,17 +48,17 @@ class TextMap:
     lines : dict
         Line of `/A`, `/A.x`, `/A.x[3]` (the time sample at 3) and, for paths inside variants, `/A{set=name}B`.
     repeated : list
-        (path, what, line) of statements that overwrite an earlier one: USD keeps the last without a word.
+        (path, what, line) of statements that overwrite an earlier one: USD silently keeps the last.
     assets : dict
         Line of the first mention of each asset path.
     bodies : dict
-        Where in the text, as a number of characters, the "{" of each prim ends; of "" the "(" of the layer's metadata.
+        Offset in the text [characters] of the end of the "{" of each prim; for "" of the "(" of the layer's metadata.
     metadata : dict
-        Line of what is set for the whole layer.
+        Lines of the metadata of the layer.
     cut : list
-        (path, what, what USD would take, line) of numbers that USD would cut to whole ones.
+        (path, what, value in USD, line) of numbers that USD would cut to whole ones.
     too_deep : int or None
-        Line from which on brackets are nested deeper than `MOST_NESTED`; nothing behind it is in the map.
+        First line with brackets nested deeper than `MOST_NESTED`; the map ends there.
     """
 
     lines: dict[str, int] = field(default_factory=dict)
@@ -74,25 +74,25 @@ _KNOWN: ContextVar[dict[str, TextMap]] = ContextVar("maps of the texts that were
 
 
 def line_of(file: str | Path, spec_path: str) -> int | None:
-    """1-based line of a spec; the line of its property or prim if it is not found itself."""
+    """Line of a spec, from 1; if it is not found, that of its property or prim."""
     lines = text_map(file).lines
     without_sample = re.sub(r"\[[^\]]*\]$", "", spec_path)
     return lines.get(spec_path) or lines.get(without_sample) or lines.get(without_sample.split(".")[0])
 
 
 def line_of_metadata(file: str | Path, key: str) -> int:
-    """1-based line where a .usda file sets something for the whole layer; 1 if it is not found."""
+    """Line of layer metadata in a .usda file, from 1; 1 if it is not found."""
     return text_map(file).metadata.get(key, 1)
 
 
 def sample_key(time: float) -> str:
-    """A time as `TextMap.lines` writes it."""
+    """A time as written in the keys of `TextMap.lines`."""
     return f"[{float(time)!r}]"
 
 
 @contextmanager
 def knowing() -> Iterator[dict[str, TextMap]]:
-    """While a stage is read: `text_map` answers with these maps and does not look into the files again."""
+    """Context for reading a stage: `text_map` returns these maps and does not read the files again."""
     token = _KNOWN.set({})
     try:
         yield _KNOWN.get()
@@ -101,16 +101,16 @@ def knowing() -> Iterator[dict[str, TextMap]]:
 
 
 def text_map(file: str | Path) -> TextMap:
-    """Map of a .usda file, or of a member of a package; empty for what is not text."""
+    """Map of a .usda file or of a member of a package; empty if it is not text."""
     if (known := _KNOWN.get({}).get(str(file))) is not None:
         return known
-    # USD means a member of a package by package.usdz[member], whatever file may have that name.
+    # For USD package.usdz[member] is a member of a package, even if a file has that name.
     path = Path(Ar.SplitPackageRelativePathOuter(str(file))[0] if Ar.IsPackageRelativePath(str(file)) else file)
     return _scanned(str(file), path.stat().st_mtime_ns) if path.is_file() else TextMap()
 
 
 def map_of(data: bytes) -> TextMap:
-    """Map of the bytes of a layer; empty for what is not text."""
+    """Map of the bytes of a layer; empty if they are not text."""
     return _Scanner().scan(data.decode("utf-8", errors="replace")) if data.startswith(b"#usda") else TextMap()
 
 
@@ -120,7 +120,7 @@ def _scanned(path: str, _mtime_ns: int) -> TextMap:
 
 
 def _content(path: Path) -> bytes:
-    """Bytes of a file that is text; of a package those of its first member, which is what the package stands for."""
+    """Bytes of a text file; for a package those of its first member, its default layer."""
     with path.open("rb") as stream:
         head = stream.read(5)
     if head == b"#usda":
@@ -155,10 +155,10 @@ class _Scanner:
         self.seen: set[str] = set()
         self.stack: list[tuple[str, str] | None] = []
         self.words: list[tuple[str, int]] = []  # of the statement so far
-        self.opening: tuple[str, str, int, int] | None = None  # a prim or variant that waits for its "{"
-        self.samples: str | None = None  # a property whose timeSamples wait for their "{"
+        self.opening: tuple[str, str, int, int] | None = None  # a prim or variant before its "{"
+        self.samples: str | None = None  # a property with timeSamples, before their "{"
         self.number: tuple[str, int] | None = None  # the number before a ":"
-        self.end = 0  # of the token, in the text
+        self.end = 0  # offset of the end of the token in the text
         self.values = CutNumbers(self.map.cut)
 
     def scan(self, text: str) -> TextMap:
@@ -188,7 +188,7 @@ class _Scanner:
         else:
             if kind == "asset":
                 self.map.assets.setdefault(token.strip("@"), line)
-            # Comment, asset, path, end of line: the name before it is complete.
+            # After a comment, asset, path or end of line the name before it is complete.
             if self.words and self.words[0][0] not in _PRIM_WORDS:
                 self._property()
                 self.words = []
@@ -257,7 +257,7 @@ class _Scanner:
             try:
                 key = sample_key(float(token))
             except ValueError:
-                return  # USD will say so
+                return  # USD reports it
             self.map.lines.setdefault(top[1] + key, line)
             self._note(top[1], key, f"the time sample at {token} is written twice", line)
 
@@ -283,6 +283,6 @@ class _Scanner:
 
 
 def _depth(numbers: str) -> int:
-    """Most brackets in each other in an array of numbers."""
+    """Deepest nesting of brackets in an array of numbers."""
     letters = np.frombuffer(numbers.encode(), np.uint8)
     return 1 + int(np.cumsum((letters == ord("(")).astype(np.int64) - (letters == ord(")"))).max())

@@ -1,4 +1,4 @@
-"""Values of prims as Python's own, and what the schemas say about them."""
+"""Values of prims as Python objects, and the rules of the schemas about them."""
 
 import math
 import re
@@ -16,11 +16,11 @@ _RANGE = re.compile(
 )
 _ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
 _ANY_TIME = 0.0
-"""Time code at which values are read: our attributes are uniform, so that every time gives the same value."""
+"""Time code at which values are read: our attributes are uniform, so every time has the same value."""
 
 
 class UnreadableValue(PipelineError):
-    """A value that is missing or wrong, met by a reader; told where no other error names its prim.
+    """A reader met a missing or wrong value; it is reported unless another error names its prim.
 
     Attributes
     ----------
@@ -37,16 +37,16 @@ class UnreadableValue(PipelineError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """An interval, as the line `Range:` of an attribute's documentation says it.
+    """An interval, from the line `Range:` of an attribute's documentation.
 
     Attributes
     ----------
     low, high : float
         Its ends.
     low_open, high_open : bool
-        Whether an end itself is outside.
+        Whether the end itself is outside.
     or_inf : bool
-        Whether infinity is allowed, besides.
+        Whether infinity is also allowed.
     gap : float
         Numbers nearer to zero than this are outside.
     """
@@ -59,7 +59,7 @@ class Range:
     gap: float = 0.0
 
     def holds(self, number: Any) -> Any:
-        """Whether a number lies inside, or each of an array; NaN never does."""
+        """Whether a number, or each number of an array, lies inside; NaN never does."""
         above = number > self.low if self.low_open else number >= self.low
         below = number < self.high if self.high_open else number <= self.high
         inside = above & below & (abs(number) >= self.gap)
@@ -77,11 +77,11 @@ FOREIGN = {
     "primvars:displayColor": Range(low=0.0, high=1e6),
     "xformOp": Range(low=-1e9, high=1e9),
 }
-"""Ranges of attributes of USD that are read: vertices in the unit of the stage, and everything that moves a prim."""
+"""Ranges of the USD attributes that are read: vertices in the unit of the stage, and transform operations."""
 
 
 def range_of(documentation: str) -> Range | None:
-    """The range that a documentation states; None if it states none."""
+    """The range stated in a documentation; None if it states none."""
     match = _RANGE.search(documentation)
     if not match:
         return None
@@ -103,13 +103,13 @@ def entries_of(documentation: str) -> tuple[int, int] | None:
 
 
 _MANY = 100
-"""Entries from which on NumPy is faster: meshes have thousands."""
+"""Number of entries above which NumPy is faster: meshes have thousands."""
 
 
 def plain(value: Any) -> Any:
-    """A value of USD as Python's own, and -0.0 as 0.0.
+    """A value of USD as a Python object, with 0.0 for -0.0.
 
-    Task and key see the same number this way: 1 / -0.0 is not 1 / 0.0.
+    This way task and key see the same number: 1 / -0.0 differs from 1 / 0.0.
     """
     if value is None or isinstance(value, bool | int | str):
         return value
@@ -128,7 +128,7 @@ def plain(value: Any) -> Any:
 
 
 def numbers(value: Any) -> np.ndarray:
-    """All numbers in a value of USD in one row, (n,); none for tokens, strings, flags and assets."""
+    """All numbers in a value of USD as one array, (n,); empty for tokens, strings, flags and assets."""
     if value is None or isinstance(value, bool | str | Sdf.AssetPath | Sdf.AssetPathArray):
         return np.zeros(0)
     if isinstance(value, Gf.Quatd | Gf.Quatf | Gf.Quath):
@@ -136,17 +136,18 @@ def numbers(value: Any) -> np.ndarray:
     try:
         found = np.asarray(value)
         return np.asarray(found if found.dtype.kind in "iuf" else plain(value), dtype=np.float64).ravel()
-    except (TypeError, ValueError):  # an array of texts, or what has no numbers at all
+    except (TypeError, ValueError):  # an array of texts, or a value without numbers
         return np.zeros(0)
 
 
 LONGEST_TEXT = 1000
-"""Characters of a text in a stage: names, glasses and formulas are far shorter, and longer ones would fill tables and
-terminals."""
+"""Longest text of a stage [characters]: names, glasses and formulas are far shorter, and longer texts would flood
+tables and terminals.
+"""
 
 
 def bad_text(value: Any) -> str | None:
-    """The first text of a value that is too long or cannot be printed: it would end up in tables and terminals."""
+    """The first text of a value that is too long or not printable, because texts appear in tables and terminals."""
     texts = [value] if isinstance(value, str) else value if isinstance(value, Vt.TokenArray | Vt.StringArray) else ()
     return next((text for text in texts if len(text) > LONGEST_TEXT or not text.isprintable()), None)
 
@@ -158,15 +159,15 @@ class Rule:
     Attributes
     ----------
     kind : type or None
-        Python's type of a value as USD gives it; None: any.
+        Python type of the value as read by USD; None: any.
     span : Range or None
-        Of every number.
+        Range of every number.
     entries : (int, int) or None
         Fewest and most entries of an array.
     tokens : frozenset of str
-        Allowed ones; empty: all.
+        Allowed tokens; empty: all.
     fallback : Any
-        The schema's value where none is written, as Python's own.
+        Fallback value of the schema, as a Python object.
     """
 
     kind: type | None = None
@@ -176,10 +177,10 @@ class Rule:
     fallback: Any = None
 
     def holds(self, value: Any) -> bool:
-        """Whether a value of USD is of the type, of the length, in the range, and its texts are fit to be shown."""
+        """Whether a value of USD has the right type, length and range, and printable texts."""
         if self.kind and type(value) is not self.kind:
             return False
-        if isinstance(value, float | int):  # most are: a plain comparison takes no array
+        if isinstance(value, float | int):  # the usual case: a plain comparison needs no array
             return isinstance(value, bool) or bool(self.span.holds(value) if self.span else math.isfinite(value))
         if self.entries and not self.entries[0] <= len(value) <= self.entries[1]:
             return False
@@ -220,10 +221,10 @@ def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
 
 
 def read(prim: Usd.Prim, name: str) -> Any:
-    """Value of an attribute, fallback included; None without one, or with one that the rule of its schema excludes.
+    """Value of an attribute or its fallback; None if there is none, or if the rule of its schema excludes it.
 
-    Nothing that computes meets a value that is not finite, out of range, or no token of its list: the checks of
-    values name it, and all else takes it as missing.
+    So no computation meets a value that is not finite, out of range, or not an allowed token: the checks of values
+    report it, and all other code treats it as missing.
     """
     attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
     if not attribute or not rule:
@@ -231,17 +232,17 @@ def read(prim: Usd.Prim, name: str) -> Any:
     if not attribute.HasAuthoredValue():
         return rule.fallback
     value = attribute.Get(_ANY_TIME)
-    # A wrongly typed opinion wins in USD, although the attribute claims the type of the schema.
+    # In USD an opinion of a wrong type wins, although the attribute has the type of the schema.
     return plain(value) if value is not None and rule.holds(value) else None
 
 
 def need(prim: Usd.Prim, name: str) -> Any:
-    """Value of one of our attributes, fallback included.
+    """Value of one of our attributes or its fallback.
 
     Raises
     ------
     UnreadableValue
-        There is none, or one of a wrong type.
+        There is no value, or it has a wrong type.
     """
     value = read(prim, name)
     if value is None:
@@ -250,7 +251,7 @@ def need(prim: Usd.Prim, name: str) -> Any:
 
 
 def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
-    """Entry of our plugInfo.json under `key` of the type and the applied schemas of a prim."""
+    """Entries under `key` in our plugInfo.json for the type and the applied schemas of a prim."""
     registry = Usd.SchemaRegistry()
     found = []
     for schema in [prim.GetPrimTypeInfo().GetSchemaTypeName(), *prim.GetAppliedSchemas()]:
@@ -264,20 +265,20 @@ def schema_facts(prim: Usd.Prim, key: str) -> list[Any]:
 
 
 def target(prim: Usd.Prim, name: str, wanted: str) -> Any:
-    """The one prim of a type that a relationship points at; None if it does not."""
+    """The one prim of a type to which a relationship points; None if there is none."""
     found = targets(prim, name, wanted)
     return found[0] if len(found) == 1 else None
 
 
 def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
-    """Prims of a type that a relationship points at, in its order."""
+    """Prims of a type to which a relationship points, in its order."""
     stage = prim.GetStage()
     prims = [stage.GetPrimAtPath(path) for path in target_paths(prim.GetRelationship(name))]
     return [found for found in prims if found and found.IsA(wanted)]
 
 
 def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:
-    """Paths that a relationship points at; none where an attribute was written in its place."""
+    """Paths to which a relationship points; empty if an attribute was written in its place."""
     try:
         return list(relationship.GetTargets()) if relationship else []
     except Tf.ErrorException:

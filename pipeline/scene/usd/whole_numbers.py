@@ -1,12 +1,12 @@
-"""Numbers that USD would cut: a literal with a fraction where the type holds whole numbers, anything but 0 and 1 where
-it is true or false. Sdf keeps what is left and says nothing, so the text has to be asked.
+"""Numbers that USD would cut: literals with a fraction for integer types, and anything but 0 and 1 for bool. Sdf
+silently keeps the rest, so the text is checked.
 """
 
 import re
 from dataclasses import dataclass, field
 
 SUFFIX = re.compile(r"\.(timeSamples|connect|spline)$")
-"""Suffixes that usda writes behind the name of an attribute."""
+"""Suffixes that usda writes after the name of an attribute."""
 _WHOLE = re.compile(r"(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))(?:\[\])?")
 _DIGITS = re.compile(r"[\s\d,()[\]-]*")
 _NUMBER = re.compile(r"[-+]?[\d.][\w.+-]*")
@@ -14,7 +14,7 @@ _NUMBER = re.compile(r"[-+]?[\d.][\w.+-]*")
 
 @dataclass(slots=True)
 class CutNumbers:
-    """Follows the tokens of `lines`; knows when the value of a statement begins and ends.
+    """Follower of the tokens of `usda_lines`, which knows where the value of a statement begins and ends.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class CutNumbers:
     _number: tuple[str, int] | None = None
 
     def begin(self, prim: str, depth: int) -> None:
-        """The "=" of a statement was taken, in the body of a prim or, without a path, elsewhere."""
+        """Begin a value after the "=" of a statement, in the body of a prim or, without a path, elsewhere."""
         *types, name = self._words or [""]
         match = _WHOLE.fullmatch(types[-1]) if types else None
         self._depth = depth if match else None
@@ -40,7 +40,7 @@ class CutNumbers:
             self._path = f"{prim}.{self._name}" if prim else ""
 
     def token(self, kind: str, token: str, line: int, depth: int) -> None:
-        """Take the next token, before which `depth` brackets are open."""
+        """Process the next token, with `depth` open brackets before it."""
         if kind == "word":
             self._words.append(token)
         elif token not in ("[", "]", "="):  # int [] is a type, too
@@ -51,9 +51,9 @@ class CutNumbers:
             self._value(kind, token, line, depth)
 
     def _array(self, token: str, line: int, depth: int) -> None:
-        """Take an array of numbers alone, with its brackets."""
+        """Process an array of plain numbers with its brackets."""
         assert self._depth is not None
-        if self._is_bool or not _DIGITS.fullmatch(token):  # most are digits: large meshes have millions
+        if self._is_bool or not _DIGITS.fullmatch(token):  # most tokens are digits: large meshes have millions
             for offset, text in enumerate(token.split("\n")):
                 for number in _NUMBER.findall(text):
                     self._judge(number, line + offset)
@@ -63,7 +63,7 @@ class CutNumbers:
 
     def _value(self, kind: str, token: str, line: int, depth: int) -> None:
         assert self._depth is not None
-        if self._number and token != ":":  # else it was the time of a sample
+        if self._number and token != ":":  # otherwise it was the time of a sample
             self._judge(*self._number)
         self._number = None
         if kind == "number" and depth > self._depth:
@@ -79,9 +79,9 @@ class CutNumbers:
         try:
             number = float(token)
         except ValueError:
-            return  # USD will say so
+            return  # USD reports it
         if self._is_bool and number not in (0.0, 1.0):
-            self.found.append((self._path, f'"{self._name}" is true or false, and {token} is neither', "true", line))
+            self.found.append((self._path, f'"{self._name}" must be true or false, not {token}', "true", line))
         elif not self._is_bool and number - number == 0 and not number.is_integer():
-            what = f'"{self._name}" holds whole numbers, and {token} is none'
+            what = f'"{self._name}" must hold whole numbers, not {token}'
             self.found.append((self._path, what, str(int(number)), line))

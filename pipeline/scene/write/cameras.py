@@ -1,4 +1,4 @@
-"""Cameras to USD text: a rig with its lens, sensor and microlenses written out."""
+"""Writing of cameras as USD text: a rig with its lens, sensor and microlenses."""
 
 from typing import Any
 
@@ -15,16 +15,16 @@ from pipeline.scene.write.text import filled, new_layer, text_of, write_lens
 
 _TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
 _VIEW = ("focalLength", *(f"{side}Aperture{end}" for side in ("horizontal", "vertical") for end in ("", "Offset")))
-"""Attributes that are written of the pinhole that sees what a camera sees."""
+"""Attributes of the pinhole with the field of view of the camera."""
 
 
 def camera_text(camera: PrintedCamera) -> str:
-    """A camera as a layer of its own, with the default prim Rig.
+    """Text of a layer with one camera and the default prim Rig.
 
     Raises
     ------
     PipelineError
-        It cannot be represented.
+        The camera cannot be represented.
     """
     record = Camera(
         prescription=prescription_of(camera.lens),

@@ -1,7 +1,7 @@
 """Additions to a flattened stage, so that any USD viewer shows the scene, without our plug-in, too.
 
-Types that USD shall take ours for, the view of each Camera as USD's own pinhole, a mesh for each target. No build reads
-any of it: a stage with and without is the same dataset. What a lens or a target decides is written over what was there.
+The additions are fallback types for our prim types, the field of view of each Camera as a USD pinhole, and a mesh
+for each target. They do not affect a build. Values that follow from a lens or a target replace existing ones.
 """
 
 import math
@@ -20,13 +20,13 @@ from pipeline.targets.target import Target
 from pipeline.units import mm_per_unit
 
 PREVIEW = "Preview"
-"""Name of the mesh below a target."""
+"""Name of the preview mesh below a target."""
 _TENTHS = 10.0
-"""USD counts film backs and focal lengths of a Camera in tenths of the stage's unit."""
+"""Factor for film backs and focal lengths of a Camera, which USD counts in tenths of the stage's unit."""
 _FARTHEST_MM, _LEAST_MM = 1e6, 1.0
-"""Ends of the clipping range: the far end, and the least near end, where the stop is the first thing of the lens."""
+"""Clipping range [mm]: its far end, and its least near end, used if the stop is the first element of the lens."""
 _LARGEST = 1e30
-"""USD keeps these values in single precision."""
+"""Largest value that is written: USD keeps these values in single precision."""
 
 Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
 
@@ -34,12 +34,12 @@ Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
 def show_in_viewers(
     layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], kept: Iterable[str] = ()
 ) -> None:
-    """Complete a flattened layer; to do so twice changes nothing.
+    """Complete a flattened layer; a second call changes nothing.
 
     Parameters
     ----------
     kept : iterable of str
-        Paths of prims that a dataset reads (occluders): none of them is written over.
+        Paths of prims that a dataset reads (occluders), which are not overwritten.
     """
     add_fallback_types(layer)
     unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
@@ -51,14 +51,14 @@ def show_in_viewers(
 
 
 def add_fallback_types(layer: Sdf.Layer) -> None:
-    """Say of every type of ours in a layer what USD shall take it for; what is said already stays."""
+    """Add fallback types for all our prim types in a layer; existing entries stay."""
     said = layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {}
     if wanted := {**fallback_types(types_in(layer)), **said}:
         layer.pseudoRoot.SetInfo("fallbackPrimTypes", wanted)
 
 
 def fallback_types(names: Iterable[str]) -> dict[str, Vt.TokenArray]:
-    """Types that USD shall take for those of ours that it does not know, in the order of the names."""
+    """Fallback types for our prim types, in the order of the names."""
     known = Usd.SchemaRegistry().GetFallbackPrimTypes()
     return {name: known[name] for name in sorted(names) if name in known}
 
@@ -84,7 +84,7 @@ def view_of(camera: CameraEntry) -> Viewfinder | None:
 
 
 def pinhole(found: Viewfinder | None, unit_mm: float) -> Attributes:
-    """USD's attributes of the pinhole that sees what a camera sees; empty where single precision cannot hold it."""
+    """USD attributes of the pinhole with the field of view of a camera; empty if single precision cannot hold them."""
     if found is None:
         return {}
     film = _TENTHS / unit_mm
@@ -113,7 +113,7 @@ def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> No
 
 
 def _write_preview(prim: Sdf.PrimSpec, target: Target, unit_mm: float) -> None:
-    """The mesh of a target in the place of one of that name; anything else that has its name stays."""
+    """Write the preview mesh of a target, replacing an older one; any other prim of that name stays."""
     faces = preview_faces(target)
     points = faces.points_mm / unit_mm
     if not np.abs(points).max() < _LARGEST:
@@ -145,7 +145,7 @@ def _vectors(rows: np.ndarray) -> Vt.Vec3fArray:
 
 
 def _write(prim: Sdf.PrimSpec, attributes: Attributes) -> None:
-    """Set attributes, whatever they were. (Text has properties in the order of their names, however they came.)"""
+    """Set attributes, replacing old values. (In the text, properties are sorted by name.)"""
     for name, (kind, value) in attributes.items():
         if name in prim.properties:
             del prim.properties[name]

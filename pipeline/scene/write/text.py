@@ -1,4 +1,4 @@
-"""Records to USD text, as USD itself would write it: the way out of every importer."""
+"""Writing of records as USD text, in the form that USD itself would write; used by every importer."""
 
 import re
 import textwrap
@@ -11,17 +11,17 @@ from pipeline.optics.first_order import first_order
 from pipeline.optics.printed import PrintedLens, PrintedSurface, prescription_of
 
 _DOC_WIDTH = 112
-"""Characters in a line of documentation: indented, it stays within the 120 of the project."""
+"""Longest line of documentation [characters]: with indentation it stays within the 120 of the project."""
 
 
 def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
-    """A printed lens as a layer of its own.
+    """Text of a layer with a printed lens.
 
     Parameters
     ----------
     lens : PrintedLens
     prim_name : str, optional
-        Name of the root prim; made of the name of the lens if it is left out.
+        Name of the root prim; by default derived from the name of the lens.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def lens_text(lens: PrintedLens, prim_name: str | None = None) -> str:
 
 
 def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
-    """Attributes and surfaces of a PlenLens."""
+    """Write the attributes and surfaces of a PlenLens."""
     names = surface_names(lens)
     _author(prim, "plen:name", Sdf.ValueTypeNames.String, lens.name)
     if lens.nominal_efl_mm is not None and lens.nominal_efl_mm > 0:
@@ -50,7 +50,7 @@ def write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
 
 
 def lens_documentation(lens: PrintedLens) -> str:
-    """Name, provenance, and the nominal figures of a lens beside the computed ones."""
+    """Documentation of a lens: name, provenance, nominal and computed figures."""
     found = first_order(prescription_of(lens))
     computed = (
         f"Computed at infinity with the indices below: EFL {found.efl_mm:.4f} mm, BFD {found.bfd_mm:.4f} mm,"
@@ -66,7 +66,7 @@ def surface_names(lens: PrintedLens) -> list[str]:
 
 
 def identifier(text: str) -> str:
-    """A prim name made of any text: words in capitals, other characters left out."""
+    """A prim name derived from any text: capitalised words, other characters left out."""
     words = re.findall(r"[A-Za-z0-9]+", text)
     joined = "".join(word[:1].upper() + word[1:] for word in words)
     return joined if joined[:1].isalpha() else f"Lens{joined}"
@@ -82,13 +82,13 @@ def _nominal(lens: PrintedLens) -> str:
 
 
 def filled(paragraphs: Iterable[str]) -> str:
-    """Paragraphs as the documentation of a layer."""
+    """Paragraphs, wrapped for the documentation of a layer."""
     lines = [textwrap.fill(text, _DOC_WIDTH, break_long_words=False, break_on_hyphens=False) for text in paragraphs]
     return "\n\n".join(lines)
 
 
 def new_layer(name: str, documentation: str, types: Iterable[str]) -> Sdf.Layer:
-    """A new layer in millimetres with its default prim, and types that USD without our plug-in knows."""
+    """A new layer in millimetres with its default prim and fallback types for USD without our plug-in."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.defaultPrim = name
     layer.documentation = documentation
@@ -101,7 +101,7 @@ def new_layer(name: str, documentation: str, types: Iterable[str]) -> Sdf.Layer:
 
 
 def text_of(layer: Sdf.Layer) -> str:
-    """A layer as USD itself would write it."""
+    """Text of a layer as USD itself would write it."""
     return str(layer.ExportToString().rstrip("\n") + "\n")
 
 

@@ -1,4 +1,4 @@
-"""An AprilGrid as Kalibr prints and counts it.
+"""AprilGrids, as Kalibr prints and numbers them.
 
 Source of layout, orientation of the tags and order: ethz-asl/kalibr, GridCalibrationTargetAprilgrid.cpp and
 kalibr_create_target_pdf.
@@ -63,14 +63,14 @@ class AprilGrid(Base):
         return self.spacing * self.tag_mm
 
     def _corners(self, count: int) -> np.ndarray:
-        """Left ends (or bottoms) of tags, and after each its right end (or top), about 0."""
+        """Left ends (or bottoms) of tags, each followed by its right end (or top), relative to the centre."""
         start = np.arange(count) * (self.tag_mm + self._gap_mm)
         both = np.stack([start, start + self.tag_mm], axis=1).ravel()
         return both - both[-1] / 2
 
     @property
     def drawing(self) -> Drawing:
-        """Tags, and squares in the corners of the gaps."""
+        """Tags, and squares at the corners of the gaps."""
         x, y, gap = self._corners(self.columns), self._corners(self.rows), self._gap_mm
         squares = [
             Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
@@ -86,7 +86,7 @@ class AprilGrid(Base):
         return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))
 
     def _tag(self, number: int, left: float, bottom: float) -> list[Polygon]:
-        # What Kalibr and the AprilTag library print upright, OpenCV stores upside down.
+        # OpenCV stores upside down what Kalibr and the AprilTag library print upright.
         bits = np.rot90(bits_of(self.dictionary, self.first_tag + number), 2)
         return tag_shapes(bits, left, bottom, self.tag_mm, self.border_bits)
 

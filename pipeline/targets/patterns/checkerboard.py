@@ -1,4 +1,4 @@
-"""A checkerboard: its corners with ids, its extent and its black and white."""
+"""Checkerboards: corners with ids, extent, and artwork."""
 
 from dataclasses import dataclass
 from typing import ClassVar

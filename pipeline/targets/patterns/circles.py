@@ -20,10 +20,10 @@ class CircleGrid(Base):
     columns, rows : int
         Discs in a row, and rows.
     spacing_mm : float
-        Distance of neighbouring rows. In a symmetric grid that of neighbouring discs of a row, too; in an asymmetric
-        one half of it, and every other row is shifted by it.
+        Distance of neighbouring rows. In a symmetric grid it is also the distance of neighbouring discs of a row; in
+        an asymmetric one it is half that distance, and every other row is shifted by it.
     diameter_mm : float
-        Of a disc.
+        Diameter of a disc.
     asymmetric : bool
     """
 
@@ -60,7 +60,7 @@ class CircleGrid(Base):
 
     @property
     def drawing(self) -> Drawing:
-        """Discs on a sheet with a margin of one spacing around the outermost centres, a radius added."""
+        """Discs on a sheet with a margin of one spacing plus a radius around the outermost centres."""
         return _discs(self)
 
     def title(self) -> str:
@@ -74,7 +74,7 @@ class CircleGrid(Base):
 
 @functools.lru_cache(maxsize=4)
 def _discs(grid: CircleGrid) -> Drawing:
-    """The drawing of a grid, made once: a large one has ten thousands of discs."""
+    """The drawing of a grid, cached: a large one has tens of thousands of discs."""
     marks, radius = grid.marks().xy_mm, grid.diameter_mm / 2
     half_x, half_y = np.abs(marks).max(axis=0) + grid.spacing_mm + radius
     return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])

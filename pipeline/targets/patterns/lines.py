@@ -18,9 +18,9 @@ class SlantedEdge(Base):
     Attributes
     ----------
     width_mm, height_mm : float
-        Of the sheet.
+        Size of the sheet.
     angle_deg : float
-        Of the edge from the vertical, clockwise as the viewer sees it.
+        Angle of the edge from the vertical, clockwise as the viewer sees it.
     """
 
     KIND: ClassVar[str] = "slanted-edge"
@@ -39,7 +39,7 @@ class SlantedEdge(Base):
 
     @property
     def _lean(self) -> float:
-        """Distance by which the upper end lies to the right of the lower one."""
+        """Horizontal distance from the lower to the upper end of the edge, positive to the right."""
         return abs(self.height_mm * math.tan(math.radians(self.angle_deg)))
 
     def marks(self) -> Marks:
@@ -62,13 +62,14 @@ class SlantedEdge(Base):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lines(Base):
-    """Black lines, upright, level or both. Each reaches half a spacing beyond the outermost lines that it may cross.
+    """Black lines, vertical, horizontal or both. Each extends half a spacing beyond the outermost lines that it may
+    cross.
 
     Attributes
     ----------
     columns, rows : int
-        Upright and level lines; one of them may be 0. Lines of one direction alone are as long as they are wide apart
-        in all.
+        Numbers of vertical and horizontal lines; one of them may be 0. Lines of one direction alone are as long as
+        the distance between the outermost ones.
     spacing_mm, width_mm : float
         Distance of the centres of neighbouring lines; thickness of a line.
     """
@@ -94,7 +95,7 @@ class Lines(Base):
 
     @property
     def _half_mm(self) -> tuple[float, float]:
-        """Half the length of the level and of the upright lines."""
+        """Half the length of the horizontal and of the vertical lines."""
         across, down = self.columns or self.rows, self.rows or self.columns
         return across * self.spacing_mm / 2, down * self.spacing_mm / 2
 

@@ -11,7 +11,7 @@ from pipeline.targets.drawing import Drawing
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Points of a pattern whose image positions are wanted, in the order of their ids, in the chart [mm].
+    """Points of a pattern whose image positions are computed, in the order of their ids, in the chart [mm].
 
     Attributes
     ----------
@@ -19,7 +19,7 @@ class Marks:
     kinds : list of str
         `corner`, `marker-corner`, `disc`, `centre`, `rim`, `crossing` or `end`.
     radius_mm : (n,) float64
-        Radius of the disc about a mark; NaN where there is none.
+        Radius of the disc about a mark; NaN without a disc.
     """
 
     xy_mm: np.ndarray
@@ -28,7 +28,7 @@ class Marks:
 
     @staticmethod
     def of(*groups: tuple[str, np.ndarray], radius_mm: float = np.nan) -> "Marks":
-        """Marks of one kind after the other."""
+        """Marks of several kinds, one kind after the other."""
         xy = np.concatenate([np.asarray(points, float).reshape(-1, 2) for _, points in groups])
         kinds = [kind for kind, points in groups for _ in range(len(points))]
         return Marks(xy, kinds, np.full(len(xy), radius_mm))
@@ -60,17 +60,17 @@ class Pattern(Protocol):
         ...
 
     def for_face(self, number: int) -> "Pattern":
-        """The pattern of another face of the same target: tags go on counting, all else is the same."""
+        """The pattern on another face of the same target: numbers of tags go on, everything else is the same."""
         ...
 
     def title(self) -> str:
-        """One line for a print: what it is, its size, its ids."""
+        """One line for a print: kind, size and ids."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Base:
-    """Colours, and no tags.
+    """Common fields of patterns without tags.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A tag as shapes: a black square, and the outlines of what is white in it.
+"""Tags as shapes: a black square and the outlines of its white parts.
 
 Cells of one colour are merged, so that no print or screen shows hairlines between them.
 """
@@ -16,7 +16,7 @@ def tag_shapes(bits: np.ndarray, left: float, bottom: float, edge: float, border
     x = left + edge * np.arange(cells + 1) / cells
     y = bottom + edge * np.arange(cells + 1) / cells
     shapes = [Polygon(corners=rectangle(left, bottom, left + edge, bottom + edge))]
-    # Outlines lie inside one another or apart: painted from the largest to the smallest, each shows as it should.
+    # Outlines lie inside one another or apart: painted from the largest to the smallest, all are visible.
     for loop in sorted(outlines(bits[::-1]), key=lambda one: -abs(_area(one))):
         corners = tuple((float(x[i + border]), float(y[j + border])) for i, j in loop)
         shapes.append(Polygon(corners=corners, is_black=_area(loop) < 0))
@@ -24,9 +24,10 @@ def tag_shapes(bits: np.ndarray, left: float, bottom: float, edge: float, border
 
 
 def outlines(bits: np.ndarray) -> list[list[Corner]]:
-    """Borders of the cells that are 1, as loops of grid corners (column, row); what is 1 lies to their left.
+    """Borders of the cells that are 1, as loops of grid corners (column, row); the cells that are 1 lie to their
+    left.
 
-    Cells that touch at a corner alone are taken as apart.
+    Cells that touch only at a corner count as separate.
     """
     ways: dict[Corner, list[Corner]] = {}
     for j, i in zip(*np.nonzero(bits), strict=True):

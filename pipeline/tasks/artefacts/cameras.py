@@ -1,4 +1,4 @@
-"""Common parts of several task kinds: reading a focused camera and making its tracer."""
+"""Common parts of several kinds of tasks: reading a focused camera and making its tracer."""
 
 import dataclasses
 import functools
@@ -24,19 +24,19 @@ Inputs = dict[str, dict[str, Path]]
 
 FOCUSED, PLANES, PINHOLE = "focused.json", "planes.json", "pinhole.json"
 _POSITIONS_AT_ONCE = 1 << 16
-"""Positions of a piece: the four arrays of `Stretch` take 48 bytes for each, 3 MiB in all."""
+"""Positions in a piece: the four arrays of `Stretch` take 48 bytes for each, 3 MiB in all."""
 _KEPT = 4
 """Cameras that a process keeps ready: tasks of one camera share its outlines, microlenses and reference bundle."""
 
 
 def focused_camera(inputs: Inputs) -> Camera:
-    """The camera that the task `focus` wrote; with near and far planes, if the task reads those of `planes`."""
+    """The camera written by the task `focus`, with near and far planes if the task reads those of `planes`."""
     camera = from_plain(Camera, read_json(inputs["camera"][FOCUSED]))
     return dataclasses.replace(camera, **read_json(inputs["planes"][PLANES])) if "planes" in inputs else camera
 
 
 def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
-    """The pinhole that the task `pinhole` wrote; None where there is none."""
+    """The pinhole written by the task `pinhole`; None if there is none."""
     plain = read_json(inputs[role][PINHOLE])
     return None if plain is None else from_plain(Pinhole, plain)
 
@@ -55,7 +55,7 @@ def rig_of(inputs: Inputs, seed: int, square_px: float = 0.0) -> Rig:
 
 @functools.lru_cache(maxsize=_KEPT)
 def _tracer(camera: str, seed: int) -> Tracer:
-    """The tracer of a camera as text: two texts are equal only if all of their numbers are."""
+    """The tracer of a camera given as text: two texts are equal only if all of their numbers are."""
     return Tracer(from_plain(Camera, json.loads(camera)), seed)
 
 
@@ -65,7 +65,7 @@ def _images(camera: str, seed: int) -> MicroImages:
 
 
 def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
-    """Arrays that tiles wrote, one below the other."""
+    """Arrays written by tiles, one below the other."""
     rows = StackedRows([inputs[f"tile{number}"][name] for number in range(tiles)])
     return rows.rows(0, rows.shape[0])
 
@@ -77,13 +77,13 @@ class Stretch:
     Attributes
     ----------
     index : (n,) int64
-        Which ones, counted from the first position of the band.
+        Indices of the positions, counted from the first position of the band.
     pixels : (n, 2) int64
         Column and row in the whole grid.
     positions_mm : (n, 2) float64
-        On the sensor, vision frame.
+        Positions on the sensor, vision frame.
     lens : (n,) int64
-        Microlens whose cell each position lies in.
+        Index of the microlens in whose cell each position lies.
     """
 
     index: np.ndarray

@@ -1,4 +1,4 @@
-"""The rays of a camera, read back from the files of other tasks."""
+"""Reading of the rays of a camera from the files of other tasks."""
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def rows_of(file: ExrWindows, part: str, rows: slice, columns: slice, *channels:
 
 
 def _rows_of(axial: np.ndarray, microlenses: np.ndarray) -> np.ndarray:
-    """Row in the table of microlenses for every (k, l) of an image, (h, w)."""
+    """Index in the table of microlenses for every (k, l) of an image, (h, w)."""
     low = microlenses[:, :2].min(axis=0)
     size = microlenses[:, :2].max(axis=0) - low + 1
     rows = np.full(size, -1)

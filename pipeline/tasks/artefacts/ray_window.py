@@ -1,6 +1,6 @@
-"""Position images around single rows, traced anew: the same rays as in rays.exr, without reading that file.
+"""Position images around single rows, traced again: the same rays as in rays.exr, without reading that file.
 
-Random numbers depend on the seed and the fine position alone, so a window holds the numbers of the whole image.
+Random numbers depend only on the seed and the fine position, so a window uses the numbers of the whole image.
 """
 
 import math
@@ -30,7 +30,7 @@ class Window:
     Attributes
     ----------
     grid : RayGrid
-        Of the window alone: its first pixel is (0, 0).
+        Rays of the window, whose first pixel is (0, 0).
     first_px : (2,) int64
         That pixel in the image, x and y.
     piece : Stretch
@@ -65,7 +65,7 @@ def window_around(rig: Rig, x_px: np.ndarray, sampling: Sampling) -> Window:
 
 
 def _grid(rig: Rig, piece: Stretch, shape: tuple[int, int], first_px: np.ndarray, sampling: Sampling) -> RayGrid:
-    """Values of `rays.exr` at the positions, rounded as it is."""
+    """Values of `rays.exr` at the positions, with the same rounding."""
     camera, lattice, k = rig.tracer.camera, rig.tracer.lattice, sampling.supersampling
     assert camera.near_mm is not None and camera.far_mm is not None
     found, second = (values.astype(np.float32) for values in traced(rig.tracer, piece, sampling, rig.square_px))
@@ -99,7 +99,9 @@ def rows_near(
     settings: TruthSettings,
     sampling: Sampling,
 ) -> Correspondences:
-    """Rows that the search finds of one point (3,) of a tangent plane in a window; positions are those of the image."""
+    """Rows that the search finds in a window for one point (3,) of a tangent plane; positions are those of the whole
+    image.
+    """
     image = _position_image(rig, window, vision_from_plane, settings.method, sampling)
     found, counts = find(image, point_mm[None], window.grid, settings)
     rows = completed(found, counts, window.grid, vision_from_plane, settings)

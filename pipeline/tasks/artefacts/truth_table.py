@@ -47,7 +47,7 @@ CHANNEL = "channel"
 
 
 def column_order(table: TruthTable) -> list[str]:
-    """Names of all columns that the stage asks for."""
+    """Names of all columns that the stage asks for, in order."""
     settings, after = table.settings, COLUMNS.index("camera") + 1
     channel = [] if table.labels.channel is None else [CHANNEL]
     sets = (name for column_set in settings.column_sets for name in column_names(column_set))
@@ -56,7 +56,7 @@ def column_order(table: TruthTable) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class PosedPoints:
-    """Points of a target where a frame has it.
+    """Points of a target at its pose in a frame.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class PosedPoints:
 
     @property
     def planes(self) -> np.ndarray:
-        """Tangent planes of all points in the vision frame, as `truth.planes.tangent_planes` has them."""
+        """Tangent planes of all points in the vision frame, as from `truth.planes.tangent_planes`."""
         return tangent_planes(self.vision_from_target, self.points.position_mm, self.points.plane_axes)
 
 
@@ -115,18 +115,18 @@ def columns_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetNote:
-    """Counts and notes on the points of a target, or on some of them.
+    """Counts and remarks about the points of a target, or about some of them.
 
     Attributes
     ----------
     counts : dict or None
-        Rows by reason; None if the camera sees the target's back.
+        Numbers of rows by reason; None if the camera sees the back of the target.
     away : int
-        Points that face away.
+        Number of points that face away.
     sag_mm : float
         Largest distance of the surface from its tangent plane over the blur of a row.
     sets : tuple of SetNote
-        Of the further columns.
+        Notes about the optional columns.
     """
 
     target: str
@@ -137,7 +137,7 @@ class TargetNote:
 
     @property
     def text(self) -> str:
-        """For the header of a table."""
+        """Text for the header of a table."""
         if self.counts is None:
             return f"{self.target}: no rows, because the camera sees its back"
         said = [f"{name} {count}" for name, count in self.counts.items()]
@@ -148,7 +148,7 @@ class TargetNote:
         return "; ".join([f"{self.target}: {', '.join(said)}", *(one.text for one in self.sets)])
 
     def joined(self, other: "TargetNote") -> "TargetNote":
-        """The note on the points of both, which are different ones."""
+        """The note about the points of both, which must be different points."""
         if self.counts is None or other.counts is None:
             return self
         return TargetNote(
@@ -161,7 +161,7 @@ class TargetNote:
 
 
 def header_of(table: TruthTable, supersampling: int | None, *, is_plenoptic: bool) -> list[str]:
-    """Comment lines of a table, what became of its targets left out; no supersampling K without position images."""
+    """Comment lines of a table, without those about its targets; no supersampling K without position images."""
     settings, labels, light = table.settings, table.labels, table.labels.light
     empty = "" if is_plenoptic else "microlens_k, microlens_l, microlens_type (a conventional camera); "
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"

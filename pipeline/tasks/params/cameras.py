@@ -1,4 +1,4 @@
-"""Parameters of the tasks that settle a camera: `focus`, `planes`, `stop`, `pinhole`."""
+"""Parameters of the tasks that determine a camera: `focus`, `planes`, `stop`, `pinhole`."""
 
 from dataclasses import dataclass
 
@@ -9,19 +9,19 @@ from pipeline.camera.parts.spectrum import Channel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nothing:
-    """No parameters: the kind reads other tasks alone."""
+    """No parameters: the kind reads only the outputs of other tasks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Focus:
-    """A camera, or what it shall have in focus; without near and far planes and names."""
+    """A camera, or a request for a focus; without near and far planes and without names."""
 
     camera: Camera | None
     request: FocusRequest | None
 
     @property
     def asked(self) -> Camera | FocusRequest:
-        """The one that is there."""
+        """The camera or the request, whichever is present."""
         asked = self.camera or self.request
         assert asked is not None
         return asked
@@ -29,7 +29,7 @@ class Focus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planes:
-    """Planes of J_near and J_far as authored, None: derived from the depth of field."""
+    """Planes of J_near and J_far as authored; None: derived from the depth of field."""
 
     near_mm: float | None
     far_mm: float | None

@@ -15,7 +15,7 @@ class JudgedFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
-    """The tables of all frames of a camera; no claim where the method promises nothing."""
+    """The tables of all frames of a camera; no claim if the method promises none."""
 
     frames: tuple[JudgedFrame, ...]
     claim_px: float | None

@@ -8,7 +8,7 @@ from pipeline.tasks.params.rays import Light
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusLabels:
-    """A focus request, as camera.json tells it."""
+    """A focus request, as camera.json states it."""
 
     focus_distance_mm: float | None
     focus_type: int | None

@@ -44,7 +44,7 @@ class ImageTile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Image:
-    """An image, from so many tiles; without tiles of this view."""
+    """An image from a number of tiles; 0: the task renders the view itself."""
 
     exposure: Exposure
     tiles: int

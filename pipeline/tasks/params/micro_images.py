@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MicroImagesTile:
-    """One of so many equal shares of the microlenses."""
+    """One of a number of equal shares of the microlenses."""
 
     tile: int
     tiles: int
@@ -13,6 +13,6 @@ class MicroImagesTile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MicroImages:
-    """The micro-images, from so many tiles; 0: the task does the work itself, here and below."""
+    """The micro-images from a number of tiles; 0: the task does the work itself."""
 
     tiles: int

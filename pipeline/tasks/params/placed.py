@@ -9,7 +9,7 @@ Matrix = list[list[float]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedTarget:
-    """A target in a frame, as `target_from_plain` reads it; its name is empty where the task does not know it."""
+    """A target in a frame, as `target_from_plain` reads it; its name is empty if the task must not depend on it."""
 
     name: str
     target: dict[str, Any]
@@ -26,7 +26,7 @@ class PlacedOccluder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """Everything in a frame, as a camera has it before it."""
+    """Everything in a frame, in the vision frame of a camera."""
 
     targets: tuple[PlacedTarget, ...]
     occluders: tuple[PlacedOccluder, ...]
@@ -34,6 +34,6 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaintedView(View):
-    """With the radiance of everything, and that of what is behind it all."""
+    """A view with the radiance of everything and of the background."""
 
     background: float

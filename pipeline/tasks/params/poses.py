@@ -16,7 +16,7 @@ class PosedFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FramePoses:
-    """Poses of a camera, which is named, in all frames."""
+    """Poses of a camera, with its name, in all frames."""
 
     camera: str
     frames: tuple[PosedFrame, ...]

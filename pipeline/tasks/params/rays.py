@@ -1,4 +1,4 @@
-"""Parameters of the tasks `rays` and `rays_tile`, and what rays are labelled with."""
+"""Parameters of the tasks `rays` and `rays_tile`, and the labels of rays."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from pipeline.camera.parts.camera import Sampling
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """Light of a camera's bundles: the measure over their rays, where they start, and the wavelength."""
+    """Light of a camera's bundles: the weight of their rays, their footprint, and the wavelength."""
 
     weight: str
     footprint: str
@@ -16,7 +16,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RaysTile:
-    """A band of rows of the image; `square_px` is the edge of the square that the rays of J start on.
+    """A band of rows of the image; `square_px` is the edge of the square on which the rays of J start.
 
     `device` is where they are traced, see `graph.devices`; None: by the processor.
     """
@@ -30,7 +30,7 @@ class RaysTile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rays:
-    """The bundles of a camera, from so many tiles."""
+    """The bundles of a camera, from a number of tiles."""
 
     tiles: int
     sampling: Sampling

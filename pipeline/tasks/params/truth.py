@@ -11,7 +11,7 @@ from pipeline.truth.settings import TruthSettings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaneAsked:
-    """A tangent plane of a target, and the points on it (vision frame) [mm]."""
+    """A tangent plane of a target and the points on it (vision frame) [mm]."""
 
     name: str
     vision_from_target: Matrix
@@ -43,7 +43,7 @@ class TableLabels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthTable:
-    """A table of correspondences: whose it is, and how its rows are found."""
+    """A table of correspondences: its labels, and the method that finds its rows."""
 
     frame: int
     camera: str
@@ -53,7 +53,7 @@ class TruthTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthTile:
-    """Rows of some points: first and end of those of each target that are asked for, by its name."""
+    """Rows of some points: first and end index of the points of each target, by its name."""
 
     table: TruthTable
     view: View
@@ -63,7 +63,7 @@ class TruthTile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """A table, from so many tiles; without tiles of this view."""
+    """A table from a number of tiles; 0: the task computes the view itself."""
 
     table: TruthTable
     tiles: int

@@ -1,6 +1,8 @@
-"""Microlenses that may see a target point, and about where: from tracing the point forward through the pupil.
+"""Candidates: microlenses that may see a target point, and rough image positions, by tracing the point forward
+through the pupil.
 
-Points are in the vision frame. The forward trace runs in the lens frame moved to the stop: x, -y, -z of the former.
+Points are in the vision frame. The forward trace uses the lens frame with its origin at the stop: (x, -y, -z) of the
+vision frame.
 """
 
 from dataclasses import dataclass
@@ -17,17 +19,19 @@ from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor
 
 _FLIP = np.array([1.0, -1.0, -1.0])
-"""Signs of x, y and z that turn the vision frame into the lens frame, and back."""
+"""Signs of x, y and z that convert between the vision frame and the lens frame."""
 _FAN, _WIDE_FAN = 16, 96
-"""Rays along the diameter of a fan: towards the entrance pupil, and, where none of these comes through, towards the
-whole front surface, of which the pupil may be a small part."""
+"""Rays along the diameter of a fan: towards the entrance pupil, and, if none of them passes, towards the whole front
+surface, of which the pupil may be a small part.
+"""
 _PUPIL_SLACK = 1.3
-"""Radius of the fan over that of the paraxial entrance pupil [1]: the real one moves and grows off the axis."""
+"""Radius of the fan over that of the paraxial entrance pupil [1]: off the axis the real pupil moves and grows."""
 _REACH_PX, _BLUR_SHARE = 4.0, 0.25
-"""Room around a guess [px], and more of it by the width of the blur [1]: guesses behind microlenses were seen to miss
-by up to 1.5 px; without them by a tenth of the blur's width."""
+"""Search radius around a guess [px], and its part that grows with the width of the blur [1]: observed errors of
+guesses were up to 1.5 px behind microlenses, and a tenth of the blur's width without them.
+"""
 _CELL_SLACK = 0.3
-"""A guess may lie so many pitches farther from its own micro-image's centre than from the nearest one."""
+"""A guess may be this many pitches farther from the centre of its own micro-image than from the nearest one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +42,11 @@ class Candidates:
     ----------
     point, microlens : (n,) int64
     x_px : (n, 2) float64
-        Where the image of the point may lie.
+        Approximate image position of the point.
     reach_px : (n,) float64
-        How far from there it may lie.
+        Radius around it in which the image position may lie.
     rays : int
-        Traced for it.
+        Number of rays traced to find the candidates.
     """
 
     point: np.ndarray
@@ -53,7 +57,7 @@ class Candidates:
 
 
 def candidates(rig: Rig, points_mm: np.ndarray) -> Candidates:
-    """All candidates of points (p, 3); points whose light does not get through have none."""
+    """All candidates of points (p, 3); a point whose light does not pass the lens has none."""
     tracer, images = rig.tracer, rig.images
     point, microlens, guess, reach, rays = [], [], [], [], 0
     vertices = None if images is None else nearby_of(tracer.vertices_mm)
@@ -80,7 +84,7 @@ def candidates(rig: Rig, points_mm: np.ndarray) -> Candidates:
 
 
 def _fans(tracer: Tracer) -> list[np.ndarray]:
-    """Points that rays are aimed at, (n, 3) each: the paraxial entrance pupil; then the whole front surface."""
+    """Points at which rays are aimed, (n, 3) each: on the paraxial entrance pupil, then on the whole front surface."""
     table, pupil = towards_sensor(tracer.camera.prescription), first_order(tracer.camera.prescription).entrance_pupil
     fans = []
     for z, reach, count in (
@@ -96,9 +100,10 @@ def _fans(tracer: Tracer) -> list[np.ndarray]:
 def _footprint(
     tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Crossings of a point's rays with the plane of sensor or array, and slopes there; vision x and y, (n, 2) each.
+    """Crossings of a point's rays with the plane of the sensor or array, and slopes there; vision x and y, (n, 2)
+    each.
 
-    Of the first fan of which a ray comes through.
+    Rays of the first fan of which any ray passes.
     """
     rays = 0
     for aim in fans:
@@ -119,13 +124,13 @@ def _footprint(
 def _through_microlenses(
     tracer: Tracer, images: MicroImages, vertices: Nearby, crossing: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Microlenses that a footprint lights, and where the rays through their vertices meet the sensor."""
+    """Microlenses lit by a footprint, and positions where the rays through their vertices meet the sensor."""
     array = tracer.camera.microlenses
     assert array is not None
     spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
     reached = vertices.within(crossing, array.pitch_mm + spacing)[1]
     seen = np.unique(reached[reached != NOBODY])
-    # Slopes are nearly linear in the crossing; where the rays meet in a point, their mean has to do.
+    # Slopes are nearly linear in the crossing; if all rays meet in a point, their mean is used.
     q, s = crossing - crossing.mean(axis=0), slope - slope.mean(axis=0)
     soft = np.eye(2) * len(q) * (0.1 * array.pitch_mm) ** 2
     along = np.linalg.solve(q.T @ q + soft, q.T @ s)

@@ -1,7 +1,7 @@
-"""Image positions by the chief ray: where one ray alone puts a point that its bundle sees elsewhere.
+"""Image positions by the chief ray, a single ray; the mean of the bundle may put the point elsewhere.
 
-Without microlenses it is the ray through the centre of the stop; behind microlenses, where a bundle is a thin one, the
-ray through the vertex of its microlens, or of that face of it which has the aperture. Apertures do not block it.
+Without microlenses it is the ray through the centre of the stop. Behind a microlens, whose bundle is thin, it is the
+ray through the vertex of the microlens, or of that face which has the aperture. Apertures do not block it.
 """
 
 import numpy as np
@@ -13,22 +13,23 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.table import unbounded
 
 _STEPS = 20
-"""Steps at most: the derivative is kept, so that each step leaves the same small part of the miss."""
+"""Most steps: the derivative is kept, so each step reduces the error by the same large factor."""
 _DONE_PX, _ACCEPTED_PX = 1e-10, 1e-7
-"""Steps that end the search of all points, and last steps of points that are found [px]: roundings keep some points
-from the former, and the latter is a ten-thousandth of the default claim."""
+"""Largest last step that ends the search of all points, and largest last step of a point that counts as found [px]:
+rounding may keep a point from the former; the latter is a ten-thousandth of the default claim.
+"""
 _DIFFERENCE_PX = 0.05
-"""Half the difference of derivatives [px]: chief rays bend little over it, and roundings cancel few digits."""
+"""Half the step of difference quotients [px]: chief rays bend little over it, and rounding costs few digits."""
 
 
 def chief_points(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Positions whose chief ray meets the origin of a plane, (n, 2) [px]; NaN where there is none.
+    """Positions whose chief ray meets the origin of a plane, (n, 2) [px]; NaN if there is none.
 
     Parameters
     ----------
     microlens : (n,) int64
     x_px : (n, 2) float64
-        Where to begin.
+        Start positions.
     planes : (n, 4, 3) float64
         Tangent planes with their target points as origins.
     """
@@ -50,7 +51,9 @@ def chief_points(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes
 
 
 def chief_jacobian(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN where there are none."""
+    """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN if there is no chief
+    ray.
+    """
     change = [
         _chief_hits(tracer, microlens, x_px + step, planes) - _chief_hits(tracer, microlens, x_px - step, planes)
         for step in _DIFFERENCE_PX * np.eye(2)

@@ -1,4 +1,6 @@
-"""Correspondences by method `direct`: candidates from forward tracing, solutions, and the rules of which rows exist."""
+"""Rows of correspondences by method `direct`: candidates from forward tracing, solutions, and the rules for existing
+rows.
+"""
 
 from dataclasses import dataclass
 
@@ -16,17 +18,18 @@ from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences, Found, which_exist
 
 _GRACE_PX = 1.0
-"""Rough solutions so far outside of their cell or of the image may still turn out to lie inside."""
+"""Rough solutions this far outside their cell or the image [px] may still turn out to lie inside."""
 _APART_MM = 10.0
-"""Distance of the second upright plane behind the point's own [mm]: rays are straight, so that any distance would do
-that is far above roundings."""
+"""Distance of the second upright plane behind the point's own [mm]. Rays are straight, so any distance far above
+rounding would do.
+"""
 _BLUR_LEVEL = 1
-"""Level of the quadrature for the blur: a second moment is read to fewer digits than a position."""
+"""Level of quadrature for the blur: second moments need fewer digits than positions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Pairs to solve, of point and micro-image with a first guess, (n,), (n,) and (n, 2)."""
+    """Pairs of point and micro-image to solve, (n,) each, with first guesses (n, 2)."""
 
     point: np.ndarray
     cell: np.ndarray
@@ -38,7 +41,9 @@ class Guess:
 
 
 def guesses(rig: Rig, planes: np.ndarray) -> tuple[Guess, int]:
-    """All pairs of a target point that faces the camera and a micro-image that may see it; the rays traced for it."""
+    """All pairs of a target point that faces the camera and a micro-image that may see it, and the number of traced
+    rays.
+    """
     facing = np.flatnonzero(faces_camera(planes))
     found = candidates(rig, planes[facing, 0])
     return Guess(facing[found.point], np.maximum(found.microlens, 0), found.x_px), found.rays
@@ -52,12 +57,12 @@ def solve(
     min_hit_fraction: float,
     jacobian: np.ndarray | None = None,
 ) -> Correspondences:
-    """Solve J(x) = p for pairs, and keep those that exist.
+    """Solve J(x) = p for pairs, and keep the rows that exist.
 
     Parameters
     ----------
     jacobian : (n, 2, 2) float64, optional
-        Derivatives of J at guesses that are solutions already, roughly.
+        Derivatives of J at the guesses, if these are rough solutions already.
     planes : (p, 4, 3) float64
         Per target point the tangent plane there, vision frame: rows point, first axis, second axis, normal.
     """
@@ -110,7 +115,8 @@ def _with_blur(
 def blur_of(
     rig: Rig, cell: np.ndarray, x_px: np.ndarray, planes: np.ndarray, jacobian: np.ndarray, moments: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] of the bundles of rows themselves, and the rays traced.
+    """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] from the bundles of the rows themselves, and the number of
+    traced rays.
 
     Parameters
     ----------
@@ -119,7 +125,7 @@ def blur_of(
     jacobian : (n, 2, 2) float64
         Derivative of J there [mm per px].
     moments : (n, COLUMNS) float64
-        Of the bundles on those planes; those that start on squares are traced again from the positions.
+        Moments of the bundles on those planes; bundles that start on squares are traced again from the positions.
     """
     microlens, rays = rig.microlens(cell), 0
     if rig.square_px:

@@ -1,4 +1,4 @@
-"""Rows that a position image cannot answer well enough, solved directly: uncertain ones, and those it lacks."""
+"""Direct solution of rows for which a position image is not accurate enough, or which it lacks."""
 
 import dataclasses
 
@@ -10,16 +10,18 @@ from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
 _SIGMAS = 2.0
-"""Expected errors of a row that must stay below the claim [1]: one in twenty errs by more than two of them."""
+"""Expected errors of a row that must stay below the claim [1]: only one row in twenty has an error above two of
+them.
+"""
 
 
 def polished(rig: Rig, found: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
-    """Rows of `moments` that keep the claimed accuracy, and all others by `direct`.
+    """Rows of `moments` that keep the claimed accuracy, and all others solved by `direct`.
 
     Parameters
     ----------
     planes : (p, 4, 3) float64
-        Tangent planes at the target points, as in `solve.solve`.
+        Tangent planes at the target points, as in `direct_rows.solve`.
     """
     assert settings.claim_px is not None
     rows = found.found

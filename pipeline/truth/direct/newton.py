@@ -1,7 +1,7 @@
-"""Method `direct`: J(x) = p solved for every target point and microlens, J being integrated at x itself.
+"""Method `direct`: J(x) = p is solved for every target point and microlens, with J integrated at x itself.
 
-No position image, no interpolation, no K. x is continuous, so J's derivatives come from differences of J, and Newton's
-method with Broyden's updates converges in a few steps.
+There is no position image, no interpolation and no K. J is a function of a continuous x, so its derivatives follow
+from differences, and Newton's method with Broyden's updates converges in a few steps.
 """
 
 from collections.abc import Callable
@@ -14,28 +14,34 @@ from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.truth.direct.chief_points import chief_jacobian
 
 _STEPS = 14
-"""Rough steps at most: steps that do not get short by then lead to no solution nearby."""
+"""Most rough steps: if steps are not short by then, there is no solution nearby."""
 _RETREATS = 8
-"""Halvings at most of a way that leads into the dark: to 1/256 of it."""
+"""Most halvings of a step that leads to a position without light: down to 1/256 of it."""
 _DIFFERENCE_PX = 0.25
-"""Half the difference of derivatives [px]: wide beside the errors of a rough integral, narrow beside a micro-image."""
+"""Half the step of difference quotients [px]: large beside the errors of a rough integral, small beside a
+micro-image.
+"""
 _ROUGH_PX = 0.05
-"""Length of a step after which finer integrals take over [px]: the derivative holds so near to a solution."""
+"""Length of a step below which finer integrals are used [px]: so near to a solution the derivative holds."""
 _LONGEST_STEP_PX = 8.0
-"""Length to which steps are cut [px]: a derivative far from the solution must throw no row out of its micro-image."""
+"""Longest step [px]: a wrong derivative far from the solution must not throw a row out of its micro-image."""
 _FINE_STEPS = 3
-"""Steps of one level at most: `_TRUST` leaves a thousandth of the first after three."""
+"""Most steps of one level: with `_TRUST` a thousandth of the first step is left after three."""
 _TRUST = 0.1
-"""Near a solution the derivative holds to a tenth, mostly to far less, and so does a step. With random rays it is
-noisy, and what the step before has left says how far it holds."""
+"""Relative error of the derivative near a solution, at most a tenth and mostly far less, and so the part of a step
+that may be left after it. With random rays the derivative is noisy; then the part left by the last step tells its
+error.
+"""
 
 
 MayExist = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Image positions (m, 2) and their rows (m,) to bool (m,): whether a solution there might exist."""
+"""Function of image positions (m, 2) and their row indices (m,) that returns whether a solution may exist there,
+(m,) bool.
+"""
 
 
 class Search:
-    """Newton's method for many candidates at once; rows drop out as they are done.
+    """Newton's method for many candidates at once; finished rows drop out.
 
     Parameters
     ----------
@@ -43,30 +49,30 @@ class Search:
     planes : (n, 4, 3) float64
         Tangent planes whose origins are the target points: J(x) = 0 is solved.
     x_px, home_px : (n, 2) float64
-        First guesses, and where light arrives for certain: a guess in the dark moves there.
+        First guesses, and positions that certainly receive light, towards which a guess without light moves.
     square_px : float
-        Edge of the square around a position that its rays start on; 0: the position itself.
+        Edge of the square around a position on which its rays start; 0: they start at the position itself.
 
     Attributes
     ----------
     x_px : (n, 2) float64
-        Solutions, once approached and refined; NaN where there is none.
+        Solutions after `approach` and `refine`; NaN if there is none.
     jacobian : (n, 2, 2) float64
         Derivative of J by image position [mm per px]; columns are x and y.
     sigma_px : (n, 2) float64
-        Error of the integral and of what Newton's method left, mapped to the image.
+        Error of the integral and remaining error of Newton's method, mapped to the image.
     moments : (n, COLUMNS) float64
-        Of the bundle at the solution, on the tangent plane.
+        Moments of the bundle at the solution, on the tangent plane.
     is_random, reached : (n,) bool
-        Whether random rays had to replace the quadrature; whether the wanted accuracy was reached.
+        Whether random rays replaced the quadrature; whether the required accuracy was reached.
     anchor_px : (n, 2) float64
-        Positions whose random rays those next to them have, too: with others J would jump.
+        Positions whose random numbers are also used at neighbouring positions: with others J would jump.
     left_over : (n,) float64
-        Share of a step that is still to be made after it, as last seen; infinite before.
+        Part of a step that remained after it, as last measured; infinite before.
     random_mm : (n, 2) float64
-        Standard error of J by the random rays traced last; NaN where there were none.
+        Standard error of J from the last random rays; NaN without random rays.
     rays : int
-        Traced so far.
+        Number of rays traced so far.
     """
 
     def __init__(
@@ -89,9 +95,10 @@ class Search:
         self.random_mm = np.full((n, 2), np.nan)
 
     def approach(self, may_exist: MayExist) -> None:
-        """Newton's method with rough integrals, until steps are short; rows that leave where they may exist stop.
+        """Newton's method with rough integrals until steps are short; rows stop when they leave the region where
+        they may exist.
 
-        Chief rays say nearly how bundles move, at a fraction of the price: their derivative begins.
+        It starts with the derivative of chief rays, which move almost as bundles do and cost far less.
         """
         rows = self._leave_the_dark()
         self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], self.planes[rows, 0])
@@ -108,17 +115,17 @@ class Search:
         self._derive(rows)
 
     def look(self) -> None:
-        """Derivatives of J at the first guesses, which stay where they are."""
+        """Compute derivatives of J at the first guesses without moving them."""
         rows = np.arange(len(self.x_px))
         self.residual[rows] = self._j(rows, self.x_px)
         self._derive(rows[~np.isnan(self.residual[:, 0])])
 
     def begin_at(self, jacobian: np.ndarray) -> None:
-        """Take the guesses for rough solutions, with derivatives (n, 2, 2) known from elsewhere."""
+        """Accept the guesses as rough solutions, with known derivatives (n, 2, 2)."""
         self.jacobian, self.inverse = jacobian.copy(), _inverse(jacobian)
 
     def refine(self, rows: np.ndarray, accuracy_px: float) -> None:
-        """Finer integrals, level by level, until their error and the step that they ask for are below the accuracy."""
+        """Use finer integrals, level by level, until their error and the next step are below the accuracy."""
         for level in range(1, LEVELS):
             self._settle(rows, level, accuracy_px)
             self.reached[rows] = np.hypot(*self.sigma_px[rows].T) < accuracy_px
@@ -127,7 +134,7 @@ class Search:
                 break
 
     def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
-        """Steps of Newton's method with integrals of one level; rows that are near enough stay where they are."""
+        """Steps of Newton's method with integrals of one level; rows with a sufficiently small step stay."""
         step, coarser = np.zeros_like(self.x_px), self.random_mm.copy()
         self.anchor_px[rows] = self.x_px[rows]
         for turn in range(_FINE_STEPS):
@@ -141,24 +148,26 @@ class Search:
             self.x_px[rows] += step[rows]
             left = self._left(rows, step[rows])
             self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], found), left)
-            # Every row ends by itself: a row solved in another company is the same row.
+            # Each row ends independently, so that its result does not depend on the rows solved with it.
             rows = rows[~(left.max(axis=1, initial=0.0) < accuracy_px / 4)]
             if not len(rows):
                 break
 
     def _measure(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
-        """Share of a step that J says is still to be made after it: what is wrong with the derivative."""
-        with np.errstate(divide="ignore", invalid="ignore"):  # rows that stand still
+        """Measure the part of a step that remains to be made according to J, which shows the error of the
+        derivative.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):  # rows that do not move
             share = np.hypot(*_times(self.inverse[rows], j).T) / np.hypot(*step.T)
         self.left_over[rows] = np.fmax(share, _TRUST)
 
     def _left(self, rows: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Bound of what Newton's method leaves after a step, (n, 2) [px]."""
+        """Upper bound of the error that Newton's method leaves after a step, (n, 2) [px]."""
         measured = (self.left_over[rows] * np.hypot(*step.T))[:, None]
         return np.where(self.is_random[rows, None], measured, _TRUST * np.abs(step))
 
     def _leave_the_dark(self) -> np.ndarray:
-        """J at the first guesses; those without light move towards home. Rows that have light."""
+        """Compute J at the first guesses, moving those without light towards `home_px`; returns the rows with light."""
         dark = np.arange(len(self.x_px))
         for _ in range(_RETREATS):
             self.residual[dark] = self._j(dark, self.x_px[dark])
@@ -169,7 +178,7 @@ class Search:
         return np.flatnonzero(~np.isnan(self.residual[:, 0]))
 
     def _derive(self, rows: np.ndarray) -> None:
-        """Derivatives of J by central differences, one-sided where light ends."""
+        """Derivatives of J by central differences; one-sided at the edge of the light."""
         here, self.anchor_px[rows] = self.residual[rows], self.x_px[rows]
         for i, axis in enumerate(np.eye(2) * _DIFFERENCE_PX):
             plus, minus = (self._j(rows, self.x_px[rows] + sign * axis) for sign in (1, -1))
@@ -180,7 +189,9 @@ class Search:
         self.inverse[rows] = _inverse(self.jacobian[rows])
 
     def _newton_step(self, rows: np.ndarray) -> np.ndarray:
-        """One step with Broyden's update; a step into the dark is halved. Returns the steps, (n, 2); NaN: lost."""
+        """One step with Broyden's update, halved if it leads to a position without light. Returns the steps, (n, 2);
+        NaN: no light found.
+        """
         step = -_times(self.inverse[rows], self.residual[rows])
         step *= np.minimum(1.0, _LONGEST_STEP_PX / np.maximum(np.hypot(*step.T), 1e-300))[:, None]
         j = self._j(rows, self.x_px[rows] + step)
@@ -200,7 +211,7 @@ class Search:
         moved = _times(inverse, j - self.residual[rows])
         scale = np.einsum("ni,ni->n", step, moved)
         row = np.einsum("ni,nij->nj", step, inverse)
-        with np.errstate(divide="ignore", invalid="ignore"):  # rows that stand still
+        with np.errstate(divide="ignore", invalid="ignore"):  # rows that do not move
             update = np.einsum("ni,nj->nij", step - moved, row) / scale[:, None, None]
         self.inverse[rows] = np.where(np.isfinite(update), inverse + update, inverse)
         self.residual[rows] = j
@@ -219,19 +230,19 @@ class Search:
 
 
 def errors_px(inverse: np.ndarray, found: Integral) -> np.ndarray:
-    """Error of J in the image [px]: random errors add in squares, differences of two levels at worst directly."""
+    """Error of J in the image [px]: random errors are added in squares, differences of two levels linearly."""
     in_squares = np.sqrt(np.einsum("nij,nj->ni", inverse**2, found.error_mm**2))
     directly = np.einsum("nij,nj->ni", np.abs(inverse), found.error_mm)
     return np.where(found.is_random[:, None], in_squares, directly)
 
 
 def _inverse(jacobian: np.ndarray) -> np.ndarray:
-    """Inverses, NaN where there is none."""
+    """Inverse matrices; NaN if singular."""
     with np.errstate(invalid="ignore"):
         regular = np.abs(np.linalg.det(jacobian)) > 0
     return np.linalg.inv(np.where(regular[:, None, None], jacobian, np.nan))
 
 
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Row by row product, (n, 2)."""
+    """Products of matrices and vectors row by row, (n, 2)."""
     return np.einsum("nij,nj->ni", matrices, vectors)

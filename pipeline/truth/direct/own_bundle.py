@@ -1,6 +1,6 @@
-"""Rows of position images get the hit fraction and the blur of their own bundles, traced at their own positions.
+"""Hit fraction and blur of rows of position images, from their own bundles traced at their own positions.
 
-The nearest position of the grid will not do: in the penumbra of a micro-image its hit fraction is off by 0.1,
+The nearest position of the grid is not sufficient: in the penumbra of a micro-image its hit fraction is off by 0.1,
 and its blur by a quarter of the trace.
 """
 
@@ -14,18 +14,19 @@ from pipeline.truth.direct.direct_rows import blur_of
 from pipeline.truth.rows import Correspondences
 
 _LEVEL = 1
-"""Level of the quadrature: light and blur are read to fewer digits than a position."""
+"""Level of quadrature: light and blur need fewer digits than positions."""
 
 
 def with_own_bundles(rig: Rig, rows: Correspondences, planes: np.ndarray, min_hit_fraction: float) -> Correspondences:
-    """The same rows with light and blur of their own; those that have too little light are dropped and counted.
+    """The same rows with hit fraction and blur of their own bundles; rows with too little light are dropped and
+    counted.
 
     Rows by `direct` have both already.
 
     Parameters
     ----------
     planes : (p, 4, 3) float64
-        Tangent planes at the target points, as in `solve.solve`.
+        Tangent planes at the target points, as in `direct_rows.solve`.
     """
     others = np.flatnonzero(rows.method != "direct")
     found = rows.found.only(others)

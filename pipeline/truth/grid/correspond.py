@@ -1,4 +1,4 @@
-"""Correspondences of points of one plane in one frame: search, half-pixel rule, blur, and which rows exist."""
+"""Correspondences of the points of one plane in one frame: search, half-pixel rule, blur, and the rows that exist."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ from pipeline.units import DEGREE_RAD
 
 @dataclass(frozen=True, slots=True)
 class Sightings:
-    """Solutions that a search met, before the best one of each point and cell is chosen.
+    """Solutions found by a search, before the best one of each point and cell is chosen.
 
     Attributes
     ----------
     found : Found
-        In the order of the grid.
+        Solutions in the order of the grid.
     nearest_mm : (n,) float64
-        Distance of the nearest value from the point: the smallest is the best.
+        Distance of the nearest value from the point; the solution with the smallest is the best.
     counts : dict
-        Of candidates, and of rejections by reason.
+        Counts of candidates, and of rejections by reason.
     """
 
     found: Found
@@ -58,15 +58,15 @@ def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: Trut
 def sightings(
     image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice
 ) -> Sightings:
-    """All solutions that begin in the rows `own` of a position image; those around are there to be looked at."""
+    """All solutions that begin in the rows `own` of a position image; the rows around them are only read."""
     image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
     search_for = _nearest if settings.search == "nearest" else _in_quads
     return search_for(image, points, grid, settings, own)
 
 
 def best_of(found: Found, nearest_mm: np.ndarray, settings: TruthSettings) -> tuple[np.ndarray, int]:
-    """Numbers of the best solutions, by point and cell, and how many others there are."""
-    # The quad whose nearest value lies closest to the point wins its (point, cell); of equal ones the first.
+    """Indices of the best solutions by point and cell, and the number of the others."""
+    # The quad whose nearest value is closest to the point wins its (point, cell); among equals the first.
     order = np.lexsort((nearest_mm, found.cell, found.point))
     pair = np.stack([found.point[order], found.cell[order]], axis=1)
     first = np.ones(len(order), bool)
@@ -113,9 +113,9 @@ def _in_quads(image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: Tr
 
 
 def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Distances of solutions from the first corners of their quads: a share of a step on, or back from the other one.
+    """Offsets of solutions from the first corners of their quads, as a step forward or back from the other corner.
 
-    The digits of the differences themselves depend on where the window begins.
+    Computed without differences of positions, whose last digits depend on where the window begins.
     """
     apart = solution - corner
     return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
@@ -158,20 +158,20 @@ def correspond(
     vision_from_target: np.ndarray,
     settings: TruthSettings,
 ) -> Correspondences:
-    """Ground truth of points of one plane, in its frame: all rows that exist, with their blur and error."""
+    """Ground truth of the points of one plane, in its frame: all rows that exist, with blur and error."""
     return completed(*find(image, points_mm, grid, settings), grid, vision_from_target, settings)
 
 
 def completed(
     found: Found, counts: dict, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings
 ) -> Correspondences:
-    """The rows that exist among what a search found, sorted by point, l, k, with their blur and error."""
+    """The rows that exist among the results of a search, sorted by point, l, k, with blur and error."""
     rows = with_light(found, grid, vision_from_target, settings)
     return existing(dataclasses.replace(rows, counts=counts), grid, settings.min_hit_fraction)
 
 
 def with_light(found: Found, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings) -> Correspondences:
-    """All that a search found, with light, blur and error; nothing is counted."""
+    """All results of a search with light, blur and error; nothing is counted."""
     covariance, ray_near, ray_far = _bundle_at(found, grid)
     share, _, way = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
     uu, uv = blur.deviations(covariance, share)
@@ -202,9 +202,9 @@ def _sampled(values: np.ndarray, found: Found, grid: RayGrid) -> np.ndarray:
 
 
 def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Covariance (n, 4, 4) and mean crossings (n, 2) of the whole pixel nearest to each row, in the row's own cell.
+    """Covariance (n, 4, 4) and mean crossings (n, 2) of the pixel nearest to each row, within the row's own cell.
 
-    NaN where none of the nine pixels around belongs to the cell.
+    NaN if none of the nine pixels around belongs to the cell.
     """
     (width, height), (left, above) = grid.size_px, grid.first_px
     k, n = grid.supersampling, len(found.point)
@@ -214,7 +214,7 @@ def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.
         for dx in (-1, 0, 1):
             x = (np.rint(np.nan_to_num(found.x_px)) - left + dx).clip(0, width - 1).astype(int)
             y = (np.rint(np.nan_to_num(found.y_px)) - above + dy).clip(0, height - 1).astype(int)
-            # The fine position next to the pixel's centre tells whose bundle the pixel kept.
+            # The fine position next to the pixel's centre determines whose bundle the pixel kept.
             fine = y * k + k // 2, x * k + k // 2
             distance = np.hypot(x + left - found.x_px, y + above - found.y_px)
             usable = (grid.cell[fine] == found.cell) & (distance < closest) & ~np.isnan(grid.covariance[y, x, 0])
@@ -227,9 +227,10 @@ def _bundle_at(found: Found, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.
 def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Standard error of each row: that of the worse plane, scaled by the blur.
 
-    The mean of a bundle errs in proportion to the bundle's width, because both are linear in where rays cross the
-    pupil; so the error at the target is that at the near or far plane times the ratio of the blurs. Blur and error are
-    those of the positions around, not of the row's own bundle: the row is made of them and errs as they do.
+    The error of a bundle's mean is proportional to the bundle's width, because both are linear in the crossings with
+    the pupil. So the error at the target is that at the near or far plane times the ratio of the blurs. Blur and
+    error are those of the surrounding positions, not of the row's own bundle, because the row is computed from these
+    positions.
     """
     row, column = _nearest_fine(found, grid)
     widths, square_px2 = [], (grid.square_steps / grid.supersampling) ** 2 / 12
@@ -245,9 +246,9 @@ def _sigma(found: Found, grid: RayGrid, blurred: np.ndarray, covariance: np.ndar
 
 
 def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.ndarray) -> np.ndarray:
-    """Root mean square of the errors of the up to nine positions around, in the same cell, (n, 2) [px].
+    """Root mean square of the errors of up to nine surrounding positions in the same cell, (n, 2) [px].
 
-    The error of a single position comes from four replicas and is itself uncertain by 40 %.
+    The error of a single position is estimated from four replicas and is itself uncertain by 40 %.
     """
     total, count = np.zeros((len(row), 2)), np.zeros((len(row), 1))
     for j in (-1, 0, 1):

@@ -1,7 +1,8 @@
-"""Position images of all points of a target: each on its own tangent plane, those that share one together.
+"""Position images for all points of a target: each point on its own tangent plane, points with a common plane
+together.
 
-A point whose front faces away from the centre of the aperture stop has no row. What stands in front of a point, another
-target or a part of the same one, is not looked for here: see `truth.visibility`.
+A point whose front faces away from the centre of the aperture stop has no row. Obstacles in front of a point, other
+targets or parts of the same one, are ignored here: see `truth.visibility`.
 """
 
 import functools
@@ -19,18 +20,21 @@ from pipeline.truth.rows import Correspondences, existing
 from pipeline.truth.settings import TruthSettings
 
 REACH_PX, REACH_STEPS = 2, 4
-"""Around a row the search reads values up to two pixels away, and up to four steps of the fine grid."""
+"""Range around a row in which the search reads values: two pixels, and four steps of the fine grid."""
 _WINDOW_STEPS = 16
-"""Half the size of a window around a single point, in steps of the fine grid on the target; at f/2, 45 degrees and
-20 mm of defocus the mean ray misses the mean of the hits by one."""
+"""Half the size of a window around a single point, in steps of the fine grid on the target. At f/2, 45 degrees and
+20 mm of defocus the mean ray misses the mean of the hits by one step.
+"""
 _PADDING_PX = 4
-"""Pixels around a window: what the search may read around a row at K = 1, `REACH_STEPS`."""
+"""Margin around a window [px]: values that the search may read around a row at K = 1, `REACH_STEPS`."""
 _BAND_POSITIONS = 1 << 20
-"""Fine positions of a band, about 400 bytes each. Rows do not depend on it."""
+"""Fine positions in a band, about 400 bytes each. Results do not depend on it."""
 
 
 ImageOf = Callable[[int, np.ndarray, RayGrid], np.ndarray]
-"""(number of the plane, vision_from_plane, rays of a window) to J there, in the frame of the plane."""
+"""Function of the plane's index, vision_from_plane and the rays of a window that returns J there, in the frame of
+the plane.
+"""
 
 
 def plane_name(target: str, number: int, planes: int) -> str:
@@ -45,7 +49,7 @@ def correspond_points(
     settings: TruthSettings,
     image_of: ImageOf,
 ) -> Correspondences | None:
-    """All rows of a target that exist, `found.point` counting its points; None if all of them face away.
+    """All rows of a target that exist, with `found.point` indexing its points; None if all points face away.
 
     The image is searched band by band, so that memory does not grow with it.
     """
@@ -66,7 +70,7 @@ def correspond_points(
 
 @dataclass(frozen=True, slots=True)
 class _Plane:
-    """A tangent plane that faces the camera, its number among those of its target, and vision_from_plane."""
+    """A tangent plane that faces the camera, its index among those of its target, and vision_from_plane."""
 
     number: int
     plane: TangentPlane
@@ -74,7 +78,7 @@ class _Plane:
 
 
 def _bands(rays: Rays) -> Iterator[tuple[slice, slice]]:
-    """Bands of rows of the image, and the same with the rows around that a search looks at."""
+    """Bands of rows of the image, each also with the surrounding rows that a search reads."""
     width, height = rays.size_px
     rows = max(1, _BAND_POSITIONS // (width * rays.supersampling**2))
     room = REACH_PX + math.ceil(REACH_STEPS / rays.supersampling)
@@ -85,14 +89,14 @@ def _bands(rays: Rays) -> Iterator[tuple[slice, slice]]:
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """Rays of a band of whole rows; `own` are the rows of the image to search."""
+    """Rays of a band of whole rows; `own` holds the rows of the image to search."""
 
     rays: RayGrid
     own: slice
     settings: TruthSettings
 
     def rows_of(self, plane: _Plane, image_of: ImageOf) -> tuple[Correspondences, np.ndarray]:
-        """Rows of the points of a plane, in the whole image, and the distance of the nearest value."""
+        """Rows of the points of a plane, with positions in the whole image, and the distance of the nearest value."""
         k, (width, height) = self.rays.supersampling, self.rays.size_px
         rows, columns = slice(0, height), slice(0, width)
         if len(plane.plane.members) == 1 and self.settings.method != "image":
@@ -109,7 +113,7 @@ class _Band:
 def _best(
     plane: _Plane, seen: list[tuple[Correspondences, np.ndarray]], rays: Rays, settings: TruthSettings
 ) -> Correspondences:
-    """The rows of a plane that exist, from what all bands have."""
+    """The rows of a plane that exist, from the results of all bands."""
     parts = [part for part, _ in seen]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     rows = functools.reduce(Correspondences.joined, parts)
@@ -135,7 +139,8 @@ def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
 
 
 def largest_sag_mm(rows: Correspondences, points: TargetPoints) -> float:
-    """Largest distance within a row's blur of the surface from its tangent plane, of all rows; 0 on flat targets.
+    """Largest distance of the surface from its tangent plane within the blur of a row, over all rows; 0 for flat
+    targets.
 
     Curvature / 2 times the square of two standard deviations, along the widest axis of the bundle on the plane.
     """

@@ -1,4 +1,4 @@
-"""Position images: where the bundle of every pixel meets a target's plane, in the target's own frame."""
+"""Position images: the points where the bundles of all pixels meet a target's plane, in the target frame."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ import numpy as np
 def on_target(
     near: np.ndarray, far: np.ndarray, near_mm: float, far_mm: float, vision_from_target: np.ndarray
 ) -> np.ndarray:
-    """J of the paper's second method: the mean ray of every pixel, intersected with the target's plane.
+    """J by the paper's second method: the intersection of the mean ray of every pixel with the target's plane.
 
     J = J_near + t (J_far - J_near), t = <q - J_near, n> / <J_far - J_near, n>.
 
@@ -30,7 +30,7 @@ def on_target(
 def crossing_share(
     near: np.ndarray, far: np.ndarray, near_mm: float, far_mm: float, vision_from_target: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Share t (...) of the way between the planes at which mean rays meet the target; J_near, the way (..., 3)."""
+    """Share t (...) of the way between the planes at which mean rays meet the target; J_near; the way (..., 3)."""
     start = np.concatenate([near, np.full((*near.shape[:-1], 1), near_mm)], axis=-1)
     way = np.concatenate([far - near, np.full((*near.shape[:-1], 1), far_mm - near_mm)], axis=-1)
     origin, normal = vision_from_target[:3, 3], vision_from_target[:3, 2]

@@ -1,4 +1,4 @@
-"""Finding target points in a position image: the paper's quad search with its two filters, and its naive search.
+"""Search for target points in a position image: the paper's quad search with its two filters, and its naive search.
 
 Kernels work on position images in the target frame. `cell` labels the micro-image of every position; a conventional
 image is one cell. Positions are indices (column, row) of the fine grid.
@@ -12,15 +12,18 @@ import numpy as np
 from pipeline.jit.decorators import inline, kernel
 
 ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
-"""Outcomes of a quad that holds a point. WINDOW: the 16 values are not all there, or not in one micro-image."""
+"""Results for a quad that holds a point. WINDOW: some of the 16 values are missing or in another micro-image."""
 
 COLUMN, ROW, DISTANCE, BY_COLUMN, BY_ROW, ALONG, DOWN, SOLUTION = 0, 1, 2, 3, 5, 7, 8, 9
 """Columns of solutions: position, distance of J there from the point, derivatives of J along column (2) and row (2),
-shares of a step along both; the last is their number."""
+shares of a step along both; the last one is their number.
+"""
 
 
 class Filter(NamedTuple):
-    """The paper's filters of quads: whether they are asked, and how far lengths and angles [rad] may be off."""
+    """The paper's filters of quads: whether they are applied, and the largest deviations of lengths [1] and angles
+    [rad].
+    """
 
     is_used: bool
     lambda_d: float
@@ -29,7 +32,9 @@ class Filter(NamedTuple):
 
 @inline
 def _holds(a, b, c, d, px, py):
-    """Whether the quadrilateral a b c d holds the point; of two quads that share an edge only one does (even-odd)."""
+    """Whether the quadrilateral a b c d holds the point. Of two quads with a common edge only one does (even-odd
+    rule).
+    """
     inside = False
     for p, q in ((a, b), (b, c), (c, d), (d, a)):
         if (p[1] > py) != (q[1] > py) and px < (q[0] - p[0]) * (py - p[1]) / (q[1] - p[1]) + p[0]:
@@ -39,7 +44,7 @@ def _holds(a, b, c, d, px, py):
 
 @inline
 def _window_in_cell(image, cell, column, row):
-    """Whether the 4 x 4 positions around the quad at (column, row) exist, are filled and lie in one cell."""
+    """Whether the 4 x 4 positions around the quad at (column, row) exist, hold values and lie in one cell."""
     if column < 1 or row < 1 or column + 2 >= image.shape[1] or row + 2 >= image.shape[0]:
         return False
     for j in range(row - 1, row + 3):
@@ -51,7 +56,9 @@ def _window_in_cell(image, cell, column, row):
 
 @inline
 def _lengths_ok(image, oi, oj, ei, ej, limit):
-    """All 12 neighbour distances of each direction within `limit` of their mean, relatively."""
+    """Whether all 12 distances of neighbours in each direction deviate from their mean by at most `limit`,
+    relatively.
+    """
     for along_i in (True, False):
         total = 0.0
         for attempt in range(2):
@@ -71,7 +78,7 @@ def _lengths_ok(image, oi, oj, ei, ej, limit):
 
 @inline
 def _angles_ok(image, oi, oj, ei, ej, limit):
-    """All 9 angles between the two steps within `limit` [rad] of their mean."""
+    """Whether all 9 angles between the two steps deviate from their mean by at most `limit` [rad]."""
     total = 0.0
     for attempt in range(2):
         mean = total / 9.0
@@ -91,7 +98,7 @@ def _angles_ok(image, oi, oj, ei, ej, limit):
 
 @kernel
 def quads_that_hold(image, cell, points, quads):
-    """List the quads that hold a point; returns their number, and fills `quads` as far as it reaches.
+    """List the quads that hold a point. Returns their number, and fills `quads` up to its length.
 
     Parameters
     ----------
@@ -135,7 +142,7 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
         From `quads_that_hold`.
     limits : Filter
     status : (n,) int64
-        Written: ACCEPTED or the reason against it.
+        Written: ACCEPTED or the reason for the rejection.
     solutions : (n, SOLUTION) float64
         Written: column and row of the solution; distance of J(o) from the point; derivatives of J; s and t.
     """

@@ -1,7 +1,7 @@
-"""A quadratic surface through the 4 x 4 values around a quad, instead of the plane through three of them.
+"""Quadratic surface through the 4 x 4 values around a quad, instead of a plane through three of them.
 
-Least squares over 16 values leaves less noise than three values do, follows where J bends, and its residuals tell how
-far to trust the result. Positions are columns and rows of the fine grid; J is in the target frame.
+A least squares fit to 16 values is less noisy than three values and follows the curvature of J; its residuals give
+an error estimate. Positions are columns and rows of the fine grid; J is in the target frame.
 """
 
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 _OFFSETS = np.arange(4) - 1.5
-"""Columns, and rows, of the 16 values from the middle of their quad [steps of the grid]."""
+"""Columns and rows of the 16 values, relative to the middle of their quad [steps of the grid]."""
 _STEPS = 6
-"""Steps of Newton's method: digits double at each, and a quadratic that is nearly a plane is where it begins."""
+"""Steps of Newton's method: the number of correct digits doubles with each, starting from a nearly plane quadratic."""
 _FREEDOM = 16 - 6
-"""Degrees of freedom of a fit: 16 values less 6 coefficients."""
+"""Degrees of freedom of a fit: 16 values minus 6 coefficients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +23,7 @@ class Fit:
     Attributes
     ----------
     x : (n, 2) float64
-        Column and row, from the middle of the quad; NaN where the 16 values are not all there, or not in one
-        micro-image.
+        Column and row from the middle of the quad; NaN unless all 16 values exist and lie in one micro-image.
     jacobian : (n, 2, 2) float64
         Derivative of J per step of the grid; columns are along columns and rows.
     noise_gain : (n,) float64
@@ -40,7 +39,7 @@ class Fit:
 
 
 def solve(image: np.ndarray, cell: np.ndarray, quads: np.ndarray, points: np.ndarray) -> Fit:
-    """Solve in the surfaces around quads.
+    """Solve J(x) = p in the surfaces around quads.
 
     Parameters
     ----------
@@ -63,7 +62,7 @@ def solve(image: np.ndarray, cell: np.ndarray, quads: np.ndarray, points: np.nda
             regular = complete & (np.abs(np.linalg.det(jacobian)) > 0)
         jacobian = np.where(regular[:, None, None], jacobian, np.nan)
         x = x + np.linalg.solve(jacobian, (points - here)[..., None])[..., 0]
-    # A solution outside of the window is none.
+    # A solution outside the window is not valid.
     x = np.where(np.abs(x).max(axis=1, keepdims=True) <= 1.5, x, np.nan)
     terms = _terms(*x.T)
     gain = np.sqrt(np.einsum("na,ab,nb->n", terms, np.linalg.inv(design.T @ design), terms))
@@ -72,7 +71,7 @@ def solve(image: np.ndarray, cell: np.ndarray, quads: np.ndarray, points: np.nda
 
 
 def _windows(image: np.ndarray, cell: np.ndarray, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The 16 values around each quad, (n, 16, 2), and whether all are there and in the quad's own cell."""
+    """The 16 values around each quad, (n, 16, 2), and whether all exist and lie in the quad's own cell."""
     height, width = cell.shape
     column, row = (quads[:, i, None, None] + np.arange(-1, 3).reshape(shape) for i, shape in ((0, (1, 4)), (1, (4, 1))))
     inside = ((column >= 0) & (column < width) & (row >= 0) & (row < height)).all(axis=(1, 2))

@@ -1,4 +1,4 @@
-"""The position images of a camera, as the ground truth reads them."""
+"""Position images of a camera, in the form that the ground truth reads."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -10,7 +10,7 @@ from pipeline.truth.rows import Whereabouts
 
 
 class Cells:
-    """Cells of an image by the centres of its micro-images: `truth.rows.Whereabouts` of what knows these.
+    """Cells of an image by the centres of its micro-images; see the protocol `truth.rows.Whereabouts`.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Cells:
 
 
 class Rays(Whereabouts, Protocol):
-    """The bundles of a camera, in memory or in a file that is read by windows; attributes as of `RayGrid`."""
+    """The bundles of a camera, in memory or in a file that is read by windows; attributes as in `RayGrid`."""
 
     @property
     def supersampling(self) -> int:
@@ -69,7 +69,7 @@ class Rays(Whereabouts, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RayGrid(Cells):
-    """Bundles of a camera as the task `rays` keeps them, on a grid K times finer than the image.
+    """Bundles of a camera, as the task `rays` stores them, on a grid K times finer than the image.
 
     Attributes
     ----------
@@ -86,13 +86,13 @@ class RayGrid(Cells):
     error_px : (K h, K w, 2) float64
         Standard error of J from the ray sampling, on the worse of the two planes [px].
     cell : (K h, K w) int64
-        Row of the microlens in `microlenses`; 0 throughout for a conventional camera.
+        Index of the microlens in `microlenses`; 0 everywhere for a conventional camera.
     microlenses : (m, 3) int64
         k, l and type of the microlenses; one row of zeros for a conventional camera.
     centres_px : (m, 2) float64 or None
         Micro-image centres; None for a conventional camera.
     square_steps : float
-        Edge of the square around a position that its rays start on, in steps of the grid: 1, or 0 for the position
+        Edge of the square around a position on which its rays start, in steps of the grid: 1, or 0 for the position
         itself.
     first_px : (int, int)
         Column and row of the first pixel in the whole image. Image positions are always those of the whole image: in
@@ -114,7 +114,7 @@ class RayGrid(Cells):
     first_px: tuple[int, int] = (0, 0)
 
     def window(self, rows: slice, columns: slice) -> "RayGrid":
-        """The bundles of some rows and columns of the image alone; all micro-images stay."""
+        """The bundles of some rows and columns of the image; all micro-images are kept."""
         k = self.supersampling
         fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
         names = ("near", "far", "hit_fraction", "error_px", "cell")

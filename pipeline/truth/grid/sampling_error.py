@@ -22,7 +22,7 @@ def jacobian(image: np.ndarray, cell: np.ndarray) -> np.ndarray:
 
 
 def _difference(image: np.ndarray, cell: np.ndarray) -> np.ndarray:
-    """Mean of the forward and backward difference along axis 1, of those that stay in the cell and are filled."""
+    """Mean of the forward and backward difference along axis 1, using only neighbours in the same cell with values."""
     step = np.diff(image, axis=1)
     step[cell[:, 1:] != cell[:, :-1]] = np.nan
     known = ~np.isnan(step)

@@ -44,11 +44,11 @@ def correction(
 
 
 def corrected(image: np.ndarray, grid: RayGrid, vision_from_target: np.ndarray) -> np.ndarray:
-    """A position image by two planes, corrected, (K h, K w, 2) in the target frame [mm].
+    """A position image by two planes with the correction added, (K h, K w, 2) in the target frame [mm].
 
-    Second moments are kept once per pixel, of rays from one point: what the square of a position adds follows from the
-    derivative of J. Positions of another micro-image than the one their pixel kept, at the
-    edge of a cell, stay uncorrected. Behind microlenses the correction is some 1e-4 px.
+    Second moments are stored once per pixel, for rays from one point; the contribution of the square of a position
+    follows from the derivative of J. At the edge of a cell, positions of another micro-image than the one stored for
+    their pixel stay uncorrected. Behind microlenses the correction is a few 1e-4 px.
     """
     k = grid.supersampling
     share, _, way = crossing_share(grid.near, grid.far, grid.near_mm, grid.far_mm, vision_from_target)

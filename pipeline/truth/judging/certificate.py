@@ -1,7 +1,7 @@
-"""The certificate of a table: a sample of rows of either kind, solved again with the other rule and more rays.
+"""The certificate of a table: a sample of its rows, solved again with the other rule of integration and more rays.
 
-Rows of position images and their moments come from random rays: quadrature judges them. Rows by `direct` come from
-quadrature: random rays judge them. Both rules share the trace, which published rays judge.
+Rows of position images and their moments come from random rays and are judged by quadrature. Rows by `direct` come
+from quadrature and are judged by random rays. Both rules share the trace, which is tested against published rays.
 """
 
 import itertools
@@ -17,26 +17,27 @@ from pipeline.truth.judging.judges import SHARPER, differences, rms
 WITHIN = 0.95
 """Share of the rows of a table that must lie within the claim [1]: two standard deviations of normal errors."""
 WORST = 5.0
-"""Claims by which the worst row may differ [1]: `WITHIN` alone would let one in twenty be anywhere."""
+"""Claims by which the worst row may differ [1]: with `WITHIN` alone one row in twenty could be anywhere."""
 NOTHING = "nothing to certify: the tables have no row"
-"""Why there is no verdict where no point was seen."""
+"""Reason for a missing verdict if no point is seen."""
 NO_CLAIM_PX = 1e-3
-"""Accuracy that is aimed at where nothing is claimed [px]: what tables claim by default."""
+"""Accuracy that is aimed at without a claim [px]: the default claim of tables."""
 KINDS = ("position images", "direct")
-"""Kinds of rows: how one was found says by which rule it is judged."""
+"""Kinds of rows; the kind of a row decides the rule that judges it."""
 
 _BINS_PX = (0.0, 1.0, 2.0, 4.0)
 """Distances from the border of a cell or of the image at which bins begin [px]: the search reads values up to two
-pixels around a row, so that rows nearer to a border have fewer of them."""
+pixels around a row, so rows nearer to a border have fewer of them.
+"""
 
 
 def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, Any]:
-    """Solve rows again and state the differences; plain data for the manifest.
+    """Solve rows again and state the differences, as plain data for the manifest.
 
     Parameters
     ----------
     of : int
-        Rows that the sample was drawn from.
+        Number of rows from which the sample was drawn.
     claim_px : float or None
         None: no claim, no verdict.
     """
@@ -81,7 +82,7 @@ def _of_kind(kind: str, weights: np.ndarray, length: np.ndarray, claim_px: float
 def _verdict(
     length: np.ndarray, own: np.ndarray, weights: np.ndarray, claim_px: float
 ) -> tuple[bool | None, str | None]:
-    """Whether a sample keeps a claim, and what speaks against it; None where the judge's own error leaves it open.
+    """Whether a sample keeps a claim, and the reason if not; None if the judge's own error leaves it undecided.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def _verdict(
 
 
 def _against(length: np.ndarray, weights: np.ndarray, claim_px: float) -> str | None:
-    """The reason why a sample speaks against a claim, None where it does not."""
+    """The reason why a sample contradicts a claim; None if it does not."""
     within = float(np.average(length <= claim_px, weights=weights))
     if within < WITHIN:
         return f"only {within:.1%} of the rows lie within the claim"
@@ -114,7 +115,7 @@ def _against(length: np.ndarray, weights: np.ndarray, claim_px: float) -> str | 
 
 
 def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
-    """Distance of rows from the edge of their cell, or from the border of the image, (n,)."""
+    """Distance of rows from the edge of their cell or the border of the image, whichever is nearer, (n,) [px]."""
     sensor, pitch = rig.tracer.camera.sensor, rig.tracer.camera.sensor.pitch_mm
     border = np.array([sensor.width_px, sensor.height_px]) / 2 - np.abs(
         rows.x_px - (np.array([sensor.width_px, sensor.height_px]) - 1) / 2
@@ -148,5 +149,5 @@ def _figures(length: np.ndarray) -> dict[str, float | None]:
 
 
 def _plain(value: float) -> float | None:
-    """Two significant digits more than anybody reads; None for what is not known."""
+    """A value rounded to a few digits more than anybody reads; None if it is unknown."""
     return float(f"{value:.4g}") if math.isfinite(value) else None

@@ -1,30 +1,30 @@
-"""Rows of tables that shall be judged, and samples of them."""
+"""Rows of tables that are to be judged, and samples of them."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 ROWS = 64
-"""Rows at most that are solved again for each camera, so that a large build pays no more for them."""
+"""Most rows that are solved again for each camera, so that the cost does not grow with the build."""
 _FEWEST, _ONE_IN = 16, 8
-"""Rows that a build solves again: one in so many, but so many at least. More would cost more than the build itself."""
+"""Rows that a build solves again: at least so many, else one in so many. More would cost more than the build itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of a table that shall be judged.
+    """Rows of a table that are to be judged.
 
     Attributes
     ----------
     planes : (n, 4, 3) float64
         Tangent planes at their target points.
     cell : (n,) int64
-        Row of their microlens; 0 for a conventional camera.
+        Index of their microlens; 0 for a conventional camera.
     x_px : (n, 2) float64
     is_direct : (n,) bool
         Whether they were found by quadrature.
     stands_for : (n,) float64 or None
-        Rows of the table that each was drawn for; None: one each.
+        Number of rows of the table that each one represents; None: one each.
     """
 
     planes: np.ndarray
@@ -34,16 +34,16 @@ class Rows:
     stands_for: np.ndarray | None = None
 
     def only(self, kept: np.ndarray) -> "Rows":
-        """The rows that `kept` says or numbers."""
+        """The rows selected by a mask or by indices."""
         return Rows(self.planes[kept], self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
 
     @property
     def weights(self) -> np.ndarray:
-        """Rows of the table that each stands for, (n,)."""
+        """Number of rows of the table that each one represents, (n,)."""
         return np.ones(len(self.cell)) if self.stands_for is None else self.stands_for
 
     def drawn(self, seed: int, rows: int = ROWS) -> "Rows":
-        """A sample of so many of these rows, which stands for all of them."""
+        """A sample of these rows with so many rows, which represents all of them."""
         chosen = sample(self.is_direct, seed, rows)
         of, drawn = np.bincount(self.is_direct, minlength=2), np.bincount(self.is_direct[chosen], minlength=2)
         kind = self.is_direct[chosen].astype(int)
@@ -51,12 +51,12 @@ class Rows:
 
 
 def rows_of_build(of: int) -> int:
-    """Number of rows that the certificate of a build solves again, of so many that the tables have."""
+    """Number of rows that the certificate of a build solves again if the tables have `of` rows."""
     return min(ROWS, max(_FEWEST, of // _ONE_IN))
 
 
 def sample(is_direct: np.ndarray, seed: int, rows: int = ROWS) -> np.ndarray:
-    """Numbers of up to so many rows, drawn without repetition, ascending; half of either kind if there are."""
+    """Indices of up to so many rows, drawn without repetition, ascending; half of either kind if possible."""
     order = np.random.default_rng(seed).permutation(len(is_direct))
     others, direct = order[~is_direct[order]], order[is_direct[order]]
     others = others[: max(rows // 2, rows - len(direct))]

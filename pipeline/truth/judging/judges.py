@@ -1,4 +1,4 @@
-"""Rows solved again: those of position images by quadrature, those by quadrature with random rays."""
+"""Judging of rows: those of position images are solved again by quadrature, those by quadrature with random rays."""
 
 import math
 
@@ -10,22 +10,24 @@ from pipeline.truth.direct.newton import Search, errors_px
 from pipeline.truth.judging.judged import Rows
 
 SHARPER = 3.0
-"""A judge is believed whose standard error is so many times smaller than the claim. Of a row judged less sharply the
-difference counts with so many standard errors less to refute a claim, and with so many more to confirm it."""
+"""Ratio of claim to the judge's standard error above which a judgement is taken as exact. For a less exact one, the
+difference minus so many standard errors must refute a claim, and the difference plus so many must confirm it.
+"""
 
 _RANDOM_RAYS = tuple(1 << power for power in range(14, 23, 2))
-"""Rays of a row, level by level: more of them only where a row is not yet known to keep the claim, by `SHARPER`
-standard errors, and its own is not below half of what is believed."""
+"""Numbers of rays of a row, level by level. More rays are used only while the row is not known, by `SHARPER`
+standard errors, to keep the claim, and its own standard error is above half of the accepted one.
+"""
 _TURNS = 3
-"""Steps of Newton's method at most with the same number of rays: the first leaves little, and more rays follow."""
+"""Most steps of Newton's method with the same number of rays: the first leaves little, and more rays follow."""
 _ROUGH_PX = 0.01
-"""Length of a step that needs no other with so many rays [px]: what Newton's method leaves of it is far smaller."""
+"""Length of a step after which no further one with so many rays is needed [px]: the remaining error is far smaller."""
 _BATCHES = 6
-"""Batches of the most rays, in all: for rows that keep the judge from a decision."""
+"""Total number of batches with the largest number of rays, for rows that prevent a decision."""
 
 
 def differences(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Shifts of rows by the other rule, and their standard errors, (n, 2) each [px]; NaN where there is no light."""
+    """Shifts of rows by the other rule, and their standard errors, (n, 2) each [px]; NaN without light."""
     apart, sigma = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
     for kind, judge in ((False, _by_quadrature), (True, _by_random_rays)):
         here = np.flatnonzero(rows.is_direct == kind)
@@ -56,12 +58,12 @@ def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> tuple[np.ndarray, 
 
 
 class _RandomRays:
-    """Rows on their way to where random rays say that J is right.
+    """Rows that move to the positions where J is right according to random rays.
 
     Attributes
     ----------
     apart_px, sigma_px : (n, 2) float64
-        How far each has come, and the standard error of that; NaN where there is no light.
+        Shift of each row and its standard error; NaN without light.
     """
 
     def __init__(self, rig: Rig, rows: Rows) -> None:
@@ -73,7 +75,7 @@ class _RandomRays:
         self._error_mm, self._coarser_mm = np.full_like(self.apart_px, np.nan), np.full_like(self.apart_px, np.nan)
 
     def approach(self, claim_px: float) -> None:
-        """Newton's method with more and more rays, until rows are known sharply."""
+        """Newton's method with more and more rays, until the errors of all rows are small enough."""
         doubtful = self.lit
         for rays in _RANDOM_RAYS:
             self._coarser_mm[doubtful] = self._error_mm[doubtful]
@@ -88,24 +90,26 @@ class _RandomRays:
                 break
 
     def average(self, wanted_px: float) -> None:
-        """The mean of independent batches of the most rays, for rows that keep the judge from a decision."""
+        """Average independent batches of the largest number of rays, for rows that prevent a decision."""
         batches = np.ones((len(self.lit), 1))
         for stream in range(1, _BATCHES):
             own = np.hypot(*self.sigma_px[self.lit].T)
-            if not wanted_px <= rms(own) < wanted_px * math.sqrt(_BATCHES / stream):  # sharp enough, or beyond hope
+            # Accurate enough, or too far from it
+            if not wanted_px <= rms(own) < wanted_px * math.sqrt(_BATCHES / stream):
                 break
             blunt = np.flatnonzero(own >= wanted_px)
             here = self.lit[blunt]
             step, error = self._step(here, _RANDOM_RAYS[-1], stream)
-            # The mean of independent estimates, each as good as the others.
+            # The mean of independent, equally accurate estimates.
             before, batches[blunt] = batches[blunt], batches[blunt] + 1
             self.apart_px[here] += step / batches[blunt]
             self.sigma_px[here] = np.hypot(before * self.sigma_px[here], error) / batches[blunt]
 
     def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """The step that is left from where rows are now, and its standard error.
+        """The remaining step from the present positions, and its standard error.
 
-        Random numbers are those of the row's pixel, wherever it goes: at a border with others J would jump.
+        Random numbers are always those of the row's pixel, even if it moves: at a border other numbers would make J
+        jump.
         """
         planes, x = np.stack([self.rows.planes[here]] * 2, axis=1), self.rows.x_px[here] + self.apart_px[here]
         microlens = self.rig.microlens(self.rows.cell[here])
@@ -117,5 +121,5 @@ class _RandomRays:
 
 
 def rms(values: np.ndarray) -> float:
-    """Root mean square; 0 of nothing."""
+    """Root mean square; 0 for an empty array."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

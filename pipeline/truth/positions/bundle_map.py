@@ -1,4 +1,4 @@
-"""A bundle as a function of the image position: hits and weights of its nodes, interpolated between positions."""
+"""Bundle maps: hits and weights of the nodes of a bundle as functions of the image position, by interpolation."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from pipeline.camera.tracer import Tracer
 
 
 class Grid(NamedTuple):
-    """Positions that are traced for a map.
+    """Positions that are traced for a bundle map.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class BundleMap:
     fields: np.ndarray
 
     def basis(self, x_px: np.ndarray) -> np.ndarray:
-        """Lagrange's polynomials of the grid at positions (..., 2): the weights of `fields`, (..., k k)."""
+        """Lagrange polynomials of the grid at positions (..., 2): the weights of `fields`, (..., k k)."""
         t = (x_px - self.x_px) / self.half_px
         x, y = self._lagrange(t[..., 0]), self._lagrange(t[..., 1])
         return (x[..., :, None] * y[..., None, :]).reshape(*t.shape[:-1], -1)
@@ -66,16 +66,16 @@ class BundleMap:
 
 
 def bundle_map(tracer: Tracer, microlens: int, plane: np.ndarray, grid: Grid, nodes: Polar) -> BundleMap | None:
-    """Trace the bundles of a grid of positions; None where one of them is cut, dark or not star-shaped.
+    """Trace the bundles of a grid of positions; None if one of them is cut, dark or not star-shaped.
 
     Parameters
     ----------
     microlens : int
-        Its row, or NO_MICROLENS.
+        Index of the microlens, or NO_MICROLENS.
     plane : (4, 3) float64
         Rows origin, first axis, second axis, normal; vision frame.
     nodes : Polar
-        About the inner point of the position in the middle.
+        Polar nodes about the inner point of the middle position.
     """
     offsets = -np.cos(np.pi * np.arange(grid.order) / (grid.order - 1))
     places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)

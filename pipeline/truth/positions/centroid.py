@@ -1,4 +1,4 @@
-"""The centroid of a disc's noise-free image: what detectors of dots look for.
+"""The centroid of the noise-free image of a disc, which detectors of dots look for.
 
 A disc lies about the target point in its tangent plane. With h(x, q) the hit of node q of the bundle at x, and D its
 weight, the image of the disc is E(x) = integral of D over the nodes whose hit lies on the disc. For each node the
@@ -22,32 +22,40 @@ from pipeline.camera.tracer import Tracer
 from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
-"""Traced positions along an axis, rings and directions of the bundle, rings and directions of the disc."""
+"""For each of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and
+directions of the disc.
+"""
 _LOOK_PX = 0.5
-"""Half the size of the first look [px]: a pixel is wide enough for derivatives that guess the size of the disc."""
+"""Half the size of the first traced box [px]: a pixel is enough for derivatives that give the approximate size of
+the disc.
+"""
 _SLACK, _LARGER = 1.05, 1.1
-"""Size of a traced box over that of the guessed disc, and of the largest disc that the box still serves [1]:
-polynomials hold a little beyond their nodes."""
+"""Size of a traced box over that of the estimated disc, and of the largest disc for which the box is still used [1]:
+polynomials hold a little beyond their nodes.
+"""
 _BOXES = 4
-"""Boxes at most, each guessed from what the one before has seen."""
+"""Most boxes; each is estimated from the one before."""
 _STEPS = 12
-"""Steps at most to where a node sees a point: the derivative is kept, so that each leaves the same small part."""
+"""Most steps to the position from which a node sees a point: the derivative is kept, so each reduces the error by
+the same large factor.
+"""
 _DONE_PX = 1e-7
 """Step that ends the search [px]: a ten-thousandth of the default claim."""
 _DIFFERENCE = 1e-4
-"""Half the difference of derivatives over half the size of the box [1]: polynomials of low degree err by about its
-square."""
+"""Half the step of difference quotients over half the size of the box [1]: for polynomials of low degree the error
+is about its square.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Centroid:
-    """Centroid of a disc's image; NaN where the disc is not seen as a whole.
+    """Centroid of the image of a disc; NaN unless the whole disc is seen.
 
     Attributes
     ----------
     x_px : (2,) float64
     error_px : float
-        Difference of two integrals.
+        Difference of the two integrals with different numbers of nodes.
     """
 
     x_px: np.ndarray
@@ -92,7 +100,7 @@ def _disc_images(
             if around is None:
                 return None
             seen = _seen(around, radius_mm * _circle(64))[0]
-            # The box was guessed; polynomials hold little beyond it.
+            # The box was an estimate; polynomials hold only a little beyond it.
             if (np.abs(seen - around.x_px) <= _LARGER * half).all():
                 break
         else:
@@ -117,14 +125,18 @@ def _light_and_centroid(
 
 
 def _linear(look: BundleMap, points_mm: np.ndarray) -> np.ndarray:
-    """Image positions (a, r, m, 2) where nodes see points (m, 2) of the plane, by derivatives in a map's middle."""
+    """Image positions (a, r, m, 2) from which nodes see points (m, 2) of the plane, linearised in the middle of a
+    map.
+    """
     middle = np.broadcast_to(look.x_px, (*look.fields.shape[1:3], 1, 2))
     apart = points_mm - _fields(look, middle)[..., :2]
     return look.x_px + np.einsum("armij,armj->armi", np.linalg.inv(_jacobian(look, middle)), apart)
 
 
 def _seen(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image positions (a, r, m, 2) [px] where nodes see points (m, 2) of the plane, density and px^2 per mm^2 there."""
+    """Image positions (a, r, m, 2) [px] from which nodes see points (m, 2) of the plane, and density and px^2 per
+    mm^2 there.
+    """
     middle = np.broadcast_to(around.x_px, (*around.fields.shape[1:3], 1, 2))
     inverse = np.linalg.inv(_jacobian(around, middle))
     x = _linear(around, points_mm)
@@ -138,7 +150,7 @@ def _seen(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _fields(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
-    """Coordinates and density of nodes at positions of their own (a, r, m, 2), (a, r, m, 3)."""
+    """Coordinates and density of nodes, each at its own positions (a, r, m, 2), (a, r, m, 3)."""
     return around.basis(x_px) @ around.fields.transpose(1, 2, 0, 3)
 
 

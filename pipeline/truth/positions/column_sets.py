@@ -1,6 +1,7 @@
 """Optional columns of a table of correspondences: other image positions of the same points, see CONVENTIONS.md.
 
-x_px, y_px is J's. Detectors of corners and dots look for something else, and a lens with coma sets all of them apart.
+x_px, y_px are those of J. Detectors of corners and dots look for other positions, and a lens with coma separates all
+of them.
 """
 
 from dataclasses import dataclass
@@ -22,21 +23,21 @@ SETS = {
     " integrated over a pixel, is stationary",
     "centroid": "centroid: of the noise-free image of the disc about the point in its tangent plane",
 }
-"""The sets in the order of their columns, and what each is."""
+"""The sets in the order of their columns, with a description of each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetNote:
-    """Counts and notes on a set.
+    """Counts and remarks about a set.
 
     Attributes
     ----------
     rows : int
-        That have a position.
+        Number of rows with a position.
     empty : dict
-        Rows without one, by reason.
+        Number of rows without a position, by reason.
     error_px : float or None
-        Largest error of the computation; None where it knows none.
+        Largest estimated error of the computation; None if unknown.
     """
 
     name: str
@@ -46,13 +47,13 @@ class SetNote:
 
     @property
     def text(self) -> str:
-        """For the header of a table."""
+        """Text for the header of a table."""
         empty = [f"{why} {count}" for why, count in self.empty.items() if count]
         note = f"{self.name} {self.rows}" + (f" (empty: {', '.join(empty)})" if empty else "")
         return note if self.error_px is None else f"{note}, its largest error {self.error_px:.1g} px"
 
     def joined(self, other: "SetNote") -> "SetNote":
-        """The note on the rows of both."""
+        """The counts of the rows of both."""
         errors = [note.error_px for note in (self, other) if note.error_px is not None]
         return SetNote(
             name=self.name,
@@ -69,7 +70,7 @@ class ColumnSet:
     Attributes
     ----------
     x_px : (n, 2) float64
-        NaN where there is none.
+        Positions; NaN for none.
     note : SetNote
     """
 
@@ -83,7 +84,7 @@ def column_names(name: str) -> tuple[str, str]:
 
 
 def column_set(name: str, rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
-    """The positions of one set.
+    """The positions of one set for the rows of a target.
 
     Parameters
     ----------

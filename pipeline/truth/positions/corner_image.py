@@ -1,4 +1,4 @@
-"""The image of an ideal corner, integrated over a pixel at a continuous position, and its derivatives."""
+"""The image of an ideal corner, integrated over a pixel at any position, and its derivatives."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -9,15 +9,17 @@ from pipeline.truth.positions import saddle_kernels as kernels
 from pipeline.truth.positions.bundle_map import BundleMap
 
 _DIFFERENCE_PX = 0.05
-"""Half the difference of a Hessian [px]: a corner that is seen through a pixel bends little over it."""
+"""Half the step of difference quotients for the Hessian [px]: the image of a corner, integrated over a pixel, bends
+little over it.
+"""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-"""Nodes on [-1, 1] along each part of a pixel's side, and their weights: exact to the seventh degree."""
+"""Gauss-Legendre nodes on [-1, 1] along each part of a pixel's side, and their weights: exact to the seventh degree."""
 _SIDES = np.array([[[1, -1], [1, 1]], [[-1, -1], [-1, 1]], [[-1, 1], [1, 1]], [[-1, -1], [1, -1]]]) / 2
 """Ends of the right, left, lower and upper side of a pixel."""
 
 
 class CornerImage:
-    """The image of a corner seen by the bundles of a map.
+    """The image of a corner as seen by the bundles of a map.
 
     Parameters
     ----------
@@ -25,7 +27,7 @@ class CornerImage:
     ratio : float
         (white + black) / (white - black).
     step : int
-        Takes every so many nodes of the map only.
+        Use only every `step`-th node of the map.
     """
 
     def __init__(self, around: BundleMap, ratio: float, step: int = 1) -> None:
@@ -45,8 +47,8 @@ class CornerImage:
     def _along(self, ends: np.ndarray) -> float:
         """Integral of the point image along a line of length 1 px.
 
-        A sharp bundle's light changes within a short piece of the line: nodes of Gauss and Legendre between the places
-        where the first and the last ray crosses an edge.
+        If the bundle is sharp, the light changes within a short piece of the line: so Gauss-Legendre nodes are
+        placed between the positions where the first and the last ray cross an edge.
         """
         first, last = (self._extremes(end) for end in ends)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""The saddle of a corner's noise-free image.
+"""The saddle of the noise-free image of a corner.
 
 An infinite X-corner with the edges of the target point lies in its tangent plane. Its image, integrated over the square
 of a pixel at a continuous position x, is a smooth function E(x); the saddle is where grad E = 0 and det Hess E < 0. By
@@ -17,35 +17,36 @@ from pipeline.truth.positions.corner_image import CornerImages
 from pipeline.truth.positions.saddle_start import start_of
 
 _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
-"""Rings and directions of the bundle's triangles; their error falls with the square of these numbers."""
+"""Rings and directions of the triangles of a bundle; the error falls with the square of these numbers."""
 _GOOD_PX = 5e-4
-"""Error at which no finer level follows [px]: half of the default claim."""
+"""Error below which no finer level is needed [px]: half of the default claim."""
 _ORDER = 3
-"""Positions along an axis through which polynomials go: bundles change nearly linearly over a pixel."""
+"""Number of positions along an axis for the polynomials: bundles change nearly linearly over a pixel."""
 _CENTRED_PX = 0.25
-"""Distance of the saddle from the middle of the traced positions at which it is believed [px]: the polynomials hold
-there."""
+"""Distance of the saddle from the middle of the traced positions up to which it is accepted [px], because the
+polynomials hold there.
+"""
 _HALF_PX = 0.5 + _CENTRED_PX
-"""Half the way that traced positions span [px]: out to the sides of a pixel that lies so far off the middle."""
+"""Half the span of the traced positions [px]: it reaches the sides of a pixel that lies so far off the middle."""
 _ROUNDS = 8
-"""Times at most that positions are traced anew about where the saddle was found: what moves on after that is lost."""
+"""Most times that positions are traced anew around the saddle; a solution that moves on after that is given up."""
 _STEPS = 20
-"""Steps of Newton's method at most between two traces."""
+"""Most steps of Newton's method between two traces."""
 _LONGEST_PX = 1.0
-"""Way after which positions are traced anew [px], and twice the longest step: the map spans a pixel and a half."""
+"""Distance after which positions are traced anew [px], and half the longest step: the map spans a pixel and a half."""
 _DONE_PX = 1e-7
 """Step that ends the search [px]: a ten-thousandth of the default claim."""
 
 
 @dataclass(frozen=True, slots=True)
 class Saddle:
-    """Position of the saddle of a corner's image; NaN where none was found.
+    """Position of the saddle of a corner's image; NaN if none was found.
 
     Attributes
     ----------
     x_px : (2,) float64
     error_px : float
-        Error by the triangles that stand for the bundle.
+        Error due to the approximation of the bundle by triangles.
     """
 
     x_px: np.ndarray
@@ -53,7 +54,7 @@ class Saddle:
 
 
 def corner_plane(plane: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """A tangent plane (4, 3) whose coordinates run along two edges (2, 3) of the same frame."""
+    """A tangent plane (4, 3) whose coordinate axes are two edges (2, 3) of the same frame."""
     normal = plane[3]
     first, second = np.cross(edges[1], normal), np.cross(normal, edges[0])
     return np.stack([plane[0], first / (first @ edges[0]), second / (second @ edges[1]), normal])
@@ -65,9 +66,9 @@ def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, 
     Parameters
     ----------
     x_px : (2,) float64
-        J's position.
+        Position of J, near which the search begins.
     plane : (4, 3) float64
-        Of `corner_plane`, vision frame.
+        Plane from `corner_plane`, vision frame.
     ratio : float
         (white + black) / (white - black).
     """
@@ -100,7 +101,7 @@ def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, 
 
 
 def _newton(image: CornerImages, x_px: np.ndarray, hessian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN: nowhere."""
+    """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN if there is none."""
     x, gradient = x_px, image.gradient(x_px)
     for _ in range(_STEPS):
         if not np.abs(np.linalg.det(hessian)) > 0:
@@ -112,7 +113,7 @@ def _newton(image: CornerImages, x_px: np.ndarray, hessian: np.ndarray) -> tuple
             break
         gradient = image.gradient(x)
         surprise = gradient - before - hessian @ step
-        # Powell's symmetric update, as Broyden's but for symmetric derivatives.
+        # Powell's symmetric update: like Broyden's, for symmetric derivatives.
         n = step @ step
         hessian = hessian + (np.outer(surprise, step) + np.outer(step, surprise)) / n
         hessian -= (surprise @ step) * np.outer(step, step) / n**2

@@ -38,11 +38,11 @@ def corner_light(nodes, ratio):
         j = i + 1 if i + 1 < directions else 0
         for k in range(rings):
             a, b, c, d = nodes[i, k], nodes[i, k + 1], nodes[j, k + 1], nodes[j, k]
-            if (i + k) % 2 == 1:  # Diagonals in turn, or all of them would lean to one side.
+            if (i + k) % 2 == 1:  # Diagonals alternate, otherwise all would lean to one side.
                 a, b, c, d = d, c, b, a
             outer = (k + 1.0) * (a[2] + b[2] + c[2]) * (ratio + signed_share(a, b, c))
             inner = k * (a[2] + c[2] + d[2]) * (ratio + signed_share(a, c, d)) if k > 0 else 0.0
-            # The ring's sector, of area (2 k + 1) pi / (directions rings^2), is shared as k + 1 to k.
+            # The ring's sector, of area (2 k + 1) pi / (directions rings^2), is divided in the ratio k + 1 to k.
             total += (outer + inner) / 3.0
     return total * math.pi / (directions * rings * rings)
 
@@ -53,7 +53,7 @@ def signed_share(a, b, c):
     if (a[0] > 0.0) == (b[0] > 0.0) == (c[0] > 0.0):
         sign = 1.0 if a[0] > 0.0 else -1.0
         return sign * mean_sign(a[1], b[1], c[1])
-    # Turn it so that the first corner lies alone beyond u = 0.
+    # Rotate the corners so that the first one lies alone beyond u = 0.
     if (a[0] > 0.0) == (b[0] > 0.0):
         a, b, c = c, a, b
     elif (a[0] > 0.0) == (c[0] > 0.0):

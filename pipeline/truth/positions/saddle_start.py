@@ -1,4 +1,4 @@
-"""First guess of a saddle: coma moves J far off, and gives a wide image other stationary points."""
+"""First guess of a saddle: with coma J is far off, and a wide image has other stationary points."""
 
 from dataclasses import dataclass
 
@@ -10,18 +10,19 @@ from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 
 _RINGS, _DIRECTIONS = 16, 64
-"""Rings and directions of the bundle: the coarsest level of `saddle`, because a guess will do."""
+"""Rings and directions of the bundle: the coarsest level of `saddle` suffices for a guess."""
 _ORDER, _HALF_PX = 3, 0.75
-"""Positions along an axis through which polynomials go, and half the way that they span [px]: as in `saddle`."""
+"""Number of positions along an axis for the polynomials, and half their span [px]: as in `saddle`."""
 _DIFFERENCE_PX = 0.25
-"""Half the difference of derivatives [px]: within the positions that are traced."""
+"""Half the step of difference quotients [px]: within the traced positions."""
 _WIDE_PX = 1.0
-"""Standard deviation of a bundle from which on its image may have several stationary points [px]: a narrower one is
-smoothed by the pixel."""
+"""Standard deviation of a bundle above which its image may have several stationary points [px]; a narrower one is
+smoothed by the pixel.
+"""
 _SWEEPS = 3
-"""Times that both edges are followed in turn: each brings the guess nearer."""
+"""Number of times that both edges are followed in turn: each brings the guess nearer."""
 _ROUGH = 0.02
-"""Precision of a way along an edge over the standard deviation [1]: Newton's method goes on from there."""
+"""Precision of a move along an edge over the standard deviation [1]: Newton's method improves it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +41,10 @@ class Start:
 
 
 def start_of(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Start | None:
-    """The position where both edges halve the bundle; of a wide one that where each edge halves it on the other.
+    """The position where both edges halve the bundle; for a wide bundle, where each edge halves it on the other
+    edge.
 
-    None where bundles around J's position are cut. Parameters are those of `saddle.saddle`.
+    None if bundles around J's position are cut. Parameters are those of `saddle.saddle`.
     """
     half, nodes = np.full(2, _HALF_PX), Polar(np.arange(_RINGS + 1) / _RINGS, _DIRECTIONS)
     around = bundle_map(tracer, microlens, plane, Grid(x_px, half, _ORDER), nodes)
@@ -63,7 +65,9 @@ def start_of(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray
 
 
 def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_px: float) -> np.ndarray:
-    """Move along either edge in turn to where the derivative along the other vanishes: in that direction it grows."""
+    """Move along both edges in turn to the position where the derivative along the other one vanishes and grows in
+    that direction.
+    """
     from scipy.optimize import brentq
 
     first, second = (px_per_mm / np.linalg.norm(px_per_mm, axis=0)).T
@@ -79,7 +83,7 @@ def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_
 
 
 def _weights(nodes: np.ndarray) -> np.ndarray:
-    """Shares of the bundle, of all nodes (a, r, 3) in a row."""
+    """Shares of the bundle for all nodes (a, r, 3), as one array."""
     weight = (nodes[..., 2] * np.linspace(0, 1, nodes.shape[1])).ravel()
     return weight / weight.sum()
 

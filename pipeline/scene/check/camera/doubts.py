@@ -1,4 +1,4 @@
-"""Warnings about cameras whose parts hardly belong together: slips of units, mostly."""
+"""Warnings about cameras whose parts hardly fit together, mostly because of a wrong unit."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ from pipeline.scene.usd.values import read, target
 
 
 def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator[Problem]:
-    """Doubts about each camera, at the attribute that is most likely to blame; an error where nothing can be traced."""
+    """Warnings about each camera, at the attribute most likely to blame; an error if no ray can be traced."""
     for entry in cameras:
         prim = stage.GetPrimAtPath(entry.prim_path)
         try:
@@ -33,11 +33,11 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
         except CameraError as error:
             yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
         except ArithmeticError:
-            continue  # A pupil in the sensor, or in infinity, can be traced, and no figure says whether it was meant.
+            continue  # a pupil on the sensor or at infinity: no figure tells whether that was intended
 
 
 def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:
-    """The attribute that says what is doubted."""
+    """The attribute that states the doubtful value."""
     if part == "stop":
         if read(prim, "plen:camera:stopMatch") == "microlenses":
             return prim

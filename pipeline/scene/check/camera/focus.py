@@ -1,4 +1,4 @@
-"""Focus that a camera is asked for: whether it can be had, and what its microlenses then see sharp."""
+"""Checks of the requested focus of a camera: whether it can be reached, and what its microlenses then see sharply."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
     if read(camera, _GROUPS):
         yield from _check_groups(camera)
     elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
-        message = f'"{_SENSOR}" and "{_FOCUS}" both say where the sensor stands'
+        message = f'"{_SENSOR}" and "{_FOCUS}" both state the position of the sensor'
         yield problem(focus, "two-distances", message, hint=f"keep one; to drop the other write {_SENSOR} = None")
     elif not (sensor.HasAuthoredValue() or focus.HasAuthoredValue()):
         message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
@@ -46,7 +46,7 @@ def check_request(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_groups(camera: Usd.Prim) -> Iterator[Problem]:
-    """Focusing groups that the lens does not have."""
+    """Problems of focusing groups that the lens does not have."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     known = [group.GetName() for group in lens_groups(lens)] if lens else []
     for name in (read(camera, _GROUPS) or ()) if lens else ():
@@ -90,7 +90,7 @@ def _bad_type(record: Camera | FocusRequest) -> bool:
 
 
 def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | None:
-    """The attribute that asks too much, and why."""
+    """The attribute that asks for too much, and the error."""
     name = _FOCUS
     try:
         if isinstance(record, FocusRequest):
@@ -108,7 +108,7 @@ def _out_of_reach(record: Camera | FocusRequest) -> tuple[str, CameraError] | No
 
 
 def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
-    """A camera without errors from whose focus no near and far planes can be derived."""
+    """A problem of a camera without errors: no near and far planes can be derived from its focus."""
     try:
         focused(read_camera(camera))
     except CameraError as error:
@@ -119,7 +119,7 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    """F-numbers of white images that stand twice, or that the lens cannot open to."""
+    """Problems of F-numbers of white images that are stated twice, or for which the lens cannot open far enough."""
     attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
     for f_number in dict.fromkeys(f_numbers):
         try:
@@ -133,7 +133,7 @@ def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    """Warnings about the microlens types of a camera among each other."""
+    """Warnings about the microlens types of a camera, compared with each other."""
     array = record.microlenses
     if array is None or len(array.focal_lengths_mm) < 2:
         return

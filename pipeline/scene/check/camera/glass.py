@@ -1,4 +1,6 @@
-"""Glasses of a lens: known, one, and what is printed; and the light of a camera, for which they must be known."""
+"""Checks of the glasses of a lens: known, unambiguous, in agreement with printed indices, and known at the camera's
+wavelength.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -17,8 +19,8 @@ from pipeline.scene.usd.values import UnreadableValue, read
 def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
     """Problems of the glasses of a PlenLens.
 
-    With printed indices a bare name is for people, because many belong to catalogues of the past. A name with its
-    vendor says which entry is meant, and is compared with what is printed in any case.
+    Beside printed indices a bare name is information only, because many names are from old catalogues. A name with
+    its vendor identifies an entry and is always compared with the printed index.
     """
     prims = ordered_surfaces(lens)
     media, found = _media(lens, [prim for prim in prims if _counts(prim, lens)])
@@ -30,7 +32,7 @@ def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
-    """The light of a camera against what its lens knows of it."""
+    """Problems of a camera's wavelength, at which the glasses of its lens must be known."""
     attribute = camera.GetAttribute("plen:camera:wavelength")
     camera_nm, lens_nm = read(camera, "plen:camera:wavelength"), read(lens, "plen:wavelength")
     if None in (camera_nm, lens_nm):
@@ -73,7 +75,7 @@ def _media(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Path, Me
 
 
 def _where(surface: Usd.Prim) -> Usd.Property:
-    """Attribute in which a person mends a medium: its glass, or what replaces it."""
+    """The attribute to mend a medium: its glass, or the one that replaces it."""
     names = ("plen:glass", "plen:index")
     written = (surface.GetAttribute(name) for name in names if surface.GetAttribute(name).HasAuthoredValue())
     return next(written, surface)

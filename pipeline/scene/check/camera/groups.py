@@ -1,4 +1,4 @@
-"""Groups of a lens: whether they stand below one, and name surfaces that one mount can hold."""
+"""Checks of groups of a lens: they must be children of a lens and name surfaces that one mount can hold."""
 
 from collections.abc import Iterator
 
@@ -12,9 +12,9 @@ from pipeline.scene.usd.values import read
 
 
 def check_place(group: Usd.Prim) -> Iterator[Problem]:
-    """A PlenLensGroup that no lens would read."""
+    """A problem if a PlenLensGroup is not a child of a lens, so that no lens would read it."""
     if not group.GetParent().IsA("PlenLens"):
-        message = "a PlenLensGroup stands directly below its PlenLens, and this one does not"
+        message = "a PlenLensGroup must be a direct child of a PlenLens, and this one is not"
         yield problem(group, "misplaced-group", message, hint="groups hold surfaces of their lens, and no groups")
 
 

@@ -1,4 +1,4 @@
-"""A prescription that cannot be built: its order, its stop, its surfaces against each other."""
+"""Checks of a prescription: order, stop, and surfaces against each other."""
 
 import math
 from collections import Counter
@@ -19,16 +19,19 @@ from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
 
 _TOUCH_MM = 1e-9
-"""Overlap of surfaces that counts as touching, which is built [mm]: numbers in prescriptions have far fewer digits."""
+"""Overlap of surfaces that still counts as touching and is accepted [mm]: numbers in prescriptions have far fewer
+digits.
+"""
 _STEEPEST = 10.0
 """Largest sag at the rim over the semi-diameter: 1 is a hemisphere."""
 _BLAMED = {"ideal-lens": "plen:focalLength", "aperture-value": "plen:innerSemiDiameter"}
-"""Attributes to mend, by the code of the error of a surface; the others are mistakes of the whole surface."""
+"""The attribute to mend, by the code of an error of a surface; other errors concern the whole surface."""
 _THIN = 1 / 200
-"""Least thickness of an element at its rim over its diameter without a warning: the thinnest of the published lenses in
-the library is 1/130."""
+"""Ratio of rim thickness to diameter of an element below which there is a warning; the thinnest of the published
+lenses in the library has 1/130.
+"""
 _NOMINAL = 0.05
-"""Largest relative deviation from the nominal focal length without a warning: names are round numbers."""
+"""Relative deviation from the nominal focal length above which there is a warning: names are round numbers."""
 
 
 def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
@@ -53,7 +56,7 @@ def check_lens(lens: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
-    """A focal length far from the one by which a PlenLens without errors goes."""
+    """A warning if the focal length of a PlenLens without errors is far from its nominal one."""
     nominal_mm = read(lens, "plen:nominalFocalLength")
     if not nominal_mm or nominal_mm <= 0:
         return
@@ -68,8 +71,10 @@ def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
         efl_mm = math.inf  # A lens alone may be afocal, but then it goes by no focal length.
     if abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
         return
-    off = f"its focal length is {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
-    message = f"the lens goes by {nominal_mm:g} mm, but {'it has no power' if math.isinf(efl_mm) else off}"
+    off = f"the lens has {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
+    message = (
+        f"the nominal focal length is {nominal_mm:g} mm, but {'the lens has no power' if math.isinf(efl_mm) else off}"
+    )
     hint = "is a radius, an index or a thickness mistyped, or the whole table scaled?"
     attribute = lens.GetAttribute("plen:nominalFocalLength")
     yield problem(attribute, "focal-length", message, hint=hint, severity="warning")
@@ -81,7 +86,7 @@ def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
     children = [child.GetName() for child in lens.GetChildren() if child.IsA("PlenSurface")]
     for name, count in Counter(names).items():
         if count > 1:
-            yield problem(order, "surface-order", f'"{name}" stands {count} times in the order of the surfaces')
+            yield problem(order, "surface-order", f'"{name}" occurs {count} times in the order of the surfaces')
         if name not in children:
             hint = did_you_mean(name, children)
             yield problem(order, "surface-order", f'"{name}" is no PlenSurface below the lens', hint=hint)
@@ -100,7 +105,7 @@ def _check_stop(lens: Usd.Prim, prims: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 class _Part(NamedTuple):
-    """A surface: its prim and its record, or why there is none."""
+    """A surface: its prim, and its record or the reason why there is none."""
 
     prim: Usd.Prim
     surface: Surface | None = None
@@ -121,7 +126,7 @@ def _part(prim: Usd.Prim) -> _Part:
 
 
 def _check_shape(part: _Part) -> Iterator[Problem]:
-    """A surface whose values do not go together, or one of which cannot be used."""
+    """Problems of a surface whose values contradict each other or cannot be used."""
     error = part.error
     if isinstance(error, UnreadableValue):
         yield problem(error.thing, error.code, error.what)
@@ -132,7 +137,7 @@ def _check_shape(part: _Part) -> Iterator[Problem]:
 
 
 def _check_steep(part: _Part) -> Iterator[Problem]:
-    """An asphere that no lens can be: at its rim it stands further from its vertex than any real one."""
+    """A problem if an asphere is impossible: its sag at the rim is larger than that of any real one."""
     surface = part.surface
     if surface is None:
         return
@@ -148,7 +153,7 @@ def _check_steep(part: _Part) -> Iterator[Problem]:
 def _check_in_air(front: _Part, behind: _Part) -> Iterator[Problem]:
     first, second = front.surface, behind.surface
     if first and second and second.focal_length_mm is not None and first.index != 1:
-        message = f'"{behind.name}", an ideal thin lens, stands in a medium of index {first.index:g}, and not in air'
+        message = f'"{behind.name}", an ideal thin lens, is in a medium of index {first.index:g}, not in air'
         yield problem(behind.prim.GetAttribute("plen:focalLength"), "ideal-lens", message)
 
 
@@ -167,25 +172,25 @@ def _check_crossing(front: _Part, behind: _Part) -> Iterator[Problem]:
 
 
 def _check_rim(front: _Part, behind: _Part) -> Iterator[Problem]:
-    """An element without glass, or with hardly any, at its rim."""
+    """Problems of an element with no or hardly any thickness at its rim."""
     first, second = front.surface, behind.surface
     if not first or not second or first.index == 1:
         return
     widest = max(first.semi_diameter_mm, second.semi_diameter_mm)
-    # Outside of its clear aperture a surface may go on as it is or be ground flat, whichever leaves more glass.
+    # Outside its clear aperture a surface may continue or be ground flat, whichever leaves more glass.
     flat = first.thickness_mm + second.sag_mm(second.semi_diameter_mm) - first.sag_mm(first.semi_diameter_mm)
     try:
         rim = max(flat, first.thickness_mm + second.sag_mm(widest) - first.sag_mm(widest))
-    except ValueError:  # a sphere ends before
+    except ValueError:  # the sphere ends before this height
         rim = flat
     if rim >= 2 * widest * _THIN:
         return
-    what = f'the element between "{front.name}" and "{behind.name}" is'
+    what = f'the element between "{front.name}" and "{behind.name}"'
     if rim < -_TOUCH_MM:
-        message = f"{what} {-rim:.4g} mm short of glass at its rim, {widest:g} mm from the axis"
+        message = f"{what} lacks {-rim:.4g} mm of glass at its rim, {widest:g} mm from the axis"
         severity = "error"
     else:
-        message = f"{what} {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
+        message = f"{what} is {max(rim, 0.0):.4g} mm thick at its rim, {widest:g} mm from the axis"
         severity = "warning"
     hint = "enlarge the thickness or reduce a semi-diameter"
     yield problem(front.prim.GetAttribute("plen:thickness"), "rim-thickness", message, hint=hint, severity=severity)

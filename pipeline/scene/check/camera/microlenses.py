@@ -1,4 +1,4 @@
-"""A microlens array whose attributes do not fit each other, or that cannot exist."""
+"""Checks of a microlens array: attributes that contradict each other, and arrays that cannot exist."""
 
 from collections.abc import Iterator, Set
 
@@ -14,18 +14,20 @@ from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
 
 _D_LINE_NM = 587.56
-"""Light in which an array is looked at without a camera [nm]: the helium d line, for which catalogues state indices."""
+"""Wavelength at which an array without a camera is checked [nm]: the helium d line, for which catalogues state
+indices.
+"""
 _ANY_DISTANCE_MM = 1.0
-"""Distance from the sensor of an array without a camera [mm]: nothing that is checked of it alone depends on it."""
+"""Distance from the sensor of an array without a camera [mm]: no check of an array alone depends on it."""
 _NOMINAL = 0.01
-"""Largest relative deviation of a focal length from that of the faces without a warning."""
+"""Relative deviation of a focal length from that of the faces above which there is a warning."""
 
 _NEAREST = 0.1
 """Least distance of the microlenses from the sensor over their pitch: in air no lens is faster than f/0.5."""
 
 
 def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
-    """Problems of a PlenMicrolensArray as a whole; `wrong` are the prims whose own values are."""
+    """Problems of a PlenMicrolensArray as a whole; `wrong` holds the prims with wrong values."""
     parts = [*_check_extent(array), *_check_types(array), *_check_index(array)]
     yield from parts
     if parts or array.GetPath() in wrong:
@@ -45,16 +47,16 @@ def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem
 
 
 def check_near_microlenses(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem]:
-    """Microlenses so near to the sensor that light would have to leave them sideways."""
+    """A problem if the microlenses are so near to the sensor that light would have to leave them sideways."""
     distance_mm, pitch_mm = read(camera, "plen:camera:microlensDistance"), read(array, "plen:pitch")
     if distance_mm is not None and pitch_mm is not None and distance_mm < _NEAREST * pitch_mm:
-        message = f"microlenses of pitch {pitch_mm:g} mm stand only {distance_mm:g} mm before the sensor"
+        message = f"microlenses of pitch {pitch_mm:g} mm are only {distance_mm:g} mm before the sensor"
         hint = f"at least {_NEAREST:g} of the pitch; is one of both in other units than mm?"
         yield problem(camera.GetAttribute("plen:camera:microlensDistance"), "near-microlenses", message, hint=hint)
 
 
 def check_microlens_glass(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem]:
-    """The light of a camera against what is known of the glass of its microlenses."""
+    """Problems of a camera's wavelength and the glass of its microlenses; `check_microlenses` reports all others."""
     wavelength_nm = read(camera, "plen:camera:wavelength")
     if read(array, "plen:model") != "refractive" or not read(array, "plen:glass") or wavelength_nm is None:
         return
@@ -77,7 +79,7 @@ def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
     }
     extent, count = has["width"] or has["height"], has["columns"] or has["rows"]
     if extent and count:
-        message = '"plen:width" and "plen:height" say how large the array is, and so do "plen:columns" and "plen:rows"'
+        message = '"plen:width" and "plen:height" state the size of the array, and so do "plen:columns" and "plen:rows"'
         name = "columns" if has["columns"] else "rows"
         yield problem(array.GetAttribute(f"plen:{name}"), "array-extent", message, hint="keep one pair of them")
     elif not (has["width"] and has["height"]) and not (has["columns"] and has["rows"]):
@@ -88,7 +90,7 @@ def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
 def _check_types(array: Usd.Prim) -> Iterator[Problem]:
     table, period = array.GetAttribute("plen:typeTable"), read(array, "plen:typePeriod")
     if bool(read(array, "plen:typeTable")) != bool(period):
-        return  # one without the other is reported as that
+        return  # one without the other is reported elsewhere
     refractive = read(array, "plen:model") == "refractive"
     name = "plen:frontRadii" if refractive else "plen:focalLengths"
     count, square = len(read(array, name) or ()), read(array, "plen:layout") == "square"
@@ -118,7 +120,7 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_index(array: Usd.Prim) -> Iterator[Problem]:
-    """Refractive microlenses have an index or a glass, and not both."""
+    """A problem unless refractive microlenses have either an index or a glass."""
     if read(array, "plen:model") != "refractive":
         return
     has_index, has_glass = read(array, "plen:index") is not None, bool(read(array, "plen:glass"))
@@ -138,6 +140,8 @@ def _check_nominal(array: Usd.Prim, derived: tuple[float, ...]) -> Iterator[Prob
         return
     for kind, (nominal, focal) in enumerate(zip(stated, derived, strict=False)):
         if abs(focal / nominal - 1) > _NOMINAL:
-            message = f"microlens type {kind} goes by {nominal:g} mm, but its faces make {focal:.6g} mm"
+            message = (
+                f"microlens type {kind} has a nominal focal length of {nominal:g} mm, but its faces give {focal:.6g} mm"
+            )
             hint = "the faces are traced; is a radius, the index or the thickness mistyped?"
             yield problem(attribute, "focal-length", message, hint=hint, severity="warning")

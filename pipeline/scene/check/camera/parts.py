@@ -1,4 +1,4 @@
-"""A camera whose parts do not fit each other."""
+"""Checks of a camera as a whole: its parts must fit together."""
 
 from collections.abc import Iterator
 
@@ -71,7 +71,7 @@ def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator
     for what, name, distance_mm in film:
         if distance_mm <= last_mm:
             message = (
-                f"the {what} stands {distance_mm:.6g} mm behind the stop, inside the lens, whose last vertex stands"
+                f"the {what} is {distance_mm:.6g} mm behind the stop, inside the lens, whose last vertex is"
                 f" {last_mm:.6g} mm behind it"
             )
             yield problem(camera.GetAttribute(name), "inside-lens", message)
@@ -86,6 +86,6 @@ def _check_near_far(camera: Usd.Prim, prescription: Prescription) -> Iterator[Pr
         yield problem(camera.GetAttribute("plen:camera:near"), "near-far", message)
     for name, plane_mm in (("plen:camera:near", near_mm), ("plen:camera:far", far_mm)):
         if plane_mm is not None and plane_mm <= first_mm:
-            inside = f"inside the lens, whose first vertex stands {first_mm:g} mm before the stop"
+            inside = f"inside the lens, whose first vertex is {first_mm:g} mm before the stop"
             message = f'"{name}" = {plane_mm:g} mm lies {inside}'
             yield problem(camera.GetAttribute(name), "inside-lens", message)

@@ -1,0 +1,63 @@
+"""Scripts that people run by hand explain themselves and refuse what they do not know, before they do anything."""
+
+import ast
+import contextlib
+import io
+import runpy
+import sys
+import types
+from pathlib import Path
+from unittest import mock
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("benchmarks", "docs", "examples", "schemas", "tests/device", "tests/faults", "tests/mutants")
+NOT_INSTALLED = {"dask_jobqueue": types.SimpleNamespace(SLURMCluster=None)}
+"""Libraries that only an example asks for."""
+
+
+def scripts() -> list[Path]:
+    """All modules of these folders that do something when they are run."""
+    found = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+    return [path for path in found if '__name__ == "__main__"' in path.read_text(encoding="utf-8")]
+
+
+def run(script: Path, *arguments: str) -> tuple[object, str]:
+    """Exit code, and all that was printed, of a script in this process."""
+    printed, loaded = io.StringIO(), set(sys.modules)
+    paths = [str(script.parent), str(ROOT / "tests"), *sys.path]
+    try:
+        with (
+            mock.patch.object(sys, "argv", [str(script), *arguments]),
+            mock.patch.object(sys, "path", paths),
+            mock.patch.dict(sys.modules, NOT_INSTALLED),
+            contextlib.redirect_stdout(printed),
+            contextlib.redirect_stderr(printed),
+        ):
+            runpy.run_path(str(script), run_name="__main__")
+    except SystemExit as end:
+        return end.code, printed.getvalue()
+    finally:  # scripts of two folders may import modules of one name
+        for name in set(sys.modules) - loaded:
+            if Path(getattr(sys.modules[name], "__file__", None) or "/").parent == script.parent:
+                del sys.modules[name]
+    return None, printed.getvalue()
+
+
+def test_every_script_prints_help_and_refuses_an_option_that_it_does_not_know() -> None:
+    wrong = []
+    for script in scripts():
+        for argument, code, text in (("--help", 0, "usage: "), ("--no-such-option", 2, "error: ")):
+            ended, printed = run(script, argument)
+            if ended != code or text not in printed:
+                wrong.append(f"{script.relative_to(ROOT)} {argument}: ends with {ended}, prints {printed[-200:]!r}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_nothing_reads_the_command_line_by_hand() -> None:
+    kept = {"benchmarks/kept.py"}  # writes the arguments of a benchmark beside its results
+    wrong = set()
+    for path in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if any(isinstance(node, ast.Attribute) and ast.unparse(node) == "sys.argv" for node in nodes):
+            wrong.add(path.relative_to(ROOT).as_posix())
+    assert wrong - kept == set()
