@@ -1,0 +1,164 @@
+"""Response of a sensor to light: the parameters of EMVA 1288, release 4.0, linear model."""
+
+import math
+from dataclasses import dataclass
+
+from pipeline.records.declared import settle
+from pipeline.render.sensor.errors import SensorError
+
+MOST_BITS = 16
+"""Bits of a digital number at most [bit]: raw files hold 16 of them."""
+MOST_ELECTRONS = 1e8
+"""Largest full well [e-]: a hundred times that of any sensor, and small enough for counts to be exact."""
+_SUM_OF_KERNEL = 1e-6
+"""Largest difference of the sum of a crosstalk kernel from 1 [1]: tables are printed with six decimals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorResponse:
+    """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
+
+    Attributes
+    ----------
+    quantum_efficiency : tuple of float
+        Electrons per photon, one for each channel.
+    full_well_e : float
+        Electrons that a pixel holds at most [e-].
+    gain_dn_per_e : float
+        Overall system gain K [DN/e-].
+    bit_depth : int
+        Digital numbers run from 0 to 2^bit_depth - 1.
+    black_level_dn : float
+        Digital number of no electron [DN].
+    filters : tuple of str
+        Colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over the
+        sensor. The channels are these names in the order in which they first occur.
+    shot_noise : bool
+        Whether electrons are counted (Poisson), or arrive as their expected number.
+    dark_noise_e : float
+        Temporal dark noise sigma_d0 without that of the dark current [e-].
+    row_noise_e, column_noise_e : float
+        Temporal noise that all pixels of a row or column share, new in each frame [e-].
+    dark_current_e_per_s : float
+        At `dark_current_at_degc`; it doubles with every `doubling_k` kelvin and counts at `temperature_degc`.
+    dsnu_e, dsnu_row_e, dsnu_column_e : float
+        Standard deviations of the dark signal over pixels, rows and columns, the same in every frame [e-].
+    prnu, prnu_row, prnu_column : float
+        Standard deviations of the photo response over pixels, rows and columns, relative to its mean.
+    hot_share, hot_current_e_per_s : float
+        Share of the pixels with a further dark current, exponentially distributed with this mean [e-/s].
+    dead_share : float
+        Share of the pixels that no light reaches.
+    nonlinearity : tuple of (float, float)
+        Deviation from the straight line, relative to the signal, at shares of the full well in ascending order; linear
+        in between, constant beyond.
+    crosstalk : tuple of float
+        Kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by each of
+        its neighbours, itself in the middle. Empty: none is lost.
+    specimen : int
+        Which one of all sensors that were made alike: number of its fixed pattern.
+
+    References
+    ----------
+    EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras, Release 4.0 Linear, 2021.
+    """
+
+    quantum_efficiency: tuple[float, ...]
+    full_well_e: float
+    gain_dn_per_e: float
+    bit_depth: int
+    black_level_dn: float = 0.0
+    filters: tuple[str, ...] = ("mono",)
+    shot_noise: bool = True
+    dark_noise_e: float = 0.0
+    row_noise_e: float = 0.0
+    column_noise_e: float = 0.0
+    dark_current_e_per_s: float = 0.0
+    dark_current_at_degc: float = 20.0
+    doubling_k: float = 8.0
+    temperature_degc: float = 20.0
+    dsnu_e: float = 0.0
+    dsnu_row_e: float = 0.0
+    dsnu_column_e: float = 0.0
+    prnu: float = 0.0
+    prnu_row: float = 0.0
+    prnu_column: float = 0.0
+    hot_share: float = 0.0
+    hot_current_e_per_s: float = 0.0
+    dead_share: float = 0.0
+    nonlinearity: tuple[tuple[float, float], ...] = ()
+    crosstalk: tuple[float, ...] = ()
+    specimen: int = 0
+
+    def __post_init__(self) -> None:
+        settle(self, SensorError)
+        _require(1 <= self.bit_depth <= MOST_BITS, f"a bit depth of {self.bit_depth}")
+        _require(0 < self.full_well_e <= MOST_ELECTRONS, f"a full well of {self.full_well_e} electrons")
+        _require(self.gain_dn_per_e > 0 and self.doubling_k > 0, "a sensor without gain, or without doubling")
+        _require(0 <= self.black_level_dn < self.most_dn, f"a black level of {self.black_level_dn} DN")
+        noises = (
+            ("dark", "row", "column"),
+            ("dsnu_e", "dsnu_row_e", "dsnu_column_e"),
+            ("prnu", "prnu_row", "prnu_column"),
+        )
+        names = [f"{name}_noise_e" for name in noises[0]] + [*noises[1], *noises[2]]
+        names += ["dark_current_e_per_s", "hot_current_e_per_s"]
+        _require(all(getattr(self, name) >= 0 for name in names), "a negative noise or dark current")
+        _require(0 <= self.hot_share <= 1 and 0 <= self.dead_share <= 1, "a share of defects that is not in [0, 1]")
+        _require(_is_square(len(self.filters)), f"{len(self.filters)} colour filters, which fill no square")
+        channels, given = len(self.channels), self.quantum_efficiency
+        _require(len(given) == channels, f"{len(given)} quantum efficiencies for {channels} channels")
+        _require(all(0 < one <= 1 for one in given), f"quantum efficiencies of {given}, not in (0, 1]")
+        shares = [share for share, _ in self.nonlinearity]
+        _require(shares == sorted(set(shares)), f"a non-linearity at the shares {shares}, not in ascending order")
+        _require(all(deviation > -1 for _, deviation in self.nonlinearity), "a non-linearity of -1 or less")
+        if self.crosstalk:
+            size, total = len(self.crosstalk), math.fsum(self.crosstalk)
+            _require(size % 2 == 1 and _is_square(size), f"a crosstalk kernel of {size} entries, not n x n, n odd")
+            _require(min(self.crosstalk) >= 0, "a crosstalk kernel with a negative entry")
+            _require(abs(total - 1) <= _SUM_OF_KERNEL, f"a crosstalk kernel whose sum is {total}, not 1")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels, in the order in which the filters name them."""
+        return tuple(dict.fromkeys(self.filters))
+
+    @property
+    def period_px(self) -> int:
+        """Edge of the square of filters that repeats."""
+        return math.isqrt(len(self.filters))
+
+    @property
+    def margin_px(self) -> int:
+        """Pixels around a window that the crosstalk into the window comes from."""
+        return math.isqrt(len(self.crosstalk)) // 2 if self.crosstalk else 0
+
+    @property
+    def most_dn(self) -> int:
+        """Largest digital number."""
+        return 2**self.bit_depth - 1
+
+    @property
+    def saturation_e(self) -> float:
+        """Electrons beyond which a pixel's digital number grows no more: a full well, or the largest number [e-]."""
+        return min(self.full_well_e, (self.most_dn - self.black_level_dn) / self.gain_dn_per_e)
+
+    @property
+    def white_dn(self) -> int:
+        """Digital number of saturation without noise."""
+        return min(self.most_dn, math.floor(self.black_level_dn + self.gain_dn_per_e * self.full_well_e + 0.5))
+
+    def dark_current(self) -> float:
+        """Mean dark current at the temperature of the sensor [e-/s]."""
+        return self.dark_current_e_per_s * 2.0 ** (
+            (self.temperature_degc - self.dark_current_at_degc) / self.doubling_k
+        )
+
+
+def _require(holds: bool, otherwise: str) -> None:
+    if not holds:
+        raise SensorError(otherwise)
+
+
+def _is_square(count: int) -> bool:
+    return count > 0 and math.isqrt(count) ** 2 == count
