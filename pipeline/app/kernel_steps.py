@@ -8,10 +8,10 @@ from typing import Any
 
 from pipeline.engine.planning.graph import Task
 
-STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search")
+STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search", "sensor")
 """Traces and quadrature of any lens; microlenses that are not plain; micro-images; images; targets that are not flat;
-the search in position images."""
-_OF_KIND = {"image": "images", "white": "images", "micro_images": "micro_images"}
+the search in position images; the noise of raw images."""
+_OF_KIND = {"image": "images", "white": "images", "micro_images": "micro_images", "expose": "sensor"}
 _NOT_FLAT = ("warped", "height-map", "cylinder", "mesh")
 
 

@@ -17,6 +17,7 @@ from pipeline.records.plain import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.params.certificate import Certificate, JudgedFrame
+from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF, Expose
 from pipeline.tasks.params.images import Exposure, Image, ImageTile
 from pipeline.tasks.params.placed import PaintedView, View
 from pipeline.tasks.params.poses import FramePoses, PosedFrame
@@ -72,7 +73,7 @@ def add_tiles(
 
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame that a task, or a field of its parameters, belongs to; None if to all."""
-    if task.short_kind.removesuffix("_tile") in ("image", "truth", "positions"):
+    if task.short_kind.removesuffix("_tile") in ("image", "truth", "positions", "expose"):
         return int(task.name.split("/")[2])
     match = re.match(r"params\.frames\[(\d+)\]", field or "")
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
@@ -120,6 +121,8 @@ class FrameTasks:
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
         self.files[f"{folder}/correspondences.csv"] = (truth, "correspondences.csv")
+        if raw := self._add_raw(name, frame, image):
+            self.files |= {f"{folder}/{file}": (raw, file) for file in (TIFF, DNG, PREVIEW)}
 
     def add_poses(self) -> None:
         """Add the task that writes the poses of all frames added so far."""
@@ -150,6 +153,19 @@ class FrameTasks:
         params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
         reads = {**self._reads, **(tiles or {"white": f"white/{camera}"})}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
+
+    def _add_raw(self, name: str, frame: Frame, image: str) -> str | None:
+        """The task of the raw image of a frame; None where no light is said to fall."""
+        if self.entry.response is None or self.entry.irradiation is None:
+            return None
+        params = Expose(
+            camera=self.entry.name,
+            frame=frame.number,
+            seed=self.entry.sampling.seed,
+            response=self.entry.response,
+            irradiation=self.entry.irradiation,
+        )
+        return add(self.graph, f"expose/{name}", params, {"image": image})
 
     def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
         return PaintedView(

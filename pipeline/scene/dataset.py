@@ -7,6 +7,8 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.optics.prescription import Prescription
+from pipeline.render.sensor.irradiation import Irradiation
+from pipeline.render.sensor.response import SensorResponse
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 
@@ -53,6 +55,10 @@ class CameraEntry:
         Whether rays.exr is wanted, also where no method needs it.
     f_numbers : tuple of float
         Of further white images, in the order of the stage.
+    response : SensorResponse or None
+        How the sensor turns photons into digital numbers, where it says so.
+    irradiation : Irradiation or None
+        Light of each frame; None: there are no raw images.
     """
 
     name: str
@@ -69,6 +75,8 @@ class CameraEntry:
     extent: str = "tiles"
     delivers_rays: bool = False
     f_numbers: tuple[float, ...] = ()
+    response: SensorResponse | None = None
+    irradiation: Irradiation | None = None
     file: str | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
 

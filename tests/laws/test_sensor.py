@@ -73,10 +73,11 @@ def test_twice_the_time_is_twice_the_electrons():
 
 
 def test_twice_the_time_is_twice_the_dark_current_and_so_are_some_kelvin():
-    response = having(IDEAL, dark_current_e_per_s=1000.0, dark_current_at_degc=20.0, doubling_k=6.0)
+    response = having(IDEAL, dark_current_e_per_s=1000.0)
+    at = {"dark_current_at_degc": 20.0, "doubling_k": 6.0}
     short, long = (even(response, 0.0, (1, 1), shot(exposure_time_s=time_s)) for time_s in (0.5, 1.0))
-    warm = even(having(response, temperature_degc=26.0), 0.0, (1, 1), shot(exposure_time_s=0.5))
-    cold = even(having(response, temperature_degc=8.0), 0.0, (1, 1), shot(exposure_time_s=0.5))
+    warm = even(having(response, temperature_degc=26.0, **at), 0.0, (1, 1), shot(exposure_time_s=0.5))
+    cold = even(having(response, temperature_degc=8.0, **at), 0.0, (1, 1), shot(exposure_time_s=0.5))
     assert (short, long, warm, cold) == (500, 1000, 1000, 125)
 
 
@@ -219,6 +220,8 @@ def test_nonlinearity_deviates_by_its_table():
         {"hot_share": 1.5},
         {"nonlinearity": ((0.5, 0.0), (0.2, 0.0))},
         {"nonlinearity": ((0.5, -1.0),)},
+        {"nonlinearity": ((-0.1, 0.0),)},
+        {"temperature_degc": 20.0},
         {"crosstalk": (0.5, 0.5)},
         {"crosstalk": (0.25, 0.25, 0.25, 0.25)},
         {"crosstalk": (0.1,) * 9},

@@ -12,6 +12,11 @@ MOST_ELECTRONS = 1e8
 """Largest full well [e-]: a hundred times that of any sensor, and small enough for counts to be exact."""
 _SUM_OF_KERNEL = 1e-6
 """Largest difference of the sum of a crosstalk kernel from 1 [1]: tables are printed with six decimals."""
+_NOT_NEGATIVE = (
+    *("dark_noise_e", "row_noise_e", "column_noise_e", "dark_current_e_per_s"),
+    *("dsnu_e", "dsnu_row_e", "dsnu_column_e", "prnu", "prnu_row", "prnu_column"),
+    *("hot_share", "hot_current_e_per_s", "dead_share"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +45,10 @@ class SensorResponse:
     row_noise_e, column_noise_e : float
         Temporal noise that all pixels of a row or column share, new in each frame [e-].
     dark_current_e_per_s : float
-        At `dark_current_at_degc`; it doubles with every `doubling_k` kelvin and counts at `temperature_degc`.
+        Mean of what a pixel collects without light [e-/s].
+    temperature_degc, dark_current_at_degc, doubling_k : float or None
+        All or none: temperature of the sensor, the one at which the dark current is as said, and the difference that
+        doubles it [degC, degC, K].
     dsnu_e, dsnu_row_e, dsnu_column_e : float
         Standard deviations of the dark signal over pixels, rows and columns, the same in every frame [e-].
     prnu, prnu_row, prnu_column : float
@@ -74,9 +82,9 @@ class SensorResponse:
     row_noise_e: float = 0.0
     column_noise_e: float = 0.0
     dark_current_e_per_s: float = 0.0
-    dark_current_at_degc: float = 20.0
-    doubling_k: float = 8.0
-    temperature_degc: float = 20.0
+    temperature_degc: float | None = None
+    dark_current_at_degc: float | None = None
+    doubling_k: float | None = None
     dsnu_e: float = 0.0
     dsnu_row_e: float = 0.0
     dsnu_column_e: float = 0.0
@@ -92,31 +100,40 @@ class SensorResponse:
 
     def __post_init__(self) -> None:
         settle(self, SensorError)
+        self._settle_charge()
+        self._settle_filters()
+        self._settle_tables()
+
+    def _settle_charge(self) -> None:
         _require(1 <= self.bit_depth <= MOST_BITS, f"a bit depth of {self.bit_depth}")
         _require(0 < self.full_well_e <= MOST_ELECTRONS, f"a full well of {self.full_well_e} electrons")
-        _require(self.gain_dn_per_e > 0 and self.doubling_k > 0, "a sensor without gain, or without doubling")
-        _require(0 <= self.black_level_dn < self.most_dn, f"a black level of {self.black_level_dn} DN")
-        noises = (
-            ("dark", "row", "column"),
-            ("dsnu_e", "dsnu_row_e", "dsnu_column_e"),
-            ("prnu", "prnu_row", "prnu_column"),
+        _require(self.gain_dn_per_e > 0, f"a gain of {self.gain_dn_per_e} DN per electron")
+        _require(
+            0 <= self.black_level_dn < self.most_dn, f"a black level of {self.black_level_dn} of {self.most_dn} DN"
         )
-        names = [f"{name}_noise_e" for name in noises[0]] + [*noises[1], *noises[2]]
-        names += ["dark_current_e_per_s", "hot_current_e_per_s"]
-        _require(all(getattr(self, name) >= 0 for name in names), "a negative noise or dark current")
-        _require(0 <= self.hot_share <= 1 and 0 <= self.dead_share <= 1, "a share of defects that is not in [0, 1]")
-        _require(_is_square(len(self.filters)), f"{len(self.filters)} colour filters, which fill no square")
-        channels, given = len(self.channels), self.quantum_efficiency
+        for name in _NOT_NEGATIVE:
+            _require(getattr(self, name) >= 0, f"{name} = {getattr(self, name)}, which is negative")
+        _require(self.hot_share <= 1 and self.dead_share <= 1, "a share of defects above 1")
+        temperatures = self.temperature_degc, self.dark_current_at_degc, self.doubling_k
+        _require(len({one is None for one in temperatures}) == 1, "some but not all temperatures of a dark current")
+        _require(self.doubling_k is None or self.doubling_k > 0, "a dark current that does not grow with temperature")
+
+    def _settle_filters(self) -> None:
+        count, channels, given = len(self.filters), len(self.channels), self.quantum_efficiency
+        _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
         _require(len(given) == channels, f"{len(given)} quantum efficiencies for {channels} channels")
         _require(all(0 < one <= 1 for one in given), f"quantum efficiencies of {given}, not in (0, 1]")
+
+    def _settle_tables(self) -> None:
         shares = [share for share, _ in self.nonlinearity]
-        _require(shares == sorted(set(shares)), f"a non-linearity at the shares {shares}, not in ascending order")
+        ascending = shares == sorted(set(shares)) and all(0 <= share <= 1 for share in shares)
+        _require(ascending, f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1")
         _require(all(deviation > -1 for _, deviation in self.nonlinearity), "a non-linearity of -1 or less")
         if self.crosstalk:
             size, total = len(self.crosstalk), math.fsum(self.crosstalk)
             _require(size % 2 == 1 and _is_square(size), f"a crosstalk kernel of {size} entries, not n x n, n odd")
             _require(min(self.crosstalk) >= 0, "a crosstalk kernel with a negative entry")
-            _require(abs(total - 1) <= _SUM_OF_KERNEL, f"a crosstalk kernel whose sum is {total}, not 1")
+            _require(abs(total - 1) <= _SUM_OF_KERNEL, f"a crosstalk kernel whose sum is {total:.9g}, not 1")
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -150,6 +167,8 @@ class SensorResponse:
 
     def dark_current(self) -> float:
         """Mean dark current at the temperature of the sensor [e-/s]."""
+        if self.temperature_degc is None or self.dark_current_at_degc is None or self.doubling_k is None:
+            return self.dark_current_e_per_s
         return self.dark_current_e_per_s * 2.0 ** (
             (self.temperature_degc - self.dark_current_at_degc) / self.doubling_k
         )

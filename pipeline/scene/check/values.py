@@ -17,10 +17,13 @@ _NAMED = 5
 
 _NO_TILT = ((0.0, 0.0),)
 """Tilts of a sensor that are built [deg]: none yet."""
+_ONE_CHANNEL = (("mono",),)
+"""Colour filter arrays that are built: none yet."""
 # What the schemas allow and the pipeline builds today, with the prim type in front where it depends on that. Attributes
 # that are not named here are supported as a whole.
 SUPPORTED: dict[str, tuple[Any, ...]] = {
     "PlenSensor plen:tilt": _NO_TILT,
+    "plen:response:filters": _ONE_CHANNEL,
 }
 
 

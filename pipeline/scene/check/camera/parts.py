@@ -10,6 +10,7 @@ from pipeline.optics.prescription import Prescription
 from pipeline.scene.check.camera.focus import check_focus, check_request
 from pipeline.scene.check.camera.glass import check_wavelength
 from pipeline.scene.check.camera.microlenses import check_microlens_glass, check_near_microlenses
+from pipeline.scene.check.camera.response import check_exposure
 from pipeline.scene.read.prims import read_prescription
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -30,6 +31,8 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if lens:
         yield from check_wavelength(camera, lens)
+    if sensor := target(camera, "plen:camera:sensor", "PlenSensor"):
+        yield from check_exposure(camera, sensor)
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     if array:
         yield from check_microlens_glass(camera, array)
