@@ -121,19 +121,22 @@ class SensorResponse:
     def _settle_filters(self) -> None:
         count, channels, given = len(self.filters), len(self.channels), self.quantum_efficiency
         _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
-        _require(len(given) == channels, f"{len(given)} quantum efficiencies for {channels} channels")
+        what = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
+        _require(len(given) == channels, what, f"one for each of: {', '.join(self.channels)}")
         _require(all(0 < one <= 1 for one in given), f"quantum efficiencies of {given}, not in (0, 1]")
 
     def _settle_tables(self) -> None:
         shares = [share for share, _ in self.nonlinearity]
         ascending = shares == sorted(set(shares)) and all(0 <= share <= 1 for share in shares)
-        _require(ascending, f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1")
+        what = f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1"
+        _require(ascending, what, "each pair is a share of the full well and the deviation there")
         _require(all(deviation > -1 for _, deviation in self.nonlinearity), "a non-linearity of -1 or less")
         if self.crosstalk:
             size, total = len(self.crosstalk), math.fsum(self.crosstalk)
             _require(size % 2 == 1 and _is_square(size), f"a crosstalk kernel of {size} entries, not n x n, n odd")
             _require(min(self.crosstalk) >= 0, "a crosstalk kernel with a negative entry")
-            _require(abs(total - 1) <= _SUM_OF_KERNEL, f"a crosstalk kernel whose sum is {total:.9g}, not 1")
+            what = f"a crosstalk kernel whose sum is {total:.9g}, not 1"
+            _require(abs(total - 1) <= _SUM_OF_KERNEL, what, "divide its entries by their sum")
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -174,9 +177,9 @@ class SensorResponse:
         )
 
 
-def _require(holds: bool, otherwise: str) -> None:
+def _require(holds: bool, otherwise: str, hint: str | None = None) -> None:
     if not holds:
-        raise SensorError(otherwise)
+        raise SensorError(otherwise, hint=hint)
 
 
 def _is_square(count: int) -> bool:
