@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.files.tiff import ASCII, BYTE, LONG, PHOTOMETRIC, RATIONAL, SHORT, Rows, Tag, write_tiff
+from pipeline.files.tiff import Kind, Name, Rows, Tag, write_tiff
 
 COLOURS = {"red": 0, "green": 1, "blue": 2, "cyan": 3, "magenta": 4, "yellow": 5, "white": 6}
 """Filters that TIFF/EP numbers."""
@@ -19,15 +19,12 @@ _VERSION, _READABLE_SINCE = (1, 4, 0, 0), (1, 1, 0, 0)
 """Version of the specification, and the oldest whose readers can read it: everything here is as old as that."""
 _LINEAR_RAW, _FILTER_ARRAY = 34892, 32803
 """Kinds of pixels: one plane without filters, and a mosaic."""
-_SUBFILE, _MAKE, _MODEL, _UNIQUE_MODEL = 254, 271, 272, 50708
-_PATTERN_SIZE, _PATTERN, _PLANE_COLOURS, _PATTERN_LAYOUT = 33421, 33422, 50710, 50711
-_DNG_VERSION, _DNG_BACKWARD, _BLACK_SIZE, _BLACK, _WHITE = 50706, 50707, 50713, 50714, 50717
 _MAKER = "plenoptic-pipeline"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Negative:
-    """What a raw converter has to know of a raw image.
+    """Facts of a raw image that a raw converter has to know.
 
     Attributes
     ----------
@@ -59,31 +56,31 @@ def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: dict[
         If a filter array names a colour that DNG does not know.
     """
     tags = (
-        Tag(_SUBFILE, LONG, (0,)),
-        Tag(_MAKE, ASCII, (_MAKER,)),
-        Tag(_MODEL, ASCII, (_ascii(negative.model),)),
-        Tag(_UNIQUE_MODEL, ASCII, (f"{_MAKER} {_ascii(negative.model)}",)),
-        Tag(_DNG_VERSION, BYTE, _VERSION),
-        Tag(_DNG_BACKWARD, BYTE, _READABLE_SINCE),
-        Tag(_BLACK_SIZE, SHORT, (1, 1)),
-        Tag(_BLACK, RATIONAL, (negative.black_dn,)),
-        Tag(_WHITE, LONG, (negative.white_dn,)),
+        Tag(Name.SUBFILE, Kind.LONG, (0,)),
+        Tag(Name.MAKE, Kind.ASCII, (_MAKER,)),
+        Tag(Name.MODEL, Kind.ASCII, (_ascii(negative.model),)),
+        Tag(Name.UNIQUE_MODEL, Kind.ASCII, (f"{_MAKER} {_ascii(negative.model)}",)),
+        Tag(Name.DNG_VERSION, Kind.BYTE, _VERSION),
+        Tag(Name.DNG_BACKWARD, Kind.BYTE, _READABLE_SINCE),
+        Tag(Name.BLACK_SIZE, Kind.SHORT, (1, 1)),
+        Tag(Name.BLACK, Kind.RATIONAL, (negative.black_dn,)),
+        Tag(Name.WHITE, Kind.LONG, (negative.white_dn,)),
     )
     write_tiff(path, shape, rows, about, (*tags, *_of_filters(negative.filters)))
 
 
 def _of_filters(filters: tuple[str, ...]) -> tuple[Tag, ...]:
     if len(set(filters)) == 1:
-        return (Tag(PHOTOMETRIC, SHORT, (_LINEAR_RAW,)),)
+        return (Tag(Name.PHOTOMETRIC, Kind.SHORT, (_LINEAR_RAW,)),)
     if unknown := sorted(set(filters) - COLOURS.keys()):
         raise ValueError(f"no DNG of the filters {', '.join(unknown)}: it knows {', '.join(COLOURS)}")
     edge, numbers = math.isqrt(len(filters)), tuple(COLOURS[name] for name in filters)
     return (
-        Tag(PHOTOMETRIC, SHORT, (_FILTER_ARRAY,)),
-        Tag(_PATTERN_SIZE, SHORT, (edge, edge)),
-        Tag(_PATTERN, BYTE, numbers),
-        Tag(_PLANE_COLOURS, BYTE, tuple(sorted(set(numbers)))),
-        Tag(_PATTERN_LAYOUT, SHORT, (1,)),
+        Tag(Name.PHOTOMETRIC, Kind.SHORT, (_FILTER_ARRAY,)),
+        Tag(Name.PATTERN_SIZE, Kind.SHORT, (edge, edge)),
+        Tag(Name.PATTERN, Kind.BYTE, numbers),
+        Tag(Name.PLANE_COLOURS, Kind.BYTE, tuple(sorted(set(numbers)))),
+        Tag(Name.PATTERN_LAYOUT, Kind.SHORT, (1,)),
     )
 
 

@@ -8,6 +8,7 @@ References
 TIFF, Revision 6.0, Adobe 1992.
 """
 
+import enum
 import json
 import struct
 import zlib
@@ -24,11 +25,6 @@ from pipeline.files.damaged import DamagedFile
 CRC = "content_crc32"
 """Key of the checksum in the description."""
 
-BYTE, ASCII, SHORT, LONG, RATIONAL = 1, 2, 3, 4, 5
-"""Types of values, as TIFF numbers them."""
-_FORMATS = {BYTE: "B", ASCII: "s", SHORT: "H", LONG: "I", RATIONAL: "II"}
-_WIDTH, _HEIGHT, _BITS, _COMPRESSION, PHOTOMETRIC, _DESCRIPTION = 256, 257, 258, 259, 262, 270
-_OFFSETS, _ORIENTATION, _SAMPLES, _ROWS_PER_STRIP, _BYTE_COUNTS, _PLANAR = 273, 274, 277, 278, 279, 284
 _BLACK_IS_ZERO = 1
 """How a viewer shows a plane of numbers: 0 is black."""
 _BAND_PX = 1 << 20
@@ -40,6 +36,49 @@ _HEAD_BYTES = 1 << 10
 _FINEST = 1 << 16
 """Denominator of a fraction at most: digital numbers have 16 bits, and numerators 32."""
 
+
+class Kind(enum.IntEnum):
+    """Types of values, as TIFF numbers them."""
+
+    BYTE = 1
+    ASCII = 2
+    SHORT = 3
+    LONG = 4
+    RATIONAL = 5
+
+
+class Name(enum.IntEnum):
+    """Tags, as TIFF 6.0, TIFF/EP and DNG number them."""
+
+    SUBFILE = 254
+    WIDTH = 256
+    HEIGHT = 257
+    BITS = 258
+    COMPRESSION = 259
+    PHOTOMETRIC = 262
+    DESCRIPTION = 270
+    MAKE = 271
+    MODEL = 272
+    OFFSETS = 273
+    ORIENTATION = 274
+    SAMPLES = 277
+    ROWS_PER_STRIP = 278
+    BYTE_COUNTS = 279
+    PLANAR = 284
+    PATTERN_SIZE = 33421
+    PATTERN = 33422
+    DNG_VERSION = 50706
+    DNG_BACKWARD = 50707
+    UNIQUE_MODEL = 50708
+    PLANE_COLOURS = 50710
+    PATTERN_LAYOUT = 50711
+    BLACK_SIZE = 50713
+    BLACK = 50714
+    WHITE = 50717
+
+
+_FORMATS = {Kind.BYTE: "B", Kind.ASCII: "s", Kind.SHORT: "H", Kind.LONG: "I", Kind.RATIONAL: "II"}
+
 Rows = Callable[[int, int], np.ndarray]
 """First and end row to digital numbers, (rows, w) uint16."""
 
@@ -48,16 +87,16 @@ Rows = Callable[[int, int], np.ndarray]
 class Tag:
     """A tag of a TIFF file: its number, the type of its values, and these."""
 
-    number: int
-    kind: int
+    number: Name
+    kind: Kind
     values: tuple[Any, ...]
 
     @property
     def data(self) -> bytes:
         """The values as they are stored."""
-        if self.kind == ASCII:
+        if self.kind == Kind.ASCII:
             return str(self.values[0]).encode("ascii") + b"\0"
-        if self.kind == RATIONAL:
+        if self.kind == Kind.RATIONAL:
             fractions = [Fraction(value).limit_denominator(_FINEST) for value in self.values]
             return b"".join(struct.pack("<II", one.numerator, one.denominator) for one in fractions)
         return struct.pack(f"<{len(self.values)}{_FORMATS[self.kind]}", *self.values)
@@ -65,7 +104,7 @@ class Tag:
     @property
     def count(self) -> int:
         """Number of values; of a text its bytes."""
-        return len(self.data) if self.kind == ASCII else len(self.values)
+        return len(self.data) if self.kind == Kind.ASCII else len(self.values)
 
 
 def write_tiff(
@@ -107,29 +146,29 @@ def _head(shape: tuple[int, int], about: dict[str, Any], crc: int, more: tuple[T
     """Everything before the pixels: as long for any checksum."""
     text = _text({**about, CRC: f"{crc:08x}"})
     plain = (
-        Tag(_WIDTH, LONG, (shape[1],)),
-        Tag(_HEIGHT, LONG, (shape[0],)),
-        Tag(_BITS, SHORT, (16,)),
-        Tag(_COMPRESSION, SHORT, (1,)),
-        Tag(PHOTOMETRIC, SHORT, (_BLACK_IS_ZERO,)),
-        Tag(_DESCRIPTION, ASCII, (text,)),
-        Tag(_OFFSETS, LONG, (0,)),
-        Tag(_ORIENTATION, SHORT, (1,)),
-        Tag(_SAMPLES, SHORT, (1,)),
-        Tag(_ROWS_PER_STRIP, LONG, (shape[0],)),
-        Tag(_BYTE_COUNTS, LONG, (2 * shape[0] * shape[1],)),
-        Tag(_PLANAR, SHORT, (1,)),
+        Tag(Name.WIDTH, Kind.LONG, (shape[1],)),
+        Tag(Name.HEIGHT, Kind.LONG, (shape[0],)),
+        Tag(Name.BITS, Kind.SHORT, (16,)),
+        Tag(Name.COMPRESSION, Kind.SHORT, (1,)),
+        Tag(Name.PHOTOMETRIC, Kind.SHORT, (_BLACK_IS_ZERO,)),
+        Tag(Name.DESCRIPTION, Kind.ASCII, (text,)),
+        Tag(Name.OFFSETS, Kind.LONG, (0,)),
+        Tag(Name.ORIENTATION, Kind.SHORT, (1,)),
+        Tag(Name.SAMPLES, Kind.SHORT, (1,)),
+        Tag(Name.ROWS_PER_STRIP, Kind.LONG, (shape[0],)),
+        Tag(Name.BYTE_COUNTS, Kind.LONG, (2 * shape[0] * shape[1],)),
+        Tag(Name.PLANAR, Kind.SHORT, (1,)),
     )
     tags = {tag.number: tag for tag in (*plain, *more)}
     length = len(_laid_out(tags))
-    return _laid_out({**tags, _OFFSETS: Tag(_OFFSETS, LONG, (length,))})
+    return _laid_out({**tags, Name.OFFSETS: Tag(Name.OFFSETS, Kind.LONG, (length,))})
 
 
 def _text(about: dict[str, Any]) -> str:
     return json.dumps(about, ensure_ascii=True, allow_nan=False)
 
 
-def _laid_out(tags: dict[int, Tag]) -> bytes:
+def _laid_out(tags: dict[Name, Tag]) -> bytes:
     """Header, directory, and the values that do not fit into the directory's four bytes."""
     at = 8 + 2 + 12 * len(tags) + 4
     directory, values = struct.pack("<H", len(tags)), b""
@@ -161,8 +200,10 @@ def read_tiff(path: str | Path) -> tuple[np.ndarray, dict[str, Any]]:
     data = Path(path).read_bytes()
     try:
         found = _directory(data)
-        height, width, start = (int.from_bytes(found[number], "little") for number in (_HEIGHT, _WIDTH, _OFFSETS))
-        about = json.loads(found[_DESCRIPTION].rstrip(b"\0"))
+        height, width, start = (
+            int.from_bytes(found[number], "little") for number in (Name.HEIGHT, Name.WIDTH, Name.OFFSETS)
+        )
+        about = json.loads(found[Name.DESCRIPTION].rstrip(b"\0"))
         crc = about.pop(CRC)
     except (struct.error, KeyError, ValueError, AttributeError, IndexError, RecursionError) as error:
         raise DamagedFile(path, f"not a readable TIFF file of this program ({error})") from error
@@ -176,7 +217,9 @@ def mapped(path: str | Path) -> np.ndarray:
     """Digital numbers of a file of ours that was just written, (h, w) uint16, read where they are asked for."""
     with Path(path).open("rb") as stream:
         found = _directory(stream.read(_HEAD_BYTES))
-    height, width, start = (int.from_bytes(found[number], "little") for number in (_HEIGHT, _WIDTH, _OFFSETS))
+    height, width, start = (
+        int.from_bytes(found[number], "little") for number in (Name.HEIGHT, Name.WIDTH, Name.OFFSETS)
+    )
     return np.memmap(path, "<u2", "r", start, (height, width))
 
 
