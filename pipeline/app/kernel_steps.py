@@ -11,7 +11,13 @@ from pipeline.engine.planning.graph import Task
 STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search", "sensor")
 """Traces and quadrature of any lens; microlenses that are not plain; micro-images; images; targets that are not flat;
 the search in position images; the noise of raw images."""
-_OF_KIND = {"image": "images", "white": "images", "micro_images": "micro_images", "expose": "sensor"}
+_OF_KIND = {
+    "image": "images",
+    "white": "images",
+    "micro_images": "micro_images",
+    "expose": "sensor",
+    "fixed_pattern": "sensor",
+}
 _NOT_FLAT = ("warped", "height-map", "cylinder", "mesh")
 
 

@@ -42,6 +42,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
             for frame in dataset.frames:
                 tasks.add(frame)
             tasks.add_poses()
+            tasks.add_fixed_pattern()
             certificates[camera.name] = (tasks.add_certificate(), "certificate.json")
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)

@@ -17,7 +17,7 @@ from pipeline.records.plain import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.params.certificate import Certificate, JudgedFrame
-from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF, Expose
+from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, Expose, FixedPattern
 from pipeline.tasks.params.images import Exposure, Image, ImageTile
 from pipeline.tasks.params.placed import PaintedView, View
 from pipeline.tasks.params.poses import FramePoses, PosedFrame
@@ -131,6 +131,14 @@ class FrameTasks:
         task = add(self.graph, f"frame_poses/{name}", params, {"pinhole": f"pinhole/{name}"})
         for number in (frame.number for frame in self._posed):
             self.files[f"frames/{number:04d}/{name}/poses.json"] = (task, name_of(number))
+
+    def add_fixed_pattern(self) -> None:
+        """Add the task of the fixed pattern behind raw images, where there are any."""
+        name, response, sensor = self.entry.name, self.entry.response, self.entry.asked.sensor
+        if response is None or self.entry.irradiation is None:
+            return
+        params = FixedPattern(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
+        self.files[f"cameras/{name}/{MAPS}"] = (add(self.graph, f"fixed_pattern/{name}", params), MAPS)
 
     def add_certificate(self) -> str:
         """Add the task that judges all frames added so far; gives its name."""

@@ -143,7 +143,7 @@ def test_nonuniformities_of_pixels_rows_and_columns_are_found_again():
     """Release 4.0 takes the spatial variance apart: of the means of rows and columns, and the rest."""
     rows, columns = 400, 500
     response = having(IDEAL, dsnu_e=3.0, dsnu_row_e=0.8, dsnu_column_e=1.5, prnu=0.01, prnu_row=0.004, prnu_column=0.02)
-    maps = fixed_pattern(response, "Camera", (10, 20), (rows, columns))
+    maps = fixed_pattern(response.spread, "Camera", (10, 20), (rows, columns))
     for pixels, mean, expected in ((maps.dark_e, 0.0, (3.0, 0.8, 1.5)), (maps.response, 1.0, (0.01, 0.004, 0.02))):
         of_rows, of_columns = pixels.mean(axis=1), pixels.mean(axis=0)
         rest = pixels - of_rows[:, None] - of_columns + pixels.mean()
@@ -187,13 +187,13 @@ def test_rows_and_columns_have_noise_of_their_own():
 def test_defects_are_as_many_as_declared():
     count = FLAT[0] * FLAT[1]
     response = having(IDEAL, hot_share=0.01, hot_current_e_per_s=2000.0, dead_share=0.02)
-    maps = fixed_pattern(response, "Camera", (0, 0), FLAT)
+    maps = fixed_pattern(response.spread, "Camera", (0, 0), FLAT)
     hot, dead = maps.hot_e_per_s > 0, maps.response == 0
     assert abs(hot.sum() - 0.01 * count) < SIGMAS * np.sqrt(0.01 * 0.99 * count)
     assert abs(dead.sum() - 0.02 * count) < SIGMAS * np.sqrt(0.02 * 0.98 * count)
     assert abs(maps.hot_e_per_s[hot].mean() / 2000 - 1) < SIGMAS / np.sqrt(hot.sum())
     image = even(response, 1000.0, FLAT, shot(exposure_time_s=0.5))  # of camera "Rig.Camera"
-    maps = fixed_pattern(response, "Rig.Camera", (0, 0), FLAT)
+    maps = fixed_pattern(response.spread, "Rig.Camera", (0, 0), FLAT)
     dead = maps.response == 0
     np.testing.assert_array_equal(image[dead], np.floor(0.5 * maps.hot_e_per_s[dead] + 0.5))
     assert image[~dead].min() == 1000

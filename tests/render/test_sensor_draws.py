@@ -69,7 +69,7 @@ def test_neighbouring_counts_are_independent():
 
 
 def test_normal_numbers_are_normal():
-    maps = fixed_pattern(having(IDEAL, dsnu_e=1.0, prnu=0.01), "Camera", (0, 0), SHAPE)
+    maps = fixed_pattern(having(IDEAL, dsnu_e=1.0, prnu=0.01).spread, "Camera", (0, 0), SHAPE)
     both = maps.dark_e.ravel(), (maps.response.ravel() - 1) / 0.01
     for numbers in both:
         assert stats.kstest(numbers, "norm").pvalue > ONCE_IN_A_MILLION

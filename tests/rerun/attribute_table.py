@@ -15,6 +15,7 @@ FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
 CAMERA = {"focus", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
+PATTERN = {"expose", "fixed_pattern"}
 RAW = {"expose"}
 """Raw images: what the sensor makes of images that are there. They are made anew where images are."""
 TARGET = {"image"} | TRUTH
@@ -218,10 +219,11 @@ WARM = LEVEL | {
 }
 
 
-def _response(name: str, value: Any, given: dict[tuple[str, str], Any] = LEVEL, **along: Any) -> dict[str, list[Case]]:
-    """A parameter of the sensor of raw images: they alone are made anew."""
-    other = {(SENSOR, f"plen:response:{name}"): value for name, value in along.items()}
-    return {f"plen:response:{name}": [Case(SENSOR, value, RAW, given=given, along=other)]}
+def _response(
+    name: str, value: Any, given: dict[tuple[str, str], Any] = LEVEL, kinds: set[str] = RAW
+) -> dict[str, list[Case]]:
+    """A parameter of the sensor of raw images: they alone are made anew, and what is fixed in them."""
+    return {f"plen:response:{name}": [Case(SENSOR, value, kinds, given=given)]}
 
 
 RAW_IMAGES = {
@@ -233,7 +235,7 @@ RAW_IMAGES = {
             given=LEVEL,
             along={k: PHOTONS[k] for k in PHOTONS if "photon" in k[1] or "white" in k[1]},
         ),
-        Case(A, "level", RAW, along=LEVEL),
+        Case(A, "level", PATTERN, along=LEVEL),
     ],
     "plen:image:exposureTime": [Case(A, 0.02, RAW, given=LEVEL), Case(A, 0.02, RAW, given=PHOTONS)],
     "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
@@ -252,16 +254,16 @@ RAW_IMAGES = {
     **_response("temperature", 31.0, WARM),
     **_response("darkCurrentTemperature", 21.0, WARM),
     **_response("doublingTemperature", 8.0, WARM),
-    **_response("dsnu", 1.0),
-    **_response("dsnuRow", 1.0),
-    **_response("dsnuColumn", 1.0),
-    **_response("prnu", 0.01),
-    **_response("prnuRow", 0.01),
-    **_response("prnuColumn", 0.01),
-    **_response("hotShare", 0.02, HOT),
-    **_response("hotCurrent", 800.0, HOT),
-    **_response("deadShare", 0.01),
-    **_response("specimen", 1),
+    **_response("dsnu", 1.0, kinds=PATTERN),
+    **_response("dsnuRow", 1.0, kinds=PATTERN),
+    **_response("dsnuColumn", 1.0, kinds=PATTERN),
+    **_response("prnu", 0.01, kinds=PATTERN),
+    **_response("prnuRow", 0.01, kinds=PATTERN),
+    **_response("prnuColumn", 0.01, kinds=PATTERN),
+    **_response("hotShare", 0.02, HOT, PATTERN),
+    **_response("hotCurrent", 800.0, HOT, PATTERN),
+    **_response("deadShare", 0.01, kinds=PATTERN),
+    **_response("specimen", 1, kinds=PATTERN),
     **_response("nonlinearity", [(0.5, 0.01)]),
     **_response("crosstalk", [1.0]),
 }

@@ -13,6 +13,7 @@ from pipeline.files import tiff
 from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.files.png import read_png
 from pipeline.files.tiff import read_tiff
+from pipeline.render.sensor.fixed_pattern import fixed_pattern
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
@@ -82,11 +83,17 @@ def test_raw_images_are_a_task_a_frame_and_move_nothing_else(stage, tmp_path):
     plain, tasks = built(stage, tmp_path / "plain")
     raw, more = built(exposed(stage), tmp_path / "raw")
 
-    assert more - tasks == Counter(expose=2)
+    assert more - tasks == Counter(expose=2, fixed_pattern=1)
     added = {f"frames/{frame}/Rig.Camera/{name}" for frame in ("0001", "0002") for name in RAW}
+    added.add("cameras/Rig.Camera/fixed_pattern.exr")
     assert raw.keys() - plain.keys() == added
     assert [name for name in plain if plain[name] != raw[name]] == ["dataset.usda"]
     assert unreadable(tmp_path / "raw", raw) == ({}, {})
+
+    maps = read_exr(tmp_path / "raw/cameras/Rig.Camera/fixed_pattern.exr")["fixed_pattern"].channels
+    of_camera = fixed_pattern(RESPONSE.spread, "Rig.Camera", (0, 0), (24, 32))
+    np.testing.assert_array_equal(maps["response"], of_camera.response.astype(np.float32))
+    assert not maps["dark_e"].any() and not maps["hot_e_per_s"].any()
 
     folder = tmp_path / "raw" / "frames" / "0002" / "Rig.Camera"
     numbers, about = read_tiff(folder / "raw.tiff")

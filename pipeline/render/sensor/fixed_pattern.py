@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.jit.decorators import kernel
 from pipeline.render.sensor.counter import DEFECTS, PATTERN, PATTERN_OF_COLUMN, PATTERN_OF_ROW, Stream, stream, uniforms
 from pipeline.render.sensor.draws import normals
-from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.sensor.response import PatternSpread
 
 
 class FixedPattern(NamedTuple):
@@ -30,7 +30,7 @@ class FixedPattern(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """Standard deviations of dark signal [e-] and response [1] over pixels, rows, columns; shares of defects."""
+    """Numbers of a `PatternSpread` for kernels: deviations of dark signal [e-] and response, and defects."""
 
     dark: tuple[float, float, float]
     response: tuple[float, float, float]
@@ -39,25 +39,17 @@ class Spread(NamedTuple):
     dead_share: float
 
 
-def fixed_pattern(
-    response: SensorResponse, camera: str, corner: tuple[int, int], shape: tuple[int, int]
-) -> FixedPattern:
-    """Maps of a window of the sensor of a camera.
+def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], shape: tuple[int, int]) -> FixedPattern:
+    """Maps of a window of the sensor of a camera, by its name.
 
     Parameters
     ----------
     corner, shape : (int, int)
         Row and column of the first pixel; height and width [px].
     """
-    spread = Spread(
-        dark=(response.dsnu_e, response.dsnu_row_e, response.dsnu_column_e),
-        response=(response.prnu, response.prnu_row, response.prnu_column),
-        hot_share=response.hot_share,
-        hot_e_per_s=response.hot_current_e_per_s,
-        dead_share=response.dead_share,
-    )
+    numbers = Spread(spread.dark_e, spread.response, spread.hot_share, spread.hot_current_e_per_s, spread.dead_share)
     maps = FixedPattern(np.zeros(shape), np.ones(shape), np.zeros(shape))
-    fill_maps(spread, stream(response.specimen, camera), corner, np.zeros((2, shape[1])), maps)
+    fill_maps(numbers, stream(spread.specimen, camera), corner, np.zeros((2, shape[1])), maps)
     return maps
 
 

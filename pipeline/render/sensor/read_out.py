@@ -78,7 +78,7 @@ def digital_numbers(
     margin = response.margin_px
     electrons = mosaic(response, photons, (corner[0] - margin, corner[1] - margin))
     electrons = np.ascontiguousarray(after_crosstalk(electrons, response.crosstalk))
-    pattern = fixed_pattern(response, shot.camera, corner, electrons.shape)
+    pattern = fixed_pattern(response.spread, shot.camera, corner, electrons.shape)
     result = np.empty(electrons.shape, np.uint16)
     keys = stream(shot.seed, shot.camera, shot.frame)
     read_out(_chain(response, shot), keys, corner, electrons, pattern, np.empty(electrons.shape[1]), result)

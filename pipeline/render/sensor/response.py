@@ -20,6 +20,26 @@ _NOT_NEGATIVE = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PatternSpread:
+    """Part of a response that makes the fixed pattern of a specimen.
+
+    Attributes
+    ----------
+    dark_e, response : (float, float, float)
+        Standard deviations over pixels, rows and columns: DSNU [e-] and PRNU.
+    hot_share, hot_current_e_per_s, dead_share, specimen
+        As of `SensorResponse`.
+    """
+
+    dark_e: tuple[float, float, float]
+    response: tuple[float, float, float]
+    hot_share: float
+    hot_current_e_per_s: float
+    dead_share: float
+    specimen: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SensorResponse:
     """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
 
@@ -142,6 +162,18 @@ class SensorResponse:
     def channels(self) -> tuple[str, ...]:
         """Names of the channels, in the order in which the filters name them."""
         return tuple(dict.fromkeys(self.filters))
+
+    @property
+    def spread(self) -> PatternSpread:
+        """Spread of the fixed pattern."""
+        return PatternSpread(
+            dark_e=(self.dsnu_e, self.dsnu_row_e, self.dsnu_column_e),
+            response=(self.prnu, self.prnu_row, self.prnu_column),
+            hot_share=self.hot_share,
+            hot_current_e_per_s=self.hot_current_e_per_s,
+            dead_share=self.dead_share,
+            specimen=self.specimen,
+        )
 
     @property
     def period_px(self) -> int:
