@@ -28,8 +28,8 @@ def pair(response: SensorResponse, photons: float, time_s: float = 0.0) -> tuple
 
 
 def test_a_crop_is_a_slice_of_the_whole():
-    """With everything switched on, and a filter array of three channels: bit for bit."""
-    response = having(REAL, filters=("a", "b", "c", "a"), quantum_efficiency=(0.6, 0.5, 0.4))
+    """With everything switched on, and a filter array of 3 x 3 pixels of three channels: bit for bit."""
+    response = having(REAL, filters=tuple("abbcabacc"), quantum_efficiency=(0.6, 0.5, 0.4))
     rng = np.random.default_rng(1)
     light = {name: rng.uniform(0, 15000, (42, 62)) for name in "abc"}
     whole = digital_numbers(response, light, shot())
@@ -112,6 +112,8 @@ def test_a_pixel_holds_no_more_than_its_full_well():
     full = even(response, 50000.0, FLAT, shot())
     assert np.unique(full).tolist() == [response.white_dn] == [100 + 2250]
     assert response.saturation_e == 9000.0
+    full = even(having(response, full_well_e=9003.0), 50000.0, (8, 8), shot())
+    assert np.unique(full).tolist() == [having(response, full_well_e=9003.0).white_dn] == [2351]  # 2350.75
     assert np.unique(even(response, 1e15, (8, 8), shot())).tolist() == [2350]
     variance = pair(having(response, dark_noise_e=8.0), 50000.0)[1]
     expected = 0.25**2 * 64 + QUANTISATION
@@ -192,6 +194,8 @@ def test_defects_are_as_many_as_declared():
     assert abs(hot.sum() - 0.01 * count) < SIGMAS * np.sqrt(0.01 * 0.99 * count)
     assert abs(dead.sum() - 0.02 * count) < SIGMAS * np.sqrt(0.02 * 0.98 * count)
     assert abs(maps.hot_e_per_s[hot].mean() / 2000 - 1) < SIGMAS / np.sqrt(hot.sum())
+    both = 0.01 * 0.02 * count
+    assert abs(np.sum(hot & dead) - both) < SIGMAS * np.sqrt(both)
     image = even(response, 1000.0, FLAT, shot(exposure_time_s=0.5))  # of camera "Rig.Camera"
     maps = fixed_pattern(response.spread, "Rig.Camera", (0, 0), FLAT)
     dead = maps.response == 0
@@ -216,6 +220,12 @@ def test_a_filter_array_takes_each_pixel_from_its_channel():
     row_0, row_1 = [50, 100, 50, 100], [100, 25, 100, 25]
     np.testing.assert_array_equal(mosaic(response, light, (0, 0)), [row_0, row_1, row_0, row_1])
     np.testing.assert_array_equal(mosaic(response, light, (-1, 0))[1:], [row_0, row_1, row_0])
+    # A kernel that moves nothing needs a margin, and the filters stay where they are.
+    still = having(response, crosstalk=(0, 0, 0, 0, 1, 0, 0, 0, 0))
+    around = {name: np.pad(pixels, 1, "edge") for name, pixels in light.items()}
+    np.testing.assert_array_equal(
+        digital_numbers(still, around, shot(), (3, 2)), digital_numbers(response, light, shot(), (3, 2))
+    )
     with pytest.raises(SensorError, match="channels"):
         mosaic(response, {"mono": light["r"]}, (0, 0))
 
@@ -225,6 +235,10 @@ def test_nonlinearity_deviates_by_its_table():
     photons = np.array([[1000.0, 2000.0, 3400.0, 5000.0, 7600.0, 10000.0, 20000.0]])
     found = digital_numbers(response, {"mono": photons}, shot())
     expected = [1000, 2000, 3400 * 1.014, 5000 * 1.03, 7600 * 1.004, 9800, 9800]
+    np.testing.assert_array_equal(found[0], np.rint(expected))
+    short = having(response, nonlinearity=((0.3, 0.01), (0.5, 0.03)))
+    found = digital_numbers(short, {"mono": photons}, shot())
+    expected = [1010, 2020, 3400 * 1.014, 5000 * 1.03, 7600 * 1.03, 10300, 10300]
     np.testing.assert_array_equal(found[0], np.rint(expected))
 
 
