@@ -21,6 +21,7 @@ test: $(STAMP)
 
 # The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks, figures of documents.
 proofs: $(STAMP) warm
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[referees]'
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy $(SLOWEST)
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
@@ -72,6 +73,8 @@ picture: $(STAMP)
 		$(patsubst %,build/02_plenoptic/frames/%/Rig.Camera,0002 0001 0003) --window 366 230 78 78 --zoom 4
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
+	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \
+		--window 330 225 70 84 --zoom 4
 	$(BIN)/python docs/target_sheet.py docs/targets.png
 	$(BIN)/python docs/detectors.py
 

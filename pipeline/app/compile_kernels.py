@@ -29,6 +29,8 @@ from pipeline.machine.processor import settings
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
+from pipeline.render.sensor.read_out import Shot, digital_numbers
+from pipeline.render.sensor.response import SensorResponse
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
@@ -157,6 +159,11 @@ def _search() -> None:
     quad_search.nearest_positions(image, cell, np.zeros((1, 2)), np.zeros((1, 1)), np.zeros((1, 1, 2), np.int64))
 
 
+def _sensor() -> None:
+    response = SensorResponse(quantum_efficiency=(1.0,), full_well_e=1.0, gain_dn_per_e=1.0, bit_depth=8)
+    digital_numbers(response, {"mono": np.zeros((1, 1))}, Shot(seed=0, camera="", frame=0, exposure_time_s=0.0))
+
+
 _RUN = {
     "lens": (_bundles, _edges),
     "microlenses": (_microlenses,),
@@ -164,4 +171,5 @@ _RUN = {
     "images": (_pictures_of_a_lens, _pictures_behind_microlenses, _board),
     "shapes": (_shapes,),
     "search": (_search,),
+    "sensor": (_sensor,),
 }

@@ -8,11 +8,17 @@ from typing import Any
 
 from pipeline.engine.planning.graph import Task
 
-STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search")
+STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search", "sensor")
 """In this order: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images; images; curved
-targets; the search in position images.
+targets; the search in position images; the noise of raw images.
 """
-_OF_KIND = {"image": "images", "white": "images", "micro_images": "micro_images"}
+_OF_KIND = {
+    "image": "images",
+    "white": "images",
+    "micro_images": "micro_images",
+    "expose": "sensor",
+    "fixed_pattern": "sensor",
+}
 _NOT_FLAT = ("warped", "height-map", "cylinder", "mesh")
 
 

@@ -14,6 +14,7 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.frame_contents import Things, matrix
 from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, channel_label, exposure_of, light_of
 from pipeline.graph.poses import target_poses, targets_json
+from pipeline.graph.raw_images import add_raw
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles
 from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
@@ -47,6 +48,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
                     tasks.add(frame)
                 certificates[seen.full_name] = (tasks.add_certificate(), "certificate.json")
             _add_colours(graph, files, camera, dataset)
+            add_raw(graph, files, camera, dataset)
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
     return graph, files, certificates

@@ -84,7 +84,7 @@ def add_tiles(
 
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
-    of_frames = task.short_kind.removesuffix("_tile") in ("image", "truth", "positions", "colour_image")
+    of_frames = task.short_kind.removesuffix("_tile") in ("image", "truth", "positions", "colour_image", "expose")
     if of_frames and len(parts := task.name.split("/")) > 2:  # white images belong to no frame
         return int(parts[2])
     match = re.match(r"params\.frames\[(\d+)\]", field or "")

@@ -8,6 +8,8 @@ from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.optics.prescription import Prescription
+from pipeline.render.sensor.irradiation import Irradiation
+from pipeline.render.sensor.response import SensorResponse
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 
@@ -59,6 +61,10 @@ class CameraEntry:
         Colour channels of its sensor, in the order of the stage; none: its light has the one wavelength.
     channel : Channel or None
         The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one.
+    response : SensorResponse or None
+        How the sensor turns photons into digital numbers, where it says so.
+    irradiation : Irradiation or None
+        Light of each frame; None: there are no raw images.
     """
 
     name: str
@@ -77,6 +83,8 @@ class CameraEntry:
     f_numbers: tuple[float, ...] = ()
     channels: tuple[Channel, ...] = ()
     channel: Channel | None = None
+    response: SensorResponse | None = None
+    irradiation: Irradiation | None = None
     file: str | None = field(default=None, compare=False)
     line: int | None = field(default=None, compare=False)
 

@@ -13,6 +13,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import pipeline
+from pipeline.files.exr import read_exr
+from pipeline.files.tiff import read_tiff
 from pipeline.frames import rigid, rotation_vector
 from pipeline.tasks.frame_poses import poses
 from pipeline.tasks.params.poses import PosedFrame
@@ -44,6 +46,21 @@ STEREO = """
         }}
     }}
 """
+LIT = """
+uniform token plen:image:exposure = "level"
+uniform double plen:image:exposureTime = 0.01
+uniform double plen:image:whiteLevel = 0.7"""
+RESPONDING = """
+    prepend apiSchemas = ["PlenSensorResponseAPI"]
+"""
+RESPONSE = """
+    uniform int plen:response:bitDepth = 12
+    uniform double plen:response:blackLevel = 60
+    uniform double plen:response:darkNoise = 2
+    uniform double plen:response:fullWell = 9000
+    uniform double plen:response:gain = 0.4
+    uniform double[] plen:response:quantumEfficiency = [0.6]
+"""
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +75,11 @@ def built(tmp_path_factory: pytest.TempPathFactory, common_store: Path) -> Path:
     text = text.replace(
         "cameras = </TinyPlenoptic/Rig/Camera>", f"cameras = [{cameras}]\nuniform int[] plen:frames = [1]"
     )
-    text = text.replace("verticalAperture = 12", 'verticalAperture = 12\nuniform token plen:truth:method = "image"')
+    text = text.replace(
+        "verticalAperture = 12", 'verticalAperture = 12\nuniform token plen:truth:method = "image"' + LIT
+    )
+    text = text.replace('over "Sensor"\n        {', f'over "Sensor" ({RESPONDING})\n{{{RESPONSE}', 1)
+    assert RESPONSE in text
     (folder / "dataset.usda").write_text(text.rstrip().removesuffix("}") + rigs + "}\n", encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PIPELINE_CACHE", str(common_store))
@@ -67,7 +88,7 @@ def built(tmp_path_factory: pytest.TempPathFactory, common_store: Path) -> Path:
     return folder / "build/02_plenoptic"
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: re.findall(r"\w*\.(?:csv|json|exr|usda)", block)[0])
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: re.findall(r"\w*\.(?:csv|json|exr|usda|tiff)", block)[0])
 def test_every_block_of_the_page_runs(block: str, built: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(built.parents[1])
     printed = io.StringIO()
@@ -80,6 +101,18 @@ def test_the_page_names_every_file_of_the_folder(built: Path) -> None:
     names = {path.name for path in built.rglob("*") if path.is_file()} - {"Board.json"}
     assert {name for name in names if name not in PAGE} == set()
     assert {"positions.exr", "rays.exr", "micro_image_outlines.csv", "baselines.csv", "manifest.json"} <= names
+
+
+def test_a_raw_image_has_the_mean_of_the_linear_one(built: Path) -> None:
+    """As the page computes it, by the number of electrons and pixels."""
+    folder = built / "frames/0001/Rig.Camera"
+    numbers, about = read_tiff(folder / "raw.tiff")
+    light = read_exr(folder / "image.exr")["image"].channels["Y"].astype(float)
+    expected = 60 + 0.4 * np.minimum(light * 0.7 * 9000, 9000)
+    spread = np.sqrt(0.4 * (expected - 60) + 0.4**2 * 4 + 1 / 12)
+    assert about["photons_at_relative_irradiance_1"] * 0.6 == pytest.approx(6300, rel=1e-12)
+    assert abs(np.mean(numbers - expected)) < 5 * np.sqrt(np.sum(spread**2)) / light.size
+    assert abs(np.mean(((numbers - expected) / spread) ** 2) - 1) < 5 * np.sqrt(2 / light.size)
 
 
 def read(path: Path) -> dict:

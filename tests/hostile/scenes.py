@@ -109,11 +109,14 @@ class Scene:
         Prim type of "Board", with values of its own.
     whole : tuple of str
         Prims of which every property is tried, not the edited ones alone: ours, and of cameras and meshes USD's own.
+    responds : bool
+        Whether "Sensor" has PlenSensorResponseAPI.
     """
 
     edits: dict[tuple[str, str], Any] = field(default_factory=dict)
     kind: str = "PlenCheckerboard"
     whole: tuple[str, ...] = ()
+    responds: bool = False
 
     def stage(self) -> Usd.Stage:
         """The scene, in memory."""
@@ -129,6 +132,8 @@ class Scene:
             layer.GetPrimAtPath("/Scene/Board/Mesh").ClearInfo("apiSchemas")
         self._leave_out_what_nobody_asks_for(layer)
         stage = Usd.Stage.Open(layer)
+        if self.responds:
+            stage.GetPrimAtPath("/Scene/Sensor").ApplyAPI("PlenSensorResponseAPI")
         for (at, name), value in self.edits.items():
             put(stage, at, name, value)
         return stage
@@ -186,6 +191,30 @@ _PLENOPTIC = {
 }
 _MARKED = _of("Board", points=[(5.0, 1.0, -300.0)], normals=[(0.0, 0.0, 1.0)], mesh=[Sdf.Path("/Scene/Board/Mesh")])
 _FACES = _of("Array", model="refractive", index=1.5, thickness=0.1, frontRadii=[0.7], rearRadii=[-5.0])
+_RAW = _of("Camera", image__exposure="level", image__whiteLevel=0.8, image__exposureTime=0.01) | _of(
+    "Sensor",
+    response__fullWell=9000.0,
+    response__gain=0.4,
+    response__bitDepth=12,
+    response__blackLevel=60.0,
+    **{f"response__{name}Noise": 2.0 for name in ("dark", "row", "column")},
+    **{f"response__{name}": 1.0 for name in ("dsnu", "dsnuRow", "dsnuColumn")},
+    **{f"response__{name}": 0.01 for name in ("prnu", "prnuRow", "prnuColumn", "hotShare", "deadShare")},
+    response__darkCurrent=10.0,
+    response__hotCurrent=900.0,
+    response__specimen=1,
+    response__temperature=30.0,
+    response__darkCurrentTemperature=20.0,
+    response__doublingTemperature=7.0,
+    response__filters=["mono"],
+    response__quantumEfficiency=[0.6],
+    response__shotNoise=True,
+    response__nonlinearity=[(0.5, 0.01), (1.0, -0.01)],
+    response__crosstalk=[0.0, 0.1, 0.0, 0.1, 0.6, 0.1, 0.0, 0.1, 0.0],
+)
+_PHOTONS = _of("Camera", image__exposure="photons", image__photonRate=1e6, image__exposureTime=0.01) | _of(
+    "Sensor", response__fullWell=9000.0, response__gain=0.4, response__bitDepth=12
+)
 
 SCENES: dict[str, Scene] = {
     "conventional": Scene(
@@ -215,6 +244,8 @@ SCENES: dict[str, Scene] = {
     "polygonal": Scene(_of("Lens/Stop", apertureShape="polygonal", blades=5)),
     "cosine": Scene(_of("Sensor", acceptance="cosine", acceptancePower=2.0)),
     "cone": Scene(_of("Sensor", acceptance="cone", acceptanceHalfAngle=20.0, acceptanceRollOff=2.0)),
+    "raw images": Scene(_RAW, responds=True),
+    "photons": Scene(_PHOTONS, responds=True),
     "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),
     "three types": Scene(_PLENOPTIC | _THREE | _of("Array", typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))),
     "plates": Scene(_PLENOPTIC | _of("Array", model="two-plane", index=1.5, thickness=0.1)),

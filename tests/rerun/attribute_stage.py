@@ -37,8 +37,13 @@ def PlenDataset "Scene"
             }
         }
 
-        over "Sensor"
+        over "Sensor" (
+            prepend apiSchemas = ["PlenSensorResponseAPI"]
+        )
         {
+            uniform int plen:response:bitDepth = 10
+            uniform double plen:response:fullWell = 5000
+            uniform double plen:response:gain = 0.2
             uniform double plen:pixelPitch = 0.1
             uniform int2 plen:resolution = (32, 24)
         }

@@ -15,6 +15,9 @@ FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
 CAMERA = {"focus", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
+PATTERN = {"expose", "fixed_pattern"}
+RAW = {"expose"}
+"""Raw images: what the sensor makes of images that are there. They are made anew where images are."""
 TARGET = {"image"} | TRUTH
 """`truth` gets the drawing of a target, so the bits of its tags make it run again, too: work that gives the same
 correspondences, not a wrong result."""
@@ -213,6 +216,78 @@ CHANNELS = {
     "plen:nodes": [Case(RED, 3, IN_COLOUR, given=COLOUR)],
 }
 
+LEVEL: dict[tuple[str, str], Any] = {
+    (A, "plen:image:exposure"): "level",
+    (A, "plen:image:whiteLevel"): 0.8,
+    (A, "plen:image:exposureTime"): 0.01,
+    **{
+        (SENSOR, f"plen:response:{name}"): value for name, value in (("fullWell", 9e3), ("gain", 0.4), ("bitDepth", 12))
+    },
+}
+PHOTONS = LEVEL | {
+    (A, "plen:image:exposure"): "photons",
+    (A, "plen:image:whiteLevel"): None,
+    (A, "plen:image:photonRate"): 1e6,
+}
+HOT = LEVEL | {(SENSOR, "plen:response:hotShare"): 0.01, (SENSOR, "plen:response:hotCurrent"): 900.0}
+WARM = LEVEL | {
+    (SENSOR, f"plen:response:{name}"): value
+    for name, value in (
+        *(("darkCurrent", 10.0), ("temperature", 30.0)),
+        *(("darkCurrentTemperature", 20.0), ("doublingTemperature", 7.0)),
+    )
+}
+
+
+def _response(
+    name: str, value: Any, given: dict[tuple[str, str], Any] = LEVEL, kinds: set[str] = RAW
+) -> dict[str, list[Case]]:
+    """A parameter of the sensor of raw images: they alone are made anew, and what is fixed in them."""
+    return {f"plen:response:{name}": [Case(SENSOR, value, kinds, given=given)]}
+
+
+RAW_IMAGES = {
+    "plen:image:exposure": [
+        Case(
+            A,
+            "photons",
+            RAW,
+            given=LEVEL,
+            along={k: PHOTONS[k] for k in PHOTONS if "photon" in k[1] or "white" in k[1]},
+        ),
+        Case(A, "level", PATTERN, along=LEVEL),
+    ],
+    "plen:image:exposureTime": [Case(A, 0.02, RAW, given=LEVEL), Case(A, 0.02, RAW, given=PHOTONS)],
+    "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
+    "plen:image:photonRate": [Case(A, 2e6, RAW, given=PHOTONS)],
+    "plen:response:filters": [Case(SENSOR, ["red", "green", "green", "blue"], given=LEVEL, refused=True)],
+    **_response("quantumEfficiency", [0.6]),
+    **_response("fullWell", 9500.0),
+    **_response("gain", 0.41),
+    **_response("bitDepth", 11),
+    **_response("blackLevel", 10.0),
+    **_response("shotNoise", False),
+    **_response("darkNoise", 1.0),
+    **_response("rowNoise", 1.0),
+    **_response("columnNoise", 1.0),
+    **_response("darkCurrent", 1.0),
+    **_response("temperature", 31.0, WARM),
+    **_response("darkCurrentTemperature", 21.0, WARM),
+    **_response("doublingTemperature", 8.0, WARM),
+    **_response("dsnu", 1.0, kinds=PATTERN),
+    **_response("dsnuRow", 1.0, kinds=PATTERN),
+    **_response("dsnuColumn", 1.0, kinds=PATTERN),
+    **_response("prnu", 0.01, kinds=PATTERN),
+    **_response("prnuRow", 0.01, kinds=PATTERN),
+    **_response("prnuColumn", 0.01, kinds=PATTERN),
+    **_response("hotShare", 0.02, HOT, PATTERN),
+    **_response("hotCurrent", 800.0, HOT, PATTERN),
+    **_response("deadShare", 0.01, kinds=PATTERN),
+    **_response("specimen", 1, kinds=PATTERN),
+    **_response("nonlinearity", [(0.5, 0.01)]),
+    **_response("crosstalk", [1.0]),
+}
+
 TARGETS = {
     # A colour moves no point, but the saddle of a corner that is not sharp.
     "plen:white": [
@@ -357,6 +432,7 @@ CASES: dict[str, list[Case]] = {
     **MICROLENSES,
     **PIXELS,
     **CHANNELS,
+    **RAW_IMAGES,
     **TARGETS,
     **CAMERAS,
     **METHOD,

@@ -37,7 +37,7 @@ CONCRETE = (
     *TARGETS,
 )
 CAMERA_APIS = ("PlenCameraAPI", "PlenTruthAPI", "PlenImageAPI")
-APIS = (*CAMERA_APIS, "PlenOccluderAPI")
+APIS = (*CAMERA_APIS, "PlenOccluderAPI", "PlenSensorResponseAPI")
 
 
 def definition(name):
@@ -151,11 +151,12 @@ def test_usd_knows_the_unit_of_a_length_or_angle_too():
 
 
 @pytest.mark.parametrize("name", APIS)
-def test_the_apis_apply_to_cameras_or_to_meshes_and_to_nothing_else(name):
+def test_the_apis_apply_to_cameras_meshes_or_sensors_and_to_nothing_else(name):
     stage = Usd.Stage.CreateInMemory()
 
     assert bool(stage.DefinePrim("/Camera", "Camera").CanApplyAPI(name)) == (name in CAMERA_APIS)
-    assert bool(stage.DefinePrim("/Mesh", "Mesh").CanApplyAPI(name)) != (name in CAMERA_APIS)
+    assert bool(stage.DefinePrim("/Mesh", "Mesh").CanApplyAPI(name)) == (name == "PlenOccluderAPI")
+    assert bool(stage.DefinePrim("/Sensor", "PlenSensor").CanApplyAPI(name)) == (name == "PlenSensorResponseAPI")
     assert not stage.DefinePrim("/Xform", "Xform").CanApplyAPI(name)
     assert not stage.DefinePrim("/Lens", "PlenLens").CanApplyAPI(name)
 

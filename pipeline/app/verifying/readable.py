@@ -26,12 +26,14 @@ _FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
 """Time limit of a file: these seconds, plus its size over this rate [bytes/s], slower than any disk."""
 _TOO_LARGE = f"needs more than {MEMORY_BYTES // 2**30} GiB of memory"
 
+_ENDINGS = (".exr", ".png", ".json", ".csv", ".tiff", ".dng")
+
 Reader = Callable[[Path], Any]
 
 
 def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Files with damaged content, and files too large to be checked: name -> reason each."""
-    left = [name for name in sorted(names) if Path(name).suffix in (".exr", ".png", ".json", ".csv")]
+    left = [name for name in sorted(names) if Path(name).suffix in _ENDINGS]
     damaged, unknown = dict[str, str](), dict[str, str]()
     while left:
         answers, ended = _ask(root, left)
@@ -83,6 +85,10 @@ def _reader(name: str) -> Reader:
         from pipeline.files.png import read_png
 
         return read_png
+    if name.endswith((".tiff", ".dng")):
+        from pipeline.files.tiff import read_tiff
+
+        return read_tiff
     if name.endswith(".json"):
         from pipeline.files.jsonfile import read_json
 

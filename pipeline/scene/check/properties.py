@@ -75,6 +75,8 @@ def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:
         return 'write "custom" in front of it if it is meant to be extra data'
     prim = prop.GetPrim()
     api = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI"}.get(str(prim.GetTypeName()))
+    if prop.GetName().startswith("plen:response:"):
+        api = "PlenSensorResponseAPI"
     if api and api not in prim.GetAppliedSchemas():
         return f'apply {api}: prepend apiSchemas = ["{api}"]'
     namespace = prop.GetNamespace()

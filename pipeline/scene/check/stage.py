@@ -17,6 +17,7 @@ from pipeline.scene.check.camera.groups import check_groups, check_place
 from pipeline.scene.check.camera.lens import check_lens, check_nominal
 from pipeline.scene.check.camera.microlenses import check_microlenses
 from pipeline.scene.check.camera.parts import check_camera
+from pipeline.scene.check.camera.response import check_response
 from pipeline.scene.check.dataset import check_dataset, check_only_dataset, find_dataset
 from pipeline.scene.check.layers import check_layers
 from pipeline.scene.check.merged import check_merged
@@ -24,6 +25,7 @@ from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.prims import all_prims, check_dangling, check_prim
 from pipeline.scene.check.properties import check_properties
 from pipeline.scene.check.targets import check_target
+from pipeline.scene.read.response import has_response
 from pipeline.scene.trust.asset_roots import check_assets, check_used
 from pipeline.scene.usd.problems import Problem
 
@@ -86,4 +88,6 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     found = [one for type_name, whole in _WHOLES if prim.IsA(type_name) for one in whole(prim)]
     found += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     found += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
+    if prim.GetPath() not in wrong and prim.IsA("PlenSensor") and has_response(prim):
+        found += check_response(prim)
     return found + (list(check_camera(prim)) if _is_camera(prim) else [])

@@ -16,6 +16,7 @@ from pipeline.scene.read.channels import read_channels
 from pipeline.scene.read.media import index_source, ordered_surfaces, with_indices
 from pipeline.scene.read.microlenses import read_microlenses
 from pipeline.scene.read.occluders import is_visible, read_occluder_entry
+from pipeline.scene.read.response import has_response, read_irradiation, read_response
 from pipeline.scene.read.targets import read_target_entry
 from pipeline.scene.usd.poses import inverse, product, world_from
 from pipeline.scene.usd.source_locations import place
@@ -118,6 +119,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     """The entry of one camera with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
+    sensor = target(prim, "plen:camera:sensor", "PlenSensor")
     file, line = place(prim)
     return CameraEntry(
         name=camera_name(prim, root),
@@ -138,6 +140,8 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         delivers_rays=need(prim, "plen:truth:rays"),
         f_numbers=tuple(need(prim, "plen:image:fNumbers")),
         channels=read_channels(prim),
+        response=read_response(sensor) if has_response(sensor) else None,
+        irradiation=read_irradiation(prim),
         file=file,
         line=line,
     )

@@ -11,6 +11,7 @@ from pipeline.scene.check.camera.channels import check_channels
 from pipeline.scene.check.camera.focus import check_focus, check_request
 from pipeline.scene.check.camera.glass import check_wavelength
 from pipeline.scene.check.camera.microlenses import check_microlens_glass, check_near_microlenses
+from pipeline.scene.check.camera.response import check_exposure
 from pipeline.scene.read.prims import read_prescription
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
@@ -33,6 +34,8 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     if lens:
         yield from check_wavelength(camera, lens)
         yield from check_channels(camera, lens)
+    if sensor := target(camera, "plen:camera:sensor", "PlenSensor"):
+        yield from check_exposure(camera, sensor)
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     if array:
         yield from check_microlens_glass(camera, array)

@@ -1,0 +1,89 @@
+"""Digital negatives (DNG): a TIFF file whose further tags say what a raw converter has to know.
+
+References
+----------
+Digital Negative (DNG) Specification, Version 1.4.0.0, Adobe 2012.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.files.tiff import Kind, Name, Rows, Tag, write_tiff
+
+COLOURS = {"red": 0, "green": 1, "blue": 2, "cyan": 3, "magenta": 4, "yellow": 5, "white": 6}
+"""Filters that TIFF/EP numbers."""
+
+_VERSION, _READABLE_SINCE = (1, 4, 0, 0), (1, 1, 0, 0)
+"""Version of the specification, and the oldest whose readers can read it: everything here is as old as that."""
+_LINEAR_RAW, _FILTER_ARRAY = 34892, 32803
+"""Kinds of pixels: one plane without filters, and a mosaic."""
+_MAKER = "plenoptic-pipeline"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Negative:
+    """Facts of a raw image that a raw converter has to know.
+
+    Attributes
+    ----------
+    model : str
+        Name of the camera.
+    black_dn : float
+        Digital number of no light, without noise; kept to 1/65536.
+    white_dn : int
+        That of saturation.
+    filters : tuple of str
+        Names of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
+    """
+
+    model: str
+    black_dn: float
+    white_dn: int
+    filters: tuple[str, ...] = ("mono",)
+
+
+def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: dict[str, Any], negative: Negative) -> None:
+    """Write digital numbers band by band as a negative; the first five arguments as of `tiff.write_tiff`.
+
+    It holds no colour matrix: the colours of a sensor follow from its spectra, and a matrix that is none of its own
+    would be a lie.
+
+    Raises
+    ------
+    ValueError
+        If a filter array names a colour that DNG does not know.
+    """
+    tags = (
+        Tag(Name.SUBFILE, Kind.LONG, (0,)),
+        Tag(Name.MAKE, Kind.ASCII, (_MAKER,)),
+        Tag(Name.MODEL, Kind.ASCII, (_ascii(negative.model),)),
+        Tag(Name.UNIQUE_MODEL, Kind.ASCII, (f"{_MAKER} {_ascii(negative.model)}",)),
+        Tag(Name.DNG_VERSION, Kind.BYTE, _VERSION),
+        Tag(Name.DNG_BACKWARD, Kind.BYTE, _READABLE_SINCE),
+        Tag(Name.BLACK_SIZE, Kind.SHORT, (1, 1)),
+        Tag(Name.BLACK, Kind.RATIONAL, (negative.black_dn,)),
+        Tag(Name.WHITE, Kind.LONG, (negative.white_dn,)),
+    )
+    write_tiff(path, shape, rows, about, (*tags, *_of_filters(negative.filters)))
+
+
+def _of_filters(filters: tuple[str, ...]) -> tuple[Tag, ...]:
+    if len(set(filters)) == 1:
+        return (Tag(Name.PHOTOMETRIC, Kind.SHORT, (_LINEAR_RAW,)),)
+    if unknown := sorted(set(filters) - COLOURS.keys()):
+        raise ValueError(f"no DNG of the filters {', '.join(unknown)}: it knows {', '.join(COLOURS)}")
+    edge, numbers = math.isqrt(len(filters)), tuple(COLOURS[name] for name in filters)
+    return (
+        Tag(Name.PHOTOMETRIC, Kind.SHORT, (_FILTER_ARRAY,)),
+        Tag(Name.PATTERN_SIZE, Kind.SHORT, (edge, edge)),
+        Tag(Name.PATTERN, Kind.BYTE, numbers),
+        Tag(Name.PLANE_COLOURS, Kind.BYTE, tuple(sorted(set(numbers)))),
+        Tag(Name.PATTERN_LAYOUT, Kind.SHORT, (1,)),
+    )
+
+
+def _ascii(text: str) -> str:
+    """A text in ASCII: what TIFF cannot hold is written as Python writes it in a string."""
+    return text.encode("ascii", "backslashreplace").decode()

@@ -1,0 +1,50 @@
+"""Colours of a mosaic for a picture: each channel between its pixels, white as white. Not for measurements."""
+
+import numpy as np
+
+from pipeline.render.sensor.response import SensorResponse
+
+PRIMARIES = ("red", "green", "blue")
+"""Channels that make a picture."""
+
+
+def in_colour(numbers: np.ndarray, response: SensorResponse, first_row: int = 0) -> np.ndarray:
+    """Red, green and blue of every pixel of some rows of a mosaic, 1 at the white level, (h, w, 3) float64.
+
+    Missing values are means of those of the same channel less than a period away, by a triangle of distances. Channels
+    are divided by their quantum efficiencies, relative to the best, so that a white scene is grey.
+
+    Parameters
+    ----------
+    numbers : (h, w) uint16
+        Digital numbers.
+    first_row : int
+        Of these rows in the image, which decides where the mosaic begins.
+    """
+    period, height, width = response.period_px, *numbers.shape
+    light = (numbers - response.black_level_dn) / max(response.white_dn - response.black_level_dn, 1.0)
+    pattern = np.roll(np.array(response.filters).reshape(period, period), -first_row, axis=0)
+    where = np.tile(pattern, (height // period + 1, width // period + 1))[:height, :width]
+    efficiency = dict(zip(response.channels, response.quantum_efficiency, strict=True))
+    best = max(efficiency[name] for name in PRIMARIES)
+    return np.stack([_between(light, where == name, period) * best / efficiency[name] for name in PRIMARIES], axis=-1)
+
+
+def has_colours(response: SensorResponse) -> bool:
+    """Whether a mosaic has the channels of a picture."""
+    return set(PRIMARIES) <= set(response.channels)
+
+
+def _between(values: np.ndarray, known: np.ndarray, period: int) -> np.ndarray:
+    """Values everywhere from those that are known, weighted by a triangle of twice the period."""
+    weight = np.convolve(np.ones(period), np.ones(period)) / period
+    total = _smoothed(np.where(known, values, 0.0), weight)
+    count = _smoothed(known.astype(float), weight)
+    return np.where(known, values, total / np.maximum(count, 1e-12))
+
+
+def _smoothed(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """A separable convolution; nothing lies beyond the border."""
+    for axis in (0, 1):
+        values = np.apply_along_axis(np.convolve, axis, values, weight, mode="same")
+    return values

@@ -1,0 +1,218 @@
+"""Response of a sensor to light: the parameters of EMVA 1288, release 4.0, linear model."""
+
+import math
+from dataclasses import dataclass
+
+from pipeline.records.declared import settle
+from pipeline.render.sensor.errors import SensorError
+
+MOST_BITS = 16
+"""Bits of a digital number at most [bit]: raw files hold 16 of them."""
+MOST_ELECTRONS = 1e8
+"""Largest full well [e-]: a hundred times that of any sensor, and small enough for counts to be exact."""
+_SUM_OF_KERNEL = 1e-6
+"""Largest difference of the sum of a crosstalk kernel from 1 [1]: tables are printed with six decimals."""
+_NOT_NEGATIVE = (
+    *("dark_noise_e", "row_noise_e", "column_noise_e", "dark_current_e_per_s"),
+    *("dsnu_e", "dsnu_row_e", "dsnu_column_e", "prnu", "prnu_row", "prnu_column"),
+    *("hot_share", "hot_current_e_per_s", "dead_share"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PatternSpread:
+    """Part of a response that makes the fixed pattern of a specimen.
+
+    Attributes
+    ----------
+    dark_e, response : (float, float, float)
+        Standard deviations over pixels, rows and columns: DSNU [e-] and PRNU.
+    hot_share, hot_current_e_per_s, dead_share, specimen
+        As of `SensorResponse`.
+    """
+
+    dark_e: tuple[float, float, float]
+    response: tuple[float, float, float]
+    hot_share: float
+    hot_current_e_per_s: float
+    dead_share: float
+    specimen: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorResponse:
+    """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
+
+    Attributes
+    ----------
+    quantum_efficiency : tuple of float
+        Electrons per photon, one for each channel.
+    full_well_e : float
+        Electrons that a pixel holds at most [e-].
+    gain_dn_per_e : float
+        Overall system gain K [DN/e-].
+    bit_depth : int
+        Digital numbers run from 0 to 2^bit_depth - 1.
+    black_level_dn : float
+        Digital number of no electron [DN].
+    filters : tuple of str
+        Colour filter array: names of channels of n x n pixels, row by row from the top-left pixel, repeated over the
+        sensor. The channels are these names in the order in which they first occur.
+    shot_noise : bool
+        Whether electrons are counted (Poisson), or arrive as their expected number.
+    dark_noise_e : float
+        Temporal dark noise sigma_d0 without that of the dark current [e-].
+    row_noise_e, column_noise_e : float
+        Temporal noise that all pixels of a row or column share, new in each frame [e-].
+    dark_current_e_per_s : float
+        Mean of what a pixel collects without light [e-/s].
+    temperature_degc, dark_current_at_degc, doubling_k : float or None
+        All or none: temperature of the sensor, the one at which the dark current is as said, and the difference that
+        doubles it [degC, degC, K].
+    dsnu_e, dsnu_row_e, dsnu_column_e : float
+        Standard deviations of the dark signal over pixels, rows and columns, the same in every frame [e-].
+    prnu, prnu_row, prnu_column : float
+        Standard deviations of the photo response over pixels, rows and columns, relative to its mean.
+    hot_share, hot_current_e_per_s : float
+        Share of the pixels with a further dark current, exponentially distributed with this mean [e-/s].
+    dead_share : float
+        Share of the pixels that no light reaches.
+    nonlinearity : tuple of (float, float)
+        Deviation from the straight line, relative to the signal, at shares of the full well in ascending order; linear
+        in between, constant beyond.
+    crosstalk : tuple of float
+        Kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by each of
+        its neighbours, itself in the middle. Empty: none is lost.
+    specimen : int
+        Which one of all sensors that were made alike: number of its fixed pattern.
+
+    References
+    ----------
+    EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras, Release 4.0 Linear, 2021.
+    """
+
+    quantum_efficiency: tuple[float, ...]
+    full_well_e: float
+    gain_dn_per_e: float
+    bit_depth: int
+    black_level_dn: float = 0.0
+    filters: tuple[str, ...] = ("mono",)
+    shot_noise: bool = True
+    dark_noise_e: float = 0.0
+    row_noise_e: float = 0.0
+    column_noise_e: float = 0.0
+    dark_current_e_per_s: float = 0.0
+    temperature_degc: float | None = None
+    dark_current_at_degc: float | None = None
+    doubling_k: float | None = None
+    dsnu_e: float = 0.0
+    dsnu_row_e: float = 0.0
+    dsnu_column_e: float = 0.0
+    prnu: float = 0.0
+    prnu_row: float = 0.0
+    prnu_column: float = 0.0
+    hot_share: float = 0.0
+    hot_current_e_per_s: float = 0.0
+    dead_share: float = 0.0
+    nonlinearity: tuple[tuple[float, float], ...] = ()
+    crosstalk: tuple[float, ...] = ()
+    specimen: int = 0
+
+    def __post_init__(self) -> None:
+        settle(self, SensorError)
+        self._settle_charge()
+        self._settle_filters()
+        self._settle_tables()
+
+    def _settle_charge(self) -> None:
+        _require(1 <= self.bit_depth <= MOST_BITS, f"a bit depth of {self.bit_depth}")
+        _require(0 < self.full_well_e <= MOST_ELECTRONS, f"a full well of {self.full_well_e} electrons")
+        _require(self.gain_dn_per_e > 0, f"a gain of {self.gain_dn_per_e} DN per electron")
+        _require(
+            0 <= self.black_level_dn < self.most_dn, f"a black level of {self.black_level_dn} of {self.most_dn} DN"
+        )
+        for name in _NOT_NEGATIVE:
+            _require(getattr(self, name) >= 0, f"{name} = {getattr(self, name)}, which is negative")
+        _require(self.hot_share <= 1 and self.dead_share <= 1, "a share of defects above 1")
+        temperatures = self.temperature_degc, self.dark_current_at_degc, self.doubling_k
+        _require(len({one is None for one in temperatures}) == 1, "some but not all temperatures of a dark current")
+        _require(self.doubling_k is None or self.doubling_k > 0, "a dark current that does not grow with temperature")
+
+    def _settle_filters(self) -> None:
+        count, channels, given = len(self.filters), len(self.channels), self.quantum_efficiency
+        _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
+        what = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
+        _require(len(given) == channels, what, f"one for each of: {', '.join(self.channels)}")
+        _require(all(0 < one <= 1 for one in given), f"quantum efficiencies of {given}, not in (0, 1]")
+
+    def _settle_tables(self) -> None:
+        shares = [share for share, _ in self.nonlinearity]
+        ascending = shares == sorted(set(shares)) and all(0 <= share <= 1 for share in shares)
+        what = f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1"
+        _require(ascending, what, "each pair is a share of the full well and the deviation there")
+        _require(all(deviation > -1 for _, deviation in self.nonlinearity), "a non-linearity of -1 or less")
+        if self.crosstalk:
+            size, total = len(self.crosstalk), math.fsum(self.crosstalk)
+            _require(size % 2 == 1 and _is_square(size), f"a crosstalk kernel of {size} entries, not n x n, n odd")
+            _require(min(self.crosstalk) >= 0, "a crosstalk kernel with a negative entry")
+            what = f"a crosstalk kernel whose sum is {total:.9g}, not 1"
+            _require(abs(total - 1) <= _SUM_OF_KERNEL, what, "divide its entries by their sum")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels, in the order in which the filters name them."""
+        return tuple(dict.fromkeys(self.filters))
+
+    @property
+    def spread(self) -> PatternSpread:
+        """Spread of the fixed pattern."""
+        return PatternSpread(
+            dark_e=(self.dsnu_e, self.dsnu_row_e, self.dsnu_column_e),
+            response=(self.prnu, self.prnu_row, self.prnu_column),
+            hot_share=self.hot_share,
+            hot_current_e_per_s=self.hot_current_e_per_s,
+            dead_share=self.dead_share,
+            specimen=self.specimen,
+        )
+
+    @property
+    def period_px(self) -> int:
+        """Edge of the square of filters that repeats."""
+        return math.isqrt(len(self.filters))
+
+    @property
+    def margin_px(self) -> int:
+        """Pixels around a window that the crosstalk into the window comes from."""
+        return math.isqrt(len(self.crosstalk)) // 2 if self.crosstalk else 0
+
+    @property
+    def most_dn(self) -> int:
+        """Largest digital number."""
+        return 2**self.bit_depth - 1
+
+    @property
+    def saturation_e(self) -> float:
+        """Electrons beyond which a pixel's digital number grows no more: a full well, or the largest number [e-]."""
+        return min(self.full_well_e, (self.most_dn - self.black_level_dn) / self.gain_dn_per_e)
+
+    @property
+    def white_dn(self) -> int:
+        """Digital number of saturation without noise."""
+        return min(self.most_dn, math.floor(self.black_level_dn + self.gain_dn_per_e * self.full_well_e + 0.5))
+
+    def dark_current(self) -> float:
+        """Mean dark current at the temperature of the sensor [e-/s]."""
+        if self.temperature_degc is None or self.dark_current_at_degc is None or self.doubling_k is None:
+            return self.dark_current_e_per_s
+        return self.dark_current_e_per_s * 2.0 ** (
+            (self.temperature_degc - self.dark_current_at_degc) / self.doubling_k
+        )
+
+
+def _require(holds: bool, otherwise: str, hint: str | None = None) -> None:
+    if not holds:
+        raise SensorError(otherwise, hint=hint)
+
+
+def _is_square(count: int) -> bool:
+    return count > 0 and math.isqrt(count) ** 2 == count

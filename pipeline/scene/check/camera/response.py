@@ -1,0 +1,48 @@
+"""A sensor whose response cannot be, and cameras that want raw images of a sensor without one."""
+
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.errors import PipelineError
+from pipeline.scene.read.channels import channel_prims
+from pipeline.scene.read.response import has_response, read_response
+from pipeline.scene.usd.problems import Problem, did_you_mean
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import UnreadableValue, read
+
+MONO = "mono"
+"""The channel of a sensor that has no channels."""
+
+
+def check_response(sensor: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a PlenSensor with PlenSensorResponseAPI whose values are right one by one."""
+    try:
+        read_response(sensor)
+    except UnreadableValue as error:
+        yield problem(error.thing, error.code, error.what)
+    except PipelineError as error:
+        yield problem(sensor, "sensor-response", error.what, hint=error.hint)
+    else:
+        yield from _check_filters(sensor)
+
+
+def _check_filters(sensor: Usd.Prim) -> Iterator[Problem]:
+    """Colour filters that let through what is no channel of the sensor."""
+    channels = [prim.GetName() for prim in channel_prims(sensor)] or [MONO]
+    for name in dict.fromkeys(read(sensor, "plen:response:filters") or ()):
+        if name not in channels:
+            message = f'there is a colour filter "{name}", and the sensor has no such channel'
+            hint = did_you_mean(name, channels) or f"its channels: {', '.join(channels)}"
+            yield problem(sensor.GetAttribute("plen:response:filters"), "colour-filters", message, hint=hint)
+
+
+def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
+    """A camera that asks for raw images, although its sensor does not say how it responds to light."""
+    if read(camera, "plen:image:exposure") in ("level", "photons") and not has_response(sensor):
+        message = f"raw images need a sensor that responds to light, and <{sensor.GetPath()}> does not say how it does"
+        hint = (
+            "reference one of sensors/ in the library, or apply PlenSensorResponseAPI to it:"
+            ' prepend apiSchemas = ["PlenSensorResponseAPI"]'
+        )
+        yield problem(camera.GetAttribute("plen:image:exposure"), "no-response", message, hint=hint)

@@ -1,0 +1,99 @@
+"""Task `expose`: the raw image of one camera in one frame, from its linear image, as TIFF, DNG and a preview."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.files.dng import Negative, write_dng
+from pipeline.files.exr_bands import ExrWindows
+from pipeline.files.png import write_png
+from pipeline.files.tiff import mapped, write_tiff
+from pipeline.render.sensor.demosaic import has_colours, in_colour
+from pipeline.render.sensor.read_out import Shot, digital_numbers
+from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.spectra import srgb_preview
+from pipeline.tasks.artefacts.cameras import Inputs
+from pipeline.tasks.colour_image import LETTERS
+from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF
+from pipeline.tasks.params.exposing import Expose as Params
+
+_PART = "image"
+"""The part of image.exr that holds relative irradiance."""
+_CHANNELS = {**LETTERS, "mono": "Y"}
+"""Channels of that part by the names that filters have; others have the same name there."""
+_PREVIEW_ROWS = 512
+"""Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
+
+
+def run(params: Params, inputs: Inputs, out: Path) -> None:
+    """Write raw.tiff, raw.dng and raw.png."""
+    image = ExrWindows(inputs["image"]["image.exr"])
+    shape, response = image.headers[_PART].shape, params.response
+    at_one = params.irradiation.photons_at_one(response)
+    shot = Shot(
+        seed=params.seed,
+        camera=params.camera,
+        frame=params.frame,
+        exposure_time_s=params.irradiation.exposure_time_s,
+    )
+
+    def rows(first: int, end: int) -> np.ndarray:
+        light = _with_margin(image, first, end, response.margin_px)
+        photons = {name: at_one * light[_CHANNELS.get(name, name)].astype(np.float64) for name in response.channels}
+        return digital_numbers(response, photons, shot, (first, 0))
+
+    about = _about(params, at_one)
+    write_tiff(out / TIFF, shape, rows, about)
+    numbers = mapped(out / TIFF)
+    negative = Negative(
+        model=params.camera,
+        black_dn=response.black_level_dn,
+        white_dn=response.white_dn,
+        filters=response.filters,
+    )
+    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, negative)
+    write_png(out / PREVIEW, _preview(numbers, response))
+
+
+def _with_margin(image: ExrWindows, first: int, end: int, margin: int) -> dict[str, np.ndarray]:
+    """Channels of some rows and the pixels around them; beyond the border of the image its outermost pixels go on."""
+    height = image.headers[_PART].shape[0]
+    low, high = max(0, first - margin), min(height, end + margin)
+    around = (low - first + margin, end + margin - high), (margin, margin)
+    return {name: np.pad(pixels, around, "edge") for name, pixels in image.rows(_PART, low, high).items()}
+
+
+def _about(params: Params, photons_at_one: float) -> dict[str, Any]:
+    """Meaning of the digital numbers: the description of the files."""
+    response = params.response
+    return {
+        "content": "raw digital numbers: black level + gain x electrons, rounded",
+        "camera": params.camera,
+        "frame": params.frame,
+        "seed": params.seed,
+        "specimen": response.specimen,
+        "bit_depth": response.bit_depth,
+        "black_level_dn": response.black_level_dn,
+        "white_level_dn": response.white_dn,
+        "gain_dn_per_e": response.gain_dn_per_e,
+        "filters": list(response.filters),
+        "quantum_efficiency": list(response.quantum_efficiency),
+        "exposure_time_s": params.irradiation.exposure_time_s,
+        "photons_at_relative_irradiance_1": photons_at_one,
+    }
+
+
+def _preview(numbers: np.ndarray, response: SensorResponse) -> np.ndarray:
+    """The numbers from black to white as sRGB, (h, w, 3) uint8; a mosaic of red, green and blue in colour."""
+    black, white = response.black_level_dn, max(float(response.white_dn), response.black_level_dn + 1.0)
+    if not has_colours(response):
+        bands = range(0, len(numbers), _PREVIEW_ROWS)
+        parts = [srgb_preview(numbers[first : first + _PREVIEW_ROWS] - black, white - black) for first in bands]
+        return np.concatenate(parts)
+    parts, margin = [], response.period_px
+    for first in range(0, len(numbers), _PREVIEW_ROWS):
+        low, end = max(0, first - margin), min(len(numbers), first + _PREVIEW_ROWS)
+        colours = in_colour(numbers[low : min(len(numbers), end + margin)], response, low)[first - low : end - low]
+        parts.append(np.stack([srgb_preview(one, 1.0)[..., 0] for one in np.moveaxis(colours, -1, 0)], axis=-1))
+    return np.concatenate(parts)

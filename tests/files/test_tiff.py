@@ -1,0 +1,101 @@
+"""Raw images as TIFF and DNG: other programs read what we write, bit for bit, and damage is known."""
+
+import numpy as np
+import pytest
+import rawpy
+from PIL import Image
+
+from pipeline.files import tiff
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.dng import Negative, write_dng
+from pipeline.files.tiff import mapped, read_tiff, write_tiff
+
+ABOUT = {"black_level_dn": 64.25, "filters": ["mono"]}
+NUMBERS = np.random.default_rng(5).integers(0, 65536, (37, 53)).astype(np.uint16)
+MOSAICS = [
+    (("red", "green", "green", "blue"), [[0, 1], [3, 2]]),
+    (("green", "blue", "red", "green"), [[3, 2], [0, 1]]),
+    (("blue", "green", "green", "red"), [[2, 3], [1, 0]]),
+]
+"""Filters, and the pattern that LibRaw tells of them: 0 red, 1 green, 2 blue, 3 the green beside blue."""
+
+
+def rows(first, end):
+    return NUMBERS[first:end]
+
+
+def test_a_tiff_is_what_another_program_reads(tmp_path):
+    write_tiff(tmp_path / "raw.tiff", NUMBERS.shape, rows, ABOUT)
+    with Image.open(tmp_path / "raw.tiff") as picture:
+        assert picture.mode == "I;16"
+        np.testing.assert_array_equal(np.array(picture), NUMBERS)
+    pixels, about = read_tiff(tmp_path / "raw.tiff")
+    np.testing.assert_array_equal(pixels, NUMBERS)
+    assert about == ABOUT
+    np.testing.assert_array_equal(mapped(tmp_path / "raw.tiff"), NUMBERS)
+
+
+def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
+    write_tiff(tmp_path / "whole.tiff", NUMBERS.shape, rows, ABOUT)
+    monkeypatch.setattr(tiff, "_BAND_PX", 5 * NUMBERS.shape[1])
+    write_tiff(tmp_path / "bands.tiff", NUMBERS.shape, rows, ABOUT)
+    assert (tmp_path / "bands.tiff").read_bytes() == (tmp_path / "whole.tiff").read_bytes()
+
+
+def test_damage_anywhere_is_known(tmp_path):
+    """Any bit but those of tags that no reader of ours asks."""
+    path, small = tmp_path / "raw.tiff", NUMBERS[:3, :4]
+    write_tiff(path, small.shape, lambda first, end: small[first:end], {"seed": 1})
+    whole = path.read_bytes()
+    for size in range(0, len(whole), 7):
+        path.write_bytes(whole[:size])
+        with pytest.raises(DamagedFile):
+            read_tiff(path)
+    for place in range(len(whole)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
+        try:
+            pixels, about = read_tiff(path)
+        except DamagedFile:
+            continue
+        np.testing.assert_array_equal(pixels, small)
+        assert about == {"seed": 1}
+
+
+def test_an_image_that_no_tiff_holds_is_refused_before_it_is_made(tmp_path):
+    with pytest.raises(ValueError, match="more than a TIFF"):
+        write_tiff(tmp_path / "raw.tiff", (65536, 65536), rows, ABOUT)
+
+
+@pytest.mark.parametrize(("filters", "pattern"), MOSAICS)
+def test_libraw_reads_the_mosaic_bit_for_bit(tmp_path, filters, pattern):
+    path = tmp_path / "raw.dng"
+    write_dng(path, NUMBERS.shape, rows, ABOUT, Negative(model="A.B", black_dn=64.0, white_dn=60123, filters=filters))
+    with rawpy.imread(str(path)) as raw:
+        np.testing.assert_array_equal(raw.raw_image, NUMBERS)
+        assert raw.raw_pattern.tolist() == pattern
+        assert raw.color_desc == b"RGBG"
+        assert raw.black_level_per_channel == [64] * 4
+        assert raw.white_level == 60123
+
+
+def test_libraw_reads_a_camera_without_filters(tmp_path):
+    path = tmp_path / "raw.dng"
+    write_dng(path, NUMBERS.shape, rows, ABOUT, Negative(model="A.B", black_dn=63.7, white_dn=4000))
+    with rawpy.imread(str(path)) as raw:
+        np.testing.assert_array_equal(raw.raw_image, NUMBERS)
+        assert raw.num_colors == 1
+        assert (raw.black_level_per_channel, raw.white_level) == ([63] * 4, 4000)  # LibRaw cuts it to whole numbers
+    np.testing.assert_array_equal(read_tiff(path)[0], NUMBERS)
+
+
+def test_a_filter_that_dng_does_not_know_is_named(tmp_path):
+    negative = Negative(model="A", black_dn=0.0, white_dn=255, filters=("red", "infrared", "green", "blue"))
+    with pytest.raises(ValueError, match="infrared"):
+        write_dng(tmp_path / "raw.dng", NUMBERS.shape, rows, ABOUT, negative)
+
+
+def test_a_camera_may_have_any_name(tmp_path):
+    negative = Negative(model="Kamera Süd", black_dn=0.0, white_dn=255)
+    write_dng(tmp_path / "raw.dng", NUMBERS.shape, rows, ABOUT, negative)
+    assert b"Kamera S\\xfcd" in (tmp_path / "raw.dng").read_bytes()
+    np.testing.assert_array_equal(read_tiff(tmp_path / "raw.dng")[0], NUMBERS)

@@ -1,0 +1,134 @@
+"""Raw images of a build: one task a frame, made of the linear image alone, and nothing else of a build moves."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rawpy
+
+import pipeline
+from pipeline.app.verifying.readable import unreadable
+from pipeline.files import tiff
+from pipeline.files.exr import Part, read_exr, write_exr
+from pipeline.files.png import read_png
+from pipeline.files.tiff import read_tiff
+from pipeline.render.sensor.fixed_pattern import fixed_pattern
+from pipeline.render.sensor.irradiation import Irradiation
+from pipeline.render.sensor.read_out import Shot, digital_numbers
+from pipeline.render.sensor.response import SensorResponse
+from pipeline.tasks.expose import run
+from pipeline.tasks.params.exposing import Expose
+
+TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
+RAW = ("raw.tiff", "raw.dng", "raw.png")
+EXPOSED = """            uniform token plen:image:exposure = "level"
+            uniform double plen:image:exposureTime = 0.02
+            uniform double plen:image:whiteLevel = 0.9
+            uniform int plen:image:samples"""
+RESPONDS = """        over "Sensor" (
+            prepend apiSchemas = ["PlenSensorResponseAPI"]
+        )
+        {
+            uniform int plen:response:bitDepth = 12
+            uniform double plen:response:blackLevel = 100
+            uniform double[] plen:response:crosstalk = [0, 0.02, 0, 0.02, 0.92, 0.02, 0, 0.02, 0]
+            uniform double plen:response:darkNoise = 5
+            uniform double plen:response:fullWell = 9000
+            uniform double plen:response:gain = 0.4
+            uniform double plen:response:prnu = 0.01
+            uniform double[] plen:response:quantumEfficiency = [0.6]
+"""
+RESPONSE = SensorResponse(
+    quantum_efficiency=(0.6,),
+    full_well_e=9000.0,
+    gain_dn_per_e=0.4,
+    bit_depth=12,
+    black_level_dn=100.0,
+    dark_noise_e=5.0,
+    prnu=0.01,
+    crosstalk=(0.0, 0.02, 0.0, 0.02, 0.92, 0.02, 0.0, 0.02, 0.0),
+)
+"""The same sensor as RESPONDS, and the same exposure."""
+IRRADIATION = Irradiation(exposure_time_s=0.02, white_level=0.9)
+
+
+@pytest.fixture
+def stage(tmp_path, common_store, monkeypatch):
+    """The tiny dataset; `PIPELINE_CACHE` is the store of this test run."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    path = tmp_path / "dataset.usda"
+    path.write_text(TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@"), encoding="utf-8")
+    return path
+
+
+def exposed(stage: Path) -> Path:
+    """The stage with raw images."""
+    text = stage.read_text(encoding="utf-8")
+    text = text.replace("            uniform int plen:image:samples", EXPOSED)
+    stage.write_text(text.replace('        over "Sensor"\n        {\n', RESPONDS), encoding="utf-8")
+    return stage
+
+
+def built(stage: Path, out: Path) -> tuple[dict[str, bytes], Counter]:
+    """Files of a build but the manifest, and its tasks by kind."""
+    result = pipeline.build(stage, out, jobs=1)
+    assert result.exit_code == 0, [task.error for task in result.failures]
+    files = {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    files.pop("manifest.json")
+    return files, Counter(task.kind.rpartition(".")[2] for task in result.tasks)
+
+
+def test_raw_images_are_a_task_a_frame_and_move_nothing_else(stage, tmp_path):
+    plain, tasks = built(stage, tmp_path / "plain")
+    raw, more = built(exposed(stage), tmp_path / "raw")
+
+    assert more - tasks == Counter(expose=2, fixed_pattern=1)
+    added = {f"frames/{frame}/Rig.Camera/{name}" for frame in ("0001", "0002") for name in RAW}
+    added.add("cameras/Rig.Camera/fixed_pattern.exr")
+    assert raw.keys() - plain.keys() == added
+    assert [name for name in plain if plain[name] != raw[name]] == ["dataset.usda"]
+    assert unreadable(tmp_path / "raw", raw) == ({}, {})
+
+    maps = read_exr(tmp_path / "raw/cameras/Rig.Camera/fixed_pattern.exr")["fixed_pattern"].channels
+    of_camera = fixed_pattern(RESPONSE.spread, "Rig.Camera", (0, 0), (24, 32))
+    np.testing.assert_array_equal(maps["response"], of_camera.response.astype(np.float32))
+    assert not maps["dark_e"].any() and not maps["hot_e_per_s"].any()
+
+    folder = tmp_path / "raw" / "frames" / "0002" / "Rig.Camera"
+    numbers, about = read_tiff(folder / "raw.tiff")
+    light = np.pad(read_exr(folder / "image.exr")["image"].channels["Y"].astype(float), 1, "edge")
+    photons = {"mono": light * (0.9 * 9000 / 0.6)}
+    shot = Shot(seed=3, camera="Rig.Camera", frame=2, exposure_time_s=0.02)
+    np.testing.assert_array_equal(numbers, digital_numbers(RESPONSE, photons, shot))
+    assert (about["black_level_dn"], about["white_level_dn"], about["frame"]) == (100, 3700, 2)
+    with rawpy.imread(str(folder / "raw.dng")) as negative:
+        np.testing.assert_array_equal(negative.raw_image, numbers)
+        assert (negative.black_level_per_channel[0], negative.white_level) == (100, 3700)
+
+
+def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
+    """Neither does the crosstalk from one band into the next."""
+    light = np.random.default_rng(2).uniform(0, 1.2, (61, 23))
+    write_exr(tmp_path / "image.exr", [Part(name="image", channels={"Y": light})])
+    params = Expose(camera="C", frame=-4, seed=9, response=RESPONSE, irradiation=IRRADIATION)
+    for name, band_px in (("whole", 1 << 20), ("bands", 5 * 23), ("rows", 1)):
+        (tmp_path / name).mkdir()
+        monkeypatch.setattr(tiff, "_BAND_PX", band_px)
+        run(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path / name)
+    for file in RAW:
+        assert (tmp_path / "bands" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
+        assert (tmp_path / "rows" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
+
+
+def test_the_preview_shows_black_and_white_as_they_are(tmp_path):
+    light = np.array([[0.0, 0.5, 1.0, 3.0]])
+    write_exr(tmp_path / "image.exr", [Part(name="image", channels={"Y": light})])
+    quiet = SensorResponse(
+        quantum_efficiency=(1.0,), full_well_e=1000.0, gain_dn_per_e=1.0, bit_depth=10, shot_noise=False
+    )
+    level = Irradiation(exposure_time_s=0.0, white_level=1.0)
+    params = Expose(camera="C", frame=1, seed=0, response=quiet, irradiation=level)
+    run(params, {"image": {"image.exr": tmp_path / "image.exr"}}, tmp_path)
+    assert read_png(tmp_path / "raw.png")[0, :, 0].tolist() == [0, 188, 255, 255]  # sRGB of a half is 187.5
+    assert read_tiff(tmp_path / "raw.tiff")[1]["photons_at_relative_irradiance_1"] == 1000.0
