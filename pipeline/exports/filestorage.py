@@ -1,0 +1,50 @@
+"""Text of OpenCV's FileStorage, YAML and XML: what several consumers read."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+_KINDS = {"f8": "d", "f4": "f", "i4": "i"}
+
+
+def yaml_text(remarks: Iterable[str], values: Mapping[str, Any]) -> str:
+    """Matrices, numbers and texts as FileStorage YAML.
+
+    Parameters
+    ----------
+    values : mapping of str to array, int, float or str
+        Arrays are matrices of two dimensions, or three for one with channels, of float64, float32 or int32.
+    """
+    lines = ["%YAML:1.0", *(f"# {line}" for line in remarks), "---"]
+    for name, value in values.items():
+        lines += _matrix(name, value) if isinstance(value, np.ndarray) else [f"{name}: {_scalar(value)}"]
+    return "\n".join([*lines, ""])
+
+
+def real(value: float) -> str:
+    """A number that parses as real: its reader refuses integers."""
+    text = repr(float(value))
+    return text if any(mark in text for mark in ".en") else f"{text}."
+
+
+def _matrix(name: str, value: np.ndarray) -> list[str]:
+    kind = _KINDS[value.dtype.str[1:]]
+    channels = value.shape[2] if value.ndim == 3 else 1
+    numbers = value.ravel().tolist()
+    cells = [real(float(number)) for number in numbers] if kind != "i" else list(map(str, numbers))
+    rows = [", ".join(cells[start : start + 4]) for start in range(0, len(cells), 4)]
+    data = ",\n       ".join(rows)
+    return [
+        f"{name}: !!opencv-matrix",
+        f"   rows: {value.shape[0]}",
+        f"   cols: {value.shape[1]}",
+        f"   dt: {kind}" if channels == 1 else f'   dt: "{channels}{kind}"',
+        f"   data: [ {data} ]",
+    ]
+
+
+def _scalar(value: Any) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    return real(value) if isinstance(value, float) else str(int(value))
