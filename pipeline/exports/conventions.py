@@ -165,6 +165,18 @@ CONVENTIONS = {
         unit=Unit.CM,
         source="deltille/detector: DeltilleDetector.cpp; ylochman/babelcalib: core/feature/get_corners_from_orpc.m",
     ),
+    "libpleno": Convention(
+        consumer="libpleno, COMPOTE, BLADE",
+        files="<camera>/: observations.bin.gz, corners.bin.gz, centers.csv, features.csv; camera.js, params.js,"
+        " scene.js, poses.js",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        pose=Pose.TARGET_FROM_CAMERA,
+        rotation=Rotation.COLUMNS,
+        unit=Unit.MM,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="comsee-research/libpleno: pleno/geometry/{observation,mesh,mia,pose}.cpp, geometry/camera/camera.cpp",
+    ),
     "parquet": Convention(
         consumer="pandas, Polars, R and all else that reads Parquet",
         files="<camera>.correspondences.parquet, <camera>.poses.parquet, <camera>.micro_images.parquet",

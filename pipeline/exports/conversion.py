@@ -39,7 +39,7 @@ def converted(material: Material, convention: Convention) -> Material:
     ExportError
         Microlenses cannot be numbered as the format does it.
     """
-    grids = {camera.name: _grid(camera, convention) for camera in material.cameras}
+    grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}
     sizes = {camera.name: camera.size_px for camera in material.cameras}
     frames = {target.name: board_from_target(target, convention) for target in material.targets}
     return replace(
@@ -121,21 +121,24 @@ _FORMS: dict[Rotation, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-def _grid(camera: ExportCamera, convention: Convention) -> MicroImageGrid | None:
+def _grid(material: Material, camera: ExportCamera, convention: Convention) -> MicroImageGrid | None:
     if convention.microlenses is not Microlenses.MICRO_IMAGE_GRID or camera.micro_images is None:
         return None
-    return micro_image_grid(camera)
+    seeing = [view.observations.microlenses for view in material.of(camera)]
+    return micro_image_grid(camera, np.concatenate([found for found in seeing if found is not None]))
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
     pinhole, images = camera.pinhole, camera.micro_images
     if pinhole is not None:
         pinhole = replace(pinhole, principal_point=positions(pinhole.principal_point, convention, camera.size_px))
+    mesh = None
     if images is not None:
+        images = replace(images, centres=positions(images.centres, convention, camera.size_px))
         if grid is not None:
             images = grid.renumbered(images)
-        images = replace(images, centres=positions(images.centres, convention, camera.size_px))
-    return replace(camera, pinhole=pinhole, micro_images=images)
+            mesh = grid.mesh(images)
+    return replace(camera, pinhole=pinhole, micro_images=images, mesh=mesh)
 
 
 def _from_other(material: Material, number: int, convention: Convention) -> StatedPose | None:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pipeline.exports.material import Material
-from pipeline.exports.writers import colmap, deltille, kalibr, mrcal, opencv, puzzlepaint, tables
+from pipeline.exports.writers import colmap, deltille, kalibr, libpleno, mrcal, opencv, puzzlepaint, tables
 
 Writer = Callable[[Material, Path], None]
 WRITERS: dict[str, Writer] = {
@@ -14,6 +14,7 @@ WRITERS: dict[str, Writer] = {
     "colmap": colmap.write,
     "puzzlepaint": puzzlepaint.write,
     "deltille": deltille.write,
+    "libpleno": libpleno.write,
     "parquet": tables.write_parquet,
     "npz": tables.write_npz,
 }

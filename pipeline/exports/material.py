@@ -133,6 +133,31 @@ class MicroImages:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GridMesh:
+    """A regular mesh of micro-image centres: the node of column c and row r is origin + turned (x(c, r), y(c, r)).
+
+    Attributes
+    ----------
+    layout : str
+        `square`, `hexagonal` or `hexagonal-columns`.
+    columns, rows : int
+    pitch_px : tuple of float
+        Along x and along y.
+    angle_rad : float
+        From +x towards +y.
+    origin : (2,) float64
+        An image position.
+    """
+
+    layout: str
+    columns: int
+    rows: int
+    pitch_px: tuple[float, float]
+    angle_rad: float
+    origin: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ExportCamera:
     """A camera with its equivalent pinhole.
 
@@ -143,6 +168,8 @@ class ExportCamera:
         None where no pinhole fits.
     micro_images : MicroImages or None
         None of a conventional camera.
+    mesh : GridMesh or None
+        Of formats that count micro-images by column and row; None before the conversion, too.
     pose : StatedPose or None
         From another camera, in formats that state that; None before the conversion, too.
     built : BuiltCamera
@@ -155,6 +182,7 @@ class ExportCamera:
     pinhole: ExportPinhole | None
     micro_images: MicroImages | None = field(repr=False)
     built: BuiltCamera = field(repr=False)
+    mesh: GridMesh | None = None
     pose: StatedPose | None = None
 
     @property

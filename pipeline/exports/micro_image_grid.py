@@ -1,54 +1,103 @@
-"""Micro-images counted by column and row from the top left of the image, as libpleno does it."""
+"""Micro-images counted by column and row from the top left of the image, as libpleno does it.
 
+In hexagonal rows lines 0, 2, … are shifted by half a micro-image to the right, in hexagonal columns downwards:
+`GridMesh_::node` of libpleno, pleno/geometry/mesh.cpp.
+"""
+
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera, ExportError, MicroImages
+from pipeline.exports.material import ExportCamera, ExportError, GridMesh, MicroImages
+
+_SIN_60 = math.sqrt(3) / 2
+"""Distance of the lines of a hexagonal lattice over its pitch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MicroImageGrid:
-    """Numbers of micro-images in an image.
+    """Numbers of the micro-images that matter: those whose centre lies in the image, and those that see a point.
 
     Attributes
     ----------
-    across : bool
-        Whether rows run along x, so that every other row is shifted by half a micro-image; else columns along y are.
-    is_shifted : bool
-        False of a square lattice, in which nothing is shifted.
+    layout : str
+        As in camera.json; in hexagonal-columns lines run down, else across.
     first : tuple of int
         Number of the first line, and twice the place along the line that column 0 has in a line that is not shifted.
     types : (types,) int64
         Our type -> that of the grid.
+    rows : (n,) int64
+        Those that matter, of all micro-images, sorted by row and column.
     """
 
-    across: bool
-    is_shifted: bool
+    layout: str
     first: tuple[int, int]
     types: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def across(self) -> bool:
+        """Whether lines are rows."""
+        return self.layout != "hexagonal-columns"
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether every other line is shifted."""
+        return self.layout != "square"
 
     def numbers(self, microlenses: np.ndarray, types: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Column and row of microlenses (n, 2), and their types as the grid counts them."""
-        return _cells(microlenses, self), self.types[types]
+        line, place = self._line_and_place(microlenses)
+        line = line - self.first[0]
+        column = (place - (line % 2 == 0) * self.is_shifted - self.first[1]) // 2
+        return np.stack([column, line] if self.across else [line, column], axis=1), self.types[types]
 
     def renumbered(self, images: MicroImages) -> MicroImages:
-        """Micro-images with the numbers and types of the grid, sorted by row and column; focal lengths by type."""
-        cells, types = self.numbers(images.microlenses, images.types)
-        order = np.lexsort(cells.T)
+        """The micro-images that matter with the numbers of the grid; focal lengths by its types."""
+        cells, types = self.numbers(images.microlenses[self.rows], images.types[self.rows])
         focal = np.empty_like(images.focal_lengths_mm)
         focal[self.types] = images.focal_lengths_mm
         return replace(
-            images,
-            microlenses=cells[order],
-            types=types[order],
-            centres=images.centres[order],
-            focal_lengths_mm=focal,
+            images, microlenses=cells, types=types, centres=images.centres[self.rows], focal_lengths_mm=focal
         )
 
+    def mesh(self, images: MicroImages) -> GridMesh:
+        """The regular mesh that fits the centres of renumbered micro-images best, by least squares."""
+        columns, rows = images.microlenses.T
+        x, y = columns.astype(float), rows.astype(float)
+        if self.is_shifted and self.across:
+            x, y = x + 0.5 * (rows % 2 == 0), y * _SIN_60
+        elif self.is_shifted:
+            x, y = x * _SIN_60, y + 0.5 * (columns % 2 == 0)
+        found = np.linalg.lstsq(np.stack([x, y, np.ones(len(x))], axis=1), images.centres, rcond=None)[0]
+        angle = math.atan2(found[0, 1], found[0, 0])
+        down = found[1] @ [-math.sin(angle), math.cos(angle)]
+        return GridMesh(
+            layout=self.layout,
+            columns=int(columns.max()) + 1,
+            rows=int(rows.max()) + 1,
+            pitch_px=(float(np.hypot(*found[0])), float(down)),
+            angle_rad=angle,
+            origin=found[2],
+        )
 
-def micro_image_grid(camera: ExportCamera) -> MicroImageGrid:
-    """The grid of all microlenses of a camera: its smallest column and row are 0.
+    def _line_and_place(self, microlenses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Number of the line of each microlens, and twice its place along the line, in micro-images."""
+        k, l = microlenses.T
+        if not self.is_shifted:
+            return l, 2 * k
+        line, along = (l, k) if self.across else (k, l)
+        return line, 2 * along + line
+
+
+def micro_image_grid(camera: ExportCamera, seeing: np.ndarray) -> MicroImageGrid:
+    """The grid of a camera: its smallest column and row are 0.
+
+    Parameters
+    ----------
+    seeing : (n, 2) int64
+        Microlenses that see a point.
 
     Raises
     ------
@@ -57,45 +106,28 @@ def micro_image_grid(camera: ExportCamera) -> MicroImageGrid:
     """
     images = camera.micro_images
     assert images is not None
-    layout = camera.built.record["mla"]["layout"]
-    across, shifted = layout != "hexagonal-columns", layout != "square"
-    line, place = _line_and_place(images.microlenses, across, shifted)
+    last = np.array(camera.size_px) - 1
+    matter = ((images.centres >= 0) & (images.centres <= last)).all(axis=1)
+    known = {tuple(pair) for pair in seeing.tolist()}
+    matter |= np.array([tuple(pair) in known for pair in images.microlenses.tolist()])
+    rows, count = np.flatnonzero(matter), len(images.focal_lengths_mm)
+    grid = MicroImageGrid(layout=camera.built.record["mla"]["layout"], first=(0, 0), types=np.arange(count), rows=rows)
+    line, place = grid._line_and_place(images.microlenses[rows])
     first = int(line.min())
-    # Lines 0, 2, … of the grid are shifted by half a micro-image, so their column is half a place back.
-    free = int((place - (shifted & ((line - first) % 2 == 0))).min())
-    count = len(images.focal_lengths_mm)
-    grid = MicroImageGrid(across=across, is_shifted=shifted, first=(first, free), types=np.arange(count))
-    return replace(grid, types=_types(_cells(images.microlenses, grid), images.types, count, across and shifted))
+    grid = replace(grid, first=(first, int((place - grid.is_shifted * ((line - first) % 2 == 0)).min())))
+    cells, ours = grid.numbers(images.microlenses[rows], images.types[rows])
+    return replace(grid, types=_types(cells, ours, count, grid), rows=rows[np.lexsort(cells.T)])
 
 
-def _line_and_place(microlenses: np.ndarray, across: bool, is_shifted: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the line of each microlens, and twice its place along the line, in micro-images."""
-    k, l = microlenses.T
-    if not is_shifted:
-        return l, 2 * k
-    line, along = (l, k) if across else (k, l)
-    return line, 2 * along + line
-
-
-def _cells(microlenses: np.ndarray, grid: MicroImageGrid) -> np.ndarray:
-    """Column and row, (n, 2) int64."""
-    line, place = _line_and_place(microlenses, grid.across, grid.is_shifted)
-    first, free = grid.first
-    line = line - first
-    half = line % 2 == 0 if grid.is_shifted else np.zeros(len(line), bool)
-    column = (place - half - free) // 2
-    return np.stack([column, line] if grid.across else [line, column], axis=1)
-
-
-def _types(cells: np.ndarray, ours: np.ndarray, count: int, across: bool) -> np.ndarray:
+def _types(cells: np.ndarray, ours: np.ndarray, count: int, grid: MicroImageGrid) -> np.ndarray:
     """Our type -> ((line mod (n - 1)) + place) mod n, libpleno's; only in hexagonal rows the lines are rows."""
     if count == 1:
         return np.zeros(1, np.int64)
     column, row = cells.T
-    line, place = (row, column) if across else (column, row)
+    line, place = (row, column) if grid.layout == "hexagonal" else (column, row)
     theirs = (line % (count - 1) + place) % count
     found = np.array([theirs[ours == kind][0] if (ours == kind).any() else -1 for kind in range(count)])
-    if (found[ours] != theirs).any() or len(set(found)) < count:
+    if (found[ours] != theirs).any() or sorted(found.tolist()) != list(range(count)):
         raise ExportError(
             "types of these microlenses do not repeat as ((row mod (n - 1)) + column) mod n, as libpleno counts them",
             hint="three types on a hexagonal lattice do, as (k - l) mod 3",

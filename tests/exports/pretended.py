@@ -20,10 +20,10 @@ HIDDEN = {("Left", 2, 3), ("Left", 2, 5), ("Right", 2, 0)}
 """Camera, frame and id of points that have no row."""
 
 
-def board_mm() -> np.ndarray:
+def board_mm(square_mm: float = SQUARE_MM) -> np.ndarray:
     """Points in the target frame: the middle is the origin, x right, y up; row 0 at the top."""
     row, column = np.divmod(np.arange(COLUMNS * ROWS), COLUMNS)
-    x, y = (column - (COLUMNS - 1) / 2) * SQUARE_MM, ((ROWS - 1) / 2 - row) * SQUARE_MM
+    x, y = (column - (COLUMNS - 1) / 2) * square_mm, ((ROWS - 1) / 2 - row) * square_mm
     return np.stack([x, y, np.zeros(len(x))], axis=1)
 
 
