@@ -61,6 +61,7 @@ class Unit(StrEnum):
     MM = "mm"
     CM = "cm"
     M = "m"
+    NONE = "none"
 
 
 class Microlenses(StrEnum):
@@ -68,6 +69,8 @@ class Microlenses(StrEnum):
 
     NONE = "none"
     AXIAL = "axial (k, l); type as in CONVENTIONS.md"
+    FROM_CENTRAL = "type counted from that of the microlens nearest to the middle of the image"
+    TYPES_FROM_ONE = "type 1, 2, 3 for 0, 1, 2 of ours"
     MICRO_IMAGE_GRID = "column, row of the micro-image from the top left; type ((row mod 2) + column) mod 3"
 
 
@@ -176,6 +179,58 @@ CONVENTIONS = {
         unit=Unit.MM,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
         source="comsee-research/libpleno: pleno/geometry/{observation,mesh,mia,pose}.cpp, geometry/camera/camera.cpp",
+    ),
+    "raytrix": Convention(
+        consumer="PlenopticToolbox 2.0, TLCT: calibration as RxLive writes it",
+        files="<camera>.xml",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.IMAGE_CENTRE,
+        axes=ImageAxes.X_UP,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.FROM_CENTRAL,
+        source="freerafiki/PlenopticToolbox2.0: python/plenopticIO/{imgIO,lens_grid}.py",
+    ),
+    "pip": Convention(
+        consumer="PlenopticImageProcessing",
+        files="<camera>.MLAconfig.xml",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.MM,
+        source="Arne-Petersen/PlenopticImageProcessing: PIPBase/PlenopticTypes.hh, SampleData/MLAconfig.xml",
+    ),
+    "bok": Convention(
+        consumer="MATLAB code of Bok 2017 and Nousias 2017",
+        files="<camera>/: microlens_center_list.mat, lens_types.mat, correspondencesAll_<frame>.mat,"
+        " image_center.txt, pattern_size.txt",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ONE,
+        board=Board.NONE,
+        unit=Unit.MM,
+        microlenses=Microlenses.TYPES_FROM_ONE,
+        source="sotnousias/plenoptic-camera-calibration: src/, thirdParty/Geometric_Calibration_Lightfield/",
+    ),
+    "lftoolbox": Convention(
+        consumer="LFToolbox (MATLAB)",
+        files="<camera>.grid.json, the grid of micro-images that a white image would give",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ONE,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="doda42/LFToolbox: SupportFunctions/LFBuildHexGrid.m, LFUtilProcessWhiteImages.m",
+    ),
+    "plenopticam": Convention(
+        consumer="plenopticam",
+        files="<camera>.json, to stand beside the white image of the same name",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        axes=ImageAxes.Y_X,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="hahnec/plenopticam: plenopticam/lfp_calibrator/, cfg/constants.py",
     ),
     "parquet": Convention(
         consumer="pandas, Polars, R and all else that reads Parquet",

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pipeline.exports.array_fit import array_fit
 from pipeline.exports.conventions import Board, Convention, ImageAxes, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.exports.material import (
     ExportCamera,
@@ -14,12 +15,12 @@ from pipeline.exports.material import (
     Observations,
     StatedPose,
 )
-from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid
+from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid, retyped
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
 _FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
 """Number of the centre of the top-left pixel [px]; from the image centre it depends on the image."""
-_MM = {Unit.MM: 1.0, Unit.CM: 0.1, Unit.M: 1e-3}
+_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.CM: 0.1, Unit.M: 1e-3}
 """One millimetre in the unit."""
 _AXES = {
     Board.OURS: np.eye(3),
@@ -132,13 +133,20 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
     pinhole, images = camera.pinhole, camera.micro_images
     if pinhole is not None:
         pinhole = replace(pinhole, principal_point=positions(pinhole.principal_point, convention, camera.size_px))
-    mesh = None
-    if images is not None:
-        images = replace(images, centres=positions(images.centres, convention, camera.size_px))
-        if grid is not None:
-            images = grid.renumbered(images)
-            mesh = grid.mesh(images)
-    return replace(camera, pinhole=pinhole, micro_images=images, mesh=mesh)
+    axis = positions(camera.axis, convention, camera.size_px)
+    if images is None:
+        return replace(camera, pinhole=pinhole, axis=axis)
+    images = replace(images, centres=positions(images.centres, convention, camera.size_px))
+    array = array_fit(camera, images, convention)
+    if grid is not None:
+        images = grid.renumbered(images)
+    elif convention.microlenses is Microlenses.FROM_CENTRAL:
+        count = len(images.own_types)
+        images = retyped(images, (np.arange(count) - array.type) % count, (images.types - array.type) % count)
+    elif convention.microlenses is Microlenses.TYPES_FROM_ONE:
+        images = replace(images, types=images.types + 1)
+    mesh = None if grid is None else grid.mesh(images)
+    return replace(camera, pinhole=pinhole, axis=axis, micro_images=images, array=array, mesh=mesh)
 
 
 def _from_other(material: Material, number: int, convention: Convention) -> StatedPose | None:

@@ -22,6 +22,16 @@ def yaml_text(remarks: Iterable[str], values: Mapping[str, Any]) -> str:
     return "\n".join([*lines, ""])
 
 
+def xml_text(name: str, values: Mapping[str, Any]) -> str:
+    """Numbers, and tuples of numbers, below one node of FileStorage XML; it has no place for remarks."""
+    lines = ['<?xml version="1.0"?>', "<opencv_storage>", f"<{name}>"]
+    for key, value in values.items():
+        many = isinstance(value, tuple | list | np.ndarray)
+        cells = [real(one) if isinstance(one, float) else str(int(one)) for one in (value if many else [value])]
+        lines.append(f"  <{key}>{' '.join(cells)}</{key}>")
+    return "\n".join([*lines, f"</{name}>", "</opencv_storage>", ""])
+
+
 def real(value: float) -> str:
     """A number that parses as real: its reader refuses integers."""
     text = repr(float(value))

@@ -4,7 +4,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 from pipeline.exports.material import Material
-from pipeline.exports.writers import colmap, deltille, kalibr, libpleno, mrcal, opencv, puzzlepaint, tables
+from pipeline.exports.writers import (
+    bok,
+    colmap,
+    deltille,
+    kalibr,
+    lftoolbox,
+    libpleno,
+    mrcal,
+    opencv,
+    pip,
+    plenopticam,
+    puzzlepaint,
+    raytrix,
+    tables,
+)
 
 Writer = Callable[[Material, Path], None]
 WRITERS: dict[str, Writer] = {
@@ -15,6 +29,11 @@ WRITERS: dict[str, Writer] = {
     "puzzlepaint": puzzlepaint.write,
     "deltille": deltille.write,
     "libpleno": libpleno.write,
+    "raytrix": raytrix.write,
+    "pip": pip.write,
+    "bok": bok.write,
+    "lftoolbox": lftoolbox.write,
+    "plenopticam": plenopticam.write,
     "parquet": tables.write_parquet,
     "npz": tables.write_npz,
 }

@@ -108,6 +108,7 @@ def _camera(camera: BuiltCamera) -> ExportCamera:
             principal_point=model.principal_point_px,
             distortion=model.distortion,
         ),
+        axis=np.array(camera.record["optical_axis_px"]),
         micro_images=_micro_images(camera),
         built=camera,
     )
@@ -117,11 +118,13 @@ def _micro_images(camera: BuiltCamera) -> MicroImages | None:
     rows = camera.micro_images
     if rows is None:
         return None
+    focal_mm = np.array([one["focal_length_mm"] for one in camera.record["mla"]["types"]])
     return MicroImages(
         microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1),
         types=rows.microlens_type,
         centres=np.stack([rows.centre_x_px, rows.centre_y_px], axis=1),
-        focal_lengths_mm=np.array([one["focal_length_mm"] for one in camera.record["mla"]["types"]]),
+        focal_lengths_mm=focal_mm,
+        own_types=np.arange(len(focal_mm)),
     )
 
 

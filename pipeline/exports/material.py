@@ -3,6 +3,7 @@
 `gathering` makes it of a build, in our conventions; `conversion` brings it into those of a format.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -124,12 +125,41 @@ class MicroImages:
     centres : (n, 2) float64
         Image positions: the real ray through the centre of the stop and the vertex.
     focal_lengths_mm : (types,) float64
+    own_types : (types,) int64
+        Our number of each type: where it stands in camera.json.
     """
 
     microlenses: np.ndarray
     types: np.ndarray
     centres: np.ndarray
     focal_lengths_mm: np.ndarray
+    own_types: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArrayFit:
+    """The regular array through the micro-images of an image.
+
+    Attributes
+    ----------
+    layout : str
+        As in camera.json.
+    centre : (2,) float64
+        Image position of the micro-image nearest to the middle of the image.
+    pitch_px, cross_pitch_px : float
+        Lengths of the basis vectors of CONVENTIONS.md, Microlens lattice.
+    turn_rad : float
+        Anticlockwise as seen, from an array that is not turned.
+    type : int
+        Of the micro-image at the centre.
+    """
+
+    layout: str
+    centre: np.ndarray
+    pitch_px: float
+    cross_pitch_px: float
+    turn_rad: float
+    type: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,6 +186,14 @@ class GridMesh:
     angle_rad: float
     origin: np.ndarray
 
+    @property
+    def step_px(self) -> tuple[float, float]:
+        """Distance of columns and of rows: lines of a hexagonal mesh stand closer than its pitch."""
+        closer = math.sqrt(3) / 2
+        across = closer if self.layout == "hexagonal-columns" else 1
+        down = closer if self.layout == "hexagonal" else 1
+        return self.pitch_px[0] * across, self.pitch_px[1] * down
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportCamera:
@@ -166,8 +204,12 @@ class ExportCamera:
     size_px : tuple of int
     pinhole : ExportPinhole or None
         None where no pinhole fits.
+    axis : (2,) float64
+        Image position of the optical axis.
     micro_images : MicroImages or None
         None of a conventional camera.
+    array : ArrayFit or None
+        Of a plenoptic camera; None before the conversion, too.
     mesh : GridMesh or None
         Of formats that count micro-images by column and row; None before the conversion, too.
     pose : StatedPose or None
@@ -180,8 +222,10 @@ class ExportCamera:
     size_px: tuple[int, int]
     pitch_mm: float
     pinhole: ExportPinhole | None
+    axis: np.ndarray
     micro_images: MicroImages | None = field(repr=False)
     built: BuiltCamera = field(repr=False)
+    array: ArrayFit | None = None
     mesh: GridMesh | None = None
     pose: StatedPose | None = None
 

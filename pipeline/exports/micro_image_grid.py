@@ -56,11 +56,7 @@ class MicroImageGrid:
     def renumbered(self, images: MicroImages) -> MicroImages:
         """The micro-images that matter with the numbers of the grid; focal lengths by its types."""
         cells, types = self.numbers(images.microlenses[self.rows], images.types[self.rows])
-        focal = np.empty_like(images.focal_lengths_mm)
-        focal[self.types] = images.focal_lengths_mm
-        return replace(
-            images, microlenses=cells, types=types, centres=images.centres[self.rows], focal_lengths_mm=focal
-        )
+        return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), self.types, types)
 
     def mesh(self, images: MicroImages) -> GridMesh:
         """The regular mesh that fits the centres of renumbered micro-images best, by least squares."""
@@ -89,6 +85,14 @@ class MicroImageGrid:
             return l, 2 * k
         line, along = (l, k) if self.across else (k, l)
         return line, 2 * along + line
+
+
+def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> MicroImages:
+    """Micro-images of these types; `numbers` has the new number of each of ours, and focal lengths follow."""
+    order = np.argsort(numbers)
+    return replace(
+        images, types=types, focal_lengths_mm=images.focal_lengths_mm[order], own_types=images.own_types[order]
+    )
 
 
 def micro_image_grid(camera: ExportCamera, seeing: np.ndarray) -> MicroImageGrid:

@@ -59,6 +59,20 @@ class ThinLens:
         return min(image**2 / beyond, _INFINITE_MM) if beyond > 0 else _INFINITE_MM
 
 
+def virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
+    """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d."""
+    record, images = camera.built.record, camera.micro_images
+    assert images is not None
+    lens, model, types = record["lens"], thin_lens(camera), record["mla"]["types"]
+    front, ends = lens["principal_planes_mm"][0], []
+    for own in images.own_types.tolist():
+        away = [float(end) - front for end in types[own]["depth_of_field_mm"]]
+        behind = [1 / (1 / model.focal_mm - 1 / one) - model.main_lens_mm for one in away]
+        found = sorted(one / model.sensor_mm for one in behind)
+        ends.append((found[0], found[-1]))
+    return ends
+
+
 def thin_lens(camera: ExportCamera) -> ThinLens:
     """The thin-lens camera of a plenoptic camera; focal lengths in the order of its types."""
     record, images = camera.built.record, camera.micro_images

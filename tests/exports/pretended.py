@@ -119,7 +119,12 @@ def _write_camera(folder: Path, name: str) -> None:
     plain = {"principal_distance_px": F_PX, "principal_point_px": CENTRE_PX.tolist()}
     plain["residual_px"] = {"rms": 0.0, "max": 0.0}
     pinhole = {"centre_mm": [0.0, 0.0, -6.0], **plain, "with_distortion": {**plain, "distortion": DISTORTION.tolist()}}
-    record = {"resolution": list(SIZE_PX), "pixel_pitch_mm": 0.01, "pinhole": pinhole}
+    record = {
+        "optical_axis_px": CENTRE_PX.tolist(),
+        "resolution": list(SIZE_PX),
+        "pixel_pitch_mm": 0.01,
+        "pinhole": pinhole,
+    }
     (folder / "camera.json").write_text(json.dumps(record))
 
 

@@ -16,7 +16,14 @@ from pipeline.frames import apply, inverse, rigid
 SIZE_PX, PIXEL_MM = (241, 201), 0.01
 FOCAL_MM, LENS_TO_ARRAY_MM, ARRAY_TO_SENSOR_MM, F_NUMBER = 100.0, 123.0, 1.7, 7.0
 TYPES_MM, PITCH_MM, TURN_RAD = (1.9, 2.1, 2.3), 0.21, 0.02
-OFFSET_MM = np.array([0.013, -0.021])
+FIELDS_MM = {1.9: (330.0, 380.0), 2.1: (400.0, 440.0), 2.3: (445.0, 480.0)}
+"""Depth of field of each type, object distances from the lens."""
+AXIS_PX = np.array([(n - 1) / 2 for n in SIZE_PX])
+"""Image position of the optical axis."""
+OFFSET_MM = np.array([0.213, -0.021])
+"""So far that the microlens in the middle is not of type 0."""
+RADIUS_PX = 9.5
+"""Radius of a micro-image, smaller than half the pitch."""
 REACH_PX = 12.5
 """Radius of a micro-image, and a little more: 0.21 mm / sqrt(3) on the sensor."""
 HIT_PX = np.array([57.0, 112.0])
@@ -129,6 +136,7 @@ def write_plenoptic_build(folder: Path, scene: PlenopticScene) -> Path:
     array = scene.array
     columns = {"microlens_k": array.kl[:, 0], "microlens_l": array.kl[:, 1], "microlens_type": array.types}
     columns |= {"centre_x_px": array.centre_px[:, 0], "centre_y_px": array.centre_px[:, 1]}
+    columns["radius_px"] = np.full(len(array.types), RADIUS_PX)
     write_table(place / "micro_images.csv", ["micro-images"], columns)
     for frame, pose in scene.poses.items():
         view = folder / f"frames/{frame:04d}/{name}"
@@ -161,12 +169,16 @@ def _record(scene: PlenopticScene) -> dict:
     plain = {"principal_distance_px": far / PIXEL_MM, "principal_point_px": [(n - 1) / 2 for n in SIZE_PX]}
     plain["residual_px"] = {"rms": 0.0, "max": 0.0}
     planes = [ARRAY_TO_SENSOR_MM, ARRAY_TO_SENSOR_MM]
-    types = [{"focal_length_mm": f, "principal_planes_mm": planes} for f in scene.focal_mm]
+    types = [
+        {"focal_length_mm": f, "principal_planes_mm": planes, "depth_of_field_mm": list(FIELDS_MM[f])}
+        for f in scene.focal_mm
+    ]
     return {
         "resolution": list(SIZE_PX),
         "pixel_pitch_mm": PIXEL_MM,
         "sensor_distance_mm": far,
         "pinhole": {"centre_mm": [0.0, 0.0, 0.0], **plain, "with_distortion": {**plain, "distortion": [0.0] * 5}},
+        "optical_axis_px": AXIS_PX.tolist(),
         "lens": {"efl_mm": FOCAL_MM, "f_number": F_NUMBER, "principal_planes_mm": [0.0, 0.0]},
         "mla": {"layout": scene.layout, "pitch_mm": PITCH_MM, "types": types, "distance_mm": ARRAY_TO_SENSOR_MM},
     }
