@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from pipeline.exports.cameras import ArrayFit, ExportCamera, MicroImages
 from pipeline.exports.conventions import Convention, ImageAxes
-from pipeline.exports.material import ArrayFit, ExportCamera, MicroImages
 
 _ALONG_RAD = {"hexagonal": 0.0, "square": 0.0, "hexagonal-columns": math.pi / 6}
 """Direction of the first basis vector of an array that is not turned, from +x towards +y of the sensor frame [rad]."""

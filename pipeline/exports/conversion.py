@@ -6,15 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from pipeline.exports.array_fit import array_fit
+from pipeline.exports.cameras import ExportCamera, StatedPose
 from pipeline.exports.conventions import Board, Convention, ImageAxes, Microlenses, Origin, Pose, Rotation, Unit
-from pipeline.exports.material import (
-    ExportCamera,
-    ExportTarget,
-    ExportView,
-    Material,
-    Observations,
-    StatedPose,
-)
+from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
 from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid, retyped
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 

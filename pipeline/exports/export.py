@@ -8,9 +8,10 @@ from pathlib import Path
 from pipeline.built.output import Output
 from pipeline.exports.conventions import CONVENTIONS, Cameras, Convention
 from pipeline.exports.conversion import converted
+from pipeline.exports.errors import ExportError
 from pipeline.exports.formats import WRITERS
 from pipeline.exports.gathering import POSITIONS, chosen, gather
-from pipeline.exports.material import ExportError, Material
+from pipeline.exports.material import Material
 from pipeline.exports.noise import Noise, with_noise
 from pipeline.files.jsonfile import write_json
 from pipeline.spelling import did_you_mean

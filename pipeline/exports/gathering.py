@@ -7,17 +7,9 @@ import numpy as np
 
 from pipeline.built.output import Output
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
-from pipeline.exports.material import (
-    ExportCamera,
-    ExportError,
-    ExportPinhole,
-    ExportTarget,
-    ExportView,
-    Grid,
-    Material,
-    MicroImages,
-    Observations,
-)
+from pipeline.exports.cameras import ExportCamera, ExportPinhole, MicroImages
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations
 from pipeline.spelling import did_you_mean
 
 _REGULAR_MM = 1e-9

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera, ExportError, GridMesh, MicroImages
+from pipeline.exports.cameras import ExportCamera, GridMesh, MicroImages
+from pipeline.exports.errors import ExportError
 
 _SIN_60 = math.sqrt(3) / 2
 """Distance of the lines of a hexagonal lattice over its pitch."""

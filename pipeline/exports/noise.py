@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.material import ExportError, ExportView, Material
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import ExportView, Material
 from pipeline.spelling import did_you_mean
 
 _GOLDEN, _FIRST, _SECOND = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))

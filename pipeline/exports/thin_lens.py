@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera
+from pipeline.exports.cameras import ExportCamera
 
 KAPPA = 0.8
 """Start value of libpleno's kappa, the spread of a point over its blur radius: about what calibrations find."""

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from pipeline import cli
 from pipeline.built.output import open_output
 from pipeline.exports.conventions import CONVENTIONS
+from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import grid_of
-from pipeline.exports.material import ExportError
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,9 +9,10 @@ from exports.pretended import Scene, write_build
 from scipy import stats
 
 from pipeline.built.output import open_output
+from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
 from pipeline.exports.gathering import gather
-from pipeline.exports.material import ExportError, ExportView, Material, Observations
+from pipeline.exports.material import ExportView, Material, Observations
 from pipeline.exports.noise import Noise, noise_of, with_noise
 
 COUNT = 40_000

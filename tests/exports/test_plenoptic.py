@@ -20,8 +20,8 @@ from pipeline.exports.conventions import (
     Rotation,
     Unit,
 )
+from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
-from pipeline.exports.material import ExportError
 from pipeline.exports.noise import Noise
 
 CHECKS = {

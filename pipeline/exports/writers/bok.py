@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.exports.cameras import ExportCamera, MicroImages
+from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import real
-from pipeline.exports.material import ExportCamera, ExportError, Material, MicroImages
+from pipeline.exports.material import Material
 
 _NEIGHBOURS = ((0, 0), (1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1))
 """Itself, right, lower right, lower left, left, upper left, upper right, as steps of the axial indices (k, l)."""

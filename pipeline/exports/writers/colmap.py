@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Material
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.material import ExportTarget, ExportView, Material
 
 _OPENCV, _FULL_OPENCV = (4, "OPENCV"), (6, "FULL_OPENCV")
 """Numbers and names of camera models in COLMAP."""

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.filestorage import real
-from pipeline.exports.material import ExportCamera, ExportTarget, Material
+from pipeline.exports.material import ExportTarget, Material
 from pipeline.files.tables import write_table
 
 _LEAST = 3

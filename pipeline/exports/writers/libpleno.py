@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.material import ExportCamera, GridMesh, Material
+from pipeline.exports.cameras import ExportCamera, GridMesh
+from pipeline.exports.material import Material
 from pipeline.exports.thin_lens import KAPPA, ThinLens, thin_lens
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import write_table

@@ -7,7 +7,8 @@ per camera is `frames/*/<camera>/image.png`; the images need not be there when -
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.exports.material import ExportCamera, ExportView, Grid, Material
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.material import ExportView, Grid, Material
 
 _LEVEL = 0
 """Decimation level of a corner: its weight is 2 to the power of minus this, so 1."""

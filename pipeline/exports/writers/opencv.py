@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.conventions import Rotation
 from pipeline.exports.conversion import stated
 from pipeline.exports.filestorage import yaml_text
-from pipeline.exports.material import ExportCamera, ExportView, Material
+from pipeline.exports.material import ExportView, Material
 
 _MISSED = -1
 """Coordinate of a point that was not seen, in arrays that have room for all points: OpenCV asks for negative ones."""

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import xml_text
-from pipeline.exports.material import ExportError, Material
+from pipeline.exports.material import Material
 from pipeline.exports.thin_lens import thin_lens
 
 
@@ -20,14 +21,15 @@ def write(material: Material, folder: Path) -> None:
         assert array is not None
         if array.layout != "hexagonal":
             raise ExportError(f"pip knows hexagonal rows of microlenses, and {camera.name} has {array.layout}")
-        larger = 1 / model.ratio
+        lens_pitch_px = camera.built.record["mla"]["pitch_mm"] / camera.pitch_mm
+        larger = array.pitch_px / lens_pitch_px
         values = {
             "IsHexGrid": 1,
             "GridRotRAD": array.turn_rad,
             # The reference lens as its centre would lie on the sensor if the light came along the axis.
             "MlaCenterPX": (camera.axis + (array.centre - camera.axis) / larger).tolist(),
             "SensorResPX": camera.size_px,
-            "MicroLensDistancePX": array.pitch_px / larger,
+            "MicroLensDistancePX": lens_pitch_px,
             "MainPrincipalPointPX": camera.axis.tolist(),
             "MlaImageScale": larger,
             "MicroLensFocalLengthPX": model.sensor_mm / camera.pitch_mm,

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.material import ExportError, Material
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import Material
 from pipeline.files.jsonfile import write_json
 
 

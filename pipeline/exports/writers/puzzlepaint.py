@@ -4,7 +4,8 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.exports.material import ExportError, ExportTarget, Material
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import ExportTarget, Material
 
 _MAGIC, _VERSION = b"calib_data", 0
 """Begin of the file, and the version that its reader knows."""

@@ -7,8 +7,10 @@ pairs (0, 0), (0, 1), (0, -1), which readers truncate to integers.
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.exports.cameras import ArrayFit, ExportCamera
+from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import real
-from pipeline.exports.material import ArrayFit, ExportCamera, ExportError, Material
+from pipeline.exports.material import Material
 from pipeline.exports.thin_lens import virtual_depths
 
 _PAIRS = ((0, 0), (0, 1), (0, -1))

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.built.rows import as_pandas, joined
-from pipeline.exports.material import ExportCamera, Material
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.material import Material
 
 
 def write_parquet(material: Material, folder: Path) -> None:
