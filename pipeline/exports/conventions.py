@@ -29,7 +29,7 @@ class Board(StrEnum):
     """Frame in which a format counts target points."""
 
     RIGHT_DOWN = "from point 0, x right, y down, z away from the viewer"
-    DOWN_RIGHT = "from point 0, x down, y right, z towards the viewer"
+    KALIBR = "from point 0, z towards the viewer; x down, y right, but x right, y up of AprilGrids"
     RIGHT_UP = "from the lower left point, x right, y up, z towards the viewer"
     OURS = "from the middle of the pattern, x right, y up, z towards the viewer"
     NONE = "none, columns and rows alone"
@@ -110,13 +110,23 @@ class Convention:
 CONVENTIONS = {
     "opencv": Convention(
         consumer="OpenCV 4 and 5",
-        files="<camera>.npz, <camera>.yml; of several cameras stereo-<a>-<b>.npz and .yml, multiview.npz",
+        files="<camera>.npz, <camera>.yml; of pairs of cameras stereo-<a>-<b>.npz and .yml",
         cameras=Cameras.CONVENTIONAL,
         origin=Origin.ZERO,
         pose=Pose.CAMERA_FROM_TARGET,
         rotation=Rotation.VECTOR,
         unit=Unit.MM,
         source="opencv/opencv: issues 10130, 24633; modules/calib/include/opencv2/calib.hpp",
+    ),
+    "opencv-multiview": Convention(
+        consumer="calibrateMultiview of OpenCV 5",
+        files="multiview.npz",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        pose=Pose.CAMERA_FROM_FIRST,
+        rotation=Rotation.VECTOR,
+        unit=Unit.M,
+        source="opencv/opencv: modules/calib/src/multiview_calibration.cpp",
     ),
     "mrcal": Convention(
         consumer="mrcal",
@@ -134,7 +144,7 @@ CONVENTIONS = {
         files="target.yaml, camchain.yaml; corners.csv, which Kalibr itself does not read",
         cameras=Cameras.CONVENTIONAL,
         origin=Origin.ZERO,
-        board=Board.DOWN_RIGHT,
+        board=Board.KALIBR,
         pose=Pose.CAMERA_FROM_PREVIOUS,
         rotation=Rotation.MATRIX,
         unit=Unit.M,

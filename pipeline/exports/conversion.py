@@ -21,7 +21,7 @@ _AXES = {
     Board.NONE: np.eye(3),
     Board.RIGHT_UP: np.eye(3),
     Board.RIGHT_DOWN: np.diag([1.0, -1.0, -1.0]),
-    Board.DOWN_RIGHT: np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    Board.KALIBR: np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
 }
 """Axes of the target frame of a format, by rows, in our target frame."""
 
@@ -85,7 +85,8 @@ def positions(places_px: np.ndarray, convention: Convention, size_px: tuple[int,
 
 def board_from_target(target: ExportTarget, convention: Convention) -> np.ndarray:
     """The pose of our target frame in that of a format, (4, 4) [mm]."""
-    turn = _AXES[convention.board]
+    is_upright = convention.board is Board.KALIBR and target.kind == "aprilgrid"
+    turn = np.eye(3) if is_upright else _AXES[convention.board]
     origin = target.nominal[0]
     if convention.board in (Board.OURS, Board.NONE):
         origin = np.zeros(3)

@@ -23,6 +23,7 @@ from pipeline.exports.writers import (
 Writer = Callable[[Material, Path], None]
 WRITERS: dict[str, Writer] = {
     "opencv": opencv.write,
+    "opencv-multiview": opencv.write_multiview,
     "mrcal": mrcal.write,
     "kalibr": kalibr.write,
     "colmap": colmap.write,

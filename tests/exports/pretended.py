@@ -55,8 +55,8 @@ class Scene:
     rig: dict = field(
         default_factory=lambda: {
             "Left": np.eye(4),
-            "Right": rigid(turned(0.02, -0.2, 0.01), np.array([-60.0, 3.0, 5.0])),
-            "Upper": rigid(turned(-0.15, 0.05, 0.1), np.array([10.0, 40.0, -4.0])),
+            "Right": rigid(turned(-0.03, -0.05, 0.02), np.array([60.0, 3.0, 5.0])),
+            "Upper": rigid(turned(0.04, 0.03, -0.1), np.array([10.0, 40.0, -4.0])),
         }
     )
     """Camera -> its pose from the left one."""

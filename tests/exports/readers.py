@@ -89,19 +89,34 @@ def _check_opencv_rigs(folder: Path, scene: Scene) -> None:
     for stated in ((turn, shift), (data["R"], data["T"])):
         same(stated[0], scene.rig["Right"][:3, :3], 1e-6)
         same(stated[1].ravel(), scene.rig["Right"][:3, 3], 1e-3)
+
+
+def check_opencv_multiview(folder: Path, scene: Scene) -> None:
+    """`calibrateMultiview` with these arguments finds the rig; a view that misses points is masked."""
     data = np.load(folder / "multiview.npz")
-    assert data["detectionMask"].tolist() == [[1] * 3] * 3 and data["detectionMask"].dtype == np.uint8
+    assert (
+        data["detectionMask"].tolist() == [[1, 0, 1], [1, 0, 1], [1, 1, 1]] and data["detectionMask"].dtype == np.uint8
+    )
     for camera, name in enumerate(scene.rig):
         for view, frame in enumerate((1, 2, 3)):
             expected = scene.pixels(name, frame).astype(np.float32)
             expected[[point for point in range(COLUMNS * ROWS) if (name, frame, point) in HIDDEN]] = -1
             same(data["imagePoints"][camera, view], expected, FLOAT32_PX)
-    (
-        same(data["Rs"][1], scene.rig["Right"][:3, :3], 1e-12),
-        same(data["Ts"][1], scene.rig["Right"][:3, 3], 1e-9),
+    same(data["Ks"], [scene.matrix] * 3, 0), same(data["distortions"], [DISTORTION] * 3, 0)
+    same(data["objPoints"], [grid_points(SQUARE_MM / 1000)] * 3, 1e-9)
+    sizes = [tuple(size) for size in data["imageSize"].tolist()]
+    assert sizes == [SIZE_PX] * 3
+    views = [[np.ascontiguousarray(view) for view in camera] for camera in data["imagePoints"]]
+    known = [matrix.copy() for matrix in data["Ks"]], [one[None].copy() for one in data["distortions"]]
+    empty = [np.eye(3) for _ in sizes], [np.zeros((3, 1)) for _ in sizes]
+    mask, models = data["detectionMask"], data["models"]
+    *_, turns, shifts = cv2.calibrateMultiview(
+        list(data["objPoints"]), views, sizes, mask, models, *known, *empty, None, cv2.CALIB_USE_INTRINSIC_GUESS
     )
-    same(data["Ks"][1], scene.matrix, 0), same(data["distortions"][0], DISTORTION, 0)
-    same(data["objPoints"][2], grid_points(SQUARE_MM), 1e-6)
+    for camera, pose in enumerate(scene.rig.values()):
+        for turn, shift in ((turns[camera], shifts[camera]), (data["Rs"][camera], data["Ts"][camera])):
+            same(np.ravel(turn), rotation_vector(pose), 1e-4)  # OpenCV 5.0 gives vectors
+            same(np.ravel(shift), pose[:3, 3] / 1000, 1e-5)
 
 
 def check_mrcal(folder: Path, scene: Scene) -> None:
@@ -274,6 +289,7 @@ def _check_tables(frame_of, scene: Scene) -> None:
 
 CHECKS = {
     "opencv": check_opencv,
+    "opencv-multiview": check_opencv_multiview,
     "mrcal": check_mrcal,
     "kalibr": check_kalibr,
     "colmap": check_colmap,

@@ -12,20 +12,21 @@ import numpy as np
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.conventions import Rotation
 from pipeline.exports.conversion import stated
+from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import yaml_text
 from pipeline.exports.material import ExportView, Material
 
 _MISSED = -1
-"""Coordinate of a point that was not seen, in arrays that have room for all points: OpenCV asks for negative ones."""
+"""Coordinate of a point that was not seen, in arrays that have room for all points; a mask leaves its view out."""
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write the files of all cameras, of all pairs, and of all together.
+    """Write the files of all cameras, and of all pairs.
 
     Raises
     ------
     ExportError
-        Several cameras move against each other, or see several targets.
+        Several cameras move against each other.
     """
     for camera in material.cameras:
         _save(folder / f"{camera.name}.npz", material, one_camera(material, camera))
@@ -37,8 +38,21 @@ def write(material: Material, folder: Path) -> None:
         _save(folder / f"{name}.npz", material, arrays)
         text = yaml_text(material.remarks, {key: arrays[key] for key in ("M1", "D1", "M2", "D2", "R", "T")})
         (folder / f"{name}.yml").write_text(text, encoding="utf-8")
-    if len(material.cameras) > 1:
-        _save(folder / "multiview.npz", material, multiview(material))
+
+
+def write_multiview(material: Material, folder: Path) -> None:
+    """Write the arguments of `calibrateMultiview`.
+
+    Lengths are metres: OpenCV divides points by the square of their extent, and finds boards of 100 mm collinear.
+
+    Raises
+    ------
+    ExportError
+        There is one camera only, or there are several targets, or cameras move against each other.
+    """
+    if len(material.cameras) == 1:
+        raise ExportError("opencv-multiview relates cameras to each other, and there is one", hint="opencv takes it")
+    _save(folder / "multiview.npz", material, multiview(material))
 
 
 def one_camera(material: Material, camera: ExportCamera) -> dict[str, Any]:
@@ -101,12 +115,12 @@ def multiview(material: Material) -> dict[str, Any]:
     for row, camera in zip(found, cameras, strict=True):
         for places, view in zip(row, material.of(camera), strict=True):
             places[view.observations.ids] = view.observations.positions
-    poses = [stated(material.between(cameras[0], camera), Rotation.MATRIX) for camera in cameras]
+    poses = [camera.pose for camera in cameras if camera.pose]
     return {
         "objPoints": np.repeat(target.points[None].astype(np.float32), len(frames), axis=0),
         "imagePoints": found,
         "imageSize": np.array([camera.size_px for camera in cameras]),
-        "detectionMask": (found[..., 0] != _MISSED).any(axis=2).astype(np.uint8),
+        "detectionMask": (found[..., 0] != _MISSED).all(axis=2).astype(np.uint8),
         "models": np.zeros((len(cameras), 1), np.uint8),  # CALIB_MODEL_PINHOLE
         "cameras": np.array([camera.name for camera in cameras], dtype=str),
         "frames": np.array(frames, dtype=np.int64),
