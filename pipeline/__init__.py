@@ -1,6 +1,7 @@
 """Calibration images through real lenses and microlens arrays, with exact ground truth.
 
 `pipeline.build(path)` builds a dataset stage, `pipeline.open_dataset(path)` reads one into plain records,
+`pipeline.open_output(out)` opens the folder that a build filled, and
 `pipeline.Prescription`, `pipeline.Camera` and their friends are the physics, usable without USD.
 Nothing heavy is imported before it is asked for (PEP 562), and importing this changes nothing in your process.
 """
@@ -21,6 +22,7 @@ _HOMES = {
     "Checkerboard": "pipeline.targets.patterns.checkerboard",
     "Target": "pipeline.targets.target",
     "open_dataset": "pipeline.scene.load",
+    "open_output": "pipeline.built.output",
     "build": "pipeline.app.build",
 }
 __all__ = ["__version__", *_HOMES]

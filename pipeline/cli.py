@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs import building, graph, planning, tasks, watch
+from pipeline.app.verbs import building, exporting, graph, planning, tasks, watch
 from pipeline.app.verbs.authoring import new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
@@ -43,7 +43,7 @@ app = new_family(
 
 imports = new_family(help="Turn files of other programs into stages.")
 
-WRITE, BUILD, LOOK, CARE = "Before a build", "Build", "What was done, and why", "Care"
+WRITE, BUILD, LOOK, USE, CARE = "Before a build", "Build", "What was done, and why", "After a build", "Care"
 """Panels of `pipeline --help`, in this order."""
 
 
@@ -298,6 +298,7 @@ _VERBS = (
     (LOOK, "graph", graph.graph),
     (LOOK, "logs", tasks.logs),
     (LOOK, "verify", verify),
+    (USE, "export", exporting.export),
     (CARE, "plugin-path", plugin_path),
 )
 for _panel, _name, _verb in _VERBS:

@@ -1,0 +1,54 @@
+"""The table of conventions of docs/exports.md, from the table that the writers go by. `--write` puts it there.
+
+python docs/export_table.py [--write]
+"""
+
+import argparse
+from pathlib import Path
+
+from pipeline.exports.conventions import CONVENTIONS, Convention, Origin
+
+PAGE = Path(__file__).resolve().parent / "exports.md"
+BEGIN, END = "<!-- python docs/export_table.py --write -->\n", "<!-- end -->\n"
+HEAD = (
+    "format",
+    "for",
+    "files",
+    "cameras",
+    "top-left pixel",
+    "image axes",
+    "target frame, unit",
+    "pose",
+    "microlenses",
+)
+
+
+def table() -> str:
+    """A row per format, and below it the sources."""
+    rows = [HEAD, ("---",) * len(HEAD), *(_row(name, one) for name, one in CONVENTIONS.items())]
+    lines = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    sources = "".join(f"- `{name}`: {one.source}\n" for name, one in CONVENTIONS.items())
+    return f"{lines}\nSources:\n\n{sources}"
+
+
+def _row(name: str, one: Convention) -> tuple[str, ...]:
+    first = str(one.origin) if one.origin is Origin.IMAGE_CENTRE else f"({one.origin}, {one.origin})"
+    pose = str(one.pose) if one.pose.name == "NONE" else f"{one.pose}; {one.rotation}"
+    files = one.files.replace("<", "\\<")
+    board = f"{one.board}; {one.unit}"
+    return (f"`{name}`", one.consumer, files, str(one.cameras), first, str(one.axes), board, pose, str(one.microlenses))
+
+
+def main() -> None:
+    """Print the table, or put it into docs/exports.md."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="into docs/exports.md")
+    if not parser.parse_args().write:
+        print(table(), end="")
+        return
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    PAGE.write_text(f"{head}{BEGIN}{table()}{END}{rest.partition(END)[2]}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""The output folder of a build as records: cameras, frames, targets, poses, and the ground truth as arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pipeline.built.folder import BuiltFolder, finished_folder
+from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
+from pipeline.built.rows import as_pandas, joined, rows_of
+from pipeline.errors import UsageError
+from pipeline.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """Content of an output folder. Tables and poses are read when they are first asked for.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    stage : str
+        The stage that was built, as the manifest names it.
+    cameras : mapping of str to BuiltCamera
+        In the order of their names.
+    targets : mapping of str to BuiltTarget
+    frames : tuple of int
+        Sorted; each has a view of every camera.
+    """
+
+    path: Path
+    stage: str
+    cameras: Mapping[str, BuiltCamera]
+    targets: Mapping[str, BuiltTarget] = field(repr=False)
+    frames: tuple[int, ...]
+    _folder: BuiltFolder = field(repr=False, compare=False)
+
+    @property
+    def camera(self) -> BuiltCamera:
+        """The only camera.
+
+        Raises
+        ------
+        UsageError
+            There are several.
+        """
+        if len(self.cameras) != 1:
+            raise UsageError(f"{self.path} has {len(self.cameras)} cameras", hint=f"choose: {', '.join(self.cameras)}")
+        return next(iter(self.cameras.values()))
+
+    def view(self, frame: int, camera: str | None = None) -> BuiltView:
+        """A camera in a frame; by default the only camera.
+
+        Raises
+        ------
+        UsageError
+            There is no such camera or frame.
+        """
+        if camera is not None and camera not in self.cameras:
+            hint = did_you_mean(camera, self.cameras) or f"its cameras: {', '.join(self.cameras)}"
+            raise UsageError(f"{self.path} has no camera {camera!r}", hint=hint)
+        views = (self.camera if camera is None else self.cameras[camera]).views
+        for view in views:
+            if view.frame == frame:
+                return view
+        raise UsageError(f"{self.path} has no frame {frame}", hint=f"its frames: {', '.join(map(str, self.frames))}")
+
+    @cached_property
+    def correspondences(self) -> np.recarray:
+        """The ground truth of all cameras and frames.
+
+        Raises
+        ------
+        UsageError
+            Some cameras are plenoptic and others are not: their columns differ.
+        """
+        return joined([camera.correspondences for camera in self.cameras.values()])
+
+    @cached_property
+    def baselines(self) -> np.recarray | None:
+        """Rows of baselines.csv; None with one camera."""
+        name = "baselines.csv"
+        return rows_of(self._folder.table(name)) if self._folder.file(name) else None
+
+    def pandas(self) -> "pandas.DataFrame":
+        """The correspondences as a data frame."""
+        return as_pandas(self.correspondences)
+
+
+def open_output(out: str | Path) -> Output:
+    """Open the folder that a build filled.
+
+    Only the files that docs/outputs.md promises are read, and the store is not needed. Nothing is verified:
+    `pipeline verify` does that.
+
+    Parameters
+    ----------
+    out : path
+        The output folder.
+
+    Raises
+    ------
+    UsageError
+        It holds no finished build, or one of another version.
+    DamagedFile
+        A file in it cannot be read.
+
+    Examples
+    --------
+    >>> out = pipeline.open_output("build/01_conventional")  # doctest: +SKIP
+    >>> out.camera.correspondences.x_px  # doctest: +SKIP
+    """
+    folder = finished_folder(out)
+    frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
+    cameras = {name: _camera(folder, name, frames) for name in folder.folders("cameras", "camera.json")}
+    names = sorted(Path(name).stem for name in folder.files if name.startswith("targets/"))
+    return Output(
+        path=folder.path,
+        stage=folder.stage,
+        cameras=cameras,
+        targets={name: target(name, folder.record(f"targets/{name}.json")) for name in names},
+        frames=frames,
+        _folder=folder,
+    )
+
+
+def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCamera:
+    place = f"cameras/{name}"
+    record = folder.record(f"{place}/camera.json")
+    plain, with_distortion = pinholes(record)
+    width, height = record["resolution"]
+    is_plenoptic = "mla" in record
+    return BuiltCamera(
+        name=name,
+        is_plenoptic=is_plenoptic,
+        size_px=(width, height),
+        pitch_mm=record["pixel_pitch_mm"],
+        record=record,
+        pinhole=plain,
+        pinhole_with_distortion=with_distortion,
+        views=tuple(_view(folder, name, frame, is_plenoptic) for frame in frames),
+        white_path=folder.file(f"{place}/white.exr"),
+        rays_path=folder.file(f"{place}/rays.exr"),
+        _folder=folder,
+    )
+
+
+def _view(folder: BuiltFolder, camera: str, frame: int, is_plenoptic: bool) -> BuiltView:
+    place = f"frames/{frame:04d}/{camera}"
+    return BuiltView(
+        camera=camera,
+        frame=frame,
+        is_plenoptic=is_plenoptic,
+        image_path=folder.file(f"{place}/image.exr"),
+        preview_path=folder.file(f"{place}/image.png"),
+        positions_path=folder.file(f"{place}/positions.exr"),
+        _folder=folder,
+    )

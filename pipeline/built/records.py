@@ -1,0 +1,234 @@
+"""Records of what a build wrote: cameras, targets, and views with their poses and correspondences."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.built.folder import BuiltFolder
+from pipeline.built.rows import MICROLENS, as_pandas, joined, rows_of
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltPinhole:
+    """The equivalent pinhole of a camera, as camera.json has it; `Pinhole` of camera/figures is what fits it.
+
+    Attributes
+    ----------
+    centre_mm : (3,) float64
+        Centre of projection in the vision frame [mm].
+    principal_distance_px : float
+    principal_point_px : (2,) float64
+        (0, 0) is the centre of the top-left pixel.
+    distortion : (5,) float64
+        k1, k2, p1, p2, k3 of OpenCV; zeros in the pinhole without distortion.
+    rms_px, max_px : float
+        Residual of the mean rays of the camera.
+    """
+
+    centre_mm: np.ndarray
+    principal_distance_px: float
+    principal_point_px: np.ndarray
+    distortion: np.ndarray
+    rms_px: float
+    max_px: float
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Camera matrix of OpenCV, (3, 3)."""
+        (x, y), f = self.principal_point_px, self.principal_distance_px
+        return np.array([[f, 0.0, x], [0.0, f, y], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltPoses:
+    """Poses of a view: transforms on column vectors, (4, 4) float64 [mm]; see CONVENTIONS.md, Frames.
+
+    Attributes
+    ----------
+    camera_from_world, camera_from_target : array, and arrays by the name of a target
+        To the vision frame, whose origin is the centre of the aperture stop: right for rays.
+    pinhole_from_world, pinhole_from_target : array or None, and arrays by the name of a target
+        To the centre of projection of the equivalent pinhole: right for OpenCV. Empty where no pinhole fits.
+    """
+
+    camera_from_world: np.ndarray
+    camera_from_target: Mapping[str, np.ndarray]
+    pinhole_from_world: np.ndarray | None
+    pinhole_from_target: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuiltView:
+    """A camera in a frame.
+
+    Attributes
+    ----------
+    camera : str
+    frame : int
+    is_plenoptic : bool
+    image_path, preview_path, positions_path : Path or None
+        image.exr, image.png and positions.exr; None where the build made none.
+    """
+
+    camera: str
+    frame: int
+    is_plenoptic: bool
+    image_path: Path | None
+    preview_path: Path | None
+    positions_path: Path | None
+    _folder: BuiltFolder = field(repr=False, compare=False)
+
+    @property
+    def _place(self) -> str:
+        return f"frames/{self.frame:04d}/{self.camera}"
+
+    @cached_property
+    def correspondences(self) -> np.recarray:
+        """Rows of correspondences.csv, without the columns of microlenses where there are none.
+
+        docs/outputs.md says what the columns mean.
+        """
+        table = self._folder.table(f"{self._place}/correspondences.csv")
+        return rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
+
+    @cached_property
+    def poses(self) -> BuiltPoses:
+        """Poses of the view, from poses.json."""
+        return _poses(self._folder.record(f"{self._place}/poses.json"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuiltCamera:
+    """A camera of a build.
+
+    Attributes
+    ----------
+    name : str
+    is_plenoptic : bool
+        Whether a microlens array stands before the sensor.
+    size_px : tuple of int
+        Width and height.
+    pitch_mm : float
+        Distance of pixels.
+    record : dict
+        All of camera.json: docs/outputs.md says what its keys mean.
+    pinhole, pinhole_with_distortion : BuiltPinhole or None
+        None where no pinhole fits.
+    views : tuple of BuiltView
+        Sorted by frame.
+    white_path, rays_path : Path or None
+    """
+
+    name: str
+    is_plenoptic: bool
+    size_px: tuple[int, int]
+    pitch_mm: float
+    record: dict[str, Any] = field(repr=False)
+    pinhole: BuiltPinhole | None
+    pinhole_with_distortion: BuiltPinhole | None
+    views: tuple[BuiltView, ...] = field(repr=False)
+    white_path: Path | None
+    rays_path: Path | None
+    _folder: BuiltFolder = field(repr=False, compare=False)
+
+    @cached_property
+    def correspondences(self) -> np.recarray:
+        """Rows of all frames."""
+        return joined([view.correspondences for view in self.views])
+
+    @cached_property
+    def micro_images(self) -> np.recarray | None:
+        """Rows of micro_images.csv, one per microlens; None of a conventional camera."""
+        return self._table("micro_images.csv")
+
+    @cached_property
+    def micro_image_outlines(self) -> np.recarray | None:
+        """Rows of micro_image_outlines.csv; None of a conventional camera."""
+        return self._table("micro_image_outlines.csv")
+
+    def pandas(self) -> "pandas.DataFrame":
+        """The correspondences of all frames as a data frame."""
+        return as_pandas(self.correspondences)
+
+    def _table(self, file: str) -> np.recarray | None:
+        name = f"cameras/{self.name}/{file}"
+        return rows_of(self._folder.table(name)) if self._folder.file(name) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BuiltTarget:
+    """A target of a build.
+
+    Attributes
+    ----------
+    name, kind : str
+        Name of the prim, and its pattern: docs/targets.md.
+    parameters : dict
+        Of the pattern.
+    points_mm, nominal_mm, normals : (n, 3) float64
+        In the target frame, x right, y up, z towards the viewer; the row is the point_id. Actual points differ from
+        nominal ones on warped and measured boards.
+    is_flat : bool
+    """
+
+    name: str
+    kind: str
+    parameters: dict[str, Any]
+    points_mm: np.ndarray
+    nominal_mm: np.ndarray
+    normals: np.ndarray
+    is_flat: bool
+
+
+def pinholes(record: dict[str, Any]) -> tuple[BuiltPinhole | None, BuiltPinhole | None]:
+    """The pinhole of camera.json, without distortion and with it."""
+    plain = record["pinhole"]
+    if plain is None:
+        return None, None
+    centre = np.array(plain["centre_mm"])
+    return _pinhole(plain, centre), _pinhole(plain["with_distortion"], centre)
+
+
+def target(name: str, record: dict[str, Any]) -> BuiltTarget:
+    """A target from its JSON file."""
+    points = record["points"]
+    arrays = {key: np.array([point[key] for point in points]) for key in ("actual_mm", "nominal_mm", "normal")}
+    return BuiltTarget(
+        name=name,
+        kind=record["kind"],
+        parameters=record["parameters"],
+        points_mm=arrays["actual_mm"],
+        nominal_mm=arrays["nominal_mm"],
+        normals=arrays["normal"],
+        is_flat=record["surface"]["kind"] == "flat",
+    )
+
+
+def _pinhole(model: dict[str, Any], centre_mm: np.ndarray) -> BuiltPinhole:
+    return BuiltPinhole(
+        centre_mm=centre_mm,
+        principal_distance_px=model["principal_distance_px"],
+        principal_point_px=np.array(model["principal_point_px"]),
+        distortion=np.array(model.get("distortion", [0.0] * 5)),
+        rms_px=model["residual_px"]["rms"],
+        max_px=model["residual_px"]["max"],
+    )
+
+
+def _poses(record: dict[str, Any]) -> BuiltPoses:
+    targets, pinhole = record["targets"], record["pinhole"]
+    return BuiltPoses(
+        camera_from_world=np.array(record["camera_from_world"]),
+        camera_from_target={name: np.array(pose["camera_from_target"]) for name, pose in targets.items()},
+        pinhole_from_world=np.array(pinhole["pinhole_from_world"]) if pinhole else None,
+        pinhole_from_target={
+            name: np.array(pose["pinhole"]["pinhole_from_target"]) for name, pose in targets.items() if pose["pinhole"]
+        },
+    )

@@ -1,0 +1,270 @@
+"""The table of conventions: what the numbers of every format mean. `conversion` applies it, and nobody else does.
+
+Ours are those of CONVENTIONS.md: the centre of the top-left pixel is (0, 0), x right, y down; mm; poses from the
+target, whose frame has its origin in the middle, x right, y up, z towards the viewer.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Origin(StrEnum):
+    """Number that a format has for the centre of the top-left pixel; the middle of an image lies between pixels."""
+
+    ZERO = "0"
+    HALF = "0.5"
+    ONE = "1"
+    IMAGE_CENTRE = "from the image centre"
+
+
+class ImageAxes(StrEnum):
+    """Order and direction of image coordinates."""
+
+    X_Y = "x right, y down"
+    Y_X = "y down, then x right"
+    X_UP = "x right, y up"
+
+
+class Board(StrEnum):
+    """Frame in which a format counts target points."""
+
+    RIGHT_DOWN = "from point 0, x right, y down, z away from the viewer"
+    KALIBR = "from point 0, z towards the viewer; x down, y right, but x right, y up of AprilGrids"
+    RIGHT_UP = "from the lower left point, x right, y up, z towards the viewer"
+    OURS = "from the middle of the pattern, x right, y up, z towards the viewer"
+    NONE = "none, columns and rows alone"
+
+
+class Pose(StrEnum):
+    """Direction of a stored pose."""
+
+    CAMERA_FROM_TARGET = "camera from target"
+    TARGET_FROM_CAMERA = "target from camera"
+    CAMERA_FROM_FIRST = "camera from first camera"
+    CAMERA_FROM_PREVIOUS = "camera from previous camera"
+    NONE = "none"
+
+
+class Rotation(StrEnum):
+    """Form of a stored rotation."""
+
+    VECTOR = "Rodrigues vector"
+    MATRIX = "matrix, by rows"
+    COLUMNS = "matrix, by columns"
+    QUATERNION = "quaternion w, x, y, z"
+    NONE = "none"
+
+
+class Unit(StrEnum):
+    """Unit of lengths in space."""
+
+    MM = "mm"
+    CM = "cm"
+    M = "m"
+    NONE = "none"
+
+
+class Microlenses(StrEnum):
+    """Numbers of microlenses and of their types."""
+
+    NONE = "none"
+    AXIAL = "axial (k, l); type as in CONVENTIONS.md"
+    FROM_CENTRAL = "type counted from that of the microlens nearest to the middle of the image"
+    TYPES_FROM_ONE = "type 1, 2, 3 for 0, 1, 2 of ours"
+    MICRO_IMAGE_GRID = "column, row of the micro-image from the top left; type ((row mod 2) + column) mod 3"
+
+
+class Cameras(StrEnum):
+    """Kind of cameras that a format can describe."""
+
+    CONVENTIONAL = "conventional"
+    PLENOPTIC = "plenoptic"
+    ANY = "any"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Convention:
+    """Meaning of the numbers of a format.
+
+    Attributes
+    ----------
+    consumer, files : str
+        Who reads it, and what is written.
+    source : str
+        Where the consumer says so, in its code or documentation.
+    """
+
+    consumer: str
+    files: str
+    cameras: Cameras
+    origin: Origin
+    axes: ImageAxes = ImageAxes.X_Y
+    board: Board = Board.RIGHT_DOWN
+    pose: Pose = Pose.NONE
+    rotation: Rotation = Rotation.NONE
+    unit: Unit
+    microlenses: Microlenses = Microlenses.NONE
+    source: str
+
+
+CONVENTIONS = {
+    "opencv": Convention(
+        consumer="OpenCV 4 and 5",
+        files="<camera>.npz, <camera>.yml; of pairs of cameras stereo-<a>-<b>.npz and .yml",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        pose=Pose.CAMERA_FROM_TARGET,
+        rotation=Rotation.VECTOR,
+        unit=Unit.MM,
+        source="opencv/opencv: issues 10130, 24633; modules/calib/include/opencv2/calib.hpp",
+    ),
+    "opencv-multiview": Convention(
+        consumer="calibrateMultiview of OpenCV 5",
+        files="multiview.npz",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        pose=Pose.CAMERA_FROM_FIRST,
+        rotation=Rotation.VECTOR,
+        unit=Unit.M,
+        source="opencv/opencv: modules/calib/src/multiview_calibration.cpp",
+    ),
+    "mrcal": Convention(
+        consumer="mrcal",
+        files="corners.vnl, <camera>.cameramodel (LENSMODEL_OPENCV5)",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        pose=Pose.CAMERA_FROM_FIRST,
+        rotation=Rotation.VECTOR,
+        unit=Unit.M,
+        source="dkogan/mrcal: doc/conventions.org, mrcal/calibration.py, mrcal/cameramodel.py",
+    ),
+    "kalibr": Convention(
+        consumer="Kalibr",
+        files="target.yaml, camchain.yaml; corners.csv, which Kalibr itself does not read",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        board=Board.KALIBR,
+        pose=Pose.CAMERA_FROM_PREVIOUS,
+        rotation=Rotation.MATRIX,
+        unit=Unit.M,
+        source="ethz-asl/kalibr: kalibr_common/ConfigReader.py, GridCalibrationTargetCheckerboard.cpp",
+    ),
+    "colmap": Convention(
+        consumer="COLMAP",
+        files="text/ and binary/: cameras, images and points3D; the world is the target",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.HALF,
+        pose=Pose.CAMERA_FROM_TARGET,
+        rotation=Rotation.QUATERNION,
+        unit=Unit.M,
+        source="colmap/colmap: doc/format.rst, doc/cameras.rst",
+    ),
+    "puzzlepaint": Convention(
+        consumer="puzzlepaint camera_calibration",
+        files="dataset.bin",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.HALF,
+        board=Board.NONE,
+        unit=Unit.M,
+        source="puzzlepaint/camera_calibration: io/calibration_io.cc, dataset.h",
+    ),
+    "deltille": Convention(
+        consumer="Deltille, BabelCalib",
+        files="<camera>/<frame>.orpc, board.dsc",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        board=Board.RIGHT_UP,
+        unit=Unit.CM,
+        source="deltille/detector: DeltilleDetector.cpp; ylochman/babelcalib: core/feature/get_corners_from_orpc.m",
+    ),
+    "libpleno": Convention(
+        consumer="libpleno, COMPOTE, BLADE",
+        files="<camera>/: observations.bin.gz, corners.bin.gz, centers.csv, features.csv; camera.js, params.js,"
+        " scene.js, poses.js",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        pose=Pose.TARGET_FROM_CAMERA,
+        rotation=Rotation.COLUMNS,
+        unit=Unit.MM,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="comsee-research/libpleno: pleno/geometry/{observation,mesh,mia,pose}.cpp, geometry/camera/camera.cpp",
+    ),
+    "raytrix": Convention(
+        consumer="PlenopticToolbox 2.0, TLCT: calibration as RxLive writes it",
+        files="<camera>.xml",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.IMAGE_CENTRE,
+        axes=ImageAxes.X_UP,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.FROM_CENTRAL,
+        source="freerafiki/PlenopticToolbox2.0: python/plenopticIO/{imgIO,lens_grid}.py",
+    ),
+    "pip": Convention(
+        consumer="PlenopticImageProcessing",
+        files="<camera>.MLAconfig.xml",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.MM,
+        source="Arne-Petersen/PlenopticImageProcessing: PIPBase/PlenopticTypes.hh, SampleData/MLAconfig.xml",
+    ),
+    "bok": Convention(
+        consumer="MATLAB code of Bok 2017 and Nousias 2017",
+        files="<camera>/: microlens_center_list.mat, lens_types.mat, correspondencesAll_<frame>.mat,"
+        " image_center.txt, pattern_size.txt",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ONE,
+        board=Board.NONE,
+        unit=Unit.MM,
+        microlenses=Microlenses.TYPES_FROM_ONE,
+        source="sotnousias/plenoptic-camera-calibration: src/, thirdParty/Geometric_Calibration_Lightfield/",
+    ),
+    "lftoolbox": Convention(
+        consumer="LFToolbox (MATLAB)",
+        files="<camera>.grid.json, the grid of micro-images that a white image would give",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ONE,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="doda42/LFToolbox: SupportFunctions/LFBuildHexGrid.m, LFUtilProcessWhiteImages.m",
+    ),
+    "plenopticam": Convention(
+        consumer="plenopticam",
+        files="<camera>.json, to stand beside the white image of the same name",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        axes=ImageAxes.Y_X,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="hahnec/plenopticam: plenopticam/lfp_calibrator/, cfg/constants.py",
+    ),
+    "parquet": Convention(
+        consumer="pandas, Polars, R and all else that reads Parquet",
+        files="<camera>.correspondences.parquet, <camera>.poses.parquet, <camera>.micro_images.parquet",
+        cameras=Cameras.ANY,
+        origin=Origin.ZERO,
+        board=Board.OURS,
+        pose=Pose.CAMERA_FROM_TARGET,
+        rotation=Rotation.VECTOR,
+        unit=Unit.MM,
+        microlenses=Microlenses.AXIAL,
+        source="CONVENTIONS.md: nothing is converted",
+    ),
+    "npz": Convention(
+        consumer="NumPy",
+        files="<camera>.correspondences.npz, <camera>.poses.npz, <camera>.micro_images.npz: an array per column",
+        cameras=Cameras.ANY,
+        origin=Origin.ZERO,
+        board=Board.OURS,
+        pose=Pose.CAMERA_FROM_TARGET,
+        rotation=Rotation.VECTOR,
+        unit=Unit.MM,
+        microlenses=Microlenses.AXIAL,
+        source="CONVENTIONS.md: nothing is converted",
+    ),
+}
+"""Format -> convention, in the order of `pipeline export --list`."""

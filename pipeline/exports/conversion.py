@@ -1,0 +1,191 @@
+"""A material in the conventions of a format: the only place where offsets, axes, units and numberings are applied."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from pipeline.exports.array_fit import array_fit
+from pipeline.exports.cameras import ExportCamera, StatedPose
+from pipeline.exports.conventions import Board, Convention, ImageAxes, Microlenses, Origin, Pose, Rotation, Unit
+from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
+from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid, retyped
+from pipeline.frames import apply, inverse, rigid, rotation_vector
+
+_FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
+"""Number of the centre of the top-left pixel [px]; from the image centre it depends on the image."""
+_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.CM: 0.1, Unit.M: 1e-3}
+"""One millimetre in the unit."""
+_AXES = {
+    Board.OURS: np.eye(3),
+    Board.NONE: np.eye(3),
+    Board.RIGHT_UP: np.eye(3),
+    Board.RIGHT_DOWN: np.diag([1.0, -1.0, -1.0]),
+    Board.KALIBR: np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+}
+"""Axes of the target frame of a format, by rows, in our target frame."""
+
+
+def converted(material: Material, convention: Convention) -> Material:
+    """A material as a format counts it.
+
+    Raises
+    ------
+    ExportError
+        Microlenses cannot be numbered as the format does it.
+    """
+    grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}
+    sizes = {camera.name: camera.size_px for camera in material.cameras}
+    frames = {target.name: board_from_target(target, convention) for target in material.targets}
+    return replace(
+        material,
+        remarks=(*material.remarks, *meaning(convention)),
+        cameras=tuple(
+            replace(_camera(camera, convention, grids[camera.name]), pose=_from_other(material, number, convention))
+            for number, camera in enumerate(material.cameras)
+        ),
+        targets=tuple(_target(target, convention, frames[target.name]) for target in material.targets),
+        views=tuple(
+            replace(
+                _posed(view, convention, frames[view.target]),
+                observations=_observations(view.observations, convention, sizes[view.camera], grids[view.camera]),
+            )
+            for view in material.views
+        ),
+    )
+
+
+def meaning(convention: Convention) -> tuple[str, ...]:
+    """Lines that say what the numbers of a file mean."""
+    first = str(convention.origin)
+    where = (
+        first if convention.origin is Origin.IMAGE_CENTRE else f"the centre of the top-left pixel is ({first}, {first})"
+    )
+    lines = [
+        f"image positions in px: {where}; {convention.axes}",
+        f"lengths in {convention.unit}; target points: {convention.board}",
+    ]
+    if convention.pose is not Pose.NONE:
+        lines.append(f"poses: {convention.pose}, to the equivalent pinhole; rotation: {convention.rotation}")
+    if convention.microlenses is not Microlenses.NONE:
+        lines.append(f"microlenses: {convention.microlenses}")
+    return tuple(lines)
+
+
+def positions(places_px: np.ndarray, convention: Convention, size_px: tuple[int, int]) -> np.ndarray:
+    """Image positions of ours as a format counts them, (n, 2) [px]."""
+    if convention.origin is Origin.IMAGE_CENTRE:
+        shifted = places_px - (np.array(size_px) - 1) / 2
+    else:
+        shifted = places_px + _FIRST_PIXEL[convention.origin]
+    if convention.axes is ImageAxes.X_UP:
+        return shifted * [1, -1]
+    return shifted[..., ::-1] if convention.axes is ImageAxes.Y_X else shifted
+
+
+def board_from_target(target: ExportTarget, convention: Convention) -> np.ndarray:
+    """The pose of our target frame in that of a format, (4, 4) [mm]."""
+    is_upright = convention.board is Board.KALIBR and target.kind == "aprilgrid"
+    turn = np.eye(3) if is_upright else _AXES[convention.board]
+    origin = target.nominal[0]
+    if convention.board in (Board.OURS, Board.NONE):
+        origin = np.zeros(3)
+    elif convention.board is Board.RIGHT_UP:
+        origin = target.nominal.min(axis=0)
+    return rigid(turn, -turn @ origin)
+
+
+def stated(a_from_b: np.ndarray, rotation: Rotation) -> StatedPose:
+    """A pose with its rotation in a form."""
+    return StatedPose(rotation=_FORMS[rotation](a_from_b), translation=a_from_b[:3, 3] + 0.0)
+
+
+def quaternion(a_from_b: np.ndarray) -> np.ndarray:
+    """w, x, y, z of a rotation, w not negative, (4,)."""
+    vector = rotation_vector(a_from_b)
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle if angle else vector
+    return np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis)])
+
+
+_FORMS: dict[Rotation, Callable[[np.ndarray], np.ndarray]] = {
+    Rotation.VECTOR: lambda pose: rotation_vector(pose) + 0.0,
+    Rotation.MATRIX: lambda pose: pose[:3, :3] + 0.0,
+    Rotation.COLUMNS: lambda pose: pose[:3, :3].T + 0.0,
+    Rotation.QUATERNION: quaternion,
+    Rotation.NONE: lambda pose: np.zeros(0),
+}
+
+
+def _grid(material: Material, camera: ExportCamera, convention: Convention) -> MicroImageGrid | None:
+    if convention.microlenses is not Microlenses.MICRO_IMAGE_GRID or camera.micro_images is None:
+        return None
+    seeing = [view.observations.microlenses for view in material.of(camera)]
+    return micro_image_grid(camera, np.concatenate([found for found in seeing if found is not None]))
+
+
+def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
+    pinhole, images = camera.pinhole, camera.micro_images
+    if pinhole is not None:
+        pinhole = replace(pinhole, principal_point=positions(pinhole.principal_point, convention, camera.size_px))
+    axis = positions(camera.axis, convention, camera.size_px)
+    if images is None:
+        return replace(camera, pinhole=pinhole, axis=axis)
+    images = replace(images, centres=positions(images.centres, convention, camera.size_px))
+    array = array_fit(camera, images, convention)
+    if grid is not None:
+        images = grid.renumbered(images)
+    elif convention.microlenses is Microlenses.FROM_CENTRAL:
+        count = len(images.own_types)
+        images = retyped(images, (np.arange(count) - array.type) % count, (images.types - array.type) % count)
+    elif convention.microlenses is Microlenses.TYPES_FROM_ONE:
+        images = replace(images, types=images.types + 1)
+    mesh = None if grid is None else grid.mesh(images)
+    return replace(camera, pinhole=pinhole, axis=axis, micro_images=images, array=array, mesh=mesh)
+
+
+def _from_other(material: Material, number: int, convention: Convention) -> StatedPose | None:
+    """The pose of a camera from the first one, or from that before it, where a format states that."""
+    others = {Pose.CAMERA_FROM_FIRST: 0, Pose.CAMERA_FROM_PREVIOUS: max(number - 1, 0)}
+    if convention.pose not in others:
+        return None
+    other = material.cameras[others[convention.pose]]
+    pose = _scaled(material.between(other, material.cameras[number]), _MM[convention.unit])
+    return stated(pose, convention.rotation)
+
+
+def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> ExportTarget:
+    scale, grid = _MM[convention.unit], target.grid
+    if grid is not None:
+        grid = replace(grid, column_step=grid.column_step * scale, row_step=grid.row_step * scale)
+    return replace(
+        target,
+        points=apply(frame, target.points) * scale + 0.0,
+        nominal=apply(frame, target.nominal) * scale + 0.0,
+        grid=grid,
+    )
+
+
+def _posed(view: ExportView, convention: Convention, frame: np.ndarray) -> ExportView:
+    scale = _MM[convention.unit]
+    world = None if view.camera_from_world is None else _scaled(view.camera_from_world, scale)
+    if view.camera_from_target is None:
+        return replace(view, camera_from_world=world)
+    pose = _scaled(view.camera_from_target @ inverse(frame), scale)
+    directed = {Pose.CAMERA_FROM_TARGET: pose, Pose.TARGET_FROM_CAMERA: inverse(pose)}.get(convention.pose)
+    told = None if directed is None else stated(directed, convention.rotation)
+    return replace(view, camera_from_world=world, camera_from_target=pose, pose=told)
+
+
+def _scaled(a_from_b: np.ndarray, scale: float) -> np.ndarray:
+    return rigid(a_from_b[:3, :3], a_from_b[:3, 3] * scale)
+
+
+def _observations(
+    found: Observations, convention: Convention, size_px: tuple[int, int], grid: MicroImageGrid | None
+) -> Observations:
+    places = positions(found.positions, convention, size_px)
+    if grid is None or found.microlenses is None or found.types is None:
+        return replace(found, positions=places)
+    microlenses, types = grid.numbers(found.microlenses, found.types)
+    return replace(found, positions=places, microlenses=microlenses, types=types)

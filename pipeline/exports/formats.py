@@ -1,0 +1,41 @@
+"""The writers of all formats, by name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pipeline.exports.material import Material
+from pipeline.exports.writers import (
+    bok,
+    colmap,
+    deltille,
+    kalibr,
+    lftoolbox,
+    libpleno,
+    mrcal,
+    opencv,
+    pip,
+    plenopticam,
+    puzzlepaint,
+    raytrix,
+    tables,
+)
+
+Writer = Callable[[Material, Path], None]
+WRITERS: dict[str, Writer] = {
+    "opencv": opencv.write,
+    "opencv-multiview": opencv.write_multiview,
+    "mrcal": mrcal.write,
+    "kalibr": kalibr.write,
+    "colmap": colmap.write,
+    "puzzlepaint": puzzlepaint.write,
+    "deltille": deltille.write,
+    "libpleno": libpleno.write,
+    "raytrix": raytrix.write,
+    "pip": pip.write,
+    "bok": bok.write,
+    "lftoolbox": lftoolbox.write,
+    "plenopticam": plenopticam.write,
+    "parquet": tables.write_parquet,
+    "npz": tables.write_npz,
+}
+"""Format -> what writes its files into a folder, of a material in its conventions; as many as in CONVENTIONS."""

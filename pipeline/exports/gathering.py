@@ -1,0 +1,163 @@
+"""The content of a build, gathered from its records into what writers take, in our conventions."""
+
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from pipeline.built.output import Output
+from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
+from pipeline.exports.cameras import ExportCamera, ExportPinhole, MicroImages
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations
+from pipeline.spelling import did_you_mean
+
+_REGULAR_MM = 1e-9
+"""Deviation of nominal points from a grid [mm]: rounding of sums, nothing else."""
+POSITIONS = {"exact": "x_px", "chief": "chief_x_px", "saddle": "saddle_x_px", "centroid": "centroid_x_px"}
+"""Which position of a point is exported -> its column; CONVENTIONS.md, Other positions of the same point."""
+
+
+_Named = TypeVar("_Named", "ExportCamera", "ExportTarget")
+
+
+def gather(output: Output, position: str = "exact") -> Material:
+    """The content of a build in our conventions, unit mm.
+
+    Raises
+    ------
+    ExportError
+        The stage did not ask for that position.
+    """
+    views = [
+        _view(output, view, target, position)
+        for camera in output.cameras.values()
+        for view in camera.views
+        for target in output.targets.values()
+    ]
+    remarks: tuple[str, ...] = (f"exported from a build of {output.stage} by plenoptic-pipeline",)
+    if position != "exact":
+        remarks = (*remarks, f"positions: {position}, not those of J")
+    return Material(
+        stage=output.stage,
+        remarks=remarks,
+        cameras=tuple(map(_camera, output.cameras.values())),
+        targets=tuple(map(_target, output.targets.values())),
+        views=tuple(views),
+    )
+
+
+def chosen(material: Material, names: tuple[str, ...]) -> Material:
+    """A material of the cameras and targets of these names; all cameras where none is named, likewise targets.
+
+    Raises
+    ------
+    ExportError
+        There is neither of that name.
+    """
+    known = [camera.name for camera in material.cameras] + [target.name for target in material.targets]
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(name, known) or f"it has {', '.join(known)}"
+            raise ExportError(f"the build has no camera and no target {name!r}", hint=hint)
+    cameras = _named(material.cameras, names)
+    targets = _named(material.targets, names)
+    kept = {camera.name for camera in cameras} | {target.name for target in targets}
+    views = tuple(view for view in material.views if {view.camera, view.target} <= kept)
+    return replace(material, cameras=cameras, targets=targets, views=views)
+
+
+def _named(all_: tuple[_Named, ...], names: tuple[str, ...]) -> tuple[_Named, ...]:
+    return tuple(one for one in all_ if one.name in names) or all_
+
+
+def grid_of(nominal: np.ndarray) -> Grid | None:
+    """The regular grid that points form, in our target frame and counted from its top left, or None."""
+    x, y = np.unique(np.round(nominal[:, 0], 9)), np.unique(np.round(nominal[:, 1], 9))
+    columns, rows = len(x), len(y)
+    if columns * rows != len(nominal) or min(columns, rows) < 2:
+        return None
+    steps = (x[-1] - x[0]) / (columns - 1), (y[-1] - y[0]) / (rows - 1)
+    row, column = np.divmod(np.arange(len(nominal)), columns)
+    regular = np.stack([x[0] + column * steps[0], y[-1] - row * steps[1]], axis=1)
+    if not np.allclose(nominal[:, :2], regular, rtol=0, atol=_REGULAR_MM) or np.ptp(nominal[:, 2]) > _REGULAR_MM:
+        return None
+    across, down = map(float, steps)
+    step_mm = across if abs(across - down) < _REGULAR_MM else None
+    return Grid(columns=columns, rows=rows, column_step=across, row_step=down, step_mm=step_mm)
+
+
+def _camera(camera: BuiltCamera) -> ExportCamera:
+    model = camera.pinhole_with_distortion
+    return ExportCamera(
+        name=camera.name,
+        size_px=camera.size_px,
+        pitch_mm=camera.pitch_mm,
+        pinhole=None
+        if model is None
+        else ExportPinhole(
+            principal_distance_px=model.principal_distance_px,
+            principal_point=model.principal_point_px,
+            distortion=model.distortion,
+        ),
+        axis=np.array(camera.record["optical_axis_px"]),
+        micro_images=_micro_images(camera),
+        built=camera,
+    )
+
+
+def _micro_images(camera: BuiltCamera) -> MicroImages | None:
+    rows = camera.micro_images
+    if rows is None:
+        return None
+    focal_mm = np.array([one["focal_length_mm"] for one in camera.record["mla"]["types"]])
+    return MicroImages(
+        microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1),
+        types=rows.microlens_type,
+        centres=np.stack([rows.centre_x_px, rows.centre_y_px], axis=1),
+        focal_lengths_mm=focal_mm,
+        own_types=np.arange(len(focal_mm)),
+    )
+
+
+def _target(target: BuiltTarget) -> ExportTarget:
+    return ExportTarget(
+        name=target.name,
+        kind=target.kind,
+        parameters=target.parameters,
+        points=target.points_mm,
+        nominal=target.nominal_mm,
+        grid=grid_of(target.nominal_mm),
+        is_flat=target.is_flat,
+    )
+
+
+def _view(output: Output, view: BuiltView, target: BuiltTarget, position: str) -> ExportView:
+    table = view.correspondences
+    numbers = np.flatnonzero(table.target == target.name)
+    rows = table[numbers]
+    column = POSITIONS[position]
+    if column not in (rows.dtype.names or ()):
+        raise ExportError(
+            f"the build has no positions {position!r}", hint=f'build it with plen:truth:columns = ["{position}"]'
+        )
+    positions = np.stack([rows[column], rows[column.replace("x_px", "y_px")]], axis=1)
+    known = np.isfinite(positions).all(axis=1)
+    rows, positions = rows[known], positions[known]
+    return ExportView(
+        camera=view.camera,
+        target=target.name,
+        frame=view.frame,
+        image=f"frames/{view.frame:04d}/{view.camera}/image.png",
+        built=view,
+        camera_from_target=view.poses.pinhole_from_target.get(target.name),
+        camera_from_world=view.poses.pinhole_from_world,
+        observations=Observations(
+            rows=numbers[known],
+            ids=rows.point_id,
+            positions=positions,
+            microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1) if view.is_plenoptic else None,
+            types=rows.microlens_type if view.is_plenoptic else None,
+            rho_px=rows.rho_px,
+        ),
+    )

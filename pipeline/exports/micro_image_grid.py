@@ -1,0 +1,140 @@
+"""Micro-images counted by column and row from the top left of the image, as libpleno does it.
+
+In hexagonal rows lines 0, 2, … are shifted by half a micro-image to the right, in hexagonal columns downwards:
+`GridMesh_::node` of libpleno, pleno/geometry/mesh.cpp.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera, GridMesh, MicroImages
+from pipeline.exports.errors import ExportError
+
+_SIN_60 = math.sqrt(3) / 2
+"""Distance of the lines of a hexagonal lattice over its pitch."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicroImageGrid:
+    """Numbers of the micro-images that matter: those whose centre lies in the image, and those that see a point.
+
+    Attributes
+    ----------
+    layout : str
+        As in camera.json; in hexagonal-columns lines run down, else across.
+    first : tuple of int
+        Number of the first line, and twice the place along the line that column 0 has in a line that is not shifted.
+    types : (types,) int64
+        Our type -> that of the grid.
+    rows : (n,) int64
+        Those that matter, of all micro-images, sorted by row and column.
+    """
+
+    layout: str
+    first: tuple[int, int]
+    types: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def across(self) -> bool:
+        """Whether lines are rows."""
+        return self.layout != "hexagonal-columns"
+
+    @property
+    def is_shifted(self) -> bool:
+        """Whether every other line is shifted."""
+        return self.layout != "square"
+
+    def numbers(self, microlenses: np.ndarray, types: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Column and row of microlenses (n, 2), and their types as the grid counts them."""
+        line, place = self._line_and_place(microlenses)
+        line = line - self.first[0]
+        column = (place - (line % 2 == 0) * self.is_shifted - self.first[1]) // 2
+        return np.stack([column, line] if self.across else [line, column], axis=1), self.types[types]
+
+    def renumbered(self, images: MicroImages) -> MicroImages:
+        """The micro-images that matter with the numbers of the grid; focal lengths by its types."""
+        cells, types = self.numbers(images.microlenses[self.rows], images.types[self.rows])
+        return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), self.types, types)
+
+    def mesh(self, images: MicroImages) -> GridMesh:
+        """The regular mesh that fits the centres of renumbered micro-images best, by least squares."""
+        columns, rows = images.microlenses.T
+        x, y = columns.astype(float), rows.astype(float)
+        if self.is_shifted and self.across:
+            x, y = x + 0.5 * (rows % 2 == 0), y * _SIN_60
+        elif self.is_shifted:
+            x, y = x * _SIN_60, y + 0.5 * (columns % 2 == 0)
+        found = np.linalg.lstsq(np.stack([x, y, np.ones(len(x))], axis=1), images.centres, rcond=None)[0]
+        angle = math.atan2(found[0, 1], found[0, 0])
+        down = found[1] @ [-math.sin(angle), math.cos(angle)]
+        return GridMesh(
+            layout=self.layout,
+            columns=int(columns.max()) + 1,
+            rows=int(rows.max()) + 1,
+            pitch_px=(float(np.hypot(*found[0])), float(down)),
+            angle_rad=angle,
+            origin=found[2],
+        )
+
+    def _line_and_place(self, microlenses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Number of the line of each microlens, and twice its place along the line, in micro-images."""
+        k, l = microlenses.T
+        if not self.is_shifted:
+            return l, 2 * k
+        line, along = (l, k) if self.across else (k, l)
+        return line, 2 * along + line
+
+
+def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> MicroImages:
+    """Micro-images of these types; `numbers` has the new number of each of ours, and focal lengths follow."""
+    order = np.argsort(numbers)
+    return replace(
+        images, types=types, focal_lengths_mm=images.focal_lengths_mm[order], own_types=images.own_types[order]
+    )
+
+
+def micro_image_grid(camera: ExportCamera, seeing: np.ndarray) -> MicroImageGrid:
+    """The grid of a camera: its smallest column and row are 0.
+
+    Parameters
+    ----------
+    seeing : (n, 2) int64
+        Microlenses that see a point.
+
+    Raises
+    ------
+    ExportError
+        Its types do not repeat as the grid counts them.
+    """
+    images = camera.micro_images
+    assert images is not None
+    last = np.array(camera.size_px) - 1
+    matter = ((images.centres >= 0) & (images.centres <= last)).all(axis=1)
+    known = {tuple(pair) for pair in seeing.tolist()}
+    matter |= np.array([tuple(pair) in known for pair in images.microlenses.tolist()])
+    rows, count = np.flatnonzero(matter), len(images.focal_lengths_mm)
+    grid = MicroImageGrid(layout=camera.built.record["mla"]["layout"], first=(0, 0), types=np.arange(count), rows=rows)
+    line, place = grid._line_and_place(images.microlenses[rows])
+    first = int(line.min())
+    grid = replace(grid, first=(first, int((place - grid.is_shifted * ((line - first) % 2 == 0)).min())))
+    cells, ours = grid.numbers(images.microlenses[rows], images.types[rows])
+    return replace(grid, types=_types(cells, ours, count, grid), rows=rows[np.lexsort(cells.T)])
+
+
+def _types(cells: np.ndarray, ours: np.ndarray, count: int, grid: MicroImageGrid) -> np.ndarray:
+    """Our type -> ((line mod (n - 1)) + place) mod n, libpleno's; only in hexagonal rows the lines are rows."""
+    if count == 1:
+        return np.zeros(1, np.int64)
+    column, row = cells.T
+    line, place = (row, column) if grid.layout == "hexagonal" else (column, row)
+    theirs = (line % (count - 1) + place) % count
+    found = np.array([theirs[ours == kind][0] if (ours == kind).any() else -1 for kind in range(count)])
+    if (found[ours] != theirs).any() or sorted(found.tolist()) != list(range(count)):
+        raise ExportError(
+            "types of these microlenses do not repeat as ((row mod (n - 1)) + column) mod n, as libpleno counts them",
+            hint="three types on a hexagonal lattice do, as (k - l) mod 3",
+        )
+    return found

@@ -1,0 +1,89 @@
+"""A plenoptic camera as a thin lens before an array of thin lenses: start values of calibrations that assume one.
+
+Paraxial figures of camera.json, the gap between the principal planes left out. Of a real lens they are a start, no
+truth: its pupil does not stand in a principal plane.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera
+
+KAPPA = 0.8
+"""Start value of libpleno's kappa, the spread of a point over its blur radius: about what calibrations find."""
+_INFINITE_MM = 1e8
+"""Distance that libpleno takes for infinite [mm]."""
+_SAME = 1e-6
+"""Difference of focal length and distance below which microlenses count as unfocused: parts of the focal length."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThinLens:
+    """Thin lens and array.
+
+    Attributes
+    ----------
+    focal_mm, f_number : float
+        Of the main lens.
+    main_lens_mm, sensor_mm : float
+        Distances of the array from the main lens, D, and from the sensor, d.
+    focal_lengths_mm : (types,) float64
+        Of the microlenses.
+    """
+
+    focal_mm: float
+    f_number: float
+    main_lens_mm: float
+    sensor_mm: float
+    focal_lengths_mm: np.ndarray
+
+    @property
+    def mode(self) -> int:
+        """0 unfocused, 1 Keplerian, 2 Galilean, by libpleno's rule: the first microlens."""
+        first = float(self.focal_lengths_mm[0])
+        if abs(first - self.sensor_mm) < _SAME * first:
+            return 0
+        return 1 if first < self.sensor_mm else 2
+
+    @property
+    def ratio(self) -> float:
+        """Pitch of microlenses over that of micro-images, lambda = D / (D + d)."""
+        return self.main_lens_mm / (self.main_lens_mm + self.sensor_mm)
+
+    @property
+    def focus_mm(self) -> float:
+        """Distance from object to image by which libpleno starts: H² / (H - F), H = D, D - 2 d or D + 2 d by mode."""
+        image = self.main_lens_mm + {0: 0, 1: -2, 2: 2}[self.mode] * self.sensor_mm
+        beyond = image - self.focal_mm
+        return min(image**2 / beyond, _INFINITE_MM) if beyond > 0 else _INFINITE_MM
+
+
+def virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
+    """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d."""
+    record, images = camera.built.record, camera.micro_images
+    assert images is not None
+    lens, model, types = record["lens"], thin_lens(camera), record["mla"]["types"]
+    front, ends = lens["principal_planes_mm"][0], []
+    for own in images.own_types.tolist():
+        away = [float(end) - front for end in types[own]["depth_of_field_mm"]]
+        behind = [1 / (1 / model.focal_mm - 1 / one) - model.main_lens_mm for one in away]
+        found = sorted(one / model.sensor_mm for one in behind)
+        ends.append((found[0], found[-1]))
+    return ends
+
+
+def thin_lens(camera: ExportCamera) -> ThinLens:
+    """The thin-lens camera of a plenoptic camera; focal lengths in the order of its types."""
+    record, images = camera.built.record, camera.micro_images
+    assert images is not None
+    lens, types = record["lens"], record["mla"]["types"]
+    front = sum(one["principal_planes_mm"][0] for one in types) / len(types)
+    rear = sum(one["principal_planes_mm"][1] for one in types) / len(types)
+    return ThinLens(
+        focal_mm=lens["efl_mm"],
+        f_number=lens["f_number"],
+        main_lens_mm=record["sensor_distance_mm"] - front - lens["principal_planes_mm"][1],
+        sensor_mm=rear,
+        focal_lengths_mm=images.focal_lengths_mm,
+    )

@@ -1,0 +1,77 @@
+"""Bok 2017 and Nousias 2017 (MATLAB): centres of micro-images, their neighbours, and corners with their centres.
+
+`correspondencesAll_<frame>.mat` is where exact corners enter the calibration of Nousias.
+"""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera, MicroImages
+from pipeline.exports.errors import ExportError
+from pipeline.exports.filestorage import real
+from pipeline.exports.material import Material
+
+_NEIGHBOURS = ((0, 0), (1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1))
+"""Itself, right, lower right, lower left, left, upper left, upper right, as steps of the axial indices (k, l)."""
+_HEADER = 116
+"""Bytes of the text that a MATLAB 5 file begins with."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write a folder per camera.
+
+    Raises
+    ------
+    ExportError
+        Microlenses are not hexagonal rows, or the target is no grid of squares.
+    """
+    for camera in material.cameras:
+        images, array = camera.micro_images, camera.array
+        assert images is not None and array is not None
+        if array.layout != "hexagonal":
+            raise ExportError(f"bok knows hexagonal rows of microlenses, and {camera.name} has {array.layout}")
+        place = folder / camera.name
+        place.mkdir()
+        remarks = {"remarks": np.array(material.remarks, dtype=object)}
+        _save(place / "microlens_center_list.mat", {**_centres(camera, images), **remarks})
+        types = {f"type{number}_struct": images.centres[images.types == number].T for number in np.unique(images.types)}
+        _save(place / "lens_types.mat", {**types, **remarks})
+        for view in material.of(camera):
+            rows = _correspondences(material, images, view.observations)
+            _save(place / f"correspondencesAll_{view.frame:04d}.mat", {"correspondences": rows, **remarks})
+        (place / "image_center.txt").write_text(" ".join(map(real, camera.axis)) + "\n", encoding="utf-8")
+        (place / "pattern_size.txt").write_text(f"{real(material.board.column_step)}\n", encoding="utf-8")
+
+
+def _centres(camera: ExportCamera, images: MicroImages) -> dict[str, Any]:
+    known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist(), 1)}
+    connection = [[known.get((k + dk, l + dl), row) for dk, dl in _NEIGHBOURS] for (k, l), row in known.items()]
+    assert camera.array is not None
+    return {
+        "center_list": images.centres.T,
+        "center_connection": np.array(connection, dtype=np.float64).T,
+        "image_size": np.array([camera.size_px], dtype=np.float64),
+        "radius": np.array([[camera.array.pitch_px // 2]]),
+    }
+
+
+def _correspondences(material: Material, images: MicroImages, found: Any) -> np.ndarray:
+    """Six rows: corner x, y, centre x, y, column and row of the board."""
+    known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist())}
+    centres = images.centres[[known[tuple(pair)] for pair in found.microlenses.tolist()]]
+    row, column = np.divmod(found.ids, material.board.columns)
+    return np.column_stack([found.positions, centres, column, row]).T
+
+
+def _save(path: Path, values: Mapping[str, Any]) -> None:
+    """Write a MATLAB 5 file whose header holds no date."""
+    from scipy.io import savemat
+
+    stream = io.BytesIO()
+    savemat(stream, dict(values), do_compression=True)
+    text = "MATLAB 5.0 MAT-file, by plenoptic-pipeline".ljust(_HEADER).encode()
+    path.write_bytes(text + stream.getvalue()[_HEADER:])

@@ -1,0 +1,137 @@
+"""COLMAP: a sparse model as text and as binary. Every image sees the target as the world, so poses need no rig.
+
+Cameras are OPENCV, or FULL_OPENCV where k3 is not 0. Numbers of cameras, images and points begin with 1.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.material import ExportTarget, ExportView, Material
+
+_OPENCV, _FULL_OPENCV = (4, "OPENCV"), (6, "FULL_OPENCV")
+"""Numbers and names of camera models in COLMAP."""
+_COLOUR = (128, 128, 128)
+"""RGB of points, 0 to 255: grey, because a corner has no colour."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Image:
+    """An image with its numbers in the model."""
+
+    number: int
+    camera: int
+    view: ExportView
+
+    @property
+    def pose(self) -> list[float]:
+        """w, x, y, z, then the translation."""
+        pose = self.view.pose
+        assert pose is not None
+        return [*pose.rotation.tolist(), *pose.translation.tolist()]
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write both models.
+
+    Raises
+    ------
+    ExportError
+        No pinhole fits a camera, or there are several targets.
+    """
+    target = material.only_target
+    names = [camera.name for camera in material.cameras]
+    models = [_parameters(camera) for camera in material.cameras]
+    images = [_Image(number, names.index(view.camera) + 1, view) for number, view in enumerate(material.views, 1)]
+    tracks = _tracks(images, len(target.points))
+    for place in ("text", "binary"):
+        (folder / place).mkdir()
+    remarks = [f"# {line}" for line in material.remarks]
+    for name, lines in (
+        ("cameras", _camera_lines(material, models)),
+        ("images", _image_lines(images)),
+        ("points3D", _point_lines(target, tracks)),
+    ):
+        (folder / f"text/{name}.txt").write_text("\n".join([*remarks, *lines, ""]), encoding="utf-8")
+    (folder / "binary/cameras.bin").write_bytes(_camera_bytes(material, models))
+    (folder / "binary/images.bin").write_bytes(_image_bytes(images))
+    (folder / "binary/points3D.bin").write_bytes(_point_bytes(target, tracks))
+
+
+def _parameters(camera: ExportCamera) -> tuple[tuple[int, str], list[float]]:
+    """Model and its parameters."""
+    model = camera.model
+    f = model.principal_distance_px
+    *four, k3 = model.distortion.tolist()
+    pinhole = [f, f, *model.principal_point.tolist(), *four]
+    return (_FULL_OPENCV, [*pinhole, k3, *([0.0] * 3)]) if k3 else (_OPENCV, pinhole)
+
+
+def _tracks(images: list[_Image], count: int) -> list[list[tuple[int, int]]]:
+    """Per point of the target the images that see it, and the row there."""
+    tracks: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for image in images:
+        for row, point in enumerate(image.view.observations.ids.tolist()):
+            tracks[point].append((image.number, row))
+    return tracks
+
+
+def _camera_lines(material: Material, models: list[tuple[tuple[int, str], list[float]]]) -> Iterator[str]:
+    yield "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"
+    for number, (camera, ((_, model), parameters)) in enumerate(zip(material.cameras, models, strict=True), 1):
+        yield " ".join([str(number), model, *map(str, camera.size_px), *map(repr, parameters)])
+
+
+def _image_lines(images: list[_Image]) -> Iterator[str]:
+    yield "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME; then POINTS2D[] as X, Y, POINT3D_ID"
+    for image in images:
+        yield " ".join([str(image.number), *map(repr, image.pose), str(image.camera), image.view.image])
+        found = image.view.observations
+        rows = zip(found.positions.tolist(), _numbers(found.ids), strict=True)
+        yield " ".join(f"{x!r} {y!r} {point}" for (x, y), point in rows)
+
+
+def _point_lines(target: ExportTarget, tracks: list[list[tuple[int, int]]]) -> Iterator[str]:
+    yield "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as IMAGE_ID, POINT2D_IDX"
+    for number, place, track in zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, strict=True):
+        seen = [str(value) for pair in track for value in pair]
+        yield " ".join([str(number), *map(repr, place), *map(str, _COLOUR), "0", *seen])
+
+
+def _numbers(ids: np.ndarray) -> list[int]:
+    """Numbers of points in COLMAP."""
+    return [number + 1 for number in ids.tolist()]
+
+
+def _camera_bytes(material: Material, models: list[tuple[tuple[int, str], list[float]]]) -> bytes:
+    parts = [struct.pack("<Q", len(models))]
+    for number, (camera, ((model, _), parameters)) in enumerate(zip(material.cameras, models, strict=True), 1):
+        parts += [
+            struct.pack("<iiQQ", number, model, *camera.size_px),
+            struct.pack(f"<{len(parameters)}d", *parameters),
+        ]
+    return b"".join(parts)
+
+
+def _image_bytes(images: list[_Image]) -> bytes:
+    parts = [struct.pack("<Q", len(images))]
+    for image in images:
+        found = image.view.observations
+        parts += [struct.pack("<i7di", image.number, *image.pose, image.camera), image.view.image.encode(), b"\0"]
+        parts += [struct.pack("<Q", len(found.ids))]
+        parts += [
+            struct.pack("<ddq", *xy, n) for xy, n in zip(found.positions.tolist(), _numbers(found.ids), strict=True)
+        ]
+    return b"".join(parts)
+
+
+def _point_bytes(target: ExportTarget, tracks: list[list[tuple[int, int]]]) -> bytes:
+    parts = [struct.pack("<Q", len(tracks))]
+    for number, place, track in zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, strict=True):
+        parts += [struct.pack("<Q3d3Bd", number, *place, *_COLOUR, 0.0), struct.pack("<Q", len(track))]
+        parts += [struct.pack("<ii", *pair) for pair in track]
+    return b"".join(parts)

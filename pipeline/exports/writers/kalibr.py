@@ -1,0 +1,97 @@
+"""Kalibr: the target, the chain of cameras, and the corners with Kalibr's numbers of points.
+
+Kalibr finds corners in images itself, so corners.csv is for those who compare. Its YAML reader refuses integers where
+it wants reals.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.filestorage import real
+from pipeline.exports.material import ExportTarget, Material
+from pipeline.files.tables import write_table
+
+_LEAST = 3
+"""Rows and columns that Kalibr asks of a checkerboard at least."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write the three files.
+
+    Raises
+    ------
+    ExportError
+        The target is none of Kalibr's, or cameras move against each other.
+    """
+    remarks = [f"# {line}" for line in material.remarks]
+    for name, lines in (("target", _target(material)), ("camchain", _chain(material))):
+        (folder / f"{name}.yaml").write_text("\n".join([*remarks, *lines, ""]), encoding="utf-8")
+    _write_corners(material, folder / "corners.csv")
+
+
+def _target(material: Material) -> Iterator[str]:
+    target = material.only_target
+    if target.kind == "aprilgrid":
+        yield from _aprilgrid(target)
+        return
+    board = material.board
+    if min(board.columns, board.rows) < _LEAST:
+        yield f"# Kalibr wants {_LEAST} rows and columns of inner corners at least"
+    if target.kind == "circle-grid":
+        yield from ("target_type: 'circlegrid'", f"targetCols: {board.columns}", f"targetRows: {board.rows}")
+        yield from (f"spacingMeters: {real(board.column_step)}", "asymmetricGrid: False")
+        return
+    yield from ("target_type: 'checkerboard'", f"targetCols: {board.columns}", f"targetRows: {board.rows}")
+    yield f"rowSpacingMeters: {real(board.row_step)}"
+    yield f"colSpacingMeters: {real(board.column_step)}"
+
+
+def _aprilgrid(target: ExportTarget) -> Iterator[str]:
+    """Size of tags from their corners 0 and 1, gap from corner 1 to the next tag's corner 0, along the lowest row."""
+    across = np.linalg.norm(np.diff(target.nominal[:3], axis=0), axis=1)
+    yield from ("target_type: 'aprilgrid'", f"tagCols: {target.parameters['columns']}")
+    yield f"tagRows: {target.parameters['rows']}"
+    yield f"tagSize: {real(across[0])}"
+    yield f"tagSpacing: {real(across[1] / across[0])}"
+
+
+def _chain(material: Material) -> Iterator[str]:
+    for number, camera in enumerate(material.cameras):
+        others = [str(other) for other in range(len(material.cameras)) if other != number]
+        yield f"cam{number}:"
+        yield f"  cam_overlaps: [{', '.join(others)}]"
+        yield from (f"  {line}" for line in _camera(camera))
+        if number and camera.pose:
+            yield "  T_cn_cnm1:"
+            for turn, shift in zip(camera.pose.rotation.tolist(), camera.pose.translation.tolist(), strict=True):
+                yield f"  - [{', '.join(map(real, [*turn, shift]))}]"
+            yield "  - [0.0, 0.0, 0.0, 1.0]"
+
+
+def _camera(camera: ExportCamera) -> Iterator[str]:
+    model = camera.model
+    *radtan, k3 = model.distortion.tolist()
+    f, point = model.principal_distance_px, model.principal_point.tolist()
+    yield "camera_model: pinhole"
+    if k3:
+        yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"
+    yield "distortion_model: radtan"
+    yield f"distortion_coeffs: [{', '.join(map(real, radtan))}]"
+    yield f"intrinsics: [{', '.join(map(real, [f, f, *point]))}]"
+    yield f"resolution: [{camera.size_px[0]}, {camera.size_px[1]}]"
+    yield f"rostopic: /{camera.name.replace('.', '/')}/image_raw"
+
+
+def _write_corners(material: Material, path: Path) -> None:
+    names = [camera.name for camera in material.cameras]
+    points = material.only_target.points
+    rows = [
+        (view.frame, names.index(view.camera), point, *place, *points[point].tolist())
+        for view in material.views
+        for point, place in zip(view.observations.ids.tolist(), view.observations.positions.tolist(), strict=True)
+    ]
+    head = ("frame", "camera", "point", "x_px", "y_px", "target_x_m", "target_y_m", "target_z_m")
+    write_table(path, material.remarks, {name: [row[column] for row in rows] for column, name in enumerate(head)})

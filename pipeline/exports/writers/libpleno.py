@@ -1,0 +1,136 @@
+"""libpleno, COMPOTE and BLADE: observations with centres and blur-aware features, and JSON for a calibration to start.
+
+One folder per camera. observations.bin.gz holds centres and features, as COMPOTE's own files; corners.bin.gz centres
+and corners without blur radii. Layouts: pleno/geometry/observation.cpp, pleno/io/cfg/ of comsee-research/libpleno.
+"""
+
+import gzip
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera, GridMesh
+from pipeline.exports.material import Material
+from pipeline.exports.thin_lens import KAPPA, ThinLens, thin_lens
+from pipeline.files.jsonfile import write_json
+from pipeline.files.tables import write_table
+
+_CENTRE = [("k", "<i4"), ("l", "<i4"), ("u", "<f8"), ("v", "<f8")]
+_CORNER = [*_CENTRE, ("cluster", "<i4"), ("frame", "<i4")]
+_FEATURE = [*_CENTRE, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
+_GEOMETRIES = {"square": 0, "hexagonal": 1, "hexagonal-columns": 2}
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write the files of every camera.
+
+    Raises
+    ------
+    ExportError
+        The target is no grid of squares.
+    """
+    for camera in material.cameras:
+        place = folder / camera.name
+        place.mkdir()
+        centres, seen = _centres(camera), _seen(material, camera)
+        known = seen[np.isfinite(seen["rho"])]
+        _pack(place / "observations.bin.gz", centres, np.zeros(0, _CORNER), known)
+        corners = seen[[name for name, _ in _CORNER]].astype(_CORNER)
+        _pack(place / "corners.bin.gz", centres, corners, np.zeros(0, _FEATURE))
+        for name, rows in (("centers", centres), ("features", known)):
+            columns = {column: rows[column] for column in rows.dtype.names or ()}
+            write_table(place / f"{name}.csv", (), columns)
+        about, model = {"about": list(material.remarks)}, thin_lens(camera)
+        write_json(place / "camera.js", {**about, **_camera(camera, model)})
+        write_json(place / "params.js", {**about, **_parameters(camera, model)})
+        write_json(place / "scene.js", {**about, **_scene(material)})
+        write_json(place / "poses.js", {**about, "poses": _poses(material, camera)})
+
+
+def _centres(camera: ExportCamera) -> np.ndarray:
+    images = camera.micro_images
+    assert images is not None
+    rows = np.zeros(len(images.types), _CENTRE)
+    rows["k"], rows["l"] = images.microlenses.T
+    rows["u"], rows["v"] = images.centres.T
+    return rows
+
+
+def _seen(material: Material, camera: ExportCamera) -> np.ndarray:
+    """All observations of a camera, with NaN where a blur radius is unknown."""
+    parts = []
+    for view in material.of(camera):
+        found = view.observations
+        assert found.microlenses is not None
+        rows = np.zeros(len(found.ids), _FEATURE)
+        rows["k"], rows["l"] = found.microlenses.T
+        rows["u"], rows["v"] = found.positions.T
+        rows["rho"], rows["cluster"], rows["frame"] = found.rho_px, found.ids, view.frame
+        parts.append(rows)
+    return np.concatenate(parts)
+
+
+def _pack(path: Path, *sections: np.ndarray) -> None:
+    """Write sections one after the other, each with its count before it; packed, little-endian, in one gzip stream."""
+    data = b"".join(len(rows).to_bytes(8, "little") + rows.tobytes() for rows in sections)
+    path.write_bytes(gzip.compress(data, mtime=0))
+
+
+def _camera(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
+    width, height = camera.size_px
+    assert camera.mesh is not None
+    return {
+        "mia": {"mesh": _mesh(camera.mesh)},
+        "sensor": {"scale": camera.pitch_mm, "width": width, "height": height},
+        "main_lens": {"aperture": model.f_number, "f": model.focal_mm},
+        "dist_focus": model.focus_mm,
+        "I": len(model.focal_lengths_mm),
+        "mode": model.mode,
+    }
+
+
+def _mesh(mesh: GridMesh) -> dict[str, Any]:
+    """Matrices are lists of columns."""
+    cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
+    return {
+        "geometry": _GEOMETRIES[mesh.layout],
+        "width": mesh.columns,
+        "height": mesh.rows,
+        "pitch": [list(mesh.pitch_px)],
+        "pose": {"rotation": [[cos, sin], [-sin, cos]], "translation": [mesh.origin.tolist()]},
+    }
+
+
+def _parameters(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
+    """Internal parameters: PlenopticCamera::params of libpleno."""
+    assert camera.mesh is not None
+    pitch_mm = sum(camera.mesh.pitch_px) / 2 * camera.pitch_mm
+    half = [pitch_mm * model.ratio * model.sensor_mm / (2 * f) for f in model.focal_lengths_mm.tolist()]
+    return {
+        "m": -model.sensor_mm * model.focal_mm / (2 * model.main_lens_mm),
+        "scale": camera.pitch_mm,
+        "q": [one - pitch_mm / 2 for one in half],
+        "q_prime": half,
+        "dc": pitch_mm,
+        "dC": pitch_mm * model.ratio,
+        "lambda": model.ratio,
+        "kappa": KAPPA,
+        "N": model.f_number,
+        "I": len(half),
+    }
+
+
+def _scene(material: Material) -> dict[str, Any]:
+    board = material.board
+    upright = {"rotation": np.eye(3).tolist(), "translation": [[0.0, 0.0, 0.0]]}
+    return {"checkerboards": [{"lph": board.square_mm, "pose": upright, "x_grid": board.columns, "y_grid": board.rows}]}
+
+
+def _poses(material: Material, camera: ExportCamera) -> list[dict[str, Any]]:
+    return [
+        {"frame": view.frame, "pose": {"rotation": view.pose.rotation, "translation": [view.pose.translation.tolist()]}}
+        for view in material.of(camera)
+        if view.pose
+    ]

@@ -1,0 +1,69 @@
+"""mrcal: corners.vnl, and a .cameramodel per camera.
+
+The reference frame of the models is the first camera. File names of images are those below the output folder, so a glob
+per camera is `frames/*/<camera>/image.png`; the images need not be there when --imagersize is given.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.material import ExportView, Grid, Material
+
+_LEVEL = 0
+"""Decimation level of a corner: its weight is 2 to the power of minus this, so 1."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write both kinds of files.
+
+    Raises
+    ------
+    ExportError
+        The target is no grid, or cameras move against each other.
+    """
+    board = material.board
+    lines = [f"# {line}" for line in (*material.remarks, *_call(board))]
+    lines += ["# filename x y level"]
+    lines += [line for view in material.views for line in _corners(view, board)]
+    (folder / "corners.vnl").write_text("\n".join([*lines, ""]), encoding="utf-8")
+    for camera in material.cameras:
+        text = "\n".join(_model(material, camera))
+        (folder / f"{camera.name}.cameramodel").write_text(text + "\n", encoding="utf-8")
+
+
+def _call(board: Grid) -> Iterator[str]:
+    yield "mrcal-calibrate-cameras --corners-cache corners.vnl --lensmodel LENSMODEL_OPENCV5 --focal PIXELS"
+    yield f"  --object-spacing {board.column_step!r} --object-width-n {board.columns} --object-height-n {board.rows}"
+    yield "  --imagersize WIDTH HEIGHT 'frames/*/CAMERA/image.png' (a glob per camera)"
+
+
+def _corners(view: ExportView, board: Grid) -> Iterator[str]:
+    """All rows of an image, x fastest; a point that was not seen keeps its row."""
+    found = view.observations
+    if not len(found.ids):
+        yield f"{view.image} - - -"
+        return
+    seen = dict(zip(found.ids.tolist(), found.positions.tolist(), strict=True))
+    for number in range(board.columns * board.rows):
+        cells = [repr(place) for place in seen[number]] + [str(_LEVEL)] if number in seen else ["-"] * 3
+        yield " ".join([view.image, *cells])
+
+
+def _model(material: Material, camera: ExportCamera) -> Iterator[str]:
+    """A Python literal: the reader evaluates it."""
+    model = camera.model
+    f = model.principal_distance_px
+    numbers = [f, f, *model.principal_point.tolist(), *model.distortion.tolist()]
+    assert camera.pose is not None
+    extrinsics = [*camera.pose.rotation.tolist(), *camera.pose.translation.tolist()]
+    yield from (f"# {line}" for line in material.remarks)
+    yield "{"
+    yield "    'lensmodel':  'LENSMODEL_OPENCV5',"
+    yield "    # fx, fy, cx, cy, k1, k2, p1, p2, k3"
+    yield f"    'intrinsics': {numbers!r},"
+    yield "    # camera from the first camera: Rodrigues vector, translation in m; both keys, for old and new versions"
+    yield f"    'rt_cam_ref': {extrinsics!r},"
+    yield f"    'extrinsics': {extrinsics!r},"
+    yield f"    'imagersize': {list(camera.size_px)!r},"
+    yield "}"

@@ -1,0 +1,159 @@
+"""OpenCV: arrays for `calibrateCamera`, `stereoCalibrate` and `calibrateMultiview`, and FileStorage YAML.
+
+Keys of the YAML files are those of OpenCV's own samples, calibration.cpp and stereo_calib.cpp.
+"""
+
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera
+from pipeline.exports.conventions import Rotation
+from pipeline.exports.conversion import stated
+from pipeline.exports.errors import ExportError
+from pipeline.exports.filestorage import yaml_text
+from pipeline.exports.material import ExportView, Material
+
+_MISSED = -1
+"""Coordinate of a point that was not seen, in arrays that have room for all points; a mask leaves its view out."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write the files of all cameras, and of all pairs.
+
+    Raises
+    ------
+    ExportError
+        Several cameras move against each other.
+    """
+    for camera in material.cameras:
+        _save(folder / f"{camera.name}.npz", material, one_camera(material, camera))
+        text = yaml_text(material.remarks, {**_model(camera), **_extrinsics(material.of(camera))})
+        (folder / f"{camera.name}.yml").write_text(text, encoding="utf-8")
+    for first, second in combinations(material.cameras, 2):
+        name = f"stereo-{first.name}-{second.name}"
+        arrays = stereo(material, first, second)
+        _save(folder / f"{name}.npz", material, arrays)
+        text = yaml_text(material.remarks, {key: arrays[key] for key in ("M1", "D1", "M2", "D2", "R", "T")})
+        (folder / f"{name}.yml").write_text(text, encoding="utf-8")
+
+
+def write_multiview(material: Material, folder: Path) -> None:
+    """Write the arguments of `calibrateMultiview`.
+
+    Lengths are metres: OpenCV divides points by the square of their extent, and finds boards of 100 mm collinear.
+
+    Raises
+    ------
+    ExportError
+        There is one camera only, or there are several targets, or cameras move against each other.
+    """
+    if len(material.cameras) == 1:
+        raise ExportError("opencv-multiview relates cameras to each other, and there is one", hint="opencv takes it")
+    _save(folder / "multiview.npz", material, multiview(material))
+
+
+def one_camera(material: Material, camera: ExportCamera) -> dict[str, Any]:
+    """Arrays for `calibrateCamera`: views one after the other, view i from starts[i] to starts[i + 1]."""
+    views = [view for view in material.of(camera) if len(view.observations.ids)]
+    counts = [len(view.observations.ids) for view in views]
+    points = [material.target(view.target).points[view.observations.ids] for view in views]
+    poses = [view.pose for view in views]
+    arrays: dict[str, Any] = {
+        "image_points": _stack([view.observations.positions for view in views], 2)[:, None].astype(np.float32),
+        "object_points": _stack(points, 3)[:, None].astype(np.float32),
+        "ids": np.concatenate([view.observations.ids for view in views]) if views else np.zeros(0, np.int64),
+        "starts": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        "frames": np.array([view.frame for view in views], dtype=np.int64),
+        "targets": np.array([view.target for view in views], dtype=str),
+        "images": np.array([view.image for view in views], dtype=str),
+        "image_size": np.array(camera.size_px),
+    }
+    if camera.pinhole is not None and all(poses):
+        arrays |= {"camera_matrix": camera.pinhole.matrix, "dist_coeffs": camera.pinhole.distortion}
+        arrays |= {"rvecs": _stack([pose.rotation for pose in poses if pose], 3)}
+        arrays |= {"tvecs": _stack([pose.translation for pose in poses if pose], 3)}
+    return arrays
+
+
+def stereo(material: Material, first: ExportCamera, second: ExportCamera) -> dict[str, Any]:
+    """Arrays for `stereoCalibrate`: points that both cameras see, and the R, T that it should find."""
+    left, right, points, frames, counts = [], [], [], [], []
+    for a, b in zip(material.of(first), material.of(second), strict=True):
+        ids, in_a, in_b = np.intersect1d(a.observations.ids, b.observations.ids, return_indices=True)
+        if len(ids):
+            left.append(a.observations.positions[in_a])
+            right.append(b.observations.positions[in_b])
+            points.append(material.target(a.target).points[ids])
+            frames.append(a.frame)
+            counts.append(len(ids))
+    pose = stated(material.between(first, second), Rotation.MATRIX)
+    return {
+        "image_points1": _stack(left, 2)[:, None].astype(np.float32),
+        "image_points2": _stack(right, 2)[:, None].astype(np.float32),
+        "object_points": _stack(points, 3)[:, None].astype(np.float32),
+        "starts": np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        "frames": np.array(frames, dtype=np.int64),
+        "image_size1": np.array(first.size_px),
+        "image_size2": np.array(second.size_px),
+        "R": pose.rotation,
+        "T": pose.translation[:, None],
+        "M1": first.model.matrix,
+        "D1": np.atleast_2d(first.model.distortion),
+        "M2": second.model.matrix,
+        "D2": np.atleast_2d(second.model.distortion),
+    }
+
+
+def multiview(material: Material) -> dict[str, Any]:
+    """Arguments of `calibrateMultiview` by their names, and the Ks, distortions, Rs and Ts that it should find."""
+    target, cameras = material.only_target, material.cameras
+    frames = [view.frame for view in material.of(cameras[0])]
+    found = np.full((len(cameras), len(frames), len(target.points), 2), _MISSED, np.float32)
+    for row, camera in zip(found, cameras, strict=True):
+        for places, view in zip(row, material.of(camera), strict=True):
+            places[view.observations.ids] = view.observations.positions
+    poses = [camera.pose for camera in cameras if camera.pose]
+    return {
+        "objPoints": np.repeat(target.points[None].astype(np.float32), len(frames), axis=0),
+        "imagePoints": found,
+        "imageSize": np.array([camera.size_px for camera in cameras]),
+        "detectionMask": (found[..., 0] != _MISSED).all(axis=2).astype(np.uint8),
+        "models": np.zeros((len(cameras), 1), np.uint8),  # CALIB_MODEL_PINHOLE
+        "cameras": np.array([camera.name for camera in cameras], dtype=str),
+        "frames": np.array(frames, dtype=np.int64),
+        "Ks": np.stack([camera.model.matrix for camera in cameras]),
+        "distortions": np.stack([camera.model.distortion for camera in cameras]),
+        "Rs": np.stack([pose.rotation for pose in poses]),
+        "Ts": np.stack([pose.translation for pose in poses]),
+    }
+
+
+def _model(camera: ExportCamera) -> dict[str, Any]:
+    width, height = camera.size_px
+    head = {"image_width": width, "image_height": height}
+    if camera.pinhole is None:
+        return head
+    distortion = np.atleast_2d(camera.pinhole.distortion)
+    return {**head, "camera_matrix": camera.pinhole.matrix, "distortion_coefficients": distortion}
+
+
+def _extrinsics(views: tuple[ExportView, ...]) -> dict[str, Any]:
+    """A row per view: rotation vector and translation, as the sample writes them."""
+    rows = [[*view.pose.rotation, *view.pose.translation] for view in views if view.pose]
+    if not rows:
+        return {}
+    frames = np.array([[view.frame] for view in views if view.pose], dtype=np.int32)
+    return {"nframes": len(rows), "extrinsic_parameters": np.array(rows), "frames": frames}
+
+
+def _stack(parts: list[np.ndarray], width: int) -> np.ndarray:
+    return np.concatenate([np.reshape(part, (-1, width)) for part in parts]) if parts else np.zeros((0, width))
+
+
+def _save(path: Path, material: Material, arrays: dict[str, Any]) -> None:
+    """Write arrays without pickles; `np.load` opens them."""
+    with path.open("wb") as stream:
+        np.savez(stream, remarks=np.array(material.remarks), **arrays)

@@ -1,0 +1,40 @@
+"""PlenopticImageProcessing: MLAconfig.xml, FileStorage whose scalars must be real. It has no place for comments."""
+
+from pathlib import Path
+
+from pipeline.exports.errors import ExportError
+from pipeline.exports.filestorage import xml_text
+from pipeline.exports.material import Material
+from pipeline.exports.thin_lens import thin_lens
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write a file per camera.
+
+    Raises
+    ------
+    ExportError
+        Microlenses are not hexagonal rows.
+    """
+    for camera in material.cameras:
+        array, model = camera.array, thin_lens(camera)
+        assert array is not None
+        if array.layout != "hexagonal":
+            raise ExportError(f"pip knows hexagonal rows of microlenses, and {camera.name} has {array.layout}")
+        lens_pitch_px = camera.built.record["mla"]["pitch_mm"] / camera.pitch_mm
+        larger = array.pitch_px / lens_pitch_px
+        values = {
+            "IsHexGrid": 1,
+            "GridRotRAD": array.turn_rad,
+            # The reference lens as its centre would lie on the sensor if the light came along the axis.
+            "MlaCenterPX": (camera.axis + (array.centre - camera.axis) / larger).tolist(),
+            "SensorResPX": camera.size_px,
+            "MicroLensDistancePX": lens_pitch_px,
+            "MainPrincipalPointPX": camera.axis.tolist(),
+            "MlaImageScale": larger,
+            "MicroLensFocalLengthPX": model.sensor_mm / camera.pitch_mm,
+            "MainLensFLengthMM": float(model.focal_mm),
+            "MainLensFDistMM": float(model.main_lens_mm),
+            "PixelsizeMM": camera.pitch_mm,
+        }
+        (folder / f"{camera.name}.MLAconfig.xml").write_text(xml_text("MlaDescription", values), encoding="utf-8")

@@ -1,0 +1,40 @@
+"""plenopticam: centres of micro-images as JSON beside the white image; y comes first."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import Material
+from pipeline.files.jsonfile import write_json
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write a file per camera.
+
+    Raises
+    ------
+    ExportError
+        Microlenses stand in hexagonal columns.
+    """
+    for camera in material.cameras:
+        images, mesh = camera.micro_images, camera.mesh
+        assert images is not None and mesh is not None
+        if mesh.layout == "hexagonal-columns":
+            raise ExportError(f"plenopticam knows rows of microlenses, and {camera.name} has hexagonal columns")
+        rows = [
+            [*place, row, column]
+            for place, (column, row) in zip(images.centres.tolist(), images.microlenses.tolist(), strict=True)
+        ]
+        lines = [images.centres[images.microlenses[:, 1] == row] for row in range(mesh.rows)]
+        down = np.median(np.diff([np.median(line[:, 0]) for line in lines]))
+        across = np.median(np.concatenate([np.diff(line[:, 1]) for line in lines]))
+        write_json(
+            folder / f"{camera.name}.json",
+            {
+                "about": list(material.remarks),
+                "pat_type": "rec" if mesh.layout == "square" else "hex",
+                "ptc_mean": [float(down), float(across)],
+                "mic_list": rows,
+            },
+        )

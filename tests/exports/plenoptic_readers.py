@@ -1,0 +1,171 @@
+"""Readers of formats for plenoptic cameras, written from the published code of those who read them."""
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import cv2
+import numpy as np
+from exports.pretended import COLUMNS
+from exports.pretended_plenoptic import (
+    ARRAY_TO_SENSOR_MM,
+    AXIS_PX,
+    FIELDS_MM,
+    FOCAL_MM,
+    LENS_TO_ARRAY_MM,
+    PIXEL_MM,
+    RADIUS_PX,
+    SIZE_PX,
+    TYPES_MM,
+    PlenopticScene,
+)
+from scipy.io import loadmat
+
+FITTED_PX = 1e-6
+"""What the least squares of a lattice leave of centres that are regular [px]."""
+NAME = "Rig.Camera"
+
+
+def nearest(scene: PlenopticScene, place: np.ndarray) -> int:
+    """The micro-image whose centre is at a place."""
+    off = np.linalg.norm(scene.array.centre_px - place, axis=1)
+    assert off.min() < FITTED_PX, f"no micro-image at {place}, the next one is {off.min()} px away"
+    return int(off.argmin())
+
+
+def check_raytrix(folder: Path, scene: PlenopticScene) -> None:
+    """imgIO.read_calibration, MLACalibration and lens_grid of PlenopticToolbox 2.0."""
+    text = (folder / f"{NAME}.xml").read_text()
+    root = ET.fromstring(text)
+    order = ["offset", "diameter", "rotation", "lens_border", "tcp", "lens_base_x", "lens_base_y", "sub_grid_base"]
+    assert [child.tag for child in root] == [*order, "distortion", *["lens_type"] * 3]
+    number = {name: float(root.findtext(name)) for name in ("diameter", "rotation", "lens_border")}
+    pair = {
+        name: np.array([float(root.find(name).findtext(axis)) for axis in "xy"])
+        for name in order
+        if root.find(f"{name}/x") is not None
+    }
+    offset = np.array([-pair["offset"][1], pair["offset"][0]])  # row, column
+    right = np.array([-pair["lens_base_x"][1], pair["lens_base_x"][0]])
+    down = right - np.array([-pair["lens_base_y"][1], pair["lens_base_y"][0]])
+    cos, sin = np.cos(number["rotation"]), np.sin(number["rotation"])
+    middle = (np.array(SIZE_PX[::-1]) - 1) / 2
+    np.testing.assert_allclose(number["lens_border"], number["diameter"] / 2 - RADIUS_PX, atol=1e-6)
+    kinds, ranges = {}, []
+    for kind in root.findall("lens_type"):
+        x, y = (int(float(kind.find("offset").findtext(axis))) for axis in "xy")
+        kinds[((-x % 3) + y) % 3] = int(kind.get("id"))
+        ranges.append([float(kind.find("depth_range").findtext(end)) for end in ("min", "max")])
+    assert sorted(kinds) == [0, 1, 2] and kinds[0] == 0
+    for c0 in range(-3, 4):
+        for c1 in range(-3, 4):
+            place = np.array([[cos, -sin], [sin, cos]]) @ (number["diameter"] * (c0 * down + c1 * right))
+            row, column = place + offset + middle
+            own = scene.array.types[nearest(scene, np.array([column, row]))]
+            found = ranges[kinds[((-c0 % 3) + c1) % 3]]
+            np.testing.assert_allclose(found, virtual_depths(TYPES_MM[own]), rtol=1e-9)
+    assert np.linalg.norm(offset) < number["diameter"], "the central lens is the one nearest to the middle"
+
+
+def virtual_depths(focal_mm: float) -> list[float]:
+    """Main-lens images of the ends of the depth of field, behind the array, over the distance of the sensor."""
+    behind = [1 / (1 / FOCAL_MM - 1 / end) - LENS_TO_ARRAY_MM for end in FIELDS_MM[focal_mm]]
+    return sorted(one / ARRAY_TO_SENSOR_MM for one in behind)
+
+
+def check_pip(folder: Path, scene: PlenopticScene) -> None:
+    """MLAconfig.xml by OpenCV's FileStorage; every scalar must be real, as PIP's reader wants it."""
+    storage = cv2.FileStorage(str(folder / f"{NAME}.MLAconfig.xml"), cv2.FILE_STORAGE_READ)
+    node = storage.getNode("MlaDescription")
+    names = ("GridRotRAD", "MicroLensDistancePX", "MlaImageScale", "MicroLensFocalLengthPX")
+    scalars = {}
+    for name in (*names, "MainLensFLengthMM", "MainLensFDistMM", "PixelsizeMM"):
+        assert node.getNode(name).isReal(), f"{name} is refused unless it is real"
+        scalars[name] = node.getNode(name).real()
+    pairs = {}
+    for name in ("MlaCenterPX", "MainPrincipalPointPX"):
+        pairs[name] = np.array([node.getNode(name).at(i).real() for i in range(2)])
+        assert all(node.getNode(name).at(i).isReal() for i in range(2))
+    assert [int(node.getNode("SensorResPX").at(i).real()) for i in range(2)] == list(SIZE_PX)
+    assert node.getNode("IsHexGrid").real() == 1
+    found = [
+        scalars[name] for name in ("MainLensFLengthMM", "MainLensFDistMM", "PixelsizeMM", "MicroLensFocalLengthPX")
+    ]
+    np.testing.assert_allclose(found, [FOCAL_MM, LENS_TO_ARRAY_MM, PIXEL_MM, ARRAY_TO_SENSOR_MM / PIXEL_MM], rtol=1e-12)
+    np.testing.assert_allclose(pairs["MainPrincipalPointPX"], AXIS_PX, atol=1e-9)
+    turn = -scalars["GridRotRAD"]
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    for i in range(-3, 4):
+        for j in range(-3, 4):
+            lens = scalars["MicroLensDistancePX"] * rotation @ [i + j / 2, j * np.sqrt(3) / 2] + pairs["MlaCenterPX"]
+            centre = pairs["MainPrincipalPointPX"] + scalars["MlaImageScale"] * (lens - pairs["MainPrincipalPointPX"])
+            nearest(scene, centre)
+
+
+def check_bok(folder: Path, scene: PlenopticScene) -> None:
+    """MATLAB counts from 1: pixels, rows of tables, types."""
+    place = folder / NAME
+    data = loadmat(place / "microlens_center_list.mat")
+    centres, connection = data["center_list"] - 1, data["center_connection"].astype(int)
+    assert centres.shape[0] == 2 and connection.shape == (7, centres.shape[1])
+    assert data["image_size"].ravel().tolist() == list(SIZE_PX)
+    rows = [nearest(scene, centre) for centre in centres.T]
+    assert connection.min() == 1 and (connection[0] == np.arange(1, len(rows) + 1)).all()
+    pitch = np.median(np.linalg.norm(centres.T[connection[1] - 1] - centres.T, axis=1))
+    for step, degrees in zip(connection[1:], (0, 60, 120, 180, 240, 300), strict=True):
+        away = centres.T[step - 1] - centres.T
+        inner = step != connection[0]
+        np.testing.assert_allclose(np.linalg.norm(away[inner], axis=1), pitch, atol=1e-6)
+        off = np.rad2deg(np.arctan2(away[inner, 1], away[inner, 0])) - degrees
+        assert (np.abs((off + 180) % 360 - 180) < 5).all() and inner.sum() > len(rows) / 2  # the array is turned by 1.1
+    kinds = loadmat(place / "lens_types.mat")
+    for kind in range(3):
+        found = {scene.array.types[nearest(scene, place - 1)] for place in kinds[f"type{kind + 1}_struct"].T}
+        assert found == {kind}
+    for frame in scene.poses:
+        x, y, centre_x, centre_y, column, row = loadmat(place / f"correspondencesAll_{frame:04d}.mat")[
+            "correspondences"
+        ]
+        expected = scene.rows(frame)
+        assert len(x) == len(expected)
+        np.testing.assert_allclose(np.stack([x, y], 1) - 1, [one[4:6] for one in expected], atol=1e-9)
+        assert (row * COLUMNS + column).tolist() == [one[0] for one in expected]
+        for one, centre in zip(expected, np.stack([centre_x, centre_y], 1) - 1, strict=True):
+            assert scene.array.kl[nearest(scene, centre)].tolist() == list(one[1:3])
+    assert float((place / "pattern_size.txt").read_text()) == 2.0
+    np.testing.assert_allclose(np.array((place / "image_center.txt").read_text().split(), float) - 1, AXIS_PX)
+
+
+def check_plenopticam(folder: Path, scene: PlenopticScene) -> None:
+    """mic_list rows are y, x, row, column, from 0."""
+    data = json.loads((folder / f"{NAME}.json").read_text())
+    assert data["pat_type"] == {"hexagonal": "hex", "square": "rec"}[scene.layout]
+    listed = np.array(data["mic_list"])
+    for y, x, _, _ in listed:
+        nearest(scene, np.array([x, y]))
+    inside = ((scene.array.centre_px >= 0) & (scene.array.centre_px <= np.array(SIZE_PX) - 1)).all(axis=1)
+    assert len(listed) >= inside.sum() and listed[:, 2:].min() == 0
+    by_cell = {(int(row), int(column)): np.array([x, y]) for y, x, row, column in listed}
+    pitch_y, pitch_x = data["ptc_mean"]
+    for (row, column), place in by_cell.items():
+        if (row, column + 1) in by_cell:
+            np.testing.assert_allclose(by_cell[row, column + 1][0] - place[0], pitch_x, rtol=1e-3)
+        if (row + 2, column) in by_cell:
+            np.testing.assert_allclose(by_cell[row + 2, column][1] - place[1], 2 * pitch_y, rtol=0.05)
+
+
+def check_lftoolbox(folder: Path, scene: PlenopticScene) -> None:
+    """LFBuildHexGrid: turned about (HOffset, VOffset), and that added once more; MATLAB counts pixels from 1."""
+    model = json.loads((folder / f"{NAME}.grid.json").read_text())["LensletGridModel"]
+    assert model["Orientation"] == "horz"
+    offset, (cos, sin) = np.array([model["HOffset"], model["VOffset"]]), (np.cos(model["Rot"]), np.sin(model["Rot"]))
+    v, u = np.mgrid[: model["VMax"], : model["UMax"]]
+    shifted = np.isin(v, np.arange(model["FirstPosShiftRow"] - 1, model["VMax"], 2))
+    flat = np.stack([(u + 0.5 * shifted) * model["HSpacing"], v * model["VSpacing"]], axis=-1).reshape(-1, 2)
+    places = (flat - offset) @ np.array([[cos, -sin], [sin, cos]]).T + 2 * offset - 1
+    inside = ((places > 0) & (places < np.array(SIZE_PX) - 1)).all(axis=1)
+    assert inside.sum() > 60
+    for place in places[inside]:
+        nearest(scene, place)
+    seen = ((scene.array.centre_px > 0) & (scene.array.centre_px < np.array(SIZE_PX) - 1)).all(axis=1)
+    assert inside.sum() == seen.sum()

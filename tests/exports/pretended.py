@@ -1,0 +1,153 @@
+"""Output folders as a build writes them, of cameras that are pinholes: every image position is known in closed form."""
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from pipeline.files.tables import write_table
+from pipeline.frames import inverse, rigid, rotation_vector
+
+COLUMNS, ROWS, SQUARE_MM = 4, 3, 10.0
+SIZE_PX, F_PX, CENTRE_PX = (640, 480), 1000.0, np.array([300.25, 200.75])
+DISTORTION = np.array([0.1, -0.05, 0.001, -0.002, 0.01])
+CORNER_PX = np.array([10.0, 7.0])
+"""The pixel on whose centre the left camera sees point 0 in frame 1."""
+HIDDEN = {("Left", 2, 3), ("Left", 2, 5), ("Right", 2, 0)}
+"""Camera, frame and id of points that have no row."""
+
+
+def board_mm(square_mm: float = SQUARE_MM) -> np.ndarray:
+    """Points in the target frame: the middle is the origin, x right, y up; row 0 at the top."""
+    row, column = np.divmod(np.arange(COLUMNS * ROWS), COLUMNS)
+    x, y = (column - (COLUMNS - 1) / 2) * square_mm, ((ROWS - 1) / 2 - row) * square_mm
+    return np.stack([x, y, np.zeros(len(x))], axis=1)
+
+
+def turned(*rvec: float) -> np.ndarray:
+    return cv2.Rodrigues(np.array(rvec))[0]
+
+
+FACING = np.diag([1.0, -1.0, -1.0])
+"""A board that faces a camera: y of the target is up, of the camera down."""
+
+
+def undistorted(pixel: np.ndarray) -> np.ndarray:
+    """The slopes that a pixel sees, (2,)."""
+    matrix = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
+    slopes = cv2.undistortPoints(pixel.reshape(1, 1, 2), matrix, DISTORTION, criteria=(cv2.TERM_CRITERIA_COUNT, 200, 0))
+    return slopes.ravel()
+
+
+def _first_pose() -> np.ndarray:
+    """The board faces the camera, and its point 0 is seen in the middle of a pixel."""
+    place = np.append(undistorted(CORNER_PX) * 400.0, 400.0)
+    return rigid(FACING, place - FACING @ board_mm()[0])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Cameras before a board: all that readers may find in the exported files."""
+
+    rig: dict = field(
+        default_factory=lambda: {
+            "Left": np.eye(4),
+            "Right": rigid(turned(-0.03, -0.05, 0.02), np.array([60.0, 3.0, 5.0])),
+            "Upper": rigid(turned(0.04, 0.03, -0.1), np.array([10.0, 40.0, -4.0])),
+        }
+    )
+    """Camera -> its pose from the left one."""
+    poses: dict = field(
+        default_factory=lambda: {
+            1: _first_pose(),
+            2: rigid(turned(0.2, -0.35, 0.1) @ FACING, np.array([5.0, 8.0, 420.0])),
+            3: rigid(turned(-0.3, 0.25, -0.2) @ FACING, np.array([-12.0, 4.0, 390.0])),
+        }
+    )
+    matrix: np.ndarray = field(
+        default_factory=lambda: np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
+    )
+
+    def camera_from_target(self, camera: str, frame: int) -> np.ndarray:
+        return self.rig[camera] @ self.poses[frame]
+
+    def pixels(self, camera: str, frame: int) -> np.ndarray:
+        """Positions of all points, (n, 2), hidden or not: what OpenCV projects."""
+        pose = self.camera_from_target(camera, frame)
+        return cv2.projectPoints(board_mm(), rotation_vector(pose), pose[:3, 3], self.matrix, DISTORTION)[0][:, 0]
+
+    def ids(self, camera: str, frame: int) -> list[int]:
+        return [point for point in range(COLUMNS * ROWS) if (camera, frame, point) not in HIDDEN]
+
+
+def write_build(folder: Path, scene: Scene) -> Path:
+    """What a build would write; the stop stands 6 mm behind the centre of projection."""
+    for name in scene.rig:
+        _write_camera(folder / "cameras" / name, name)
+        for frame in scene.poses:
+            _write_view(folder / f"frames/{frame:04d}/{name}", scene, name, frame)
+    (folder / "targets").mkdir()
+    points = [
+        {"id": i, "kind": "corner", "nominal_mm": p, "actual_mm": p, "normal": [0.0, 0.0, 1.0]}
+        for i, p in enumerate(board_mm().tolist())
+    ]
+    target = {"kind": "checkerboard", "surface": {"kind": "flat"}, "points": points}
+    target["parameters"] = {"columns": COLUMNS, "rows": ROWS, "square_mm": SQUARE_MM}
+    (folder / "targets/Board.json").write_text(json.dumps(target))
+    write_manifest(folder)
+    return folder
+
+
+def write_manifest(folder: Path) -> None:
+    entries = {
+        path.relative_to(folder).as_posix(): {
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "size": path.stat().st_size,
+        }
+        for path in folder.rglob("*")
+        if path.is_file() and path.name != "manifest.json"
+    }
+    manifest = {"format": 1, "stage": "pretended.usda </Pretended>", "tasks": {}, "files": entries}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+
+
+def _write_camera(folder: Path, name: str) -> None:
+    folder.mkdir(parents=True)
+    plain = {"principal_distance_px": F_PX, "principal_point_px": CENTRE_PX.tolist()}
+    plain["residual_px"] = {"rms": 0.0, "max": 0.0}
+    pinhole = {"centre_mm": [0.0, 0.0, -6.0], **plain, "with_distortion": {**plain, "distortion": DISTORTION.tolist()}}
+    record = {
+        "optical_axis_px": CENTRE_PX.tolist(),
+        "resolution": list(SIZE_PX),
+        "pixel_pitch_mm": 0.01,
+        "pinhole": pinhole,
+    }
+    (folder / "camera.json").write_text(json.dumps(record))
+
+
+def _write_view(folder: Path, scene: Scene, name: str, frame: int) -> None:
+    folder.mkdir(parents=True)
+    pose = scene.camera_from_target(name, frame)
+    world = scene.rig[name] @ rigid(turned(0.1, 0.2, 0.3), np.ones(3))
+    to_stop = rigid(np.eye(3), np.array([0.0, 0.0, -6.0]))
+    poses = {
+        "camera_from_world": (to_stop @ world).tolist(),
+        "pinhole": {"pinhole_from_world": world.tolist(), "world_from_pinhole": inverse(world).tolist()},
+        "targets": {
+            "Board": {
+                "camera_from_target": (to_stop @ pose).tolist(),
+                "pinhole": {"pinhole_from_target": pose.tolist()},
+            }
+        },
+    }
+    (folder / "poses.json").write_text(json.dumps(poses))
+    ids = scene.ids(name, frame)
+    pixels = scene.pixels(name, frame)[ids]
+    columns = {"frame": [frame] * len(ids), "camera": [name] * len(ids), "target": ["Board"] * len(ids)}
+    columns |= {"point_id": ids, "microlens_k": [""] * len(ids), "microlens_l": [""] * len(ids)}
+    columns |= {"microlens_type": [""] * len(ids), "x_px": pixels[:, 0], "y_px": pixels[:, 1]}
+    columns |= {"rho_px": np.full(len(ids), 0.1), "method": ["direct"] * len(ids)}
+    write_table(folder / "correspondences.csv", ["by a pinhole"], columns)

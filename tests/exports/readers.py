@@ -1,0 +1,301 @@
+"""Readers of exported files: the real clients where they install, else written from the published layouts alone.
+
+Each `check_<format>` asserts that a folder says what a scene of `pretended` is, by that consumer's rules. Nothing here
+comes from the table of conventions.
+"""
+
+import ast
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pycolmap
+import yaml
+from exports.pretended import (
+    CENTRE_PX,
+    COLUMNS,
+    CORNER_PX,
+    DISTORTION,
+    F_PX,
+    HIDDEN,
+    ROWS,
+    SIZE_PX,
+    SQUARE_MM,
+    Scene,
+    board_mm,
+)
+
+from pipeline.frames import rigid, rotation_vector
+
+FLOAT32_PX, PRINTED_PX, SOLVED_PX = 5e-5, 1e-9, 1e-5
+"""Rounding of single precision at 640 px; of a double; what OpenCV's iterations leave."""
+
+
+def same(found, expected, atol: float) -> None:
+    np.testing.assert_allclose(np.asarray(found, float), np.asarray(expected, float), rtol=0, atol=atol)
+
+
+def grid_points(square: float) -> np.ndarray:
+    """The board of most tools: x along columns, y along rows, from the first corner."""
+    row, column = np.divmod(np.arange(COLUMNS * ROWS), COLUMNS)
+    return np.stack([column, row, 0 * row], axis=1) * square
+
+
+def solved(points: np.ndarray, pixels: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The pose by which OpenCV sees points at pixels, (4, 4)."""
+    found, rvec, tvec = cv2.solvePnP(points, pixels, matrix, DISTORTION, flags=cv2.SOLVEPNP_ITERATIVE)
+    rvec, tvec = cv2.solvePnPRefineLM(points, pixels, matrix, DISTORTION, rvec, tvec)
+    assert found
+    return rigid(cv2.Rodrigues(rvec)[0], tvec.ravel())
+
+
+def check_opencv(folder: Path, scene: Scene) -> None:
+    for name in scene.rig:
+        data = np.load(folder / f"{name}.npz")
+        image, points = data["image_points"], data["object_points"]
+        assert image.dtype == points.dtype == np.float32 and image.shape[1:] == (1, 2) and points.shape[1:] == (1, 3)
+        assert data["image_size"].tolist() == list(SIZE_PX) and data["frames"].tolist() == [1, 2, 3]
+        storage = cv2.FileStorage(str(folder / f"{name}.yml"), cv2.FILE_STORAGE_READ)
+        assert storage.getNode("image_width").real() == 640 and storage.getNode("image_height").real() == 480
+        matrix, distortion = (storage.getNode(key).mat() for key in ("camera_matrix", "distortion_coefficients"))
+        same(matrix, data["camera_matrix"], 0), same(distortion, [data["dist_coeffs"]], 0)
+        same(matrix, scene.matrix, 0), same(distortion, [DISTORTION], 0)
+        extrinsics = storage.getNode("extrinsic_parameters").mat()
+        for view, frame in enumerate((1, 2, 3)):
+            rows = slice(*data["starts"][view : view + 2])
+            assert data["ids"][rows].tolist() == scene.ids(name, frame)
+            same(image[rows, 0], scene.pixels(name, frame)[scene.ids(name, frame)], FLOAT32_PX)
+            same(points[rows, 0], grid_points(SQUARE_MM)[scene.ids(name, frame)], 1e-6)
+            rvec, tvec = data["rvecs"][view], data["tvecs"][view]
+            same(extrinsics[view], [*rvec, *tvec], 0)
+            same(cv2.projectPoints(points[rows], rvec, tvec, matrix, distortion)[0], image[rows], FLOAT32_PX)
+    same(np.load(folder / "Left.npz")["image_points"][0, 0], CORNER_PX, FLOAT32_PX)
+    _check_opencv_rigs(folder, scene)
+
+
+def _check_opencv_rigs(folder: Path, scene: Scene) -> None:
+    data = np.load(folder / "stereo-Left-Right.npz")
+    storage = cv2.FileStorage(str(folder / "stereo-Left-Right.yml"), cv2.FILE_STORAGE_READ)
+    for key in ("R", "T", "M1", "D1", "M2", "D2"):
+        same(storage.getNode(key).mat(), data[key], 0)
+    views = [slice(*data["starts"][i : i + 2]) for i in range(3)]
+    lists = [[data[name][view] for view in views] for name in ("object_points", "image_points1", "image_points2")]
+    error, *_, turn, shift, _, _ = cv2.stereoCalibrate(
+        *lists, scene.matrix, DISTORTION, scene.matrix, DISTORTION, SIZE_PX, flags=cv2.CALIB_FIX_INTRINSIC
+    )
+    assert error < FLOAT32_PX
+    for stated in ((turn, shift), (data["R"], data["T"])):
+        same(stated[0], scene.rig["Right"][:3, :3], 1e-6)
+        same(stated[1].ravel(), scene.rig["Right"][:3, 3], 1e-3)
+
+
+def check_opencv_multiview(folder: Path, scene: Scene) -> None:
+    """`calibrateMultiview` with these arguments finds the rig; a view that misses points is masked."""
+    data = np.load(folder / "multiview.npz")
+    assert (
+        data["detectionMask"].tolist() == [[1, 0, 1], [1, 0, 1], [1, 1, 1]] and data["detectionMask"].dtype == np.uint8
+    )
+    for camera, name in enumerate(scene.rig):
+        for view, frame in enumerate((1, 2, 3)):
+            expected = scene.pixels(name, frame).astype(np.float32)
+            expected[[point for point in range(COLUMNS * ROWS) if (name, frame, point) in HIDDEN]] = -1
+            same(data["imagePoints"][camera, view], expected, FLOAT32_PX)
+    same(data["Ks"], [scene.matrix] * 3, 0), same(data["distortions"], [DISTORTION] * 3, 0)
+    same(data["objPoints"], [grid_points(SQUARE_MM / 1000)] * 3, 1e-9)
+    sizes = [tuple(size) for size in data["imageSize"].tolist()]
+    assert sizes == [SIZE_PX] * 3
+    views = [[np.ascontiguousarray(view) for view in camera] for camera in data["imagePoints"]]
+    known = [matrix.copy() for matrix in data["Ks"]], [one[None].copy() for one in data["distortions"]]
+    empty = [np.eye(3) for _ in sizes], [np.zeros((3, 1)) for _ in sizes]
+    mask, models = data["detectionMask"], data["models"]
+    *_, turns, shifts = cv2.calibrateMultiview(
+        list(data["objPoints"]), views, sizes, mask, models, *known, *empty, None, cv2.CALIB_USE_INTRINSIC_GUESS
+    )
+    for camera, pose in enumerate(scene.rig.values()):
+        for turn, shift in ((turns[camera], shifts[camera]), (data["Rs"][camera], data["Ts"][camera])):
+            same(np.ravel(turn), rotation_vector(pose), 1e-4)  # OpenCV 5.0 gives vectors
+            same(np.ravel(shift), pose[:3, 3] / 1000, 1e-5)
+
+
+def check_mrcal(folder: Path, scene: Scene) -> None:
+    """As `mrcal.compute_chessboard_corners` parses a cache, and `mrcal.cameramodel` its literal."""
+    lines = (folder / "corners.vnl").read_text().splitlines()
+    head = next(i for i, line in enumerate(lines) if not line.startswith("# ") or line == "# filename x y level")
+    assert lines[head] == "# filename x y level"
+    rows = [line.split() for line in lines[head + 1 :]]
+    assert all(len(row) == 4 for row in rows) and len(rows) == 9 * COLUMNS * ROWS
+    models = {name: _mrcal_model(folder / f"{name}.cameramodel") for name in scene.rig}
+    poses = {}
+    for start in range(0, len(rows), COLUMNS * ROWS):
+        block = rows[start : start + COLUMNS * ROWS]
+        (image,) = {row[0] for row in block}
+        _, frame, name, _ = image.split("/")
+        seen = [point for point, row in enumerate(block) if "-" not in row[1:]]
+        assert seen == scene.ids(name, int(frame))
+        pixels = np.array([[float(x), float(y)] for _, x, y, _ in (block[point] for point in seen)])
+        same(pixels, scene.pixels(name, int(frame))[seen], PRINTED_PX)
+        poses[name, int(frame)] = solved(grid_points(SQUARE_MM / 1000)[seen], pixels, scene.matrix)
+    same([float(value) for value in rows[0][1:3]], CORNER_PX, PRINTED_PX)
+    same(models["Left"]["rt_cam_ref"], np.zeros(6), 0)
+    for name, frame in poses:
+        between = poses[name, frame] @ np.linalg.inv(poses["Left", frame])
+        same(models[name]["rt_cam_ref"], [*rotation_vector(between), *between[:3, 3]], 1e-6)
+
+
+def _mrcal_model(path: Path) -> dict:
+    model = ast.literal_eval("".join(line for line in path.open() if not line.lstrip().startswith("#")))
+    assert model["lensmodel"] == "LENSMODEL_OPENCV5" and model["imagersize"] == list(SIZE_PX)
+    same(model["intrinsics"], [F_PX, F_PX, *CENTRE_PX, *DISTORTION], 0)
+    assert model["extrinsics"] == model["rt_cam_ref"]
+    return model
+
+
+def check_kalibr(folder: Path, scene: Scene) -> None:
+    target = yaml.safe_load((folder / "target.yaml").read_text())
+    spacing = target["rowSpacingMeters"], target["colSpacingMeters"]
+    assert all(type(value) is float for value in spacing), "Kalibr refuses integers"
+    assert (target["target_type"], target["targetCols"], target["targetRows"]) == ("checkerboard", COLUMNS, ROWS)
+    same(spacing, [SQUARE_MM / 1000] * 2, 1e-15)
+    chain = yaml.safe_load((folder / "camchain.yaml").read_text())
+    assert list(chain) == ["cam0", "cam1", "cam2"] and "T_cn_cnm1" not in chain["cam0"]
+    for camera in chain.values():
+        assert (camera["camera_model"], camera["distortion_model"]) == ("pinhole", "radtan")
+        same(camera["intrinsics"], [F_PX, F_PX, *CENTRE_PX], 0), same(camera["distortion_coeffs"], DISTORTION[:4], 0)
+        assert camera["resolution"] == list(SIZE_PX)
+        assert all(type(value) is float for value in camera["intrinsics"] + camera["distortion_coeffs"])
+    names = list(scene.rig)
+    for number in (1, 2):
+        expected = scene.rig[names[number]] @ np.linalg.inv(scene.rig[names[number - 1]])
+        expected[:3, 3] /= 1000
+        same(chain[f"cam{number}"]["T_cn_cnm1"], expected, 1e-12)
+    corners = pd.read_csv(folder / "corners.csv", comment="#")
+    for (frame, camera), rows in corners.groupby(["frame", "camera"]):
+        name = list(scene.rig)[camera]
+        assert rows.point.tolist() == scene.ids(name, frame)
+        same(rows[["x_px", "y_px"]], scene.pixels(name, frame)[rows.point], PRINTED_PX)
+        row, column = np.divmod(rows.point, COLUMNS)
+        expected = np.stack([row * spacing[0], column * spacing[1], 0 * row], axis=1)
+        same(rows[["target_x_m", "target_y_m", "target_z_m"]], expected, 1e-12)
+    same(corners[["x_px", "y_px"]].iloc[0], CORNER_PX, SOLVED_PX)
+
+
+def check_colmap(folder: Path, scene: Scene) -> None:
+    """pycolmap projects the points of the model to its own observations, text and binary alike."""
+    for place in ("text", "binary"):
+        model = pycolmap.Reconstruction(str(folder / place))
+        assert (len(model.cameras), len(model.images), len(model.points3D)) == (3, 9, COLUMNS * ROWS)
+        for image in model.images.values():
+            _, number, name, _ = image.name.split("/")
+            camera, frame = model.cameras[image.camera_id], int(number)
+            assert (camera.width, camera.height) == SIZE_PX and camera.model.name == "FULL_OPENCV"
+            same(camera.params, [F_PX, F_PX, *(CENTRE_PX + 0.5), *DISTORTION, 0, 0, 0], 0)
+            ids = [point.point3D_id - 1 for point in image.points2D]
+            assert ids == scene.ids(name, frame)
+            stored = np.array([point.xy for point in image.points2D])
+            same(stored, scene.pixels(name, frame)[ids] + 0.5, PRINTED_PX)
+            seen = np.array([image.cam_from_world() * model.points3D[i + 1].xyz for i in ids])
+            assert (seen[:, 2] > 0).all()
+            same(camera.img_from_cam(seen), stored, PRINTED_PX)
+            if (frame, name) == (1, "Left"):
+                same(stored[0], CORNER_PX + 0.5, SOLVED_PX)
+        places = np.array([model.points3D[i + 1].xyz for i in range(COLUMNS * ROWS)])
+        same(places, grid_points(SQUARE_MM / 1000), 1e-12)
+        assert model.points3D[1].track.length() == 8
+
+
+def check_puzzlepaint(folder: Path, scene: Scene) -> None:
+    """From the layout: ten letters, integers big-endian, floats little-endian."""
+    data = (folder / "dataset.bin").read_bytes()
+    place = 10
+    assert data[:place] == b"calib_data"
+
+    def take(form: str):
+        nonlocal place
+        values = struct.unpack_from(form, data, place)
+        place += struct.calcsize(form)
+        return values if len(values) > 1 else values[0]
+
+    assert take(">I") == 0 and take(">I") == 3
+    assert [take(">II") for _ in range(3)] == [SIZE_PX] * 3
+    assert take(">I") == 3
+    for frame in (1, 2, 3):
+        assert take(f"{take('>I')}s") == f"{frame:04d}.png".encode()
+        for name in scene.rig:
+            rows = [(*take("<ff"), take(">i")) for _ in range(take(">I"))]
+            assert [row[2] for row in rows] == scene.ids(name, frame)
+            same([row[:2] for row in rows], scene.pixels(name, frame)[scene.ids(name, frame)] + 0.5, FLOAT32_PX)
+            if (frame, name) == (1, "Left"):
+                same(rows[0][:2], CORNER_PX + 0.5, FLOAT32_PX)
+    assert take(">I") == 1
+    same(take("<f"), SQUARE_MM / 1000, 1e-9)
+    known = [take(">iii") for _ in range(take(">I"))]
+    assert known == [(point, point % COLUMNS, point // COLUMNS) for point in range(COLUMNS * ROWS)]
+    assert place == len(data)
+
+
+def check_deltille(folder: Path, scene: Scene) -> None:
+    board, family, *nodes = (folder / "board.dsc").read_text().splitlines()
+    number, columns, rows, size_mm = board.split(",")
+    assert (number, columns, rows, float(size_mm)) == ("0", str(COLUMNS + 1), str(ROWS + 1), SQUARE_MM)
+    assert family.split(",")[0] in ("t16h5", "t25h7", "t25h9", "t36h9", "t36h11") and len(nodes) == COLUMNS * ROWS
+    for point, node in enumerate(nodes):  # from the top row down; row, and y, count from the bottom; cm
+        tag, column, row, *xyz = node.split(",")
+        assert (int(tag), int(column), int(row)) == (-1, point % COLUMNS, ROWS - 1 - point // COLUMNS)
+        same([float(value) for value in xyz], [int(column) * SQUARE_MM / 10, int(row) * SQUARE_MM / 10, 0], 1e-12)
+    for name in scene.rig:
+        for frame in (1, 2, 3):
+            lines = (folder / f"{name}/{frame:04d}.orpc").read_text().splitlines()
+            head = dict(line.split(": ") for line in lines[:5])
+            assert list(head) == ["filename", "width", "height", "num_corners", "encoding"]
+            assert (int(head["width"]), int(head["height"]), head["encoding"]) == (*SIZE_PX, "ascii")
+            rows = [line.split(",") for line in lines[5:]]
+            assert int(head["num_corners"]) == len(rows)
+            assert [int(row[1]) for row in rows] == scene.ids(name, frame)
+            assert {(row[0], row[2]) for row in rows} == {("0", "1")}
+            places = np.array([[float(x), float(y)] for *_, x, y in rows])
+            same(places, scene.pixels(name, frame)[scene.ids(name, frame)], PRINTED_PX)
+            if (frame, name) == (1, "Left"):
+                same(places[0], CORNER_PX, SOLVED_PX)
+
+
+def check_parquet(folder: Path, scene: Scene) -> None:
+    _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
+
+
+def check_npz(folder: Path, scene: Scene) -> None:
+    def frame(name: str) -> pd.DataFrame:
+        data = np.load(folder / f"{name}.npz")
+        return pd.DataFrame({column: data[column] for column in data.files if column != "remarks"})
+
+    _check_tables(frame, scene)
+
+
+def _check_tables(frame_of, scene: Scene) -> None:
+    for name in scene.rig:
+        rows, poses = frame_of(f"{name}.correspondences"), frame_of(f"{name}.poses").set_index("frame")
+        assert set(rows.camera) == {name} and "microlens_k" not in rows
+        for frame, view in rows.groupby("frame"):
+            assert view.point_id.tolist() == scene.ids(name, frame)
+            pixels = view[["x_px", "y_px"]]
+            same(pixels, scene.pixels(name, frame)[view.point_id], 0)
+            pose = poses.loc[frame]
+            rvec = pose[[f"rvec_{axis}_rad" for axis in "xyz"]].to_numpy(float)
+            tvec = pose[[f"t_{axis}_mm" for axis in "xyz"]].to_numpy(float)
+            seen = cv2.projectPoints(board_mm()[view.point_id], rvec, tvec, scene.matrix, DISTORTION)[0][:, 0]
+            same(seen, pixels, PRINTED_PX)
+
+
+CHECKS = {
+    "opencv": check_opencv,
+    "opencv-multiview": check_opencv_multiview,
+    "mrcal": check_mrcal,
+    "kalibr": check_kalibr,
+    "colmap": check_colmap,
+    "puzzlepaint": check_puzzlepaint,
+    "deltille": check_deltille,
+    "parquet": check_parquet,
+    "npz": check_npz,
+}
+"""Format of conventional cameras -> its check."""

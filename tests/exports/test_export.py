@@ -1,0 +1,166 @@
+"""`pipeline export`: folders, side-car, and what it refuses; and that only the table of conventions has offsets."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builds import tiny
+from exports.pretended import Scene, write_build
+from typer.testing import CliRunner
+
+from pipeline import cli
+from pipeline.built.output import open_output
+from pipeline.exports.conventions import CONVENTIONS
+from pipeline.exports.errors import ExportError
+from pipeline.exports.export import Request, export
+from pipeline.exports.gathering import grid_of
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    return write_build(tmp_path_factory.mktemp("pretended") / "out", Scene())
+
+
+@pytest.fixture(scope="module")
+def plenoptic(tmp_path_factory, common_store):
+    return tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys):
+    """Run the command in an empty folder: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["pipeline", "export", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_each_format_gets_a_folder_and_a_side_car(command, out, tmp_path):
+    code, said, _ = command("opencv,npz", out)
+    folders = [tmp_path / "exports/out" / name for name in ("opencv", "npz")]
+    assert code == 0 and said.split() == [f"exports/out/{folder.name}" for folder in folders]
+    for folder in folders:
+        side = json.loads((folder / "export.json").read_text())
+        assert side["files"] == sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.name != "export.json")
+        assert side["conventions"]["source"] == CONVENTIONS[folder.name].source and side["noise"] is None
+        assert str(tmp_path) not in (folder / "export.json").read_text()
+    assert sorted(path.name for path in folders[0].parent.iterdir()) == ["npz", "opencv"]
+
+
+def test_the_same_build_gives_the_same_bytes(out, tmp_path):
+    names = [name for name in CONVENTIONS if name not in PLENOPTIC]
+    first, second = (export(open_output(out), names, tmp_path / place) for place in "ab")
+    for one, other in zip(first, second, strict=True):
+        for path in one.rglob("*"):
+            assert path.is_dir() or path.read_bytes() == (other / path.relative_to(one)).read_bytes()
+
+
+PLENOPTIC = {name for name, one in CONVENTIONS.items() if one.cameras == "plenoptic"}
+
+
+def test_one_camera_alone(out, tmp_path):
+    (folder,) = export(open_output(out), ["opencv"], tmp_path, Request(only=("Right",)))
+    assert sorted(path.name for path in folder.iterdir()) == ["Right.npz", "Right.yml", "export.json"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["opncv"], 'did you mean "opencv"?'),
+        (["opencv", "--only", "Lft"], 'did you mean "Left"?'),
+        (["opencv", "--noise", "much"], "noise_px is float"),
+    ],
+)
+def test_what_is_misspelt_is_named_and_nothing_is_written(command, out, tmp_path, arguments, said):
+    code, _, told = command(arguments[0], out, *arguments[1:])
+    assert code == 2 and said in told and list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_there_is_left_alone(command, out, tmp_path):
+    (tmp_path / "exports/out/opencv").mkdir(parents=True)
+    code, _, told = command("npz,opencv", out)
+    assert code == 2 and "exports/out/opencv exists" in told
+    assert [path.name for path in (tmp_path / "exports/out").iterdir()] == ["opencv"]
+
+
+def test_a_format_that_fails_leaves_nothing_behind(out, tmp_path):
+    with pytest.raises(ExportError, match="no position"):
+        export(open_output(out), ["npz"], tmp_path, Request(position="sadle"))
+    with pytest.raises(ExportError, match="build it with plen:truth:columns"):
+        export(open_output(out), ["npz"], tmp_path, Request(position="saddle"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_cameras_of_the_other_kind_are_refused(command, plenoptic):
+    code, _, told = command("opencv", plenoptic)
+    assert code == 2 and "opencv expects one position per point, and Rig.Camera is plenoptic" in told
+    assert "formats for it:" in told and "npz" in told
+
+
+def test_cameras_that_move_against_each_other_are_no_rig(tmp_path):
+    from exports.pretended import write_manifest
+
+    out = write_build(tmp_path / "out", Scene())
+    file = out / "frames/0002/Right/poses.json"
+    poses = json.loads(file.read_text())
+    poses["pinhole"]["pinhole_from_world"][0][3] += 1e-3
+    file.write_text(json.dumps(poses))
+    write_manifest(out)
+    for name in ("opencv", "mrcal", "kalibr"):
+        with pytest.raises(ExportError, match="Right moves against Left"):
+            export(open_output(out), [name], tmp_path / "exports")
+    assert list((tmp_path / "exports").iterdir()) == []
+
+
+def test_the_list_has_a_line_per_format():
+    shown = CliRunner().invoke(cli.app, ["export", "--list"]).output
+    assert [line.split()[0] for line in shown.splitlines()] == list(CONVENTIONS)
+
+
+def test_the_list_loads_no_numpy():
+    code = "import sys; sys.argv[1:] = ['export', '--list']; from pipeline import cli\n"
+    code += "try:\n cli.main()\nexcept SystemExit: print('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.endswith("False\n")
+
+
+def test_a_grid_is_found_only_where_ids_count_it_from_the_top():
+    row, column = np.divmod(np.arange(12), 4)
+    grid = np.stack([column * 2.0, -row * 2.0, 0 * row], axis=1)
+    found = grid_of(grid)
+    assert (found.columns, found.rows, found.column_step, found.row_step, found.step_mm) == (4, 3, 2.0, 2.0, 2.0)
+    assert grid_of(grid * [1, 2, 1]).step_mm is None
+    assert grid_of(grid * [1, -1, 1]) is None and grid_of(grid[::-1]) is None and grid_of(grid[:11]) is None
+
+
+def test_writers_hold_no_offsets():
+    """No fraction, and no number beside a position: what a pixel is called stands in the table of conventions."""
+    offenders = []
+    for path in sorted((ROOT / "pipeline/exports/writers").glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value != 0.0:
+                offenders.append(f"{path.name}:{node.lineno}: {node.value}")
+            if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub | ast.Mult | ast.Div):
+                text = ast.unparse(node)
+                if any(word in text for word in ("positions", "centres", "principal_point")):
+                    offenders.append(f"{path.name}:{node.lineno}: {text}")
+    assert offenders == []
+
+
+def test_the_page_holds_the_table():
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        import export_table
+    finally:
+        sys.path.pop(0)
+    assert export_table.table() in (ROOT / "docs/exports.md").read_text(encoding="utf-8")

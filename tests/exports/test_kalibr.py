@@ -1,0 +1,72 @@
+"""Kalibr's AprilGrids: tags count from the lower left, x to the right and y up, unlike its checkerboards."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from exports.pretended import Scene, write_build
+
+from pipeline.built.output import open_output
+from pipeline.exports.conventions import CONVENTIONS
+from pipeline.exports.conversion import converted
+from pipeline.exports.export import export
+from pipeline.exports.gathering import gather, grid_of
+from pipeline.exports.writers import kalibr
+from pipeline.targets.patterns.aprilgrid import AprilGrid
+
+TAG_MM, SPACING = 20.0, 0.3
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory):
+    return open_output(write_build(tmp_path_factory.mktemp("kalibr") / "out", Scene()))
+
+
+def aprilgrid(output):
+    """The material of a build in which the board is an AprilGrid of 4 x 3 tags, nothing of it seen."""
+    pattern = AprilGrid(columns=4, rows=3, tag_mm=TAG_MM, spacing=SPACING)
+    places = np.pad(pattern.marks().xy_mm, [(0, 0), (0, 1)])
+    material = gather(output)
+    target = replace(
+        material.targets[0],
+        kind="aprilgrid",
+        parameters={"columns": 4, "rows": 3},
+        points=places,
+        nominal=places,
+        grid=grid_of(places),
+    )
+    none = np.zeros(0, int)
+    views = tuple(replace(view, observations=view.observations.only(none)) for view in material.views)
+    return converted(replace(material, targets=(target,), views=views), CONVENTIONS["kalibr"])
+
+
+def test_the_target_file_of_an_aprilgrid(output, tmp_path):
+    kalibr.write(aprilgrid(output), tmp_path)
+    said = yaml.safe_load((tmp_path / "target.yaml").read_text())
+    assert (said["target_type"], said["tagCols"], said["tagRows"]) == ("aprilgrid", 4, 3)
+    assert said["tagSize"] == pytest.approx(TAG_MM / 1000, rel=1e-12)
+    assert said["tagSpacing"] == pytest.approx(SPACING, rel=1e-12)
+
+
+def test_points_of_an_aprilgrid_count_from_the_lower_left(output):
+    """GridCalibrationTargetAprilgrid.cpp: x along columns, y along rows, corners of tags by size and gap."""
+    points = aprilgrid(output).only_target.points
+    edges = np.cumsum([0, 1, SPACING, 1, SPACING, 1, SPACING, 1]) * TAG_MM / 1000
+    row, column = np.divmod(np.arange(48), 8)
+    np.testing.assert_allclose(points, np.stack([edges[column], edges[row], 0 * row], axis=1), atol=1e-12)
+
+
+def test_a_frame_in_which_nothing_is_seen_is_exported(tmp_path):
+    from exports.pretended import write_manifest
+
+    out = write_build(tmp_path / "out", Scene())
+    for table in out.rglob("correspondences.csv"):
+        head = table.read_text().splitlines()[:2]
+        table.write_text("\n".join([*head, ""]))
+    write_manifest(out)
+    names = [name for name, one in CONVENTIONS.items() if one.cameras != "plenoptic"]
+    folders = export(open_output(out), names, tmp_path / "exports")
+    assert len(folders) == len(names)
+    corners = (tmp_path / "exports/mrcal/corners.vnl").read_text()
+    assert "frames/0001/Left/image.png - - -" in corners

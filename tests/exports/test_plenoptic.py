@@ -1,0 +1,166 @@
+"""A camera that is what libpleno assumes, through the formats for plenoptic cameras and their readers."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from exports.libpleno_reader import check_libpleno, kind, node, sections
+from exports.plenoptic_readers import check_bok, check_lftoolbox, check_pip, check_plenopticam, check_raytrix
+from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
+
+from pipeline.built.output import open_output
+from pipeline.exports.conventions import (
+    CONVENTIONS,
+    Board,
+    Cameras,
+    ImageAxes,
+    Microlenses,
+    Origin,
+    Pose,
+    Rotation,
+    Unit,
+)
+from pipeline.exports.errors import ExportError
+from pipeline.exports.export import Request, export
+from pipeline.exports.noise import Noise
+
+CHECKS = {
+    "libpleno": check_libpleno,
+    "raytrix": check_raytrix,
+    "pip": check_pip,
+    "bok": check_bok,
+    "lftoolbox": check_lftoolbox,
+    "plenopticam": check_plenopticam,
+}
+LAYOUTS = {
+    "libpleno": ("hexagonal", "hexagonal-columns", "square"),
+    "raytrix": ("hexagonal",),
+    "pip": ("hexagonal",),
+    "bok": ("hexagonal",),
+    "lftoolbox": ("hexagonal",),
+    "plenopticam": ("hexagonal", "square"),
+}
+"""Arrays that a format knows."""
+UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses"), ("lftoolbox", "microlenses")}
+"""The keys of the one name their unit; the others know no types, and without numbers they write nothing."""
+FIELDS = {"origin": Origin, "axes": ImageAxes, "board": Board, "pose": Pose, "rotation": Rotation, "unit": Unit}
+FIELDS["microlenses"] = Microlenses
+
+
+def flips():
+    """Every other value of every field of every convention."""
+    for name in CHECKS:
+        for field, values in FIELDS.items():
+            stated = getattr(CONVENTIONS[name], field)
+            others = [other for other in values if other is not stated and "NONE" not in (stated.name, other.name)]
+            if (name, field) in UNSEEN:
+                continue
+            yield from (pytest.param(name, field, other, id=f"{name}-{field}-{other.name}") for other in others)
+
+
+@pytest.fixture(scope="module", params=["hexagonal", "hexagonal-columns", "square"])
+def scene(request):
+    return PlenopticScene(layout=request.param)
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory, scene):
+    return open_output(write_plenoptic_build(tmp_path_factory.mktemp("plenoptic") / "out", scene))
+
+
+def known(scene, name):
+    if scene.layout not in LAYOUTS[name]:
+        pytest.skip("refused, see below")
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_its_reader_gets_back_every_number(output, scene, name, tmp_path):
+    known(scene, name)
+    (folder,) = export(output, [name], tmp_path)
+    CHECKS[name](folder, scene)
+
+
+@pytest.mark.parametrize(("name", "field", "other"), list(flips()))
+def test_a_flip_of_a_convention_is_noticed(output, scene, name, field, other, tmp_path, monkeypatch):
+    known(scene, name)
+    monkeypatch.setitem(CONVENTIONS, name, replace(CONVENTIONS[name], **{field: other}))
+    try:
+        (folder,) = export(output, [name], tmp_path)
+        CHECKS[name](folder, scene)
+    except Exception as error:
+        assert not isinstance(error, ImportError)
+        return
+    pytest.fail("the reader noticed nothing")
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_arrays_that_a_format_does_not_know_are_refused(output, scene, name, tmp_path):
+    if scene.layout in LAYOUTS[name]:
+        pytest.skip("known")
+    with pytest.raises(ExportError, match=r"knows .*rows"):
+        export(output, [name], tmp_path)
+
+
+def test_the_reader_counts_as_published_observations_do():
+    """Rows of examples/obs/bap-R12-A.csv of libpleno: rho tells the type, u the shift of even rows."""
+    published = [(156, 69, 3628.13, -3.55412), (157, 69, 3650.59, -4.18067), (157, 68, 3660.97, -3.55412)]
+    published += [(158, 69, 3671.92, -4.48739), (160, 68, 3726.85, -3.55412), (161, 68, 3749.73, -4.18067)]
+    rho = {}
+    for k, l, _, blur in published:
+        assert rho.setdefault(kind({"geometry": 1}, 3, k, l), blur) == blur
+    assert len(rho) == 3
+    upright = {"rotation": [[1, 0], [0, 1]], "translation": [[0.0, 0.0]]}
+    mesh = {"geometry": 1, "pitch": [[22.0, 22.0]], "pose": upright}
+    for k, l, u, _ in published:
+        assert node(mesh, k, l)[0] - node(mesh, 156, 69)[0] == pytest.approx(u - 3628.13, abs=2)
+
+
+def test_rows_without_a_blur_radius_are_corners_alone(tmp_path, scene):
+    from exports.pretended import write_manifest
+
+    out = write_plenoptic_build(tmp_path / "out", scene)
+    table = out / "frames/0001/Rig.Camera/correspondences.csv"
+    *lines, last = table.read_text().splitlines()
+    table.write_text("\n".join([*lines, last.rpartition(",")[0] + ",", ""]))
+    write_manifest(out)
+    (folder,) = export(open_output(out), ["libpleno"], tmp_path)
+    features = sections(folder / "Rig.Camera/observations.bin.gz")[2]
+    corners = sections(folder / "Rig.Camera/corners.bin.gz")[1]
+    assert len(features) == len(corners) - 1
+
+
+def test_types_that_libpleno_cannot_count_are_refused(tmp_path):
+    from exports.pretended import write_manifest
+
+    out = write_plenoptic_build(tmp_path / "out", PlenopticScene())
+    table = out / "cameras/Rig.Camera/micro_images.csv"
+    head, first, second, *rows = table.read_text().splitlines()
+    swapped = [re.sub(r"^(\S+?,\S+?),\d", r"\1,1", row) if i % 5 == 0 else row for i, row in enumerate(rows)]
+    table.write_text("\n".join([head, first, second, *swapped, ""]))
+    write_manifest(out)
+    with pytest.raises(ExportError, match="as libpleno counts them"):
+        export(open_output(out), ["libpleno"], tmp_path)
+
+
+def test_noise_moves_observations_and_no_centre(output, tmp_path):
+    exact, noisy = (
+        sections(
+            export(output, ["libpleno"], tmp_path / str(i), Request(noise=noise))[0] / "Rig.Camera/observations.bin.gz"
+        )
+        for i, noise in enumerate((Noise(), Noise(noise_px=0.1)))
+    )
+    assert exact[0] == noisy[0] and len(exact[2]) == len(noisy[2])
+    moved = [abs(a[2] - b[2]) for a, b in zip(exact[2], noisy[2], strict=True)]
+    assert 0.05 < sum(moved) / len(moved) < 0.11
+
+
+def test_a_conventional_camera_has_no_microlenses(tmp_path):
+    from exports.pretended import Scene, write_build
+
+    out = write_build(tmp_path / "out", Scene())
+    with pytest.raises(ExportError, match="expects a microlens array, and Left has none"):
+        export(open_output(out), ["libpleno"], tmp_path)
+
+
+def test_every_format_for_plenoptic_cameras_has_a_check():
+    assert CHECKS.keys() == {name for name, one in CONVENTIONS.items() if one.cameras is Cameras.PLENOPTIC}
