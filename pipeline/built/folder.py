@@ -13,6 +13,10 @@ from pipeline.files.tables import Table, read_table
 _BUILD = "`pipeline build STAGE` fills a folder, and writes its manifest.json last"
 
 
+AT = "@"
+"""Sign between the name of a camera and that of a channel of its sensor."""
+
+
 @dataclass(frozen=True, slots=True)
 class BuiltFolder:
     """A folder that a build finished.
@@ -108,3 +112,8 @@ def _hint(path: Path) -> str:
     if (path / "frames").is_dir() or (path / "cameras").is_dir():
         return "its build runs, or was interrupted, or made single targets: build the whole stage"
     return _BUILD
+
+
+def place_of(camera: str) -> str:
+    """Path of a camera, or of one of its channels, below `cameras` or a frame."""
+    return camera.replace(AT, "/")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder, finished_folder
+from pipeline.built.folder import AT, BuiltFolder, finished_folder, place_of
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
 from pipeline.built.rows import as_pandas, joined, rows_of
 from pipeline.errors import UsageError
@@ -29,7 +29,7 @@ class Output:
     stage : str
         The stage that was built, as the manifest names it.
     cameras : mapping of str to BuiltCamera
-        In the order of their names.
+        In the order of their names; a camera with channels once for each, as `Rig.Camera@red`.
     targets : mapping of str to BuiltTarget
     frames : tuple of int
         Sorted; each has a view of every camera.
@@ -119,7 +119,8 @@ def open_output(out: str | Path) -> Output:
     """
     folder = finished_folder(out)
     frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
-    cameras = {name: _camera(folder, name, frames) for name in folder.folders("cameras", "camera.json")}
+    bodies = folder.folders("cameras", "camera.json")
+    cameras = {name: _camera(folder, name, frames) for body in bodies for name in _in_channels(folder, body)}
     names = sorted(Path(name).stem for name in folder.files if name.startswith("targets/"))
     return Output(
         path=folder.path,
@@ -131,9 +132,15 @@ def open_output(out: str | Path) -> Output:
     )
 
 
+def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
+    """Names of the channels of a camera, each a camera of its own; of a camera of one wavelength its own name."""
+    channels = folder.record(f"cameras/{name}/camera.json").get("channels", ())
+    return [f"{name}{AT}{channel['name']}" for channel in channels] or [name]
+
+
 def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCamera:
-    place = f"cameras/{name}"
-    record = folder.record(f"{place}/camera.json")
+    place = f"cameras/{place_of(name)}"
+    record = folder.record(f"cameras/{name.partition(AT)[0]}/camera.json")
     plain, with_distortion = pinholes(record)
     width, height = record["resolution"]
     is_plenoptic = "mla" in record
@@ -153,7 +160,7 @@ def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCam
 
 
 def _view(folder: BuiltFolder, camera: str, frame: int, is_plenoptic: bool) -> BuiltView:
-    place = f"frames/{frame:04d}/{camera}"
+    place = f"frames/{frame:04d}/{place_of(camera)}"
     return BuiltView(
         camera=camera,
         frame=frame,

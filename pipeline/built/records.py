@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder
+from pipeline.built.folder import AT, BuiltFolder, place_of
 from pipeline.built.rows import MICROLENS, as_pandas, joined, rows_of
 
 if TYPE_CHECKING:
@@ -85,32 +85,29 @@ class BuiltView:
     positions_path: Path | None
     _folder: BuiltFolder = field(repr=False, compare=False)
 
-    @property
-    def _place(self) -> str:
-        return f"frames/{self.frame:04d}/{self.camera}"
-
     @cached_property
     def correspondences(self) -> np.recarray:
         """Rows of correspondences.csv, without the columns of microlenses where there are none.
 
         docs/outputs.md says what the columns mean.
         """
-        table = self._folder.table(f"{self._place}/correspondences.csv")
+        table = self._folder.table(f"frames/{self.frame:04d}/{place_of(self.camera)}/correspondences.csv")
         return rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
 
     @cached_property
     def poses(self) -> BuiltPoses:
         """Poses of the view, from poses.json."""
-        return _poses(self._folder.record(f"{self._place}/poses.json"))
+        return _poses(self._folder.record(f"frames/{self.frame:04d}/{self.camera.partition(AT)[0]}/poses.json"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltCamera:
-    """A camera of a build.
+    """A camera of a build, or one of the channels of its sensor.
 
     Attributes
     ----------
     name : str
+        `Rig.Camera`, or `Rig.Camera@red` of a channel.
     is_plenoptic : bool
         Whether a microlens array stands before the sensor.
     size_px : tuple of int
@@ -158,7 +155,7 @@ class BuiltCamera:
         return as_pandas(self.correspondences)
 
     def _table(self, file: str) -> np.recarray | None:
-        name = f"cameras/{self.name}/{file}"
+        name = f"cameras/{place_of(self.name)}/{file}"
         return rows_of(self._folder.table(name)) if self._folder.file(name) else None
 
 

@@ -108,3 +108,12 @@ def test_small_tiles_of_channels_behind_microlenses_give_the_same_bytes(
     assert files[0] == files[1]
     for file in files[0] - {Path("manifest.json")}:
         assert (outs[0] / file).read_bytes() == (outs[1] / file).read_bytes(), file
+
+
+def test_an_opened_folder_has_a_camera_for_each_channel(built: Result) -> None:
+    out = pipeline.open_output(built.out)
+    assert list(out.cameras) == [f"Rig.Camera@{name}" for name in (*TRIANGLE, "again")]
+    red, blue = (out.cameras[f"Rig.Camera@{name}"] for name in ("red", "blue"))
+    assert red.correspondences.x_px.tolist() != blue.correspondences.x_px.tolist()
+    assert set(red.correspondences.channel) == {"red"}
+    np.testing.assert_array_equal(red.views[0].poses.camera_from_world, blue.views[0].poses.camera_from_world)
