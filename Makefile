@@ -19,7 +19,7 @@ test: $(STAMP)
 
 # What `make test` leaves out because it takes long: slow twins of every kind of array and field position.
 proofs: $(STAMP) warm
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[referees]'
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
