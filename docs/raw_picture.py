@@ -1,9 +1,9 @@
 """Draw docs/raw.png: a window of an image as it is, and as a sensor of the library records it with less and less light.
 
-    python docs/raw_picture.py PICTURE FRAME_FOLDER [--window LEFT TOP WIDTH HEIGHT] [--zoom N]
+    python docs/raw_picture.py [PICTURE FRAME_FOLDER] [--window LEFT TOP WIDTH HEIGHT] [--zoom N]
 
 FRAME_FOLDER is frames/<frame>/<camera> of an output folder. Each panel is as bright as the others: what is small is
-multiplied. Prints the white levels, and the mean and standard deviation of a bright and of a dark pixel over frames.
+multiplied. Prints the electrons of white at each level, and their noise, with or without a picture.
 """
 
 import argparse
@@ -42,21 +42,32 @@ def recorded(light: np.ndarray, response: SensorResponse, level: float, frame: i
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("picture", type=Path)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("picture", type=Path, nargs="?")
+    parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--window", type=int, nargs=4, default=(0, 0, 1 << 20, 1 << 20))
     parser.add_argument("--zoom", type=int, default=1)
     given = parser.parse_args()
-    left, top, width, height = given.window
-    image = read_exr(given.folder / "image.exr")["image"].channels["Y"].astype(np.float64)
+    if given.picture and given.folder:
+        draw(given.picture, given.folder, given.window, given.zoom)
+    tell()
+
+
+def draw(picture: Path, folder: Path, window: tuple[int, int, int, int], zoom: int) -> None:
+    """Write the picture."""
+    left, top, width, height = window
+    image = read_exr(folder / "image.exr")["image"].channels["Y"].astype(np.float64)
     light, response = image[top : top + height, left : left + width], sensor()
     panels = [light, *(recorded(light, response, level, 1) for level in LEVELS)]
-    write_png(given.picture, side_by_side([enlarged(srgb_preview(one, 1.0), given.zoom) for one in panels]))
+    write_png(picture, side_by_side([enlarged(srgb_preview(one, 1.0), zoom) for one in panels]))
+
+
+def tell() -> None:
+    """Print a table of levels: electrons of white, and their noise over many pixels."""
+    print("| `plen:image:whiteLevel` | electrons of white | noise of them |\n|---|---|---|")
+    response, even = sensor(), np.ones((300, 300))
     for level in LEVELS:
-        electrons = level * response.saturation_e
-        even = np.array([[1.0]])
-        values = [recorded(even, response, level, frame)[0, 0] for frame in range(1000)]
-        print(f"white level {level:g}: {electrons:.0f} electrons at 1, noise {100 * np.std(values):.1f} % of them")
+        noise = np.std(recorded(even, response, level, 1))
+        print(f"| {level:g} | {level * response.saturation_e:.0f} | {100 * noise:.1f} % |")
 
 
 if __name__ == "__main__":

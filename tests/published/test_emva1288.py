@@ -1,88 +1,29 @@
 """The standard's own analysis program recovers the parameters of our sensor from series of our raw images.
 
-`emva1288` 1.0.2 is the reference implementation of EMVA 1288, release 4.0 (EMVA1288/emva1288, extra `referees`). It
-reads our TIFF files by a descriptor file, as a laboratory would hand them in. Each parameter has to come back within
-the standard error that a series of so many pixels has, by the closed forms of the estimators.
+`benchmarks/sensor.py` makes the series and asks `emva1288`, the reference implementation of EMVA 1288, release 4.0.
+Each parameter has to come back within the standard error that a series of so many pixels has, by the closed forms of
+the estimators.
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from laws.sensors import shot
 from scipy import stats
 from tolerances import SIGMAS
 
-from pipeline.files.tiff import write_tiff
-from pipeline.render.sensor.read_out import digital_numbers
-from pipeline.render.sensor.response import SensorResponse
-
-SHAPE = (300, 400)
-PIXELS = SHAPE[0] * SHAPE[1]
-RATE = 4.0e6
-"""Photons of a pixel in a second: a series of exposure times is one of photons, too."""
-TIMES_S = np.arange(1, 53) * 8.0e-5
-"""From 320 photons to 16,640, where most pixels are full: the referee wants a series that ends there."""
-HALF_S = 2.0e-3
-"""Exposure time of the stacks, which fills the pixels to about half."""
-STACKED = 64
-"""Images that the spatial variances are taken from."""
-
-REPORTED = SensorResponse(
-    quantum_efficiency=(0.6,),
-    full_well_e=10000.0,
-    gain_dn_per_e=0.35,
-    bit_depth=12,
-    black_level_dn=64.0,
-    dark_noise_e=6.5,
-    dark_current_e_per_s=3.0e4,
-    dsnu_e=3.0,
-    dsnu_row_e=0.7,
-    dsnu_column_e=1.0,
-    prnu=0.008,
-    prnu_row=0.002,
-    prnu_column=0.003,
-)
-
-
-def taken(folder: Path, number: int, photons: float, time_s: float) -> str:
-    """Write a raw image of even light; gives its name."""
-    light = {"mono": np.full(SHAPE, photons)}
-    numbers = digital_numbers(REPORTED, light, shot(frame=number, exposure_time_s=time_s))
-    write_tiff(folder / f"{number}.tiff", SHAPE, lambda first, end: numbers[first:end], {})
-    return f"i {number}.tiff"
-
-
-def descriptor(folder: Path) -> Path:
-    """A series of exposure times in pairs, bright and dark, and stacks in the dark and near half of saturation."""
-    lines, number = ["v 4.0", f"n 12 {SHAPE[1]} {SHAPE[0]}"], 0
-    for time_s, count in [*((time_s, 2) for time_s in TIMES_S), (HALF_S, STACKED)]:
-        for photons, kind in (
-            (RATE * time_s, f"b {time_s * 1e9:.6f} {RATE * time_s:.9g}"),
-            (0.0, f"d {time_s * 1e9:.6f}"),
-        ):
-            lines.append(kind)
-            for _ in range(count):
-                lines.append(taken(folder, number, photons, time_s))
-                number += 1
-    path = folder / "series.txt"
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+try:
+    from sensor import HALF_S, PIXELS, RATE, REPORTED, SHAPE, STACKED, TIMES_S, referee
+finally:
+    del sys.path[0]
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     """What the referee says of the series."""
-    if not hasattr(np, "asfarray"):  # NumPy 2 has dropped it, and the referee still calls it
-        np.asfarray = lambda values: np.asarray(values, np.float64)
-    from emva1288.process.data import Data1288
-    from emva1288.process.loader import LoadImageData
-    from emva1288.process.parser import ParseEmvaDescriptorFile
-    from emva1288.process.results import Results1288
-
-    path = descriptor(tmp_path_factory.mktemp("series"))
-    images = LoadImageData(ParseEmvaDescriptorFile(str(path)).images)
-    return Results1288(Data1288(images.data).data)
+    return referee(tmp_path_factory.mktemp("series"))
 
 
 def bright(times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -115,7 +56,6 @@ def test_the_referee_recovers_gain_and_quantum_efficiency(found):
     assert abs(found.R - slope) < SIGMAS * np.hypot(of_slope, slope * np.sqrt(pattern))
     relative = np.sqrt((of_gain / REPORTED.gain_dn_per_e) ** 2 + (of_slope / slope) ** 2 + pattern)
     assert abs(found.QE / 60 - 1) < SIGMAS * relative
-    print(f"\nK {found.K:.5f} of 0.35 DN/e- ({of_gain:.5f}), quantum efficiency {found.QE:.3f} of 60 %")
 
 
 @pytest.mark.heavy
@@ -137,7 +77,6 @@ def test_the_referee_recovers_dark_noise_and_dark_current(found):
     assert abs(found.u_I_var / current - 1) < SIGMAS * np.hypot(slope / (gain**2 * current), 2 * of_gain)
     of_mean = np.sqrt(np.sum((time_s**2) * dark / (2 * PIXELS))) / np.sum(time_s**2)
     assert abs(found.u_I_mean / current - 1) < SIGMAS * np.hypot(of_mean / (gain * current), of_gain)
-    print(f"\nsigma_d {found.sigma_d:.4f} of 6.5 e-, dark current {found.u_I_mean:.0f} of 30000 e-/s")
 
 
 @pytest.mark.heavy
@@ -154,7 +93,6 @@ def test_the_referee_sees_saturation_where_the_full_well_is(found):
     expected = RATE * TIMES_S[int(np.argmax(variances))] * REPORTED.quantum_efficiency[0]
     step = RATE * (TIMES_S[1] - TIMES_S[0]) * REPORTED.quantum_efficiency[0]
     assert abs(found.u_e_sat - expected) <= 1.1 * step
-    print(f"\nsaturation {found.u_e_sat:.0f} e- in steps of {step:.0f}, of a full well of 10000 e-")
 
 
 def _cut(counts, mean):
@@ -189,4 +127,3 @@ def test_the_referee_recovers_the_nonuniformities(found):
         for name, variance, error in zip(names, expected, found_errors, strict=True):
             value = getattr(found, f"{what}1288{name}") / scale
             assert abs(value**2 - variance) < SIGMAS * np.hypot(error, 2 * of_scale * variance), (what, name)
-        print(f"\n{what} {value:.5g} of {np.sqrt(expected[-1]):.5g}")
