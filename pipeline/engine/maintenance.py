@@ -46,7 +46,7 @@ class Contents:
     quarantine_bytes: int
 
     def to_dict(self) -> dict[str, int]:
-        """As in `cache info --json`."""
+        """Plain data, as in `cache info --json`."""
         return asdict(self)
 
 
@@ -63,7 +63,7 @@ class Collected:
     busy: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `cache gc --json`."""
+        """Plain data, as in `cache gc --json`."""
         return asdict(self)
 
 
@@ -83,7 +83,7 @@ class Checked:
     incomplete: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `cache fsck --json`."""
+        """Plain data, as in `cache fsck --json`."""
         return asdict(self)
 
 
