@@ -204,7 +204,7 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
     for key, _ in by_use:
         record = store.peek(key)
         if record is None and is_unreadable(path := store.path("record", key)):  # it may refer to any blob
-            raise EnvironmentFault(f"cannot read {path}, so nothing was dropped", hint="try again, or remove that file")
+            raise EnvironmentFault(f"cannot read {path}, so nothing was removed", hint="try again, or remove that file")
         if record is None:
             continue
         names = {entry["sha256"] for entry in record["outputs"].values()}
@@ -222,7 +222,7 @@ def _stays(store: Store, table: str, name: str) -> bool:
     """Whether a wrong entry is merely unreadable at present, which is reported."""
     unreadable = is_unreadable(store.path(table, name))
     if unreadable:
-        store.warn(f"cannot be read, and stays where it is: {store.path(table, name)}")
+        store.warn(f"cannot be read and stays in place: {store.path(table, name)}")
     return unreadable
 
 
