@@ -137,7 +137,7 @@ def show(
     from pipeline.app.show import show as cameras_of
 
     if plot is not None and plot.suffix != ".svg":
-        raise UsageError(f"{plot} is no .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+        raise UsageError(f"{plot} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
     shown = cameras_of(stage, camera, tuple(allow_root or ()))
     if plot is not None:
         draw(shown, plot)

@@ -33,7 +33,7 @@ def apply(a_from_b: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
 def rotation_vector(a_from_b: np.ndarray) -> np.ndarray:
     """Axis times angle of the rotation, what OpenCV calls rvec, (3,) [rad].
 
-    By way of the quaternion, from the largest of its four squares: Shepperd, J. Guidance and Control 1 (1978) 223.
+    Computed from the quaternion, by the largest of its four squares: Shepperd, J. Guidance and Control 1 (1978) 223.
     """
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = a_from_b[:3, :3].tolist()
     trace = xx + yy + zz

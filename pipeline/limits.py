@@ -28,19 +28,19 @@ class Limits:
     points : int
         Points of a target, on all its faces or steps.
     triangles : int
-        Of one mesh.
+        Triangles of one mesh.
     f_numbers : int
         Further white images of a camera.
     layers : int
         Files that a stage is composed of.
     layer_bytes : int
-        Of one of these files.
+        Size of one of these files.
     prims : int
         Upper bound of the prims of a stage, in all variants.
     folder_bytes : int
-        Of all files of an output folder that `verify` reads.
+        Size of all files of an output folder that `verify` reads.
     table_bytes : int
-        Of all tables of correspondences among them.
+        Size of all tables of correspondences among them.
     task_bytes, task_s : int
         Memory, in addresses, and time [s] that a task of a stage read with `--untrusted` may take.
     """

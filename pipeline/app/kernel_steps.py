@@ -9,7 +9,7 @@ from typing import Any
 from pipeline.engine.planning.graph import Task
 
 STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search", "sensor")
-"""In this order: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images; images; curved
+"""Steps: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images; images; curved
 targets; the search in position images; the noise of raw images.
 """
 _OF_KIND = {

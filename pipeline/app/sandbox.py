@@ -45,7 +45,7 @@ def project_of_untrusted(
     except (KeyError, TypeError, ValueError, AttributeError):
         raise UsageError(f"{path}: reading it gave no project") from None
     if not (guards.landlock and guards.seccomp):
-        warn(f"{path} was read with less than --untrusted has elsewhere: {guards}")
+        warn(f"{path} was read without some guards of --untrusted: {guards}")
     # A stage that takes over the process must not choose where files are written.
     if not all(map(is_plain_path, project.files)):
         raise UsageError(f"{path}: it names files outside of the output folder")

@@ -41,7 +41,7 @@ class Shown:
     ----------
     entry : CameraEntry
     warnings : list of Problem
-        Of its stage.
+        Warnings about its stage.
     """
 
     entry: CameraEntry

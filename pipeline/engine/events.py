@@ -53,7 +53,7 @@ class EventFile:
     def __init__(self, path: Path) -> None:
         if not _HEAD.startswith(_beginning(path)):
             raise UsageError(
-                f"{path} is there and holds no events of a build", hint="give --events a name that is free"
+                f"{path} exists and is not an event file of a build", hint="give --events a name that is free"
             )
         self._path = path
         self._stream: TextIO | None = None

@@ -66,7 +66,7 @@ def machine_errors(doing: str, folder: Path, *, needed: int | None = None) -> It
 
 @contextlib.contextmanager
 def chosen_place(doing: str, path: Path) -> Iterator[None]:
-    """As `machine_errors`, for a path chosen by the user, whose folder may not exist."""
+    """Do the same as `machine_errors` for a path chosen by the user, whose folder may not exist."""
     try:
         with machine_errors(doing, path):
             yield

@@ -81,7 +81,7 @@ def locked(
 
 @contextlib.contextmanager
 def locked_folder(folder: Path, timeout_s: float = 3600.0, *, errand: Errand | None = None) -> Iterator[bool]:
-    """As `locked`, for a folder: nothing is written into it, and it may be read-only."""
+    """Hold the lock of a folder as `locked` does; nothing is written into it, so it may be read-only."""
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:

@@ -46,7 +46,7 @@ class Contents:
     quarantine_bytes: int
 
     def to_dict(self) -> dict[str, int]:
-        """As in `cache info --json`."""
+        """Plain data, as in `cache info --json`."""
         return asdict(self)
 
 
@@ -63,7 +63,7 @@ class Collected:
     busy: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `cache gc --json`."""
+        """Plain data, as in `cache gc --json`."""
         return asdict(self)
 
 
@@ -83,7 +83,7 @@ class Checked:
     incomplete: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `cache fsck --json`."""
+        """Plain data, as in `cache fsck --json`."""
         return asdict(self)
 
 
@@ -204,7 +204,7 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
     for key, _ in by_use:
         record = store.peek(key)
         if record is None and is_unreadable(path := store.path("record", key)):  # it may refer to any blob
-            raise EnvironmentFault(f"cannot read {path}, so nothing was dropped", hint="try again, or remove that file")
+            raise EnvironmentFault(f"cannot read {path}, so nothing was removed", hint="try again, or remove that file")
         if record is None:
             continue
         names = {entry["sha256"] for entry in record["outputs"].values()}
@@ -222,7 +222,7 @@ def _stays(store: Store, table: str, name: str) -> bool:
     """Whether a wrong entry is merely unreadable at present, which is reported."""
     unreadable = is_unreadable(store.path(table, name))
     if unreadable:
-        store.warn(f"cannot be read, and stays where it is: {store.path(table, name)}")
+        store.warn(f"cannot be read and stays in place: {store.path(table, name)}")
     return unreadable
 
 

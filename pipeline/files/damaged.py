@@ -16,7 +16,7 @@ class DamagedFile(PipelineError):
     path : path
         The file.
     reason : str
-        What is wrong with it.
+        Description of the problem.
     line : int, optional
         Line of a text file, counted from 1.
     """

@@ -106,7 +106,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     Returns
     -------
     dict of str to Part
-        By name, in the order of the file.
+        Parts by name, in the order of the file.
 
     Raises
     ------

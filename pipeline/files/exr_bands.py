@@ -44,7 +44,7 @@ class BandedPart:
     rows : callable
         Called for each band in turn, from the top.
     attributes : dict
-        As in `exr.Part`.
+        Attributes, see `exr.Part`.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""From a dataset to its graph of tasks and to the list of files that a build delivers.
+"""Graph of tasks of a dataset, and the list of files that a build delivers.
 
 Params hold exactly what a task reads, in the camera's own frame, so that moving a rig does not affect any ray. Names
 appear only in the params of tasks that write them.

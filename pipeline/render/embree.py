@@ -58,7 +58,7 @@ class MeshScene:
         origins : (n, 3) float64
             Starts of the rays, vision frame [mm].
         directions : (n, 3) float64
-            Of any length.
+            Directions of any length.
 
         Returns
         -------

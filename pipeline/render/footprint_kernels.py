@@ -51,7 +51,7 @@ def meet_plane(beams, pose, edge_mm, step_mm, meeting):
     pose : (4, 4) float64
         vision_from_frame.
     edge_mm : float
-        Of a pixel.
+        Edge of a pixel.
     step_mm : (b,) float64
         Distance of the nodes of each block.
     meeting : Meeting
@@ -212,7 +212,7 @@ def look_past_solid(bounds, places, near, far, verdict):
     bounds : Box
         Around the thing, vision frame.
     near, far : Meeting
-        With the planes across the axis where it begins and ends.
+        Meetings with the planes across the axis where it begins and ends.
     """
     u, v = np.empty(RAYS), np.empty(RAYS)
     for n in range(verdict.shape[0]):

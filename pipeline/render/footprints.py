@@ -39,7 +39,7 @@ class Places(NamedTuple):
     blocks : (n, s) int64
         Indices of the blocks; -1 for none.
     centre_mm, step_mm : (b, 2), (b,) float64
-        Of the blocks.
+        Centres and node distances of the blocks.
     """
 
     positions: np.ndarray
@@ -58,7 +58,7 @@ class Meeting(NamedTuple):
     side : (b,) int64
         See `footprint_kernels`.
     more : (b, 2) float64
-        What footprints of pixels are larger by than the rays of their centres say [mm].
+        Margin of the footprints of pixels over the rays of their centres [mm].
     """
 
     points: np.ndarray

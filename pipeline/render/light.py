@@ -69,7 +69,7 @@ class TargetLight:
         Parameters
         ----------
         wanted, image : (m,) bool, (m,) float64
-            By pixel.
+            Selected pixels, and the image, by pixel.
         """
         if self._is_one_sheet:
             self._lights[0].add(self._background, rays, pixels, wanted, image)

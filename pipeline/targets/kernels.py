@@ -38,11 +38,11 @@ class DrawingArrays(NamedTuple):
     half_x, half_y : float
         Half the width and half the height of the sheet.
     kinds : (s,) int64
-        Of the shapes, numbers of `KINDS`.
+        Kinds of the shapes, numbers of `KINDS`.
     numbers : (s, NUMBERS) float64
-        What each is, at places that its kind decides.
+        Numbers of each shape, in columns that depend on its kind.
     first : (s + 1,) int64
-        Where the corners of each begin.
+        Index of the first corner of each shape.
     corners : (c, 2) float64
     bins : int
         Bins of a grid over the sheet, along each axis.

@@ -47,7 +47,7 @@ class MeshTarget:
                 f"{len(self.points_mm)} marked points and {len(self.normals)} normals", hint="one normal per point"
             )
         if not self.points_mm or not np.linalg.norm(np.array(self.normals), axis=1).all():
-            raise TargetError("there are no marked points, or one has a normal of no length")
+            raise TargetError("there are no marked points, or one has a normal of length 0")
 
     @property
     def kind(self) -> str:

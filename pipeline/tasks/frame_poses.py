@@ -66,5 +66,5 @@ def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> dict[str, 
 
 
 def pinhole_from_camera(pinhole: Pinhole) -> np.ndarray:
-    """From the vision frame to the same axes about the centre of projection, (4, 4)."""
+    """Transform from the vision frame to the same axes about the centre of projection, (4, 4)."""
     return rigid(np.eye(3), -np.array(pinhole.centre_mm))

@@ -89,6 +89,6 @@ def position_image(
     result = np.full((here.size, 2), np.nan, np.float32)
     for piece in stretches(rig, k, first, end) if here.any() else ():
         some = here.ravel()[piece.index]
-        arguments = piece.positions_mm[some], piece.lens[some], planes, sampling.samples, piece.pixels[some]
+        arguments = piece.positions_mm[some], piece.microlens[some], planes, sampling.samples, piece.pixels[some]
         result[piece.index[some]] = rig.tracer.moments(*arguments, rig.square_px)[:, :2]
     return result.reshape(*here.shape, 2)

@@ -27,7 +27,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     covariance = np.empty((height * width, 10), np.float32)
     for piece in stretches(rig, k, params.first_row * k, params.end_row * k):
         bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params.sampling, params.square_px)
-        cells[piece.index] = piece.lens if rig.images else 0
+        cells[piece.index] = piece.microlens if rig.images else 0
     # For every pixel the bundle next to its centre keeps its second moments.
     small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
     write_npy(out / "bundles.npy", bundles.reshape(height, width, WIDTH))
@@ -37,12 +37,12 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
 def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Bundles (n, WIDTH) of positions, and second moments (n, 10), which are needed only next to a pixel's centre."""
-    camera, k, lens = tracer.camera, sampling.supersampling, piece.lens
+    camera, k, microlens = tracer.camera, sampling.supersampling, piece.microlens
     assert camera.near_mm is not None and camera.far_mm is not None
     planes = parallel_planes(camera.near_mm, camera.far_mm)
-    moments = tracer.moments(piece.positions_mm, lens, planes, sampling.samples, piece.pixels, square_px)
+    moments = tracer.moments(piece.positions_mm, microlens, planes, sampling.samples, piece.pixels, square_px)
     free = moments[:, FREE_WEIGHT] if tracer.lattice is not None else tracer.reference_weight_sr
-    bundles = np.empty((len(lens), WIDTH))
+    bundles = np.empty((len(microlens), WIDTH))
     bundles[:, NEAR], bundles[:, FAR] = moments[:, 0:2], moments[:, 2:4]
     bundles[:, HIT_FRACTION] = moments[:, WEIGHT] / free
     bundles[:, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
@@ -50,6 +50,6 @@ def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float)
     if square_px > 0:
         # Second moments are those of the bundle without its square.
         kept = (piece.pixels % k == k // 2).all(axis=1)
-        points = piece.positions_mm[kept], lens[kept], planes, sampling.samples, piece.pixels[kept]
+        points = piece.positions_mm[kept], microlens[kept], planes, sampling.samples, piece.pixels[kept]
         covariance[kept] = tracer.moments(*points)[:, COVARIANCE:WEIGHT]
     return bundles, covariance

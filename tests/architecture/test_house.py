@@ -60,7 +60,7 @@ def test_docstrings_begin_with_a_noun_or_a_verb():
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
                 text = ast.get_docstring(node) or ""
-                if re.match(r"(Of|What|Where|How|Which)\b", text):
+                if re.match(r"(Of|What|Where|How|Which|When|Who|Whoever|Whatever|That|Those|With|If)\b", text):
                     offenders.append(f"{path}: {text.splitlines()[0]}")
     assert offenders == []
 

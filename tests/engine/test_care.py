@@ -153,9 +153,9 @@ def test_what_cannot_be_read_just_now_is_neither_dropped_nor_put_into_quarantine
     store = Store(store.root, warn=said.append)
     with monkeypatch.context() as patch:
         patch.setattr("pipeline.engine.files.open_regular", lambda path: None)
-        with pytest.raises(EnvironmentFault, match="nothing was dropped"):
+        with pytest.raises(EnvironmentFault, match="nothing was removed"):
             collect(store, 0)
-        assert len(check(store).damaged) == len(said) == 2 and "stays where it is" in said[0]
+        assert len(check(store).damaged) == len(said) == 2 and "stays in place" in said[0]
     assert store.record(key) and not info(store).quarantined
 
 

@@ -406,7 +406,7 @@ def test_a_result_that_is_damaged_in_the_store_again_and_again_is_no_bug_of_ours
     with monkeypatch.context() as patch:
         patch.setattr(Folder, "present", damaging)
         result = build(toy.project(out), ALONE)
-    assert result.exit_code == 5 and "went from the store" in str(result.error)
+    assert result.exit_code == 5 and "vanished from the store" in str(result.error)
     assert build(toy.project(out), ALONE).exit_code == 0
 
 

@@ -102,7 +102,7 @@ def test_a_store_that_others_only_read_is_left_alone(place):
     assert build_as(place, FIRST, 0o022) == (0, "")
     shutil.rmtree(place / "store/ac")
     code, said = build_as(place, SECOND, 0o022)
-    assert code == 0 and "may only be read; what is new goes to" in said
+    assert code == 0 and "is read-only; new results go to" in said
 
 
 def test_a_store_for_one_user_has_the_rights_of_the_umask(tmp_path):

@@ -227,7 +227,7 @@ def test_a_store_that_may_only_be_read_gets_a_private_one_on_top(tmp_path, kit, 
     assert again(samples=9) == {"rays/cam", "image/cam/0000", "image/cam/0001", "report"}
     assert again(samples=9) == set()
     assert toy.snapshot(shared) == before
-    assert len(said) == 3 and all("may only be read" in text for text in said)
+    assert len(said) == 3 and all("is read-only" in text for text in said)
     record = next((shared / "ac").rglob("*.json"))
     record.chmod(0o644)
     record.write_bytes(b"damaged")

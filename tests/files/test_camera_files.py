@@ -211,7 +211,7 @@ def test_a_camera_with_more_pixels_than_a_stage_can_count_is_refused(tmp_path):
 
 def test_other_files_are_refused(tmp_path):
     assert refused(tmp_path, "a.js", "{").startswith("a.js:1: is no JSON")
-    assert refused(tmp_path, "a.js", "[" * 100_000).startswith("a.js: is JSON nested deeper")
+    assert refused(tmp_path, "a.js", "[" * 100_000).startswith("a.js: is JSON nested too deeply")
     assert "known are .csv" in refused(tmp_path, "a.zmx", "x")
     assert "--lens is for" in refused(tmp_path, "a.js", "{}", lens=tmp_path / "table.csv")
     assert refused(tmp_path, "none.csv", "radius;thickness\n").startswith("none.csv: ")

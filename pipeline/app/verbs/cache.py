@@ -79,5 +79,5 @@ def fsck(as_json: Json = False) -> None:
     else:
         say(f"{found.records:,} tasks, {found.blobs:,} files, {human(found.bytes)} read: {bad} damaged")
     if bad:
-        note("damaged results lie in quarantine; the next build makes them again")
+        note("damaged results are in quarantine; the next build makes them again")
     raise typer.Exit(Exit.OTHER_BYTES if bad else Exit.DONE)

@@ -45,7 +45,7 @@ def graph(
     from pipeline.report.graph import svg
 
     if picture is not None and picture.suffix != ".svg":
-        raise UsageError(f"{picture} is no .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+        raise UsageError(f"{picture} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
     if picture is not None:

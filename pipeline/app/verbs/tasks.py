@@ -39,7 +39,7 @@ def run_task(
             log = Path(reply["log"])
             note(log.read_text(encoding="utf-8", errors="replace") if log.is_file() else reply["error"])
             if reply["damaged"]:
-                note("    hint: what it reads is no longer in the store: build again, or plan --specs again")
+                note("    hint: its inputs are no longer in the store: build again, or plan --specs again")
         elif not as_json:
             say(f"{reply['name']} {reply['state']} {reply['seconds']:.1f} s")
         if reply.get("differs"):

@@ -69,7 +69,7 @@ class ForeignFolder:
         finally:
             os.close(handle)
         if digest.hexdigest() != sha256:
-            raise Unfit("is not as it was built: its bytes are others")
+            raise Unfit("is not as it was built: its bytes differ")
 
     def open(self, name: str) -> int:
         """Descriptor of a plain file, for reading.
@@ -90,7 +90,7 @@ class ForeignFolder:
         except FileNotFoundError:
             raise Unfit("is lost") from None
         except (OSError, ValueError) as error:  # ValueError: a name that no file system accepts
-            reason = error.strerror if isinstance(error, OSError) else "no file system knows such a name"
+            reason = error.strerror if isinstance(error, OSError) else "no file system accepts such a name"
             raise Unfit(f"cannot be read ({reason})") from None
         finally:
             if at is not None:

@@ -21,7 +21,7 @@ class TaskStatus:
     state: str
 
     def to_dict(self) -> dict[str, str]:
-        """As in `status --json`."""
+        """Plain data, as in `status --json`."""
         return {"name": self.name, "kind": self.kind, "state": self.state}
 
 

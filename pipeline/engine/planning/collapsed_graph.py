@@ -48,7 +48,7 @@ class Group:
         return _COLOURS[next(state for state in ("run", "maybe", "cached") if self.states[state])]
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `graph --format json`."""
+        """Plain data, as in `graph --format json`."""
         return {"name": self.name, "tasks": self.count, "states": dict(self.states), "reads": self.reads}
 
 

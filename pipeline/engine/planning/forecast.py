@@ -45,7 +45,7 @@ class Forecast:
         Number of tasks that run or may have to run; number of those whose kind has never run, which are left out of the
         sums.
     cpu_seconds, rays, peak_bytes :
-        As in `Cost`: the sums, and the largest memory of one task.
+        Sums of the fields of `Cost`, and the largest memory of one task.
     """
 
     tasks: int
@@ -55,7 +55,7 @@ class Forecast:
     peak_bytes: int
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `plan --json`."""
+        """Plain data, as in `plan --json`."""
         return {**asdict(self), "cpu_seconds": round(self.cpu_seconds, 3), "rays": round(self.rays)}
 
 

@@ -46,7 +46,7 @@ class Reason:
     edits: tuple[Edit, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `plan --json`."""
+        """Plain data, as in `plan --json`."""
         facts = {"type": self.type.value, "field": self.field, "old": self.old, "new": self.new}
         return {**facts, "edits": [edit.to_dict() for edit in self.edits]}
 
@@ -85,7 +85,7 @@ class PlannedTask:
         return tuple({(edit.what, edit.time): edit for reason in self.reasons for edit in reason.edits}.values())
 
     def to_dict(self) -> dict[str, Any]:
-        """As in `plan --json`."""
+        """Plain data, as in `plan --json`."""
         facts = {"name": self.name, "kind": self.kind, "state": self.state, "key": self.key}
         return {**facts, "reasons": [reason.to_dict() for reason in self.reasons]}
 

@@ -62,5 +62,5 @@ def _read(path: Path) -> dict[str, Any]:
     if not whole:
         raise UsageError(f"{path} is not the spec of a task", hint=hint)
     if key_of(KEY_DOMAIN, components) != spec["key"]:
-        raise UsageError(f"{path} was altered: its key does not belong to what it says", hint=hint)
+        raise UsageError(f"{path} was altered: its key does not match its content", hint=hint)
     return {name: spec[name] for name in ("name", "key", "components")}

@@ -194,13 +194,13 @@ def _fill_again_if_lost(fill: Callable[[], None], make_again: Callable[[], None]
     try:
         fill()
     except DamagedBlob:
-        warn("results went from the store before they were delivered; they are made again")
+        warn("results vanished from the store before delivery; they are made again")
         make_again()
         try:
             fill()
         except DamagedBlob as lost:
             raise EnvironmentFault(
-                "results went from the store before they were delivered, twice", hint="build again"
+                "results vanished from the store before delivery, twice", hint="build again"
             ) from lost
 
 

@@ -82,7 +82,7 @@ def writable(store: "Store") -> "Store":
     with machine_errors("make a store for", private):
         above = Store(private, warn=store.warn)
         above.put_above(store.root)
-    store.warn(f"the store {store.root} may only be read; what is new goes to {private}")
+    store.warn(f"the store {store.root} is read-only; new results go to {private}")
     return Store(private, warn=store.warn)
 
 
@@ -117,7 +117,7 @@ class Store(StoreFolder):
             self._quarantine(self.root / _BELOW)
             return None
         if os.path.realpath(named) in above or not is_store(Path(named)):
-            self.warn(f"{self.root / _BELOW} names {named}, which is no store below this one; it is left out")
+            self.warn(f"{self.root / _BELOW} names {named}, which is not another store; it is ignored")
             return None
         return Store(named, warn=self.warn, above=above)
 

@@ -42,7 +42,7 @@ def read_libpleno(path: str | Path) -> PrintedCamera:
     except json.JSONDecodeError as error:
         raise UnreadableLens(path, f"is no JSON: {error.msg}", line=error.lineno) from None
     except RecursionError:
-        raise UnreadableLens(path, "is JSON nested deeper than any camera") from None
+        raise UnreadableLens(path, "is JSON nested too deeply for a camera") from None
     if not isinstance(file, dict) or not {"main_lens", "sensor"} <= file.keys():
         raise UnreadableLens(path, "is no camera of libpleno: it has no main_lens and sensor")
     if "mla" not in file:

@@ -29,7 +29,7 @@ NAMES = {
     "stop": ("stop", "is_stop", "aperture stop"),
     "label": ("surface", "surf", "no", "nr", "#", "s", "i", "type", "name", "comment", "remark", "note"),
 }
-"""What a column may be called, in any case, with blanks, hyphens or underscores, and a unit in brackets behind it."""
+"""Names of columns, in any case, with blanks, hyphens or underscores, and a unit in brackets behind it."""
 
 _QUANTITY = {re.sub(r"[\s_-]+", " ", name): quantity for quantity, names in NAMES.items() for name in names}
 _LARGEST_INDEX = 5.0

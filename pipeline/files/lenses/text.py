@@ -21,7 +21,7 @@ class UnreadableLens(UsageError):
     path : path
         The file.
     reason : str
-        What is wrong, with the offending value.
+        Description of the problem, with the offending value.
     line : int, optional
         Line, counted from 1.
     hint : str, optional

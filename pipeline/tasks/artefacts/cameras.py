@@ -82,14 +82,14 @@ class Stretch:
         Column and row in the whole grid.
     positions_mm : (n, 2) float64
         Positions on the sensor, vision frame.
-    lens : (n,) int64
+    microlens : (n,) int64
         Index of the microlens in whose cell each position lies.
     """
 
     index: np.ndarray
     pixels: np.ndarray
     positions_mm: np.ndarray
-    lens: np.ndarray
+    microlens: np.ndarray
 
 
 def stretches(rig: Rig, supersampling: int, first_row: int, end_row: int) -> Iterator[Stretch]:

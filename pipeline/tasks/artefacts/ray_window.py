@@ -48,7 +48,7 @@ def window_around(rig: Rig, x_px: np.ndarray, sampling: Sampling) -> Window:
     Parameters
     ----------
     rig : Rig
-        With the seed of the build.
+        Camera made ready with the seed of the build.
     sampling : Sampling
         As the task `rays_tile` reads it.
     """
@@ -70,7 +70,7 @@ def _grid(rig: Rig, piece: Stretch, shape: tuple[int, int], first_px: np.ndarray
     assert camera.near_mm is not None and camera.far_mm is not None
     found, second = (values.astype(np.float32) for values in traced(rig.tracer, piece, sampling, rig.square_px))
     bundles = found.reshape(*shape, WIDTH)
-    cells = (piece.lens if rig.images else np.zeros_like(piece.lens)).reshape(shape)
+    cells = (piece.microlens if rig.images else np.zeros_like(piece.microlens)).reshape(shape)
     microlenses, centres = np.zeros((1, 3), np.int64), None
     if lattice is not None and rig.images is not None:
         microlenses = np.stack([lattice.k, lattice.l, lattice.type], axis=1)
@@ -115,7 +115,7 @@ def _position_image(
     grid, piece = window.grid, window.piece
     if method == "image":
         planes = np.stack([target_plane(vision_from_plane), parallel_planes(1.0, 2.0)[0]])
-        rays = piece.positions_mm, piece.lens, planes, sampling.samples, piece.pixels
+        rays = piece.positions_mm, piece.microlens, planes, sampling.samples, piece.pixels
         crossings = rig.tracer.moments(*rays, rig.square_px)[:, :2].astype(np.float32)
         return crossings.reshape(*grid.cell.shape, 2).astype(np.float64)
     image = on_target(grid.near, grid.far, grid.near_mm, grid.far_mm, vision_from_plane)

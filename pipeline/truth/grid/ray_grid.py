@@ -15,7 +15,7 @@ class Cells:
     Attributes
     ----------
     size_px, microlenses, centres_px
-        As of `RayGrid`.
+        Fields with the meaning they have in `RayGrid`.
     """
 
     __slots__ = ()

@@ -22,7 +22,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
-"""For each of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and
+"""Numbers for each of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and
 directions of the disc.
 """
 _LOOK_PX = 0.5
