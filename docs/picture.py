@@ -1,9 +1,9 @@
 """Draw the pictures of README.md and of the examples: a window of a preview, enlarged, with the exact positions on it.
 
-    python docs/picture.py PICTURE FRAME_FOLDER... [--window LEFT TOP WIDTH HEIGHT] [--zoom N]
+    python docs/picture.py PICTURE FRAME_FOLDER... [--window LEFT TOP WIDTH HEIGHT] [--zoom N] [--preview raw.png]
 
-FRAME_FOLDER is frames/<frame>/<camera> of an output folder; several are drawn side by side. `make picture` draws all
-pictures of the project.
+FRAME_FOLDER is frames/<frame>/<camera> of an output folder; several are drawn side by side. A camera with channels gets
+the positions of its channel green. `make picture` draws all pictures of the project.
 """
 
 import argparse
@@ -31,11 +31,12 @@ def draw_cross(picture: np.ndarray, x: float, y: float, zoom: int, colour: tuple
         picture[max(0, row - j) : max(0, row + j + 1), max(0, column - i) : max(0, column + i + 1)] = colour
 
 
-def picture_of(folder: Path, window: tuple[int, int, int, int], zoom: int) -> np.ndarray:
-    """The window of image.png with a cross at every row of correspondences.csv, (h zoom, w zoom, 3) uint8."""
+def picture_of(folder: Path, window: tuple[int, int, int, int], zoom: int, preview: str) -> np.ndarray:
+    """The window of a preview with a cross at every row of correspondences.csv, (h zoom, w zoom, 3) uint8."""
     left, top, width, height = window
-    picture = enlarged(read_png(folder / "image.png")[top : top + height, left : left + width], zoom)
-    table = read_table(folder / "correspondences.csv")
+    picture = enlarged(read_png(folder / preview)[top : top + height, left : left + width], zoom)
+    own = folder / "correspondences.csv"
+    table = read_table(own if own.exists() else folder / "green" / own.name)
     types = np.nan_to_num(table.numbers("microlens_type")).astype(int)
     for x_px, y_px, kind in zip(table.numbers("x_px"), table.numbers("y_px"), types, strict=True):
         # (0, 0) is the centre of the top-left pixel, also of the picture: the half-pixel rule of CONVENTIONS.md.
@@ -56,8 +57,9 @@ def main() -> None:
     parser.add_argument("folders", type=Path, nargs="+")
     parser.add_argument("--window", type=int, nargs=4, default=(0, 0, 1 << 20, 1 << 20))
     parser.add_argument("--zoom", type=int, default=1)
+    parser.add_argument("--preview", default="image.png")
     given = parser.parse_args()
-    pictures = [picture_of(folder, tuple(given.window), given.zoom) for folder in given.folders]
+    pictures = [picture_of(folder, tuple(given.window), given.zoom, given.preview) for folder in given.folders]
     write_png(given.picture, side_by_side(pictures))
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 MICROLENS = frozenset({"microlens_k", "microlens_l", "microlens_type"})
 """Columns that a conventional camera has no values for."""
-_TEXTS = frozenset({"camera", "second_camera", "target", "method"})
+_TEXTS = frozenset({"camera", "channel", "second_camera", "target", "method"})
 _COUNTS = MICROLENS | {"frame", "point_id", "complete"}
 
 
