@@ -8,13 +8,15 @@ import warnings
 
 import numpy as np
 
+from pipeline.records.shapes import Num
+
 with warnings.catch_warnings():
     # On import, colour warns that Matplotlib and other optional packages are missing. None of them is needed here.
     warnings.simplefilter("ignore")
     from colour.models import eotf_inverse_sRGB
 
 
-def srgb_preview(irradiance: np.ndarray, white: float) -> np.ndarray:
+def srgb_preview(irradiance: Num[np.ndarray, "h w"], white: float) -> np.ndarray:
     """A neutral picture of a monochromatic image, encoded with the transfer function of sRGB.
 
     Parameters

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, VARIANCE, WEIGHT
+from pipeline.records.shapes import Float64
 
 
 @functools.cache
@@ -15,7 +16,7 @@ def nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([x, y], axis=1), np.outer(weight / 2, weight / 2).ravel()
 
 
-def joined(moments: np.ndarray, share: np.ndarray) -> np.ndarray:
+def joined(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray, "m"]) -> np.ndarray:
     """Moments of whole squares from those of their nodes, (n, COLUMNS).
 
     Parameters

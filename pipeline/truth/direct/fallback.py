@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from pipeline.camera.rig import Rig
+from pipeline.records.shapes import Float64
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -13,7 +14,9 @@ _SIGMAS = 2.0
 """Expected errors of a row that must stay below the claim [1]: one in twenty errs by more than two of them."""
 
 
-def polished(rig: Rig, found: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
+def polished(
+    rig: Rig, found: Correspondences, planes: Float64[np.ndarray, "p 4 3"], settings: TruthSettings
+) -> Correspondences:
     """Rows of `moments` that keep the claimed accuracy, and all others by `direct`.
 
     Parameters

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.rig import Rig
+from pipeline.records.shapes import Float64
 from pipeline.truth.direct.direct_rows import blur_of
 from pipeline.truth.rows import Correspondences
 
@@ -17,7 +18,9 @@ _LEVEL = 1
 """Level of the quadrature: light and blur are read to fewer digits than a position."""
 
 
-def with_own_bundles(rig: Rig, rows: Correspondences, planes: np.ndarray, min_hit_fraction: float) -> Correspondences:
+def with_own_bundles(
+    rig: Rig, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"], min_hit_fraction: float
+) -> Correspondences:
     """The same rows with light and blur of their own; those that have too little light are dropped and counted.
 
     Rows by `direct` have both already.
