@@ -140,7 +140,7 @@ class Tracer:
         self,
         positions_mm: Float64[np.ndarray, "n 2"],
         microlens: Int64[np.ndarray, "n"],
-        planes: Float64[np.ndarray, "m 4 3"],
+        planes: Float64[np.ndarray, "... 2 4 3"],
         samples: int,
         pixels: Num[np.ndarray, "n 2"],
         square_px: float = 0.0,

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pipeline.records.shapes import Bool, Float64, Int64, Shaped
+from pipeline.records.shapes import Bool, Float64, Int64, Num, Shaped
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Correspondences:
         }
         return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
 
-    def moved(self, by_px: Float64[np.ndarray, "2"]) -> "Correspondences":
+    def moved(self, by_px: Num[np.ndarray, "2"]) -> "Correspondences":
         """The same rows with their image positions moved by (2,) [px]."""
         x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
         return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
