@@ -6,6 +6,10 @@ from pipeline.machine.processor import pin
 
 pin()  # before anybody imports NumPy: tests compute as the command does
 
+import checked_shapes  # noqa: E402
+
+checked_shapes.install()  # before anybody imports a module that has shapes
+
 # A shell that runs this in the background tells it to ignore Ctrl-C, and what the tests start would ignore it too.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

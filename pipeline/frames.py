@@ -7,11 +7,13 @@ import math
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
+
 VISION_FROM_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
 """Vision frame (x right, y down, z forward) from USD's camera frame (x right, y up, looking along -z)."""
 
 
-def rigid(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
+def rigid(rotation: Float64[np.ndarray, "3 3"], translation_mm: Float64[np.ndarray, "3"]) -> np.ndarray:
     """The transform p -> rotation p + translation."""
     a_from_b = np.eye(4)
     a_from_b[:3, :3] = rotation
@@ -19,18 +21,18 @@ def rigid(rotation: np.ndarray, translation_mm: np.ndarray) -> np.ndarray:
     return a_from_b
 
 
-def inverse(a_from_b: np.ndarray) -> np.ndarray:
+def inverse(a_from_b: Float64[np.ndarray, "4 4"]) -> np.ndarray:
     """b_from_a of a rigid transform."""
     rotation = a_from_b[:3, :3].T
     return rigid(rotation, -rotation @ a_from_b[:3, 3])
 
 
-def apply(a_from_b: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
+def apply(a_from_b: Float64[np.ndarray, "4 4"], points_mm: Float64[np.ndarray, "... 3"]) -> np.ndarray:
     """Points of frame b in frame a, (n, 3)."""
     return points_mm @ a_from_b[:3, :3].T + a_from_b[:3, 3]
 
 
-def rotation_vector(a_from_b: np.ndarray) -> np.ndarray:
+def rotation_vector(a_from_b: Float64[np.ndarray, "4 4"]) -> np.ndarray:
     """Axis times angle of the rotation, what OpenCV calls rvec, (3,) [rad].
 
     Computed from the quaternion, by the largest of its four squares: Shepperd, J. Guidance and Control 1 (1978) 223.

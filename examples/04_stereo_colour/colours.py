@@ -1,7 +1,7 @@
 """Print how far apart the channels of each camera see the same points: lateral colour, from the ground truth.
 
-    pipeline build examples/04_stereo_colour/dataset.usda
-    python examples/04_stereo_colour/colours.py [build/04_stereo_colour]
+pipeline build examples/04_stereo_colour/dataset.usda
+python examples/04_stereo_colour/colours.py [build/04_stereo_colour]
 """
 
 import argparse

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.parts.gauss import unit_nodes
+from pipeline.records.shapes import Bool, Float64, Int64
 
 _MOST_PER_ARC = 64
 """Nodes on the longest piece of an arc: NumPy vouches for Gauss-Legendre nodes up to 100."""
@@ -25,7 +26,7 @@ LabelAt = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def widened(
-    passes: Passes, low: np.ndarray, high: np.ndarray, farther: Passes, most: int
+    passes: Passes, low: Float64[np.ndarray, "..."], high: Float64[np.ndarray, "..."], farther: Passes, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outer bounds moved outwards until they are dark, and inner ones that follow to the last lit place.
 
@@ -46,7 +47,9 @@ def widened(
     return low, high
 
 
-def halved(passes: Passes, low: np.ndarray, high: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def halved(
+    passes: Passes, low: Float64[np.ndarray, "..."], high: Float64[np.ndarray, "..."], steps: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the boundary along many ways, (...) each, after so many bisections: lit at `low`, dark at `high`."""
     for _ in range(steps):
         middle = (low + high) / 2
@@ -55,7 +58,7 @@ def halved(passes: Passes, low: np.ndarray, high: np.ndarray, steps: int) -> tup
     return low, high
 
 
-def inner_points(points: np.ndarray, lit: np.ndarray) -> np.ndarray:
+def inner_points(points: Float64[np.ndarray, "n m 2"], lit: Bool[np.ndarray, "n m"]) -> np.ndarray:
     """The lit one of some points (n, m, 2) that is nearest to the mean of all lit ones, (n, 2); NaN where none is.
 
     The mean itself may be dark: a crescent's is.
@@ -83,7 +86,7 @@ class Corners(NamedTuple):
     angle: np.ndarray
 
 
-def corners(label_at: LabelAt, rows: np.ndarray, label: np.ndarray, steps: int) -> Corners:
+def corners(label_at: LabelAt, rows: Int64[np.ndarray, "n"], label: Int64[np.ndarray, "n d"], steps: int) -> Corners:
     """Directions between which the label of the edge changes, bisected.
 
     A third label in between is an arc that the first directions missed: then there are two corners instead of one.
@@ -126,7 +129,7 @@ class Directions(NamedTuple):
 
 
 def directions(
-    rows: np.ndarray, found: Corners, around: int, least_per_arc: int, even: int | None = None
+    rows: Int64[np.ndarray, "n"], found: Corners, around: int, least_per_arc: int, even: int | None = None
 ) -> Directions:
     """Directions all around regions: evenly spaced, or Gauss-Legendre nodes on every arc between two corners.
 

@@ -12,6 +12,7 @@ from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Samples, Squares, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.declared import number, whole
+from pipeline.records.shapes import Float64
 
 _FARTHEST_PX = 1 << 23
 """Farthest image position [px]: half of what streams of random numbers lie apart, and no sensor is as wide."""
@@ -33,9 +34,9 @@ class Bundle:
         Share of the integral of cos(theta) d omega at the sensor; of a camera that weighs area that in mm^2.
     """
 
-    origin_mm: np.ndarray
-    direction: np.ndarray
-    weight_sr: np.ndarray
+    origin_mm: Float64[np.ndarray, "n 3"]
+    direction: Float64[np.ndarray, "n 3"]
+    weight_sr: Float64[np.ndarray, "n"]
 
     def at_distance(self, z_mm: float) -> np.ndarray:
         """Crossings with the plane at vision z, (n, 2) [mm]."""

@@ -15,6 +15,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS, VARIANCE
 from pipeline.camera.tracing.records import Starts
 from pipeline.camera.tracing.sampling_bounds import SKIP
+from pipeline.records.shapes import Bool, Float64, Int64
 
 NODES = ((6, 16), (8, 32), (12, 64), (16, 128), (24, 256))
 """Levels of the quadrature: nodes along the radius and over the circle. The error is that of the level before."""
@@ -55,11 +56,11 @@ class Bundles:
         smoothly with the position. None: each has its own.
     """
 
-    x_px: np.ndarray
-    microlens: np.ndarray
-    planes: np.ndarray
+    x_px: Float64[np.ndarray, "n 2"]
+    microlens: Int64[np.ndarray, "n"]
+    planes: Float64[np.ndarray, "n 2 4 3"]
     square_px: float = 0.0
-    anchor_px: np.ndarray | None = None
+    anchor_px: Float64[np.ndarray, "n 2"] | None = None
 
     @property
     def known(self) -> np.ndarray:
@@ -71,7 +72,7 @@ class Bundles:
         x_px = np.where(self.known[:, None], self.x_px, 0.0)
         return replace(self, x_px=x_px, microlens=np.where(self.known, self.microlens, SKIP))
 
-    def only(self, rows: np.ndarray | slice) -> "Bundles":
+    def only(self, rows: Bool[np.ndarray, "n"] | slice) -> "Bundles":
         """Some of them."""
         anchor_px = None if self.anchor_px is None else self.anchor_px[rows]
         return Bundles(self.x_px[rows], self.microlens[rows], self.planes[rows], self.square_px, anchor_px)
@@ -93,9 +94,9 @@ class Integral:
         Traced for it.
     """
 
-    moments: np.ndarray
-    error_mm: np.ndarray
-    is_random: np.ndarray
+    moments: Float64[np.ndarray, "n COLUMNS"]
+    error_mm: Float64[np.ndarray, "n 2"]
+    is_random: Bool[np.ndarray, "n"]
     rays: int
 
 
@@ -180,7 +181,7 @@ def random_integrals(tracer: Tracer, bundles: Bundles, rays: int, stream: int = 
     return Integral(moments, error, np.ones(len(error), bool), int(bundles.known.sum()) * max(rays, REPLICAS))
 
 
-def pooled(found: Integral, coarser_mm: np.ndarray) -> Integral:
+def pooled(found: Integral, coarser_mm: Float64[np.ndarray, "n 2"]) -> Integral:
     """The same with standard errors from all replicas of two levels of random rays.
 
     Four replicas alone state an error that is itself wrong by 40 %, and who stops where it is small stops where it is

@@ -9,6 +9,7 @@ from pipeline.camera.micro_images.centres import MicroImages, micro_images
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.records.shapes import Float64, Int64
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,27 +47,29 @@ class Rig:
         lattice = self.tracer.lattice
         return np.zeros((1, 2), np.int64) if lattice is None else np.stack([lattice.k, lattice.l], axis=1)
 
-    def microlens(self, cell: np.ndarray) -> np.ndarray:
+    def microlens(self, cell: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Row of the microlens of each cell, or NO_MICROLENS."""
         return cell if self.images is not None else np.full(len(cell), NO_MICROLENS)
 
-    def microlens_at(self, positions_mm: np.ndarray) -> np.ndarray:
+    def microlens_at(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Row of the microlens in whose cell each position of the sensor (n, 2) lies, or NO_MICROLENS."""
         return np.full(len(positions_mm), NO_MICROLENS) if self.images is None else self.images.owner(positions_mm)
 
-    def home_px(self, cell: np.ndarray) -> np.ndarray:
+    def home_px(self, cell: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Position in each cell where light arrives for certain: its centre, or that of the image."""
         sensor = self.tracer.camera.sensor
         if self.images is not None:
             return self.tracer.pixels_at(self.images.centre_mm[cell])
         return np.broadcast_to((np.array([sensor.width_px, sensor.height_px]) - 1) / 2, (len(cell), 2)).copy()
 
-    def in_image(self, x_px: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
+    def in_image(self, x_px: Float64[np.ndarray, "n 2"], grace_px: float = 0.0) -> np.ndarray:
         """Whether positions lie in the image, or at most so far outside."""
         size = np.array([self.tracer.camera.sensor.width_px, self.tracer.camera.sensor.height_px])
         return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2 + grace_px, axis=1)
 
-    def in_cell(self, x_px: np.ndarray, cell: np.ndarray, grace_px: float = 0.0) -> np.ndarray:
+    def in_cell(
+        self, x_px: Float64[np.ndarray, "n 2"], cell: Int64[np.ndarray, "n"], grace_px: float = 0.0
+    ) -> np.ndarray:
         """Whether positions lie in their own cell, or at most so much nearer to another centre."""
         if self.images is None:
             return np.ones(len(cell), bool)
@@ -76,7 +79,7 @@ class Rig:
         farther = np.hypot(*(x - self.images.centre_mm[cell]).T) - self.images.nearby.nearest(x)[0][:, 0]
         return farther <= grace_px * self.tracer.camera.sensor.pitch_mm
 
-    def hit_fraction(self, moments: np.ndarray) -> np.ndarray:
+    def hit_fraction(self, moments: Float64[np.ndarray, "n COLUMNS"]) -> np.ndarray:
         """Weight that leaves over that of the free bundle."""
         free = moments[:, FREE_WEIGHT] if self.images is not None else self.tracer.reference_weight_sr
         return moments[:, WEIGHT] / free

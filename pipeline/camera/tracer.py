@@ -21,6 +21,7 @@ from pipeline.camera.tracing.records import CameraArrays, Optics, Samples, Start
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.optics.table import VERTEX, is_centred, towards_scene
+from pipeline.records.shapes import Float64, Int64, Num
 
 _REFERENCE_NODES, _REFERENCE_RAYS = (24, 256), 1 << 20
 """Nodes of the quadrature that integrates the reference bundle, and random rays where that is not star-shaped."""
@@ -123,7 +124,7 @@ class Tracer:
             self.table, self.stop_row, upright(self.film_z_mm), (extents[0], extents[1]), float(slack), self.margin
         )
 
-    def on_film(self, points_mm: np.ndarray) -> np.ndarray:
+    def on_film(self, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Points (n, 2) of the plane that the main lens sees, in space (n, 3), vision frame."""
         return np.column_stack([points_mm, np.full(len(points_mm), self.film_z_mm)])
 
@@ -140,14 +141,14 @@ class Tracer:
         optics = Optics(self.sensor_z_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
         return CameraArrays(optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic)
 
-    def positions_mm(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
+    def positions_mm(self, x_px: Num[np.ndarray, "n"], y_px: Num[np.ndarray, "n"]) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""
         sensor = self.camera.sensor
         x = (np.asarray(x_px) - (sensor.width_px - 1) / 2) * sensor.pitch_mm - sensor.offset_x_mm
         y = (np.asarray(y_px) - (sensor.height_px - 1) / 2) * sensor.pitch_mm - sensor.offset_y_mm
         return np.stack([-x, -y], axis=-1)
 
-    def pixels_at(self, positions_mm: np.ndarray) -> np.ndarray:
+    def pixels_at(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Image positions of points of the sensor; inverse of `positions_mm`, (n, 2) [px]."""
         sensor = self.camera.sensor
         centre = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
@@ -156,11 +157,11 @@ class Tracer:
 
     def moments(
         self,
-        positions_mm: np.ndarray,
-        microlens: np.ndarray,
-        planes: np.ndarray,
+        positions_mm: Float64[np.ndarray, "n 2"],
+        microlens: Int64[np.ndarray, "n"],
+        planes: Float64[np.ndarray, "... 2 4 3"],
         samples: int,
-        pixels: np.ndarray,
+        pixels: Num[np.ndarray, "n 2"],
         square_px: float = 0.0,
     ) -> np.ndarray:
         """Moments of the bundles of positions (n, 2) behind their microlenses (n,), each in its own region.
@@ -169,7 +170,9 @@ class Tracer:
         """
         return self.moments_of(Starts(pixels, positions_mm, positions_mm, microlens), planes, samples, square_px)
 
-    def moments_of(self, starts: Starts, planes: np.ndarray, samples: int, square_px: float = 0.0) -> np.ndarray:
+    def moments_of(
+        self, starts: Starts, planes: Float64[np.ndarray, "... 2 4 3"], samples: int, square_px: float = 0.0
+    ) -> np.ndarray:
         """Moments of bundles on two planes (2, 4, 3), or two of each position (n, 2, 4, 3); (n, COLUMNS).
 
         Rays start at the positions, or anywhere on squares of the edge `square_px` around them. They go through points
@@ -254,6 +257,6 @@ def parallel_planes(near_mm: float, far_mm: float) -> np.ndarray:
     return planes
 
 
-def target_plane(vision_from_target: np.ndarray) -> np.ndarray:
+def target_plane(vision_from_target: Float64[np.ndarray, "4 4"]) -> np.ndarray:
     """A target's plane with its own x and y axes, for the kernels, (4, 3)."""
     return np.stack([vision_from_target[:3, 3], *vision_from_target[:3, :3].T])

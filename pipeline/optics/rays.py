@@ -21,6 +21,7 @@ from pipeline.optics.table import (
     VERTEX,
     motion_of,
 )
+from pipeline.records.shapes import Float64
 
 _STEPS = 8
 """Steps of Newton's method from the conic to the asphere: more than the five of `optics.aspheres`, for all rays."""
@@ -28,7 +29,7 @@ _RESIDUAL_MM = 1e-9
 """Distance from the surface beyond which a ray has missed it [mm]: that of `optics.aspheres`."""
 
 
-def front_grid(table: np.ndarray, count: int) -> np.ndarray:
+def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np.ndarray:
     """Points in front of all of the first surface of a table: a square grid on its vertex plane, (count^2, 3) [mm]."""
     radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     u = np.linspace(-radius, radius, count)
@@ -37,7 +38,9 @@ def front_grid(table: np.ndarray, count: int) -> np.ndarray:
 
 
 def traced(
-    table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray
+    table: Float64[np.ndarray, "surfaces columns"],
+    position_mm: Float64[np.ndarray, "n 3"],
+    direction: Float64[np.ndarray, "n 3"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rays behind all surfaces: points on the last one and unit directions, (n, 3) each, and which passed, (n,) bool.
 

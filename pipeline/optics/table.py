@@ -9,6 +9,7 @@ import numpy as np
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.displacement import displacements
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.records.shapes import Float64
 
 VERTEX, CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, CONIC, TERMS, ODD, INNER_SQUARED, EDGES, FIRST_EDGE, POSE = (
     range(11)
@@ -63,7 +64,7 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
     return _padded(rows)
 
 
-def motion_of(row: np.ndarray) -> np.ndarray:
+def motion_of(row: Float64[np.ndarray, "n"]) -> np.ndarray:
     """Place of the surface of a row, in the frame of its table: the (4, 4) motion from its place in the centred
     lens.
     """
@@ -73,19 +74,19 @@ def motion_of(row: np.ndarray) -> np.ndarray:
     return result
 
 
-def is_centred(table: np.ndarray) -> bool:
+def is_centred(table: Float64[np.ndarray, "surfaces columns"]) -> bool:
     """Whether all surfaces stand in their places: the lens is symmetric about its axis, apertures left aside."""
     return not table[:, POSE].any()
 
 
-def enclosing(table: np.ndarray) -> np.ndarray:
+def enclosing(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
     """The same surfaces with the circles around their apertures: what passes the apertures passes these, too."""
     result = table.copy()
     result[:, [INNER_SQUARED, EDGES]] = 0.0
     return result
 
 
-def unbounded(table: np.ndarray) -> np.ndarray:
+def unbounded(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
     """The same surfaces without apertures, for rays that are lines of the geometry."""
     result = enclosing(table)
     result[:, SEMI_DIAMETER_SQUARED] = np.inf

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.camera.micro_images.strata import pixel_strata, positions_of
 from pipeline.camera.rig import Rig
+from pipeline.records.shapes import Float64, Int64
 
 Rows = tuple[int, int]
 """First and end of some rows of an image."""
@@ -27,8 +28,8 @@ class Band:
 
     rig: Rig
     rows: Rows
-    positions_mm: np.ndarray
-    strata: np.ndarray
+    positions_mm: Float64[np.ndarray, "n 2"]
+    strata: Int64[np.ndarray, "n s"]
 
     @classmethod
     def of(cls, rig: Rig, rows: Rows | None = None) -> "Band":

@@ -10,6 +10,8 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from pipeline.records.shapes import Float64
+
 _RAYS_PER_CALL = 1 << 18
 """Rays per call of Embree: float32 copies of them take about 7 MB."""
 
@@ -50,7 +52,7 @@ class MeshScene:
         # The first query builds the tree. It is done here, so that no two threads build it at once.
         self.first_hit(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
 
-    def first_hit(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    def first_hit(self, origins: Float64[np.ndarray, "n 3"], directions: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Number of the nearest triangle in front of each ray's start, counted over all meshes.
 
         Parameters

@@ -14,6 +14,7 @@ from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
+from pipeline.records.shapes import Float64
 from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Sight
 from pipeline.render.light import TargetLight
@@ -70,7 +71,11 @@ def irradiance_and_crosstalk(
 
 
 def pictures(
-    rig: Rig, samples: int, scenes: Sequence[TargetLight], white: np.ndarray, rows: Rows | None = None
+    rig: Rig,
+    samples: int,
+    scenes: Sequence[TargetLight],
+    white: Float64[np.ndarray, "2 height width"],
+    rows: Rows | None = None,
 ) -> np.ndarray:
     """Images of several scenes, (scenes, height, width); each is identical, to the bit, to the image computed alone.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.camera.tracing.records import Leaving
 from pipeline.frames import apply
+from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.render import sheet_image
 from pipeline.render.boxes import may_meet
 from pipeline.render.embree import MeshScene
@@ -63,7 +64,13 @@ class TargetLight:
         """Light that both parts of pixels see, (2, n), NaN unless certainly of one colour: see `Sight.judged`."""
         return sight.judged(self._flat, self._solids, self._background)
 
-    def add(self, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
+    def add(
+        self,
+        rays: Leaving,
+        pixels: Int64[np.ndarray, "n"],
+        wanted: Bool[np.ndarray, "m"],
+        image: Float64[np.ndarray, "m"],
+    ) -> None:
         """Add the light of rays to their pixels (n,) of an image, if these are wanted.
 
         Parameters
@@ -80,7 +87,7 @@ class TargetLight:
         value = self.radiance(rays.origin, rays.direction)
         sheet_image.add_values(rays.share, value, pixels, image)
 
-    def radiance(self, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    def radiance(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
         light = np.full(len(origin_mm), self._background)
         if self._sheets is None:

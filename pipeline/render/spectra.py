@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 
 from pipeline.optics.spectral_nodes import SpectrumError, require_spectrum
+from pipeline.records.shapes import Num
 from pipeline.spelling import nearest
 
 with warnings.catch_warnings():
@@ -100,7 +101,7 @@ def _known(name: str, names: list[str], what: str) -> str:
     raise SpectrumError(f'colour-science knows no {what} "{name}"', hint=hint, code=f"unknown-{what}")
 
 
-def srgb_preview(irradiance: np.ndarray, white: float) -> np.ndarray:
+def srgb_preview(irradiance: Num[np.ndarray, "h w"], white: float) -> np.ndarray:
     """A neutral picture of a monochromatic image, encoded with the transfer function of sRGB.
 
     Parameters

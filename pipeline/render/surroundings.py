@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from pipeline.frames import apply
+from pipeline.records.shapes import Float64
 from pipeline.render.embree import MeshScene
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.occluder import Occluder
@@ -66,7 +67,7 @@ class Surroundings:
         a, b, c = self._points.reshape(-1, 3, 3).transpose(1, 0, 2)
         return np.cross(b - a, c - a)
 
-    def may_hide(self, point_mm: np.ndarray, front: np.ndarray) -> np.ndarray:
+    def may_hide(self, point_mm: Float64[np.ndarray, "n 3"], front: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Whether anything is in front of planes at points (n, 3) with unit normals (n, 3); a point with False is
         certainly visible.
         """
@@ -81,7 +82,12 @@ class Surroundings:
         return found
 
     def hides(
-        self, target: int, point_mm: np.ndarray, front: np.ndarray, origin_mm: np.ndarray, direction: np.ndarray
+        self,
+        target: int,
+        point_mm: Float64[np.ndarray, "n 3"],
+        front: Float64[np.ndarray, "n 3"],
+        origin_mm: Float64[np.ndarray, "n 3"],
+        direction: Float64[np.ndarray, "n 3"],
     ) -> np.ndarray:
         """Whether something is between the camera and the surface at target points, for one ray of each.
 
@@ -129,7 +135,7 @@ class Surroundings:
         return self._reach_mm[number]
 
 
-def in_vision(occluder: Occluder, vision_from_occluder: np.ndarray) -> np.ndarray:
+def in_vision(occluder: Occluder, vision_from_occluder: Float64[np.ndarray, "4 4"]) -> np.ndarray:
     """Triangles of an occluder, vision frame (m, 3, 3) [mm]."""
     return apply(vision_from_occluder, _points(occluder.corners_mm())).reshape(-1, 3, 3)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.targets.drawing import Drawing
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patches import Patch
@@ -45,8 +46,8 @@ class Corners:
         (white + black) / (white - black) of the pattern.
     """
 
-    edges: np.ndarray
-    mean_over_contrast: np.ndarray
+    edges: Float64[np.ndarray, "n 2 3"]
+    mean_over_contrast: Float64[np.ndarray, "n"]
 
 
 def corners_of(target: AnyTarget) -> Corners:
@@ -70,7 +71,7 @@ def _on(patch: Patch, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
     return edges, np.full(len(xy_mm), ratio)
 
 
-def corner_edges(drawing: Drawing, xy_mm: np.ndarray) -> np.ndarray:
+def corner_edges(drawing: Drawing, xy_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
     """Directions of the two edges through points (n, 2) of the chart, (n, 2) [rad]; NaN where there is no X-corner.
 
     The sector from the first to the second direction, anticlockwise and less than half a turn, is white, and so is

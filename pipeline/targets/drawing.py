@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.targets import kernels
 
 Points = tuple[tuple[float, float], ...]
@@ -99,7 +100,7 @@ class Drawing:
         """The same shapes on a sheet of another size."""
         return replace(self, half_x_mm=half_x_mm, half_y_mm=half_y_mm)
 
-    def whiteness(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    def whiteness(self, x_mm: Float64[np.ndarray, "n"], y_mm: Float64[np.ndarray, "n"]) -> np.ndarray:
         """1 on white, 0 on black, NaN beside the sheet, (n,)."""
         value = np.empty(len(x_mm))
         kernels.whiteness_at_points(self.arrays, np.ascontiguousarray(x_mm), np.ascontiguousarray(y_mm), value)

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from pipeline.frames import apply
+from pipeline.records.shapes import Float64
 from pipeline.targets import kernels
 from pipeline.targets.drawing import Drawing
 
@@ -44,12 +45,12 @@ class Patch:
     """
 
     kind: Kind
-    target_from_patch: np.ndarray
+    target_from_patch: Float64[np.ndarray, "4 4"]
     drawing: Drawing
     colours: tuple[float, float]
-    shape: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    triangles: np.ndarray | None = None
-    albedo: np.ndarray | None = None
+    shape: Float64[np.ndarray, "k"] = field(default_factory=lambda: np.zeros(0))
+    triangles: Float64[np.ndarray, "m 3 3"] | None = None
+    albedo: Float64[np.ndarray, "m 3"] | None = None
 
     def mesh(self) -> np.ndarray:
         """Triangles near the surface, anticlockwise as seen from the front, patch frame (m, 3, 3) [mm]."""
@@ -96,7 +97,7 @@ class Patch:
         _, _, bent = self.place(np.stack([u.ravel(), v.ravel()], axis=1))
         return float(np.max(bent))
 
-    def place(self, xy_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def place(self, xy_mm: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of the chart, placed on the surface.
 
         Returns
@@ -121,7 +122,7 @@ class Patch:
         kernels.heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), found)
         return np.column_stack([xy_mm, found[:, 0]]), *_bent(found)
 
-    def along(self, direction_rad: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    def along(self, direction_rad: Float64[np.ndarray, "n 2"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
         """Unit vectors on the surface for directions (n, k) of the chart at points with the `axes` of `place`, (n,
         k, 3).
 

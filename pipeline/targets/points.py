@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.frames import apply, inverse, rigid
+from pipeline.records.shapes import Float64, Int64
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +26,9 @@ class TangentPlane:
         The points in the plane's frame; z is 0.
     """
 
-    target_from_plane: np.ndarray
-    members: np.ndarray
-    points_mm: np.ndarray
+    target_from_plane: Float64[np.ndarray, "4 4"]
+    members: Int64[np.ndarray, "k"]
+    points_mm: Float64[np.ndarray, "k 3"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +55,14 @@ class TargetPoints:
         target_from_plane of each tangent plane.
     """
 
-    position_mm: np.ndarray
-    nominal_mm: np.ndarray
-    axes: np.ndarray
-    curvature_per_mm: np.ndarray
+    position_mm: Float64[np.ndarray, "n 3"]
+    nominal_mm: Float64[np.ndarray, "n 3"]
+    axes: Float64[np.ndarray, "n 3 3"]
+    curvature_per_mm: Float64[np.ndarray, "n"]
     kinds: list[str]
-    radius_mm: np.ndarray
-    plane: np.ndarray
-    frames: np.ndarray
+    radius_mm: Float64[np.ndarray, "n"]
+    plane: Int64[np.ndarray, "n"]
+    frames: Float64[np.ndarray, "p 4 4"]
 
     @property
     def plane_axes(self) -> np.ndarray:
@@ -93,6 +94,6 @@ class TargetPoints:
         )
 
 
-def frames_at(position_mm: np.ndarray, axes: np.ndarray) -> np.ndarray:
+def frames_at(position_mm: Float64[np.ndarray, "n 3"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
     """target_from_plane of a separate plane for every point, (n, 4, 4)."""
     return np.array([rigid(turn, place) for turn, place in zip(axes, position_mm, strict=True)]).reshape(-1, 4, 4)

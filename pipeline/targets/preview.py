@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.frames import apply
+from pipeline.records.shapes import Float64, Int64
 from pipeline.targets.drawing import Checks, Disc, Drawing, Polygon, Shape, Spokes
 from pipeline.targets.patches import CYLINDER, PLANE, Patch
 from pipeline.targets.target import Target
@@ -43,9 +44,9 @@ class PreviewFaces:
         Relative radiance of each face.
     """
 
-    points_mm: np.ndarray
-    faces: np.ndarray
-    radiance: np.ndarray
+    points_mm: Float64[np.ndarray, "n 3"]
+    faces: Int64[np.ndarray, "m 4"]
+    radiance: Float64[np.ndarray, "m"]
 
 
 def preview_faces(target: Target) -> PreviewFaces:

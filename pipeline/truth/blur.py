@@ -2,8 +2,12 @@
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 
-def deviations(covariance: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+
+def deviations(
+    covariance: Float64[np.ndarray, "n 4 4"], share: Float64[np.ndarray, "n"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Covariances of a bundle at the distance of the target plane, ignoring the tilt of the plane.
 
     With delta_n and delta_f the deviations at the near and far plane, u = (1 - t) delta_n + t delta_f is the deviation
@@ -28,7 +32,9 @@ def deviations(covariance: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, n
     return uu, uv
 
 
-def on_plane(uu: np.ndarray, way: np.ndarray, vision_from_target: np.ndarray) -> np.ndarray:
+def on_plane(
+    uu: Float64[np.ndarray, "n 2 2"], way: Float64[np.ndarray, "n 3"], vision_from_target: Float64[np.ndarray, "4 4"]
+) -> np.ndarray:
     """Covariance of the hits in the target's x and y: u projected along the mean ray onto the plane, (n, 2, 2) [mm^2].
 
     Parameters
@@ -43,13 +49,13 @@ def on_plane(uu: np.ndarray, way: np.ndarray, vision_from_target: np.ndarray) ->
     return project @ uu @ project.transpose(0, 2, 1)
 
 
-def in_image(covariance: np.ndarray, target_from_image: np.ndarray) -> np.ndarray:
+def in_image(covariance: Float64[np.ndarray, "n 2 2"], target_from_image: Float64[np.ndarray, "n 2 2"]) -> np.ndarray:
     """Covariance on the target mapped to the image by the inverse Jacobian of J, (n, 2, 2) [px^2]."""
     image_from_target = np.linalg.inv(target_from_image)
     return image_from_target @ covariance @ image_from_target.transpose(0, 2, 1)
 
 
-def signed_radius_px(blur_px2: np.ndarray, uv: np.ndarray) -> np.ndarray:
+def signed_radius_px(blur_px2: Float64[np.ndarray, "n 2 2"], uv: Float64[np.ndarray, "n 2 2"]) -> np.ndarray:
     """rho = sign(tr Cov(u, v)) sqrt(2 (blur_xx + blur_yy)): positive if the target lies beyond best focus."""
     trace = np.trace(blur_px2, axis1=1, axis2=2)
     return np.sign(np.trace(uv, axis1=1, axis2=2)) * np.sqrt(2 * np.maximum(trace, 0))

@@ -2,8 +2,14 @@
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 
-def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: np.ndarray | None = None) -> np.ndarray:
+
+def tangent_planes(
+    vision_from_target: Float64[np.ndarray, "4 4"],
+    points_mm: Float64[np.ndarray, "p 3"],
+    axes: Float64[np.ndarray, "p 3 3"] | None = None,
+) -> np.ndarray:
     """Tangent planes at points of a target (p, 3), for the kernels, (p, 4, 3).
 
     Parameters
@@ -18,6 +24,6 @@ def tangent_planes(vision_from_target: np.ndarray, points_mm: np.ndarray, axes: 
     return planes
 
 
-def faces_camera(planes: np.ndarray) -> np.ndarray:
+def faces_camera(planes: Float64[np.ndarray, "n 4 3"]) -> np.ndarray:
     """Whether the front of each plane (p, 4, 3) faces the centre of the aperture stop, (p,) bool."""
     return np.einsum("pi,pi->p", planes[:, 0], planes[:, 3]) < 0

@@ -7,6 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from pipeline.records.shapes import Bool, Float64, Int64, Num, Shaped
+
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -24,15 +26,15 @@ class Found:
         Expected error from noise and from the assumptions of the search; NaN if unknown.
     """
 
-    point: np.ndarray
-    cell: np.ndarray
-    x_px: np.ndarray
-    y_px: np.ndarray
-    jacobian: np.ndarray
-    noise_gain: np.ndarray
-    error_px: np.ndarray
+    point: Int64[np.ndarray, "n"]
+    cell: Int64[np.ndarray, "n"]
+    x_px: Float64[np.ndarray, "n"]
+    y_px: Float64[np.ndarray, "n"]
+    jacobian: Float64[np.ndarray, "n 2 2"]
+    noise_gain: Float64[np.ndarray, "n"]
+    error_px: Float64[np.ndarray, "n"]
 
-    def only(self, kept: np.ndarray) -> "Found":
+    def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Found":
         """The rows selected by a mask or by indices."""
         return Found(*(getattr(self, name)[kept] for name in self.__slots__))
 
@@ -60,14 +62,14 @@ class Correspondences:
     """
 
     found: Found
-    sigma_px: np.ndarray
-    hit_fraction: np.ndarray
-    blur_px2: np.ndarray
-    rho_px: np.ndarray
+    sigma_px: Float64[np.ndarray, "n 2"]
+    hit_fraction: Float64[np.ndarray, "n"]
+    blur_px2: Float64[np.ndarray, "n 2 2"]
+    rho_px: Float64[np.ndarray, "n"]
     counts: dict[str, int]
-    method: np.ndarray
+    method: Shaped[np.ndarray, "n"]
 
-    def only(self, kept: np.ndarray) -> "Correspondences":
+    def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Correspondences":
         """The rows selected by a mask or by indices; counts are not changed."""
         columns = (getattr(self, name)[kept] for name in _PER_ROW)
         return dataclasses.replace(self, found=self.found.only(kept), **dict(zip(_PER_ROW, columns, strict=True)))
@@ -79,12 +81,12 @@ class Correspondences:
         }
         return dataclasses.replace(self, found=self.found.joined(other.found), **columns)
 
-    def moved(self, by_px: np.ndarray) -> "Correspondences":
+    def moved(self, by_px: Num[np.ndarray, "2"]) -> "Correspondences":
         """The same rows with their image positions moved by (2,) [px]."""
         x, y = self.found.x_px + by_px[0], self.found.y_px + by_px[1]
         return dataclasses.replace(self, found=dataclasses.replace(self.found, x_px=x, y_px=y))
 
-    def sorted_by(self, axial: np.ndarray) -> "Correspondences":
+    def sorted_by(self, axial: Int64[np.ndarray, "m 2"]) -> "Correspondences":
         """The same rows in the order of the table; `axial` (m, 2) holds k and l of all cells."""
         return self.only(np.lexsort((*axial[self.found.cell].T, self.found.point)))
 
@@ -99,15 +101,18 @@ class Whereabouts(Protocol):
     def axial(self) -> np.ndarray:
         """k and l of every cell, (m, 2)."""
 
-    def in_image(self, x_px: np.ndarray) -> np.ndarray:
+    def in_image(self, x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Whether positions (n, 2) lie in the image."""
 
-    def in_cell(self, x_px: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    def in_cell(self, x_px: Float64[np.ndarray, "n 2"], cell: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Whether positions lie in their own cell."""
 
 
 def which_exist(
-    image: Whereabouts, x_px: np.ndarray, cell: np.ndarray, is_lit: Callable[[np.ndarray], np.ndarray]
+    image: Whereabouts,
+    x_px: Float64[np.ndarray, "n 2"],
+    cell: Int64[np.ndarray, "n"],
+    is_lit: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, dict[str, int]]:
     """Indices of the rows that lie inside the image and their own cell and have enough light; counts of the others
     by reason.

@@ -15,6 +15,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
+from pipeline.records.shapes import Float64, Int64
 from pipeline.render.surroundings import Surroundings
 from pipeline.truth.rows import Correspondences
 
@@ -56,7 +57,7 @@ class PointBundles(NamedTuple):
 
 
 def seen(
-    rig: Rig, surroundings: Surroundings, target: int, rows: Correspondences, planes: np.ndarray
+    rig: Rig, surroundings: Surroundings, target: int, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"]
 ) -> tuple[Correspondences, np.ndarray]:
     """The rows of a target that are not hidden, with counts of the hidden ones, and their visibility.
 
@@ -85,7 +86,12 @@ def seen(
 
 
 def visibility(
-    rig: Rig, surroundings: Surroundings, target: int, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray
+    rig: Rig,
+    surroundings: Surroundings,
+    target: int,
+    microlens: Int64[np.ndarray, "n"],
+    x_px: Float64[np.ndarray, "n 2"],
+    planes: Float64[np.ndarray, "n 4 3"],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Visible share of the bundles at image positions (n, 2), and its standard error, (n,) each.
 

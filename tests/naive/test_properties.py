@@ -101,7 +101,7 @@ def test_a_camera_survives_the_way_through_json(camera: Camera) -> None:
 @given(st.floats(-0.5, 1e4), st.integers(1, 16))
 def test_the_half_pixel_rule_is_its_own_inverse(x_px: float, k: int) -> None:
     """There and back; and K fine pixels of a whole one have their mean in its centre."""
-    assert math.isclose(image_from_fine(fine_from_image(x_px, k), k), x_px, rel_tol=0, abs_tol=1e-9)
+    assert math.isclose(image_from_fine(fine_from_image(np.array([x_px]), k), k)[0], x_px, rel_tol=0, abs_tol=1e-9)
     whole = math.floor(x_px)
     fine = np.arange(whole * k, whole * k + k)
     assert math.isclose(image_from_fine(fine, k).mean(), whole, rel_tol=0, abs_tol=1e-9)

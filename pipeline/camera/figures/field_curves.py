@@ -16,6 +16,7 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import unbounded
+from pipeline.records.shapes import Float64
 
 _SAMPLES = 1 << 14
 """Random rays of each height: an integral over so many scrambled points is right to about 1e-4 of it, less than a
@@ -53,10 +54,10 @@ class FieldCurves:
         Distance of that corner from the image of the axis: beyond the last row the image is dark.
     """
 
-    height_mm: np.ndarray
-    angle_deg: np.ndarray
-    relative_illumination: np.ndarray
-    distortion: np.ndarray
+    height_mm: Float64[np.ndarray, "n"]
+    angle_deg: Float64[np.ndarray, "n"]
+    relative_illumination: Float64[np.ndarray, "n"]
+    distortion: Float64[np.ndarray, "n"]
     object_mm: float
     boresight_px: tuple[float, float] | None = None
     corner_mm: float = 0.0

@@ -15,6 +15,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.rays import front_grid, traced
 from pipeline.optics.table import towards_sensor
+from pipeline.records.shapes import Float64, Int64
 
 _FLIP = np.array([1.0, -1.0, -1.0])
 """Signs of x, y and z between the vision frame and that in which light travels to the sensor along +z."""
@@ -53,11 +54,11 @@ class Outlook:
         How wide their light is spread on the sensor: behind microlenses by the type that is sharpest.
     """
 
-    fate: np.ndarray
-    blur_px: np.ndarray
+    fate: Int64[np.ndarray, "poses n"]
+    blur_px: Float64[np.ndarray, "poses n"]
 
 
-def outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outlook:
+def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Float64[np.ndarray, "k m 3"]) -> Outlook:
     """Find the fate of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
     with np.errstate(all="ignore"):  # what is not finite is not seen
         return _outlook(camera, points_mm, front)

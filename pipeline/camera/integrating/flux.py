@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.integrating.ways import Ways
+from pipeline.records.shapes import Float64, Int64
 
 PROBES = 3
 """Rays over the whole bound per direction of a quadrature."""
@@ -17,7 +18,12 @@ _CHANCE, _ERRORS = 3.0, 4.0
 
 
 def holds_all(
-    ways: Ways, owner: np.ndarray, angle: np.ndarray, radius: np.ndarray, share: np.ndarray, count: int
+    ways: Ways,
+    owner: Int64[np.ndarray, "m"],
+    angle: Float64[np.ndarray, "m"],
+    radius: Float64[np.ndarray, "m"],
+    share: Float64[np.ndarray, "m"],
+    count: int,
 ) -> tuple[np.ndarray, int]:
     """Whether `count` rays all over the bound of each position pass where an edge says so, (n,) bool; and rays traced.
 

@@ -14,6 +14,7 @@ from pipeline.camera.integrating.flux import PROBES, holds_all
 from pipeline.camera.integrating.quadrature import bounded, inner_points
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.records.shapes import Bool, Float64, Int64
 
 _INSIDE = 1 - 1e-7
 """Place of the outermost rays over that of the edge [1]: they must pass, and the edge is known to 3e-8 of the way to
@@ -35,9 +36,9 @@ class Hits:
         star-shaped about its inner point, and all of it.
     """
 
-    on_plane: np.ndarray
-    density_sr: np.ndarray
-    whole: np.ndarray
+    on_plane: Float64[np.ndarray, "n a r 2"]
+    density_sr: Float64[np.ndarray, "n a r"]
+    whole: Bool[np.ndarray, "n"]
 
 
 class Polar(NamedTuple):
@@ -58,7 +59,11 @@ class Polar(NamedTuple):
 
 
 def bundle_hits(
-    arrays: CameraArrays, positions_mm: np.ndarray, microlens: int, plane: np.ndarray, nodes: Polar
+    arrays: CameraArrays,
+    positions_mm: Float64[np.ndarray, "n 2"],
+    microlens: int,
+    plane: Float64[np.ndarray, "4 3"],
+    nodes: Polar,
 ) -> Hits:
     """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none.
 
@@ -92,7 +97,11 @@ def bundle_hits(
 
 
 def single_hits(
-    arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray, aims_mm: np.ndarray, planes: np.ndarray
+    arrays: CameraArrays,
+    positions_mm: Float64[np.ndarray, "n 2"],
+    microlens: Int64[np.ndarray, "n"],
+    aims_mm: Float64[np.ndarray, "n 2"],
+    planes: Float64[np.ndarray, "n 4 3"],
 ) -> np.ndarray:
     """Hit of the ray from each position towards an aim of the sampling plane on a plane of its own, (n, 2); NaN: none.
 

@@ -22,6 +22,7 @@ from pipeline.camera.tracing.acceptance import HALF_ANGLE
 from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN_COLUMNS
 from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.tracing.records import CameraArrays
+from pipeline.records.shapes import Float64, Int64
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
 """Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
@@ -78,7 +79,7 @@ class Edges(Ways):
     effort: Effort
 
     def moments(
-        self, planes: np.ndarray, nodes: tuple[int, int], is_last: bool = True
+        self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Moments of all bundles on two planes of each.
 
@@ -147,7 +148,12 @@ class Edges(Ways):
         return marks[:, :-1], np.diff(marks, axis=1)
 
 
-def edges(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray, effort: Effort = FINE) -> Edges:
+def edges(
+    arrays: CameraArrays,
+    positions_mm: Float64[np.ndarray, "n 2"],
+    microlens: Int64[np.ndarray, "n"],
+    effort: Effort = FINE,
+) -> Edges:
     """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
     found = replace(inner_points(arrays, positions_mm, microlens), effort=effort)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
@@ -157,7 +163,9 @@ def edges(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray,
     return replace(found, corners=corners, rays=found.rays + fine + again)
 
 
-def inner_points(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray) -> Edges:
+def inner_points(
+    arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]
+) -> Edges:
     """The same without corners."""
     found = bounded(arrays, positions_mm, microlens)
     rays = _settle_centres(found)
@@ -166,7 +174,7 @@ def inner_points(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.n
     return replace(found, rays=rays + more + _move_to_middle(found, owner, angle, radius))
 
 
-def bounded(arrays: CameraArrays, positions_mm: np.ndarray, microlens: np.ndarray) -> Edges:
+def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]) -> Edges:
     """Only the polygons that enclose what passes; inner points are NaN."""
     positions, microlens = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(microlens, np.int64)
     n = len(positions)

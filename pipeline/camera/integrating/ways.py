@@ -9,6 +9,7 @@ from pipeline.camera.integrating import edge_kernels, edge_search
 from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.integrating.edge_search import Spokes
 from pipeline.camera.tracing.records import CameraArrays
+from pipeline.records.shapes import Float64, Int64
 
 _POLYGON = 1 << 20
 """Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
@@ -34,12 +35,12 @@ class Ways:
     """
 
     arrays: CameraArrays
-    positions: np.ndarray
-    microlens: np.ndarray
-    polygons: np.ndarray
-    counts: np.ndarray
-    free_sr: np.ndarray
-    centres: np.ndarray
+    positions: Float64[np.ndarray, "n 2"]
+    microlens: Int64[np.ndarray, "n"]
+    polygons: Float64[np.ndarray, "n MAX_VERTICES 2"]
+    counts: Int64[np.ndarray, "n"]
+    free_sr: Float64[np.ndarray, "n"]
+    centres: Float64[np.ndarray, "n 2"]
 
     @property
     def lit(self) -> np.ndarray:
@@ -50,13 +51,13 @@ class Ways:
         """Evenly spaced directions about every inner point: positions, ascending, and angles."""
         return np.repeat(self.lit, count), np.tile(even_angles(count), len(self.lit))
 
-    def spread(self, rows: np.ndarray, count: int) -> np.ndarray:
+    def spread(self, rows: Int64[np.ndarray, "n"], count: int) -> np.ndarray:
         """So many points all over the polygons of some positions, (rows, count, 2)."""
         points = np.empty((len(rows), count, 2))
         edge_kernels.spread(self.polygons[rows], self.counts[rows], points)
         return points
 
-    def probe(self, owner: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def probe(self, owner: Int64[np.ndarray, "n"], points: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
         label = np.empty(len(owner), np.int64)
         edge_kernels.probe(self.arrays, self.positions, self.microlens, owner, np.ascontiguousarray(points), label)
@@ -64,7 +65,7 @@ class Ways:
         return label
 
     def find(
-        self, owner: np.ndarray, angle: np.ndarray, steps: int = _EDGE_STEPS
+        self, owner: Int64[np.ndarray, "n"], angle: Float64[np.ndarray, "n"], steps: int = _EDGE_STEPS
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """Radius of the edge, its label, the polygon's radius, and the number of rays, for directions sorted by owner.
 
@@ -79,7 +80,13 @@ class Ways:
         edge_search.find_edges.count(rays, len(self.arrays.table))
         return radius, label, spokes.limit, rays
 
-    def nothing_beyond(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    def nothing_beyond(
+        self,
+        owner: Int64[np.ndarray, "n"],
+        along: Float64[np.ndarray, "n 2"],
+        radius: Float64[np.ndarray, "n"],
+        limit: Float64[np.ndarray, "n"],
+    ) -> np.ndarray:
         """Whether no ray passes beyond the edge, (n,): one per direction is sent there, at four heights in turn."""
         height = 0.125 + 0.25 * (np.arange(len(owner)) % 4)
         open_ = radius < limit * (1 - 1e-9)

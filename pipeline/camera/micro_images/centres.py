@@ -12,6 +12,7 @@ from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.microlens_tables import is_plain
 from pipeline.camera.tracing.sampling_bounds import SKIP, outlines_at
 from pipeline.optics.first_order import exit_pupil
+from pipeline.records.shapes import Float64, Int64
 
 _STEPS = 12
 """Steps to a chief ray at most: each leaves a small part of the miss, and a microlens that needs more is an error."""
@@ -37,16 +38,16 @@ class MicroImages:
         The centres.
     """
 
-    centre_mm: np.ndarray
+    centre_mm: Float64[np.ndarray, "n 2"]
     radius_mm: float
-    reach_mm: np.ndarray
+    reach_mm: Float64[np.ndarray, "n"]
     nearby: Nearby
 
-    def owner(self, positions_mm: np.ndarray) -> np.ndarray:
+    def owner(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
         return self.nearby.nearest(positions_mm)[1][:, 0]
 
-    def contributors(self, positions_mm: np.ndarray, slack_mm: float) -> np.ndarray:
+    def contributors(self, positions_mm: Float64[np.ndarray, "n 2"], slack_mm: float) -> np.ndarray:
         """Rows of the microlenses whose light may reach within `slack_mm` of each position, nearest first, (n, s).
 
         As many columns as the position with the most of them needs; `SKIP` for a microlens whose light does not.
@@ -96,7 +97,9 @@ def _centres(tracer: Tracer) -> np.ndarray:
     raise CameraError("no chief ray was found through some microlens", hint="is a microlens too strong for its slope?")
 
 
-def vertex_aims(tracer: Tracer, microlens: np.ndarray, positions_mm: np.ndarray) -> np.ndarray:
+def vertex_aims(
+    tracer: Tracer, microlens: Int64[np.ndarray, "n"], positions_mm: Float64[np.ndarray, "n 2"]
+) -> np.ndarray:
     """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None

@@ -14,6 +14,7 @@ from pipeline.camera.integrating.edge_kernels import PASSES
 from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays
 from pipeline.camera.micro_images.pinhole_rays import look
 from pipeline.camera.tracing.records import CameraArrays
+from pipeline.records.shapes import Float64
 
 RIM = 384
 """Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
@@ -55,13 +56,13 @@ class Contours:
         self,
         camera: CameraArrays,
         rims: Pencils,
-        origins: np.ndarray,
-        directions: np.ndarray,
+        origins: Float64[np.ndarray, "n 2"],
+        directions: Float64[np.ndarray, "m 2"],
     ) -> None:
         self._camera, self._rims = camera, rims
         self._origins, self._directions = origins, directions
 
-    def distances(self, outside: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def distances(self, outside: Float64[np.ndarray, "n d"], step: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Distances (n, d) from the origins; NaN where no light was found.
 
         Parameters

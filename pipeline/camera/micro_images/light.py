@@ -27,6 +27,7 @@ from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.microlens_tables import on_apertures
 from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.optics.table import INNER_SQUARED, SEMI_DIAMETER_SQUARED
+from pipeline.records.shapes import Float64, Int64
 
 OUTLINE_DEG = tuple(range(0, 360, 15))
 """Directions of outlines [deg], from +x towards +y of the image."""
@@ -65,11 +66,11 @@ class MicroLight:
         vertex throws no light onto the centroid, or nothing is lit.
     """
 
-    rows: np.ndarray
-    centroid_mm: np.ndarray
-    pupil_area_mm2: np.ndarray
-    pupil_mm: np.ndarray
-    light_mm: np.ndarray
+    rows: Int64[np.ndarray, "n"]
+    centroid_mm: Float64[np.ndarray, "n 2"]
+    pupil_area_mm2: Float64[np.ndarray, "n"]
+    pupil_mm: Float64[np.ndarray, "n directions"]
+    light_mm: Float64[np.ndarray, "n directions"]
 
 
 def micro_light(tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1) -> MicroLight:

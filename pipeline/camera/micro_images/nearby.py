@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.jit.decorators import inline, kernel
+from pipeline.records.shapes import Float64, Int64
 
 NOBODY = -1
 """Row of no point."""
@@ -34,20 +35,20 @@ class Nearby:
         Where the points of each square begin in `order`, and last where those of the line end.
     """
 
-    points: np.ndarray
-    corner: np.ndarray
+    points: Float64[np.ndarray, "n 2"]
+    corner: Float64[np.ndarray, "2"]
     side: float
-    order: np.ndarray
-    starts: np.ndarray
+    order: Int64[np.ndarray, "n"]
+    starts: Int64[np.ndarray, "m k"]
 
-    def nearest(self, positions: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    def nearest(self, positions: Float64[np.ndarray, "n 2"], count: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Distances and rows of the `count` points nearest to each position, nearest first, (m, count) each.
 
         Of points at one distance the one of the lower row comes first. Infinite and NOBODY where there are no more.
         """
         return self._found(positions, math.inf, count)[:2]
 
-    def within(self, positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    def within(self, positions: Float64[np.ndarray, "n 2"], radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Distances and rows of all points within a radius of each position, nearest first, (m, most), as `nearest`."""
         room = _ROOM
         while True:
@@ -63,7 +64,7 @@ class Nearby:
         return distance, rows, most
 
 
-def nearby_of(points: np.ndarray) -> Nearby:
+def nearby_of(points: Float64[np.ndarray, "n 2"]) -> Nearby:
     """Points (n, 2), n > 0, in squares that hold about one each."""
     corner, extent = points.min(axis=0), np.ptp(points, axis=0)
     side = float(max(np.sqrt(extent.prod() / len(points)), extent.max() / len(points))) or 1.0

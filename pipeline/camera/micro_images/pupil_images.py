@@ -15,6 +15,7 @@ from pipeline.camera.micro_images import pinhole_kernels
 from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, Sectors
 from pipeline.camera.micro_images.pinhole_rays import look
 from pipeline.camera.tracing.records import CameraArrays
+from pipeline.records.shapes import Float64
 
 DIRECTIONS = 24
 """Directions of a first look at an edge, 15 degrees apart: where one thing blocks all around, even nodes converge
@@ -50,9 +51,11 @@ class Apertures:
 
     camera: CameraArrays
     pencils: Pencils
-    shares: np.ndarray
+    shares: Float64[np.ndarray, "m"]
 
-    def light(self, middle: np.ndarray, shift: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    def light(
+        self, middle: Float64[np.ndarray, "n 2"], shift: Float64[np.ndarray, "n"], limit: Float64[np.ndarray, "n"]
+    ) -> np.ndarray:
         """Light of each microlens, its moments from `middle`, the area that it fills: (n, 4), see `add_light`.
 
         Parameters
@@ -83,7 +86,12 @@ class Apertures:
             pinhole_kernels.add_light(self.camera, self.pencils, self.shares, middle, found, sums)
         return sums
 
-    def reach(self, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    def reach(
+        self,
+        origins: Float64[np.ndarray, "n 2"],
+        directions: Float64[np.ndarray, "m 2"],
+        limit: Float64[np.ndarray, "n"],
+    ) -> np.ndarray:
         """Reach of light through the vertex from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
         n, d = len(self.pencils.microlens), len(directions)
         owner, vertex = np.arange(n), np.zeros(n, np.int64)

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.polygon import regular
+from pipeline.records.shapes import Float64, Int64
 
 _TOLERANCE_MM = 1e-9
 """Room at the border of an array [mm], as CONVENTIONS.md states: vertices are sums that round, and stand right on it
@@ -27,12 +28,12 @@ class Lattice:
         How much nearer to the scene than lens (0, 0) they stand: 0 without tilt.
     """
 
-    k: np.ndarray
-    l: np.ndarray
-    type: np.ndarray
-    x_mm: np.ndarray
-    y_mm: np.ndarray
-    z_mm: np.ndarray
+    k: Int64[np.ndarray, "n"]
+    l: Int64[np.ndarray, "n"]
+    type: Int64[np.ndarray, "n"]
+    x_mm: Float64[np.ndarray, "n"]
+    y_mm: Float64[np.ndarray, "n"]
+    z_mm: Float64[np.ndarray, "n"]
 
 
 def lattice(array: MicrolensArray) -> Lattice:

@@ -17,6 +17,7 @@ from pipeline.optics.table import (
     SEMI_DIAMETER_SQUARED,
     towards_scene,
 )
+from pipeline.records.shapes import Float64
 
 PLANE_LIKE = 1e-9
 """A semi-diameter that fits every sphere, for figures near the axis [mm]."""
@@ -70,14 +71,14 @@ class Faces:
         """First-order figures; z counts from the rear vertex towards the scene."""
         return first_order(self.prescription(semi_diameter_mm))
 
-    def aperture_z_mm(self, height_mm: np.ndarray) -> np.ndarray:
+    def aperture_z_mm(self, height_mm: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Distance of the aperture's face from the rear vertex plane, towards the scene, at heights off its axis."""
         surface = self.prescription(PLANE_LIKE).surfaces[0 if self.aperture_is_in_front else 1]
         sag = np.vectorize(surface.sag_mm, otypes=[float])(height_mm)
         return (self.thickness_mm if self.aperture_is_in_front else 0.0) - sag
 
 
-def face_table(faces: Faces, cell: np.ndarray, radius_mm: float | None, flat: bool) -> np.ndarray:
+def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float | None, flat: bool) -> np.ndarray:
     """Rows of a microlens for `optics.kernels.trace_packet`, rear face first, about its rear vertex.
 
     Parameters
@@ -104,7 +105,7 @@ def face_table(faces: Faces, cell: np.ndarray, radius_mm: float | None, flat: bo
     return table
 
 
-def append_edges(row: np.ndarray, cell: np.ndarray | None) -> np.ndarray:
+def append_edges(row: Float64[np.ndarray, "n"], cell: Float64[np.ndarray, "m 2"] | None) -> np.ndarray:
     """A row of a table with a polygon for its aperture, or room for one."""
     base = row[:COEFFICIENTS].copy()
     edges = np.zeros(0)

@@ -11,6 +11,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import apply, inverse
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import VERTEX, is_centred, motion_of, unbounded
+from pipeline.records.shapes import Float64
 
 _STEPS = 25
 """Steps of Newton's method or of the secant method at most: both multiply digits near the end, and what has not ended
@@ -35,7 +36,9 @@ _TOO_WIDE = (
 )
 
 
-def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
+def chief_slopes(
+    table: Float64[np.ndarray, "n columns"], stop_row: int, points_mm: Float64[np.ndarray, "m 3"]
+) -> np.ndarray:
     """Slopes dx/dz and dy/dz with which the chief rays of points start.
 
     Parameters
@@ -72,7 +75,9 @@ def chief_slopes(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.
     return (crossing - height)[:, None] * outward / ahead
 
 
-def chief_crossings(table: np.ndarray, stop_row: int, points_mm: np.ndarray) -> np.ndarray:
+def chief_crossings(
+    table: Float64[np.ndarray, "surfaces columns"], stop_row: int, points_mm: Float64[np.ndarray, "n 3"]
+) -> np.ndarray:
     """Crossings of the chief rays of points with the rear vertex plane, in any lens, (m, 2) [mm]; NaN: none.
 
     Parameters are those of `chief_slopes`. Newton's method with differences for derivatives; a step that comes no
@@ -133,7 +138,12 @@ def _length(vectors: np.ndarray) -> np.ndarray:
     return np.hypot(vectors[:, 0], vectors[:, 1])
 
 
-def chief_heights(table: np.ndarray, stop_row: int, plane_mm: float | np.ndarray, heights: np.ndarray) -> np.ndarray:
+def chief_heights(
+    table: Float64[np.ndarray, "n columns"],
+    stop_row: int,
+    plane_mm: float | Float64[np.ndarray, "m"],
+    heights: Float64[np.ndarray, "m"],
+) -> np.ndarray:
     """Crossing of the chief ray of each point (height, 0, plane) of a centred lens with the rear vertex plane.
 
     Parameters

@@ -6,6 +6,7 @@ from pipeline.camera.boundary import halved
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.outlines import passing_points
 from pipeline.optics.table import enclosing
+from pipeline.records.shapes import Float64
 
 _STEPS = 24
 """Parts of the way that are looked at first: light that comes and goes within one of them is not seen."""
@@ -13,7 +14,12 @@ _BISECTIONS = 12
 """Halvings of the part in which light ends: 1 / (24 * 4096), the 1e-5 that `lit_share` states."""
 
 
-def lit_share(table: np.ndarray, stop_row: int, start_mm: np.ndarray, end_mm: np.ndarray) -> float:
+def lit_share(
+    table: Float64[np.ndarray, "n columns"],
+    stop_row: int,
+    start_mm: Float64[np.ndarray, "3"],
+    end_mm: Float64[np.ndarray, "3"],
+) -> float:
     """The share of the way between two points behind the lens up to which light arrives: 1 if it does at the end.
 
     Parameters

@@ -22,6 +22,7 @@ from pipeline.camera.pupil.outlines import (
     supports,
 )
 from pipeline.optics.table import enclosing, motion_of
+from pipeline.records.shapes import Float64
 
 _NODES = 12
 """Steps from the middle of the grid to its farther edge; what interpolation leaves between is added to an outline."""
@@ -45,10 +46,10 @@ class FilmPlane:
         Need not be of unit length: with x and y components of the unit matrix, u and v are x and y from the origin.
     """
 
-    origin_mm: np.ndarray
-    axes: np.ndarray
+    origin_mm: Float64[np.ndarray, "3"]
+    axes: Float64[np.ndarray, "2 3"]
 
-    def points(self, uv: np.ndarray) -> np.ndarray:
+    def points(self, uv: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Points of the plane in space, (..., 2) to (..., 3) [mm]."""
         return self.origin_mm + uv @ self.axes
 
@@ -60,7 +61,7 @@ def upright(z_mm: float) -> FilmPlane:
 
 @once
 def grid_outlines(
-    table: np.ndarray,
+    table: Float64[np.ndarray, "n columns"],
     stop_row: int,
     plane: FilmPlane,
     half_extents_mm: tuple[float, float],

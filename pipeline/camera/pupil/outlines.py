@@ -21,6 +21,7 @@ from pipeline.camera.pupil.chief_ray import chief_heights
 from pipeline.camera.pupil.once import once
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, enclosing
+from pipeline.records.shapes import Float64
 
 HEIGHTS = 48
 """Heights from the axis to the farthest point; `MARGIN` covers what lies between."""
@@ -55,13 +56,17 @@ class Outlines:
     """
 
     step_mm: float
-    vertices_mm: np.ndarray
+    vertices_mm: Float64[np.ndarray, "rows columns DIRECTIONS 2"]
     drift: float
 
 
 @once
 def outlines(
-    table: np.ndarray, stop_row: int, plane_mm: float, max_height_mm: float, margin: float = MARGIN
+    table: Float64[np.ndarray, "n columns"],
+    stop_row: int,
+    plane_mm: float,
+    max_height_mm: float,
+    margin: float = MARGIN,
 ) -> Outlines:
     """Trace the outlines of a centred lens for points on the plane z = `plane_mm` behind it.
 
@@ -91,7 +96,11 @@ def outlines(
     return Outlines(step, vertices[None], drift)
 
 
-def passes(table: np.ndarray, starts: np.ndarray, points: np.ndarray) -> np.ndarray:
+def passes(
+    table: Float64[np.ndarray, "surfaces columns"],
+    starts: Float64[np.ndarray, "... 3"],
+    points: Float64[np.ndarray, "... 2"],
+) -> np.ndarray:
     """Whether the ray from each start (..., 3) through each point (..., 2) of the rear vertex plane leaves the lens."""
     aim = np.concatenate([points, np.full((*points.shape[:-1], 1), table[0, VERTEX])], axis=-1)
     direction = aim - starts
@@ -117,7 +126,12 @@ def _inner_points(table: np.ndarray, stop_row: int, plane_mm: float, heights: np
     return passing_points(table, _on_axis(plane_mm, heights), chief, np.zeros(2))
 
 
-def passing_points(table: np.ndarray, starts: np.ndarray, chief: np.ndarray, middle: np.ndarray) -> np.ndarray:
+def passing_points(
+    table: Float64[np.ndarray, "surfaces columns"],
+    starts: Float64[np.ndarray, "n 3"],
+    chief: Float64[np.ndarray, "n 2"],
+    middle: Float64[np.ndarray, "2"],
+) -> np.ndarray:
     """The crossings of chief rays where they pass, else inner points by a grid about a middle, (n, 2); NaN: dark."""
     result = chief.copy()
     radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
@@ -129,7 +143,12 @@ def passing_points(table: np.ndarray, starts: np.ndarray, chief: np.ndarray, mid
 
 
 def edges(
-    table: np.ndarray, starts: np.ndarray, inside: np.ndarray, directions: int, bisections: int, slack_mm: float
+    table: Float64[np.ndarray, "surfaces columns"],
+    starts: Float64[np.ndarray, "n 3"],
+    inside: Float64[np.ndarray, "n 2"],
+    directions: int,
+    bisections: int,
+    slack_mm: float,
 ) -> np.ndarray:
     """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
 
@@ -159,12 +178,12 @@ def directions_of(count: int) -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def supports(points: np.ndarray) -> np.ndarray:
+def supports(points: Float64[np.ndarray, "n m 2"]) -> np.ndarray:
     """Farthest reach of sets of points (n, m, 2) along the normals of the edges of an outline, (n, DIRECTIONS)."""
     return (points @ directions_of(DIRECTIONS).T).max(axis=1)
 
 
-def corners(support: np.ndarray) -> np.ndarray:
+def corners(support: Float64[np.ndarray, "..."]) -> np.ndarray:
     """Polygons (..., DIRECTIONS, 2) whose edges have the normals of an outline and lie at distances (..., DIRECTIONS).
 
     Neighbouring support lines n_i . x = h_i meet in a vertex.

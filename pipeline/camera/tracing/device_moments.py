@@ -23,6 +23,7 @@ from pipeline.camera.tracing.sobol import hash32, scrambled
 from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda
 from pipeline.optics.kernels import PACKET
+from pipeline.records.shapes import Float64
 
 _ALIVE = 4
 """Place of a ray's flag, and of whether there is a pivot, behind the four coordinates of a crossing."""
@@ -241,7 +242,11 @@ def empty_regions(count: int) -> Regions:
 
 
 def moments_on_device(
-    camera: CameraArrays, planes: np.ndarray, samples: Samples, starts: Starts, moments: np.ndarray
+    camera: CameraArrays,
+    planes: Float64[np.ndarray, "#n 2 4 3"],
+    samples: Samples,
+    starts: Starts,
+    moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> None:
     """Moments of many bundles, written; parameters as of `sum_bundles`.
 

@@ -24,6 +24,7 @@ from pipeline.camera.tracing.records import CameraArrays, Mosaic, Optics
 from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.errors import PipelineError
 from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
+from pipeline.records.shapes import Float64
 
 _DISC_SIDES = 24
 """Sides of the polygon around a disc: 0.6 percent larger in area, rays that are lost."""
@@ -52,10 +53,10 @@ class Microlenses:
         Of the linear map from the sensor to the rear vertex plane: per sensor point, per aim point.
     """
 
-    lenses: np.ndarray
-    aperture: np.ndarray
+    lenses: Float64[np.ndarray, "m columns"]
+    aperture: Float64[np.ndarray, "c 2"]
     mosaic: Mosaic
-    reach: np.ndarray
+    reach: Float64[np.ndarray, "m 2"]
 
 
 def is_plain(array: MicrolensArray | None) -> bool:
@@ -86,7 +87,12 @@ def element_tables(array: MicrolensArray) -> np.ndarray:
 
 
 def microlenses(
-    camera: Camera, table: np.ndarray, stop_row: int, lattice: Lattice | None, vertices: np.ndarray, bounds: Outlines
+    camera: Camera,
+    table: Float64[np.ndarray, "surfaces columns"],
+    stop_row: int,
+    lattice: Lattice | None,
+    vertices: Float64[np.ndarray, "n 2"],
+    bounds: Outlines,
 ) -> Microlenses:
     """Arrays of a camera whose surfaces, lattice and outlines are known."""
     array, detail = camera.microlenses, _detail(camera)
@@ -142,7 +148,7 @@ def _rims(array: MicrolensArray) -> np.ndarray:
     return on_apertures(array, rim)
 
 
-def on_apertures(array: MicrolensArray, points_mm: np.ndarray) -> np.ndarray:
+def on_apertures(array: MicrolensArray, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
     """Points (n, 2) across the axis of a microlens on the face of each type that has the aperture, (types, n, 3)."""
     height = np.hypot(*points_mm.T)
     if array.model == "refractive":

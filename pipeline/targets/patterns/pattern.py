@@ -6,6 +6,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.targets.drawing import Drawing
 
 
@@ -22,9 +23,9 @@ class Marks:
         Radius of the disc about a mark; NaN without a disc.
     """
 
-    xy_mm: np.ndarray
+    xy_mm: Float64[np.ndarray, "n 2"]
     kinds: list[str]
-    radius_mm: np.ndarray
+    radius_mm: Float64[np.ndarray, "n"]
 
     @staticmethod
     def of(*groups: tuple[str, np.ndarray], radius_mm: float = np.nan) -> "Marks":
@@ -90,7 +91,7 @@ class Base:
         """The same pattern: it has no tags."""
         return self  # type: ignore[return-value]
 
-    def radiance(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    def radiance(self, x_mm: Float64[np.ndarray, "n"], y_mm: Float64[np.ndarray, "m"]) -> np.ndarray:
         """Radiance at points of the chart, (n,); NaN beside the sheet."""
         whiteness = self.drawing.whiteness(x_mm, y_mm)
         return np.where(np.isnan(whiteness), np.nan, np.where(whiteness == 1, self.white, self.black))
@@ -104,7 +105,7 @@ def grid(columns: int, rows: int, spacing_x: float, spacing_y: float | None = No
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def points_of(array: np.ndarray) -> tuple[tuple[float, float], ...]:
+def points_of(array: Float64[np.ndarray, "n 2"]) -> tuple[tuple[float, float], ...]:
     """An (n, 2) array as the corners of a polygon."""
     return tuple((float(x), float(y)) for x, y in array)
 

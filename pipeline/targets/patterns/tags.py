@@ -5,12 +5,13 @@ Cells of one colour are merged, so that no print or screen shows hairlines betwe
 
 import numpy as np
 
+from pipeline.records.shapes import Num
 from pipeline.targets.drawing import Polygon, rectangle
 
 Corner = tuple[int, int]
 
 
-def tag_shapes(bits: np.ndarray, left: float, bottom: float, edge: float, border: int) -> list[Polygon]:
+def tag_shapes(bits: Num[np.ndarray, "n n"], left: float, bottom: float, edge: float, border: int) -> list[Polygon]:
     """The tag with `border` black cells around its bits, upright, lower left corner at (left, bottom) [mm]."""
     cells = len(bits) + 2 * border
     x = left + edge * np.arange(cells + 1) / cells
@@ -23,7 +24,7 @@ def tag_shapes(bits: np.ndarray, left: float, bottom: float, edge: float, border
     return shapes
 
 
-def outlines(bits: np.ndarray) -> list[list[Corner]]:
+def outlines(bits: Num[np.ndarray, "rows columns"]) -> list[list[Corner]]:
     """Borders of the cells that are 1, as loops of grid corners (column, row); the cells that are 1 lie to their
     left.
 

@@ -17,6 +17,7 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_sensor
+from pipeline.records.shapes import Float64, Int64
 
 _FLIP = np.array([1.0, -1.0, -1.0])
 """Signs of x, y and z that convert between the vision frame and the lens frame."""
@@ -49,14 +50,14 @@ class Candidates:
         Number of rays traced to find the candidates.
     """
 
-    point: np.ndarray
-    microlens: np.ndarray
-    x_px: np.ndarray
-    reach_px: np.ndarray
+    point: Int64[np.ndarray, "n"]
+    microlens: Int64[np.ndarray, "n"]
+    x_px: Float64[np.ndarray, "n 2"]
+    reach_px: Float64[np.ndarray, "n"]
     rays: int
 
 
-def candidates(rig: Rig, points_mm: np.ndarray) -> Candidates:
+def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     """All candidates of points (p, 3); a point whose light does not pass the lens has none."""
     tracer, images = rig.tracer, rig.images
     point, microlens, guess, reach, rays = [], [], [], [], 0

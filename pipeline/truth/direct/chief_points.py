@@ -11,6 +11,7 @@ from pipeline.camera.micro_images.centres import vertex_aims
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.table import unbounded
+from pipeline.records.shapes import Float64, Int64
 
 _STEPS = 20
 """Most steps: the derivative is kept, so each step reduces the error by the same large factor."""
@@ -22,7 +23,12 @@ _DIFFERENCE_PX = 0.05
 """Half the step of difference quotients [px]: chief rays bend little over it, and rounding costs few digits."""
 
 
-def chief_points(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+def chief_points(
+    tracer: Tracer,
+    microlens: Int64[np.ndarray, "n"],
+    x_px: Float64[np.ndarray, "n 2"],
+    planes: Float64[np.ndarray, "n 4 3"],
+) -> np.ndarray:
     """Positions whose chief ray meets the origin of a plane, (n, 2) [px]; NaN if there is none.
 
     Parameters
@@ -50,7 +56,12 @@ def chief_points(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes
     return np.where((np.abs(step) < _ACCEPTED_PX).all(axis=1)[:, None], x, np.nan)
 
 
-def chief_jacobian(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
+def chief_jacobian(
+    tracer: Tracer,
+    microlens: Int64[np.ndarray, "n"],
+    x_px: Float64[np.ndarray, "n 2"],
+    planes: Float64[np.ndarray, "n 4 3"],
+) -> np.ndarray:
     """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN if there is no chief
     ray.
     """

@@ -10,6 +10,7 @@ from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
+from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates
 from pipeline.truth.direct.newton import Search
@@ -31,16 +32,16 @@ _BLUR_LEVEL = 1
 class Guess:
     """Pairs of point and micro-image to solve, (n,) each, with first guesses (n, 2)."""
 
-    point: np.ndarray
-    cell: np.ndarray
-    x_px: np.ndarray
+    point: Int64[np.ndarray, "n"]
+    cell: Int64[np.ndarray, "n"]
+    x_px: Float64[np.ndarray, "n 2"]
 
-    def only(self, kept: np.ndarray) -> "Guess":
+    def only(self, kept: Bool[np.ndarray, "n"]) -> "Guess":
         """The pairs where `kept` is true."""
         return Guess(self.point[kept], self.cell[kept], self.x_px[kept])
 
 
-def guesses(rig: Rig, planes: np.ndarray) -> tuple[Guess, int]:
+def guesses(rig: Rig, planes: Float64[np.ndarray, "n 4 3"]) -> tuple[Guess, int]:
     """All pairs of a target point that faces the camera and a micro-image that may see it, and the number of traced
     rays.
     """
@@ -52,10 +53,10 @@ def guesses(rig: Rig, planes: np.ndarray) -> tuple[Guess, int]:
 def solve(
     rig: Rig,
     guess: Guess,
-    planes: np.ndarray,
+    planes: Float64[np.ndarray, "p 4 3"],
     accuracy_px: float,
     min_hit_fraction: float,
-    jacobian: np.ndarray | None = None,
+    jacobian: Float64[np.ndarray, "n 2 2"] | None = None,
 ) -> Correspondences:
     """Solve J(x) = p for pairs, and keep the rows that exist.
 
@@ -113,7 +114,12 @@ def _with_blur(
 
 
 def blur_of(
-    rig: Rig, cell: np.ndarray, x_px: np.ndarray, planes: np.ndarray, jacobian: np.ndarray, moments: np.ndarray
+    rig: Rig,
+    cell: Int64[np.ndarray, "n"],
+    x_px: Float64[np.ndarray, "n 2"],
+    planes: Float64[np.ndarray, "n 4 3"],
+    jacobian: Float64[np.ndarray, "n 2 2"],
+    moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] from the bundles of the rows themselves, and the number of
     traced rays.

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from pipeline.camera.rig import Rig
+from pipeline.records.shapes import Float64
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
@@ -15,7 +16,9 @@ them.
 """
 
 
-def polished(rig: Rig, found: Correspondences, planes: np.ndarray, settings: TruthSettings) -> Correspondences:
+def polished(
+    rig: Rig, found: Correspondences, planes: Float64[np.ndarray, "p 4 3"], settings: TruthSettings
+) -> Correspondences:
     """Rows of `moments` that keep the claimed accuracy, and all others solved by `direct`.
 
     Parameters

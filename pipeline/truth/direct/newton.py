@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pooled
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS
+from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.chief_points import chief_jacobian
 
 _STEPS = 14
@@ -78,10 +79,10 @@ class Search:
     def __init__(
         self,
         tracer: Tracer,
-        microlens: np.ndarray,
-        planes: np.ndarray,
-        x_px: np.ndarray,
-        home_px: np.ndarray,
+        microlens: Int64[np.ndarray, "n"],
+        planes: Float64[np.ndarray, "n 4 3"],
+        x_px: Float64[np.ndarray, "n 2"],
+        home_px: Float64[np.ndarray, "n 2"],
         square_px: float = 0.0,
     ) -> None:
         self.tracer, self.microlens, self.home_px, self.square_px = tracer, microlens, home_px, square_px
@@ -120,7 +121,7 @@ class Search:
         self.residual[rows] = self._j(rows, self.x_px)
         self._derive(rows[~np.isnan(self.residual[:, 0])])
 
-    def begin_at(self, jacobian: np.ndarray) -> None:
+    def begin_at(self, jacobian: Float64[np.ndarray, "n 2 2"]) -> None:
         """Accept the guesses as rough solutions, with known derivatives (n, 2, 2)."""
         self.jacobian, self.inverse = jacobian.copy(), _inverse(jacobian)
 
@@ -229,7 +230,7 @@ class Search:
         return found
 
 
-def errors_px(inverse: np.ndarray, found: Integral) -> np.ndarray:
+def errors_px(inverse: Float64[np.ndarray, "n 2 2"], found: Integral) -> np.ndarray:
     """Error of J in the image [px]: random errors are added in squares, differences of two levels linearly."""
     in_squares = np.sqrt(np.einsum("nij,nj->ni", inverse**2, found.error_mm**2))
     directly = np.einsum("nij,nj->ni", np.abs(inverse), found.error_mm)

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.rig import Rig
+from pipeline.records.shapes import Float64
 from pipeline.truth.direct.direct_rows import blur_of
 from pipeline.truth.rows import Correspondences
 
@@ -17,7 +18,9 @@ _LEVEL = 1
 """Level of quadrature: light and blur need fewer digits than positions."""
 
 
-def with_own_bundles(rig: Rig, rows: Correspondences, planes: np.ndarray, min_hit_fraction: float) -> Correspondences:
+def with_own_bundles(
+    rig: Rig, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"], min_hit_fraction: float
+) -> Correspondences:
     """The same rows with hit fraction and blur of their own bundles; rows with too little light are dropped and
     counted.
 

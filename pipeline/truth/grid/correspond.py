@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.truth import blur
 from pipeline.truth.grid import quad_search, quadratic
 from pipeline.truth.grid.position_image import crossing_share
@@ -29,11 +30,13 @@ class Sightings:
     """
 
     found: Found
-    nearest_mm: np.ndarray
+    nearest_mm: Float64[np.ndarray, "n"]
     counts: dict[str, int]
 
 
-def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings) -> tuple[Found, dict]:
+def find(
+    image: Float64[np.ndarray, "n m 2"], points_mm: Float64[np.ndarray, "p 3"], grid: RayGrid, settings: TruthSettings
+) -> tuple[Found, dict]:
     """Search target points in a position image.
 
     Parameters
@@ -56,7 +59,11 @@ def find(image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: Trut
 
 
 def sightings(
-    image: np.ndarray, points_mm: np.ndarray, grid: RayGrid, settings: TruthSettings, own: slice
+    image: Float64[np.ndarray, "h w 2"],
+    points_mm: Float64[np.ndarray, "n 3"],
+    grid: RayGrid,
+    settings: TruthSettings,
+    own: slice,
 ) -> Sightings:
     """All solutions that begin in the rows `own` of a position image; the rows around them are only read."""
     image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
@@ -64,7 +71,7 @@ def sightings(
     return search_for(image, points, grid, settings, own)
 
 
-def best_of(found: Found, nearest_mm: np.ndarray, settings: TruthSettings) -> tuple[np.ndarray, int]:
+def best_of(found: Found, nearest_mm: Float64[np.ndarray, "n"], settings: TruthSettings) -> tuple[np.ndarray, int]:
     """Indices of the best solutions by point and cell, and the number of the others."""
     # The quad whose nearest value is closest to the point wins its (point, cell); among equals the first.
     order = np.lexsort((nearest_mm, found.cell, found.point))
@@ -152,10 +159,10 @@ def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) ->
 
 
 def correspond(
-    image: np.ndarray,
-    points_mm: np.ndarray,
+    image: Float64[np.ndarray, "h w 2"],
+    points_mm: Float64[np.ndarray, "n 3"],
     grid: RayGrid,
-    vision_from_target: np.ndarray,
+    vision_from_target: Float64[np.ndarray, "4 4"],
     settings: TruthSettings,
 ) -> Correspondences:
     """Ground truth of the points of one plane, in its frame: all rows that exist, with blur and error."""
@@ -163,14 +170,16 @@ def correspond(
 
 
 def completed(
-    found: Found, counts: dict, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings
+    found: Found, counts: dict, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"], settings: TruthSettings
 ) -> Correspondences:
     """The rows that exist among the results of a search, sorted by point, l, k, with blur and error."""
     rows = with_light(found, grid, vision_from_target, settings)
     return existing(dataclasses.replace(rows, counts=counts), grid, settings.min_hit_fraction)
 
 
-def with_light(found: Found, grid: RayGrid, vision_from_target: np.ndarray, settings: TruthSettings) -> Correspondences:
+def with_light(
+    found: Found, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"], settings: TruthSettings
+) -> Correspondences:
     """All results of a search with light, blur and error; nothing is counted."""
     covariance, ray_near, ray_far = _bundle_at(found, grid)
     share, _, way = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.frames import apply
+from pipeline.records.shapes import Float64
 from pipeline.targets.points import TangentPlane, TargetPoints
 from pipeline.truth.grid.correspond import best_of, sightings, with_light
 from pipeline.truth.grid.ray_grid import RayGrid, Rays
@@ -45,7 +46,7 @@ def plane_name(target: str, number: int, planes: int) -> str:
 def correspond_points(
     points: TargetPoints,
     rays: Rays,
-    vision_from_target: np.ndarray,
+    vision_from_target: Float64[np.ndarray, "4 4"],
     settings: TruthSettings,
     image_of: ImageOf,
 ) -> Correspondences | None:

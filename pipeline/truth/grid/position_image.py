@@ -2,9 +2,15 @@
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
+
 
 def on_target(
-    near: np.ndarray, far: np.ndarray, near_mm: float, far_mm: float, vision_from_target: np.ndarray
+    near: Float64[np.ndarray, "... 2"],
+    far: Float64[np.ndarray, "... 2"],
+    near_mm: float,
+    far_mm: float,
+    vision_from_target: Float64[np.ndarray, "4 4"],
 ) -> np.ndarray:
     """J by the paper's second method: the intersection of the mean ray of every pixel with the target's plane.
 
@@ -28,7 +34,11 @@ def on_target(
 
 
 def crossing_share(
-    near: np.ndarray, far: np.ndarray, near_mm: float, far_mm: float, vision_from_target: np.ndarray
+    near: Float64[np.ndarray, "... 2"],
+    far: Float64[np.ndarray, "... 2"],
+    near_mm: float,
+    far_mm: float,
+    vision_from_target: Float64[np.ndarray, "4 4"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Share t (...) of the way between the planes at which mean rays meet the target; J_near; the way (..., 3)."""
     start = np.concatenate([near, np.full((*near.shape[:-1], 1), near_mm)], axis=-1)

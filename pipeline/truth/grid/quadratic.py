@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.records.shapes import Float64, Int64
+
 _OFFSETS = np.arange(4) - 1.5
 """Columns and rows of the 16 values, relative to the middle of their quad [steps of the grid]."""
 _STEPS = 6
@@ -32,13 +34,18 @@ class Fit:
         Expected error of the solution by the fit's residuals, in steps of the grid.
     """
 
-    x: np.ndarray
-    jacobian: np.ndarray
-    noise_gain: np.ndarray
-    error: np.ndarray
+    x: Float64[np.ndarray, "n 2"]
+    jacobian: Float64[np.ndarray, "n 2 2"]
+    noise_gain: Float64[np.ndarray, "n"]
+    error: Float64[np.ndarray, "n"]
 
 
-def solve(image: np.ndarray, cell: np.ndarray, quads: np.ndarray, points: np.ndarray) -> Fit:
+def solve(
+    image: Float64[np.ndarray, "h w 2"],
+    cell: Int64[np.ndarray, "h w"],
+    quads: Int64[np.ndarray, "n 2"],
+    points: Float64[np.ndarray, "n 2"],
+) -> Fit:
     """Solve J(x) = p in the surfaces around quads.
 
     Parameters

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from pipeline.camera.micro_images.nearby import nearby_of
+from pipeline.records.shapes import Float64, Int64, Num
 from pipeline.truth.rows import Whereabouts
 
 
@@ -19,8 +20,8 @@ class Cells:
     """
 
     __slots__ = ()
-    microlenses: np.ndarray
-    centres_px: np.ndarray | None
+    microlenses: Int64[np.ndarray, "m 3"]
+    centres_px: Float64[np.ndarray, "m 2"] | None
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -32,12 +33,12 @@ class Cells:
         """k and l of every cell, (m, 2)."""
         return self.microlenses[:, :2]
 
-    def in_image(self, x_px: np.ndarray) -> np.ndarray:
+    def in_image(self, x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Whether positions (n, 2) lie in the image."""
         size = np.array(self.size_px)
         return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2, axis=1)
 
-    def in_cell(self, x_px: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    def in_cell(self, x_px: Float64[np.ndarray, "n 2"], cell: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Whether positions lie in their own cell."""
         if self.centres_px is None:
             return np.ones(len(cell), bool)
@@ -102,14 +103,14 @@ class RayGrid(Cells):
     supersampling: int
     near_mm: float
     far_mm: float
-    near: np.ndarray
-    far: np.ndarray
-    covariance: np.ndarray
-    hit_fraction: np.ndarray
-    error_px: np.ndarray
-    cell: np.ndarray
-    microlenses: np.ndarray
-    centres_px: np.ndarray | None
+    near: Float64[np.ndarray, "rows columns 2"]
+    far: Float64[np.ndarray, "rows columns 2"]
+    covariance: Float64[np.ndarray, "h w 10"]
+    hit_fraction: Float64[np.ndarray, "rows columns"]
+    error_px: Float64[np.ndarray, "rows columns 2"]
+    cell: Int64[np.ndarray, "rows columns"]
+    microlenses: Int64[np.ndarray, "m 3"]
+    centres_px: Float64[np.ndarray, "m 2"] | None
     square_steps: float = 0.0
     first_px: tuple[int, int] = (0, 0)
 
@@ -131,17 +132,17 @@ class RayGrid(Cells):
         return self.covariance.shape[1], self.covariance.shape[0]
 
 
-def fine_from_image(x_px: np.ndarray, supersampling: int) -> np.ndarray:
+def fine_from_image(x_px: Float64[np.ndarray, "..."], supersampling: int) -> np.ndarray:
     """Position in the K times finer grid of an image position: x_K = (x + 1/2) K - 1/2."""
     return (x_px + 0.5) * supersampling - 0.5
 
 
-def image_from_fine(x_fine: np.ndarray, supersampling: int) -> np.ndarray:
+def image_from_fine(x_fine: Num[np.ndarray, "..."], supersampling: int) -> np.ndarray:
     """Image position of a position in the K times finer grid: x = (x_K + 1/2) / K - 1/2, the half-pixel rule."""
     return (x_fine + 0.5) / supersampling - 0.5
 
 
-def matrix_4(covariance: np.ndarray) -> np.ndarray:
+def matrix_4(covariance: Float64[np.ndarray, "... 10"]) -> np.ndarray:
     """Full (..., 4, 4) matrices from upper triangles (..., 10)."""
     full = np.empty((*covariance.shape[:-1], 4, 4))
     rows, columns = np.triu_indices(4)

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from pipeline.records.shapes import Num
 
-def jacobian(image: np.ndarray, cell: np.ndarray) -> np.ndarray:
+
+def jacobian(image: Num[np.ndarray, "h w 2"], cell: Num[np.ndarray, "h w"]) -> np.ndarray:
     """Derivative of a position image per step of its grid, from neighbours in the same cell.
 
     Parameters
@@ -34,7 +36,9 @@ def _difference(image: np.ndarray, cell: np.ndarray) -> np.ndarray:
     return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
 
 
-def in_pixels(variance: np.ndarray, derivative: np.ndarray, supersampling: int) -> np.ndarray:
+def in_pixels(
+    variance: Num[np.ndarray, "... 2"], derivative: Num[np.ndarray, "... 2 2"], supersampling: int
+) -> np.ndarray:
     """Standard errors of a mean crossing mapped to the image by the inverse Jacobian, (..., 2) [px].
 
     Parameters

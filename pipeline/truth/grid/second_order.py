@@ -11,13 +11,17 @@ correction vanishes on planes parallel to J_near and J_far, and where the bundle
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.truth.grid.position_image import crossing_share
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.grid.sampling_error import jacobian
 
 
 def correction(
-    covariance: np.ndarray, share: np.ndarray, way: np.ndarray, vision_from_target: np.ndarray
+    covariance: Float64[np.ndarray, "... 10"],
+    share: Float64[np.ndarray, "..."],
+    way: Float64[np.ndarray, "... 3"],
+    vision_from_target: Float64[np.ndarray, "4 4"],
 ) -> np.ndarray:
     """Correction to add to the hit of the mean ray, (..., 2) in the target frame [mm].
 
@@ -43,7 +47,9 @@ def correction(
     return -(bent @ axes) / along[..., None]
 
 
-def corrected(image: np.ndarray, grid: RayGrid, vision_from_target: np.ndarray) -> np.ndarray:
+def corrected(
+    image: Float64[np.ndarray, "h w 2"], grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"]
+) -> np.ndarray:
     """A position image by two planes with the correction added, (K h, K w, 2) in the target frame [mm].
 
     Second moments are stored once per pixel, for rays from one point; the contribution of the square of a position

@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.records.shapes import Bool, Float64, Int64
+
 ROWS = 64
 """Most rows that are solved again for each camera, so that the cost does not grow with the build."""
 _FEWEST, _ONE_IN = 16, 8
@@ -27,13 +29,13 @@ class Rows:
         Number of rows of the table that each one represents; None: one each.
     """
 
-    planes: np.ndarray
-    cell: np.ndarray
-    x_px: np.ndarray
-    is_direct: np.ndarray
-    stands_for: np.ndarray | None = None
+    planes: Float64[np.ndarray, "n 4 3"]
+    cell: Int64[np.ndarray, "n"]
+    x_px: Float64[np.ndarray, "n 2"]
+    is_direct: Bool[np.ndarray, "n"]
+    stands_for: Float64[np.ndarray, "n"] | None = None
 
-    def only(self, kept: np.ndarray) -> "Rows":
+    def only(self, kept: Int64[np.ndarray, "n"]) -> "Rows":
         """The rows selected by a mask or by indices."""
         return Rows(self.planes[kept], self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
 
@@ -55,7 +57,7 @@ def rows_of_build(of: int) -> int:
     return min(ROWS, max(_FEWEST, of // _ONE_IN))
 
 
-def sample(is_direct: np.ndarray, seed: int, rows: int = ROWS) -> np.ndarray:
+def sample(is_direct: Bool[np.ndarray, "n"], seed: int, rows: int = ROWS) -> np.ndarray:
     """Indices of up to so many rows, drawn without repetition, ascending; half of either kind if possible."""
     order = np.random.default_rng(seed).permutation(len(is_direct))
     others, direct = order[~is_direct[order]], order[is_direct[order]]

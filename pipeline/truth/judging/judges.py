@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.camera.integrals import Bundles, pooled, random_integrals
 from pipeline.camera.rig import Rig
+from pipeline.records.shapes import Float64
 from pipeline.truth.direct.newton import Search, errors_px
 from pipeline.truth.judging.judged import Rows
 
@@ -120,6 +121,6 @@ class _RandomRays:
         return -np.einsum("nij,nj->ni", self.inverse[here], found.moments[:, :2]), sigma
 
 
-def rms(values: np.ndarray) -> float:
+def rms(values: Float64[np.ndarray, "n"]) -> float:
     """Root mean square; 0 for an empty array."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.camera.integrating.polar_bundle import Polar, bundle_hits
 from pipeline.camera.tracer import Tracer
+from pipeline.records.shapes import Float64
 
 
 class Grid(NamedTuple):
@@ -42,18 +43,18 @@ class BundleMap:
         area of the unit disc [sr].
     """
 
-    x_px: np.ndarray
-    half_px: np.ndarray
-    offsets: np.ndarray
-    fields: np.ndarray
+    x_px: Float64[np.ndarray, "2"]
+    half_px: Float64[np.ndarray, "2"]
+    offsets: Float64[np.ndarray, "k"]
+    fields: Float64[np.ndarray, "positions directions rings 3"]
 
-    def basis(self, x_px: np.ndarray) -> np.ndarray:
+    def basis(self, x_px: Float64[np.ndarray, "... 2"]) -> np.ndarray:
         """Lagrange polynomials of the grid at positions (..., 2): the weights of `fields`, (..., k k)."""
         t = (x_px - self.x_px) / self.half_px
         x, y = self._lagrange(t[..., 0]), self._lagrange(t[..., 1])
         return (x[..., :, None] * y[..., None, :]).reshape(*t.shape[:-1], -1)
 
-    def at(self, x_px: np.ndarray) -> np.ndarray:
+    def at(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
         """Coordinates and density of every node at one position, (a, r, 3)."""
         return np.einsum("k,karc->arc", self.basis(x_px), self.fields)
 
@@ -65,7 +66,9 @@ class BundleMap:
         return result
 
 
-def bundle_map(tracer: Tracer, microlens: int, plane: np.ndarray, grid: Grid, nodes: Polar) -> BundleMap | None:
+def bundle_map(
+    tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: Grid, nodes: Polar
+) -> BundleMap | None:
     """Trace the bundles of a grid of positions; None if one of them is cut, dark or not star-shaped.
 
     Parameters

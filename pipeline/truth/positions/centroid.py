@@ -19,6 +19,7 @@ from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.records.shapes import Float64
 from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 
 _ROUGH, _FINE = (4, 3, 48, 3, 12), (5, 4, 96, 4, 16)
@@ -58,11 +59,13 @@ class Centroid:
         Difference of the two integrals with different numbers of nodes.
     """
 
-    x_px: np.ndarray
+    x_px: Float64[np.ndarray, "2"]
     error_px: float
 
 
-def centroid(rig: Rig, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float) -> Centroid:
+def centroid(
+    rig: Rig, cell: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], radius_mm: float
+) -> Centroid:
     """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
     parts = []
     for share, tracer in rig.tracer.lights:

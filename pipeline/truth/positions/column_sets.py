@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.rig import Rig
+from pipeline.records.shapes import Float64
 from pipeline.targets.corners import corners_of
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.chief_points import chief_points
@@ -74,7 +75,7 @@ class ColumnSet:
     note : SetNote
     """
 
-    x_px: np.ndarray
+    x_px: Float64[np.ndarray, "n 2"]
     note: SetNote
 
 
@@ -83,7 +84,14 @@ def column_names(name: str) -> tuple[str, str]:
     return f"{name}_x_px", f"{name}_y_px"
 
 
-def column_set(name: str, rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Found) -> ColumnSet:
+def column_set(
+    name: str,
+    rig: Rig,
+    target: AnyTarget,
+    pose: Float64[np.ndarray, "4 4"],
+    planes: Float64[np.ndarray, "p 4 3"],
+    rows: Found,
+) -> ColumnSet:
     """The positions of one set for the rows of a target.
 
     Parameters

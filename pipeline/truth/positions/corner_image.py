@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.truth.positions import saddle_kernels as kernels
 from pipeline.truth.positions.bundle_map import BundleMap
 
@@ -35,7 +36,7 @@ class CornerImage:
         self.fields = np.ascontiguousarray(around.fields[:, ::step, ::step])
         self.nodes = np.empty(self.fields.shape[1:])
 
-    def gradient(self, x_px: np.ndarray) -> np.ndarray:
+    def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
         """Derivative of the light of a pixel by its position, (2,) [sr per px]."""
         right, left, lower, upper = (self._along(x_px + side) for side in _SIDES)
         return np.array([right - left, lower - upper])

@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
+from pipeline.records.shapes import Float64
 from pipeline.truth.positions.bundle_map import Grid, bundle_maps
 from pipeline.truth.positions.corner_image import CornerImages
 from pipeline.truth.positions.saddle_start import start_of
@@ -49,18 +50,20 @@ class Saddle:
         Error due to the approximation of the bundle by triangles.
     """
 
-    x_px: np.ndarray
+    x_px: Float64[np.ndarray, "2"]
     error_px: float
 
 
-def corner_plane(plane: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def corner_plane(plane: Float64[np.ndarray, "4 3"], edges: Float64[np.ndarray, "n 3"]) -> np.ndarray:
     """A tangent plane (4, 3) whose coordinate axes are two edges (2, 3) of the same frame."""
     normal = plane[3]
     first, second = np.cross(edges[1], normal), np.cross(normal, edges[0])
     return np.stack([plane[0], first / (first @ edges[0]), second / (second @ edges[1]), normal])
 
 
-def saddle(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Saddle:
+def saddle(
+    tracer: Tracer, microlens: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], ratio: float
+) -> Saddle:
     """Find the saddle near an image position.
 
     Parameters

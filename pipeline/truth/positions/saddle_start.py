@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.camera.integrating.polar_bundle import Polar
 from pipeline.camera.tracer import Tracer
+from pipeline.records.shapes import Float64
 from pipeline.truth.positions.bundle_map import BundleMap, Grid, bundle_map
 from pipeline.truth.positions.corner_image import CornerImage
 
@@ -36,11 +37,13 @@ class Start:
         Standard deviation of the bundle in the image.
     """
 
-    x_px: np.ndarray
+    x_px: Float64[np.ndarray, "2"]
     spread_px: float
 
 
-def start_of(tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float) -> Start | None:
+def start_of(
+    tracer: Tracer, microlens: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], ratio: float
+) -> Start | None:
     """The position where both edges halve the bundle; for a wide bundle, where each edge halves it on the other
     edge.
 
