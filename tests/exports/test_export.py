@@ -102,6 +102,22 @@ def test_a_format_that_fails_leaves_nothing_behind(out, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("library", ["pandas", "pyarrow"])
+def test_parquet_without_its_libraries_says_what_to_install(command, out, tmp_path, monkeypatch, library):
+    monkeypatch.setitem(sys.modules, library, None)
+    code, _, told = command("parquet", out)
+    assert code == 2 and f"{library} is not installed" in told and "plenoptic-pipeline[frames]" in told
+    assert list((tmp_path / "exports/out").iterdir()) == []
+
+
+def test_parquet_holds_the_remarks(out, tmp_path):
+    import pandas as pd
+
+    (folder,) = export(open_output(out), ["parquet"], tmp_path)
+    remarks = pd.read_parquet(folder / "Left.poses.parquet").attrs["remarks"]
+    assert any("image positions in px" in line for line in remarks)
+
+
 def test_other_positions_of_a_point_get_a_folder_of_their_own(command, tmp_path):
     from exports.pretended import write_manifest
 
