@@ -33,7 +33,7 @@ def table() -> str:
 
 def _row(name: str, one: Convention) -> tuple[str, ...]:
     first = str(one.origin) if one.origin is Origin.IMAGE_CENTRE else f"({one.origin}, {one.origin})"
-    pose = str(one.pose) if one.pose.name == "NONE" else f"{one.pose}; {one.rotation}"
+    pose = str(one.pose) if one.pose.name == "NONE" else f"{one.pose}, by the {one.centre}; {one.rotation}"
     files = one.files.replace("<", "\\<")
     board = f"{one.board}; {one.unit}"
     return (f"`{name}`", one.consumer, files, str(one.cameras), first, str(one.axes), board, pose, str(one.microlenses))

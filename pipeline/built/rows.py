@@ -1,6 +1,7 @@
 """Tables as NumPy record arrays, and as pandas where that is installed."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from pipeline.files.tables import Table
 if TYPE_CHECKING:
     import pandas
 
+_INSTALL = 'python -m pip install "plenoptic-pipeline[frames]"'
 MICROLENS = frozenset({"microlens_k", "microlens_l", "microlens_type"})
 """Columns that a conventional camera has no values for."""
 _TEXTS = frozenset({"camera", "channel", "second_camera", "target", "method"})
@@ -57,8 +59,24 @@ def as_pandas(rows: np.ndarray) -> "pandas.DataFrame":
     try:
         import pandas
     except ImportError:
-        raise UsageError("pandas is not installed", hint='python -m pip install "plenoptic-pipeline[frames]"') from None
+        raise UsageError("pandas is not installed", hint=_INSTALL) from None
     return pandas.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
+
+
+def write_parquet(path: Path, rows: np.ndarray, remarks: Sequence[str]) -> None:
+    """Write rows as Parquet; its metadata hold the remarks, `attrs` of the data frame.
+
+    Raises
+    ------
+    UsageError
+        pandas or pyarrow is not installed.
+    """
+    frame = as_pandas(rows)
+    frame.attrs["remarks"] = list(remarks)
+    try:
+        frame.to_parquet(path, engine="pyarrow", index=False)
+    except ImportError:
+        raise UsageError("pyarrow is not installed", hint=_INSTALL) from None
 
 
 def _column(table: Table, name: str) -> np.ndarray:

@@ -45,6 +45,13 @@ class Pose(StrEnum):
     NONE = "none"
 
 
+class Centre(StrEnum):
+    """Point of the camera that a pose leads to."""
+
+    PINHOLE = "equivalent pinhole"
+    PRINCIPAL_POINT = "front principal point"
+
+
 class Rotation(StrEnum):
     """Form of a stored rotation."""
 
@@ -101,6 +108,7 @@ class Convention:
     axes: ImageAxes = ImageAxes.X_Y
     board: Board = Board.RIGHT_DOWN
     pose: Pose = Pose.NONE
+    centre: Centre = Centre.PINHOLE
     rotation: Rotation = Rotation.NONE
     unit: Unit
     microlenses: Microlenses = Microlenses.NONE
@@ -185,6 +193,7 @@ CONVENTIONS = {
         cameras=Cameras.PLENOPTIC,
         origin=Origin.ZERO,
         pose=Pose.TARGET_FROM_CAMERA,
+        centre=Centre.PRINCIPAL_POINT,
         rotation=Rotation.COLUMNS,
         unit=Unit.MM,
         microlenses=Microlenses.MICRO_IMAGE_GRID,

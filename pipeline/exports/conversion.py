@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.exports.array_fit import array_fit
 from pipeline.exports.cameras import ExportCamera, StatedPose
-from pipeline.exports.conventions import Board, Convention, ImageAxes, Microlenses, Origin, Pose, Rotation, Unit
+from pipeline.exports.conventions import Board, Centre, Convention, ImageAxes, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
 from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid, retyped
 from pipeline.frames import apply, inverse, rigid, rotation_vector
@@ -35,7 +35,7 @@ def converted(material: Material, convention: Convention) -> Material:
         Microlenses cannot be numbered as the format does it.
     """
     grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}
-    sizes = {camera.name: camera.size_px for camera in material.cameras}
+    cameras = {camera.name: camera for camera in material.cameras}
     frames = {target.name: board_from_target(target, convention) for target in material.targets}
     return replace(
         material,
@@ -47,8 +47,10 @@ def converted(material: Material, convention: Convention) -> Material:
         targets=tuple(_target(target, convention, frames[target.name]) for target in material.targets),
         views=tuple(
             replace(
-                _posed(view, convention, frames[view.target]),
-                observations=_observations(view.observations, convention, sizes[view.camera], grids[view.camera]),
+                _posed(view, cameras[view.camera], convention, frames[view.target]),
+                observations=_observations(
+                    view.observations, convention, cameras[view.camera].size_px, grids[view.camera]
+                ),
             )
             for view in material.views
         ),
@@ -66,7 +68,7 @@ def meaning(convention: Convention) -> tuple[str, ...]:
         f"lengths in {convention.unit}; target points: {convention.board}",
     ]
     if convention.pose is not Pose.NONE:
-        lines.append(f"poses: {convention.pose}, to the equivalent pinhole; rotation: {convention.rotation}")
+        lines.append(f"poses: {convention.pose}, by the {convention.centre}; rotation: {convention.rotation}")
     if convention.microlenses is not Microlenses.NONE:
         lines.append(f"microlenses: {convention.microlenses}")
     return tuple(lines)
@@ -166,12 +168,21 @@ def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> 
     )
 
 
-def _posed(view: ExportView, convention: Convention, frame: np.ndarray) -> ExportView:
+def _camera_from_target(view: ExportView, camera: ExportCamera, convention: Convention) -> np.ndarray | None:
+    """The pose to the point that the format counts from, (4, 4) [mm]; None where it is a pinhole and none fits."""
+    if convention.centre is Centre.PINHOLE:
+        return view.camera_from_target
+    front_mm = camera.built.record["lens"]["principal_planes_mm"][0]
+    return rigid(np.eye(3), np.array([0.0, 0.0, -front_mm])) @ view.built.poses.camera_from_target[view.target]
+
+
+def _posed(view: ExportView, camera: ExportCamera, convention: Convention, frame: np.ndarray) -> ExportView:
     scale = _MM[convention.unit]
     world = None if view.camera_from_world is None else _scaled(view.camera_from_world, scale)
-    if view.camera_from_target is None:
+    found = _camera_from_target(view, camera, convention)
+    if found is None:
         return replace(view, camera_from_world=world)
-    pose = _scaled(view.camera_from_target @ inverse(frame), scale)
+    pose = _scaled(found @ inverse(frame), scale)
     directed = {Pose.CAMERA_FROM_TARGET: pose, Pose.TARGET_FROM_CAMERA: inverse(pose)}.get(convention.pose)
     told = None if directed is None else stated(directed, convention.rotation)
     return replace(view, camera_from_world=world, camera_from_target=pose, pose=told)

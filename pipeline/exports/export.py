@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from pipeline.built.output import Output
@@ -59,6 +59,11 @@ def convention_of(name: str) -> Convention:
 def export(output: Output, formats: list[str], folder: Path, request: Request | None = None) -> list[Path]:
     """Write a build in several formats, each into a folder of its name; all or nothing of a format.
 
+    Parameters
+    ----------
+    formats : list of str
+        Names, as `opencv`, or with a position other than that of the request, as `opencv:saddle`.
+
     Returns
     -------
     list of Path
@@ -69,16 +74,28 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     ExportError
         A format is unknown, or cannot hold this build, or its folder is there.
     """
-    request = request or Request()
-    material = with_noise(chosen(gather(output, request.position), request.only), request.noise)
-    places = {name: folder / name for name in dict.fromkeys(formats)}
-    for name, place in places.items():
-        _require_kind(name, convention_of(name), material)
+    asked = _asked(formats, folder, request or Request())
+    materials = {
+        one: with_noise(chosen(gather(output, one.position), one.only), one.noise) for _, one in asked.values()
+    }
+    for place, (name, one) in asked.items():
+        _require_kind(name, convention_of(name), materials[one])
         if place.exists():
             raise ExportError(f"{place} exists", hint="remove it, or choose another folder with -o")
-    for name, place in places.items():
-        _write(name, material, place, request)
-    return list(places.values())
+    for place, (name, one) in asked.items():
+        _write(name, materials[one], place, one)
+    return list(asked)
+
+
+def _asked(formats: list[str], folder: Path, request: Request) -> dict[Path, tuple[str, Request]]:
+    """Folder of each format, its name and what it takes: `opencv:saddle` means positions of saddles."""
+    found = {}
+    for item in formats:
+        name, _, position = item.partition(":")
+        convention_of(name)
+        one = replace(request, position=position) if position else request
+        found[folder / (name if one.position == "exact" else f"{name}-{one.position}")] = name, one
+    return found
 
 
 def _write(name: str, material: Material, place: Path, request: Request) -> None:

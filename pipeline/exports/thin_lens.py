@@ -83,7 +83,7 @@ def thin_lens(camera: ExportCamera) -> ThinLens:
     return ThinLens(
         focal_mm=lens["efl_mm"],
         f_number=lens["f_number"],
-        main_lens_mm=record["sensor_distance_mm"] - front - lens["principal_planes_mm"][1],
+        main_lens_mm=record["sensor_distance_mm"] - front + lens["principal_planes_mm"][1],  # z towards the scene
         sensor_mm=rear,
         focal_lengths_mm=images.focal_lengths_mm,
     )

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exports.pretended import write_manifest
 
 from pipeline.app.build import build
 from pipeline.files.tables import write_table
-from pipeline.frames import apply, rigid, rotation_vector
+from pipeline.frames import apply, rigid
 from pipeline.graph.poses import vision_from_target
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import open_dataset
@@ -71,8 +72,12 @@ def write_frame(folder: Path, number: int, entry: CameraEntry, board: Checkerboa
     folder = folder / f"frames/{number:04d}/{entry.name}"
     folder.mkdir(parents=True)
     write_table(folder / "correspondences.csv", ["by a pinhole, with a comma, and another"], columns)
-    where = {"rvec": rotation_vector(pose).tolist(), "tvec": (pose[:3, 3] - [0, 0, PUPIL_MM]).tolist()}
-    (folder / "poses.json").write_text(json.dumps({"targets": {"Board": {"pinhole": where}}}))
+    through = pose.copy()
+    through[2, 3] -= PUPIL_MM
+    where = {"camera_from_target": pose.tolist(), "pinhole": {"pinhole_from_target": through.tolist()}}
+    still = np.eye(4).tolist()
+    poses = {"camera_from_world": still, "pinhole": {"pinhole_from_world": still}, "targets": {"Board": where}}
+    (folder / "poses.json").write_text(json.dumps(poses))
 
 
 def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
@@ -83,14 +88,16 @@ def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
         pose = vision_from_target(frame, entry.name, target.name)
         write_frame(tmp_path, frame.number, entry, target.target.pattern, rigid(pose[:3, :3], pose[:3, 3]))
     sensor = entry.camera.sensor
+    plain = {"principal_distance_px": PRINCIPAL_MM / sensor.pitch_mm, "residual_px": {"rms": 0.0, "max": 0.0}}
+    plain["principal_point_px"] = [(sensor.width_px - 1) / 2, (sensor.height_px - 1) / 2]
     camera = {
         "resolution": [sensor.width_px, sensor.height_px],
         "pixel_pitch_mm": sensor.pitch_mm,
-        "pinhole": {"with_distortion": {"principal_distance_mm": PRINCIPAL_MM}},
+        "pinhole": {"centre_mm": [0.0, 0.0, PUPIL_MM], **plain, "with_distortion": plain},
     }
     (tmp_path / "cameras/Rig.Camera").mkdir(parents=True)
     (tmp_path / "cameras/Rig.Camera/camera.json").write_text(json.dumps(camera))
-    (tmp_path / "manifest.json").write_text("{}")
+    write_manifest(tmp_path)
 
     rms, share, boards = calibrate(tmp_path)
 

@@ -16,6 +16,8 @@ from pipeline.frames import apply, inverse, rigid
 SIZE_PX, PIXEL_MM = (241, 201), 0.01
 FOCAL_MM, LENS_TO_ARRAY_MM, ARRAY_TO_SENSOR_MM, F_NUMBER = 100.0, 123.0, 1.7, 7.0
 TYPES_MM, PITCH_MM, TURN_RAD = (1.9, 2.1, 2.3), 0.21, 0.02
+LENS_BEHIND_STOP_MM = 3.0
+"""The main lens stands so far behind the stop, from which camera.json counts; its principal planes have z = -3 mm."""
 FIELDS_MM = {1.9: (330.0, 380.0), 2.1: (400.0, 440.0), 2.3: (445.0, 480.0)}
 """Depth of field of each type, object distances from the lens."""
 AXIS_PX = np.array([(n - 1) / 2 for n in SIZE_PX])
@@ -148,7 +150,8 @@ def write_plenoptic_build(folder: Path, scene: PlenopticScene) -> Path:
         columns |= dict(zip(head, map(list, rows), strict=True))
         write_table(view / "correspondences.csv", ["by straight lines"], columns)
         world = np.eye(4).tolist()
-        target = {"camera_from_target": pose.tolist(), "pinhole": {"pinhole_from_target": pose.tolist()}}
+        to_stop, to_pinhole = (rigid(np.eye(3), np.array([0.0, 0.0, z])) @ pose for z in (-LENS_BEHIND_STOP_MM, -2.0))
+        target = {"camera_from_target": to_stop.tolist(), "pinhole": {"pinhole_from_target": to_pinhole.tolist()}}
         poses = {"camera_from_world": world, "targets": {"Board": target}}
         poses["pinhole"] = {"pinhole_from_world": world, "world_from_pinhole": inverse(np.eye(4)).tolist()}
         (view / "poses.json").write_text(json.dumps(poses))
@@ -170,15 +173,23 @@ def _record(scene: PlenopticScene) -> dict:
     plain["residual_px"] = {"rms": 0.0, "max": 0.0}
     planes = [ARRAY_TO_SENSOR_MM, ARRAY_TO_SENSOR_MM]
     types = [
-        {"focal_length_mm": f, "principal_planes_mm": planes, "depth_of_field_mm": list(FIELDS_MM[f])}
+        {
+            "focal_length_mm": f,
+            "principal_planes_mm": planes,
+            "depth_of_field_mm": [end - LENS_BEHIND_STOP_MM for end in FIELDS_MM[f]],
+        }
         for f in scene.focal_mm
     ]
     return {
         "resolution": list(SIZE_PX),
         "pixel_pitch_mm": PIXEL_MM,
-        "sensor_distance_mm": far,
-        "pinhole": {"centre_mm": [0.0, 0.0, 0.0], **plain, "with_distortion": {**plain, "distortion": [0.0] * 5}},
+        "sensor_distance_mm": far + LENS_BEHIND_STOP_MM,
+        "pinhole": {
+            "centre_mm": [0.0, 0.0, 2.0 - LENS_BEHIND_STOP_MM],
+            **plain,
+            "with_distortion": {**plain, "distortion": [0.0] * 5},
+        },
         "optical_axis_px": AXIS_PX.tolist(),
-        "lens": {"efl_mm": FOCAL_MM, "f_number": F_NUMBER, "principal_planes_mm": [0.0, 0.0]},
+        "lens": {"efl_mm": FOCAL_MM, "f_number": F_NUMBER, "principal_planes_mm": [-LENS_BEHIND_STOP_MM] * 2},
         "mla": {"layout": scene.layout, "pitch_mm": PITCH_MM, "types": types, "distance_mm": ARRAY_TO_SENSOR_MM},
     }

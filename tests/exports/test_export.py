@@ -102,6 +102,42 @@ def test_a_format_that_fails_leaves_nothing_behind(out, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("library", ["pandas", "pyarrow"])
+def test_parquet_without_its_libraries_says_what_to_install(command, out, tmp_path, monkeypatch, library):
+    monkeypatch.setitem(sys.modules, library, None)
+    code, _, told = command("parquet", out)
+    assert code == 2 and f"{library} is not installed" in told and "plenoptic-pipeline[frames]" in told
+    assert list((tmp_path / "exports/out").iterdir()) == []
+
+
+def test_parquet_holds_the_remarks(out, tmp_path):
+    import pandas as pd
+
+    (folder,) = export(open_output(out), ["parquet"], tmp_path)
+    remarks = pd.read_parquet(folder / "Left.poses.parquet").attrs["remarks"]
+    assert any("image positions in px" in line for line in remarks)
+
+
+def test_other_positions_of_a_point_get_a_folder_of_their_own(command, tmp_path):
+    from exports.pretended import write_manifest
+
+    out = write_build(tmp_path / "out", Scene())
+    for table in out.rglob("correspondences.csv"):
+        comment, head, *rows = table.read_text().splitlines()
+        chief = [f"{row},{float(row.split(',')[7]) + 0.25!r},7.5" for row in rows]
+        chief[1] = f"{rows[1]},,"
+        table.write_text("\n".join([comment, head + ",chief_x_px,chief_y_px", *chief, ""]))
+    write_manifest(out)
+    code, said, _ = command("npz,npz:chief", out)
+    exact, other = (np.load(f"{place}/Left.correspondences.npz") for place in said.split())
+    assert code == 0 and said.split()[1] == "exports/out/npz-chief"
+    kept = np.isfinite(exact["chief_x_px"])
+    assert (~kept).sum() == 3 and other["x_px"].tolist() == (exact["x_px"][kept] + 0.25).tolist()
+    assert set(other["y_px"]) == {7.5}
+    assert json.loads((tmp_path / "exports/out/npz-chief/export.json").read_text())["position"] == "chief"
+    assert command("npz:chef", out)[0] == 2 and command("npz:saddle", out)[0] == 2
+
+
 def test_cameras_of_the_other_kind_are_refused(command, plenoptic):
     code, _, told = command("opencv", plenoptic)
     assert code == 2 and "opencv expects one position per point, and Rig.Camera is plenoptic" in told

@@ -30,7 +30,12 @@ def _print_list(wanted: bool) -> None:
 
 def export(
     formats: Annotated[
-        str, typer.Argument(metavar="FORMAT[,FORMAT]…", help="One of --list, or several.", autocompletion=_names)
+        str,
+        typer.Argument(
+            metavar="FORMAT[,FORMAT]…",
+            help="One of --list, or several; opencv:saddle takes these positions.",
+            autocompletion=_names,
+        ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The output folder of a build.")],
     folder: Annotated[

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.built.rows import as_pandas, joined
+from pipeline.built.rows import joined
+from pipeline.built.rows import write_parquet as parquet
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
 
@@ -17,12 +18,10 @@ def write_parquet(material: Material, folder: Path) -> None:
     Raises
     ------
     UsageError
-        pandas is not installed.
+        pandas or pyarrow is not installed.
     """
     for name, rows in _tables(material):
-        frame = as_pandas(rows)
-        frame.attrs["remarks"] = list(material.remarks)
-        frame.to_parquet(folder / f"{name}.parquet", engine="pyarrow", index=False)
+        parquet(folder / f"{name}.parquet", rows, material.remarks)
 
 
 def write_npz(material: Material, folder: Path) -> None:
