@@ -49,7 +49,7 @@ class FilmPlane:
     origin_mm: Float64[np.ndarray, "3"]
     axes: Float64[np.ndarray, "2 3"]
 
-    def points(self, uv: Float64[np.ndarray, "n 2"]) -> np.ndarray:
+    def points(self, uv: Float64[np.ndarray, "... 2"]) -> np.ndarray:
         """Points of the plane in space, (..., 2) to (..., 3) [mm]."""
         return self.origin_mm + uv @ self.axes
 
