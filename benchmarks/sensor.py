@@ -6,6 +6,7 @@
 descriptor file, as a laboratory would hand them in. tests/published/test_emva1288.py judges what it finds.
 """
 
+import argparse
 import logging
 import math
 import tempfile
@@ -87,6 +88,7 @@ def referee(folder: Path) -> Any:
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         found = referee(Path(folder))
     dsnu = math.hypot(REPORTED.dsnu_e, REPORTED.dsnu_row_e, REPORTED.dsnu_column_e)

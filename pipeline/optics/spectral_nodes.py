@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline.errors import PipelineError
+from pipeline.records.shapes import Float64
 
 _STEP_NM = 5.0
 """Longest piece of a table that is integrated at once [nm]: eight points on each, exact to the fifteenth degree."""
@@ -14,7 +15,9 @@ class SpectrumError(PipelineError):
     code = "spectrum"
 
 
-def gauss_nodes(wavelengths_nm: np.ndarray, weight: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss_nodes(
+    wavelengths_nm: Float64[np.ndarray, "m"], weight: Float64[np.ndarray, "k"], count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths and shares for integrals over a spectrum: exact for polynomials of a degree below twice their number.
 
     By the procedure of Stieltjes and the eigenvalues of Jacobi's matrix (Golub and Welsch, 1969).
@@ -45,7 +48,7 @@ def gauss_nodes(wavelengths_nm: np.ndarray, weight: np.ndarray, count: int) -> t
     return middle + half * values, vectors[0] ** 2
 
 
-def require_spectrum(wavelengths_nm: np.ndarray, weight: np.ndarray) -> None:
+def require_spectrum(wavelengths_nm: Float64[np.ndarray, "m"], weight: Float64[np.ndarray, "k"]) -> None:
     """Raise SpectrumError for a table that is no spectrum."""
     if len(wavelengths_nm) < 2 or len(weight) != len(wavelengths_nm) or (np.diff(wavelengths_nm) <= 0).any():
         raise SpectrumError("a spectrum needs at least two wavelengths, ascending, and a value for each")

@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.records.shapes import Float64
 from pipeline.render.imaging import Rows, irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
 
@@ -24,7 +25,11 @@ def white_parts(rig: Rig, samples: int, rows: Rows | None = None) -> np.ndarray:
 
 
 def pictures_in_lights(
-    rig: Rig, samples: int, scenes: Sequence[TargetLight], white: np.ndarray, rows: Rows | None = None
+    rig: Rig,
+    samples: int,
+    scenes: Sequence[TargetLight],
+    white: Float64[np.ndarray, "2 height width wavelengths"],
+    rows: Rows | None = None,
 ) -> np.ndarray:
     """Images of several scenes, (scenes, height, width), as `imaging.pictures`.
 
@@ -41,7 +46,7 @@ def pictures_in_lights(
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 
-def in_all(tracer: Tracer, by_wavelength: np.ndarray) -> np.ndarray:
+def in_all(tracer: Tracer, by_wavelength: Float64[np.ndarray, "... wavelengths"]) -> np.ndarray:
     """Images in all light together from those each wavelength, (..., wavelengths), whose reference bundles differ."""
     if by_wavelength.shape[-1] == 1:
         return by_wavelength[..., 0]

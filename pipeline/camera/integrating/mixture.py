@@ -3,9 +3,10 @@
 import numpy as np
 
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, VARIANCE, WEIGHT
+from pipeline.records.shapes import Float64
 
 
-def mixed(moments: np.ndarray, share: np.ndarray) -> np.ndarray:
+def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray, "m"]) -> np.ndarray:
     """Moments of mixtures, (n, COLUMNS).
 
     Parameters

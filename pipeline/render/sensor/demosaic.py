@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from pipeline.records.shapes import Num
 from pipeline.render.sensor.response import SensorResponse
 
 PRIMARIES = ("red", "green", "blue")
 """Channels that make a picture."""
 
 
-def in_colour(numbers: np.ndarray, response: SensorResponse, first_row: int = 0) -> np.ndarray:
+def in_colour(numbers: Num[np.ndarray, "h w"], response: SensorResponse, first_row: int = 0) -> np.ndarray:
     """Red, green and blue of every pixel of some rows of a mosaic, 1 at the white level, (h, w, 3) float64.
 
     Missing values are means of those of the same channel less than a period away, by a triangle of distances. Channels

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.render.sensor.errors import SensorError
 from pipeline.render.sensor.response import SensorResponse
 
@@ -45,7 +46,7 @@ def mosaic(response: SensorResponse, photons: Mapping[str, np.ndarray], corner: 
     return result
 
 
-def after_crosstalk(electrons: np.ndarray, kernel: tuple[float, ...]) -> np.ndarray:
+def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, ...]) -> np.ndarray:
     """Expected electrons after each pixel has given its neighbours their shares.
 
     Counts that scatter independently stay Poisson-distributed and independent, so that the mean alone has to be spread.

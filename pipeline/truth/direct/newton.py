@@ -125,7 +125,7 @@ class Search:
         """Accept the guesses as rough solutions, with known derivatives (n, 2, 2)."""
         self.jacobian, self.inverse = jacobian.copy(), _inverse(jacobian)
 
-    def refine(self, rows: np.ndarray, accuracy_px: float) -> None:
+    def refine(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
         """Use finer integrals, level by level, until their error and the next step are below the accuracy."""
         for level in range(1, LEVELS):
             self._settle(rows, level, accuracy_px)

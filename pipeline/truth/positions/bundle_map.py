@@ -91,7 +91,7 @@ def bundle_map(
 
 
 def bundle_maps(
-    tracer: Tracer, microlens: int, plane: np.ndarray, grid: Grid, nodes: Polar
+    tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: Grid, nodes: Polar
 ) -> list[tuple[float, BundleMap]] | None:
     """The bundles of a grid in each wavelength of a camera's light, with its share; None where one map is None."""
     maps = []

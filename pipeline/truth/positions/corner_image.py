@@ -83,16 +83,16 @@ class CornerImages:
     def __init__(self, around: Sequence[tuple[float, BundleMap]], ratio: float, step: int = 1) -> None:
         self.images = [(share, CornerImage(one, ratio, step)) for share, one in around]
 
-    def gradient(self, x_px: np.ndarray) -> np.ndarray:
+    def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
         """Derivative of the light of a pixel by its position, (2,) [sr per px]."""
         return np.sum([share * image.gradient(x_px) for share, image in self.images], axis=0)
 
-    def hessian(self, x_px: np.ndarray) -> np.ndarray:
+    def hessian(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
         """Its derivative, (2, 2), by differences."""
         return hessian_of(self.gradient, x_px)
 
 
-def hessian_of(gradient: Callable[[np.ndarray], np.ndarray], x_px: np.ndarray) -> np.ndarray:
+def hessian_of(gradient: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
     """Symmetric derivative of a gradient, (2, 2), by differences over a small part of a pixel."""
     steps = _DIFFERENCE_PX * np.eye(2)
     rows = np.array([gradient(x_px + step) - gradient(x_px - step) for step in steps])
