@@ -23,20 +23,24 @@ def scripts() -> list[Path]:
 
 def run(script: Path, *arguments: str) -> tuple[object, str]:
     """Exit code, and all that was printed, of a script in this process."""
-    printed, loaded = io.StringIO(), set(sys.modules)
+    printed = io.StringIO()
+    sys.modules.update(NOT_INSTALLED)  # `mock.patch.dict` would take away what else is imported meanwhile
+    loaded = set(sys.modules)
     paths = [str(script.parent), str(ROOT / "tests"), *sys.path]
     try:
         with (
             mock.patch.object(sys, "argv", [str(script), *arguments]),
             mock.patch.object(sys, "path", paths),
-            mock.patch.dict(sys.modules, NOT_INSTALLED),
             contextlib.redirect_stdout(printed),
             contextlib.redirect_stderr(printed),
         ):
             runpy.run_path(str(script), run_name="__main__")
     except SystemExit as end:
         return end.code, printed.getvalue()
-    finally:  # scripts of two folders may import modules of one name
+    finally:
+        for name in NOT_INSTALLED:
+            del sys.modules[name]
+        # Scripts of two folders may import modules of one name.
         for name in set(sys.modules) - loaded:
             if Path(getattr(sys.modules[name], "__file__", None) or "/").parent == script.parent:
                 del sys.modules[name]
