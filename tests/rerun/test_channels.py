@@ -117,3 +117,32 @@ def test_an_opened_folder_has_a_camera_for_each_channel(built: Result) -> None:
     assert red.correspondences.x_px.tolist() != blue.correspondences.x_px.tolist()
     assert set(red.correspondences.channel) == {"red"}
     np.testing.assert_array_equal(red.views[0].poses.camera_from_world, blue.views[0].poses.camera_from_world)
+
+
+def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> None:
+    """Without noise digital numbers are the irradiance of the pixel's own channel, by its quantum efficiency."""
+    stage = stage_at(tmp_path, "conventional", TRIANGLE)
+    text = stage.read_text(encoding="utf-8").replace("plen:nodes = 2", "plen:nodes = 1")
+    text = text.replace(
+        '        over "Camera"\n        {\n',
+        '        over "Camera"\n        {\n            uniform token plen:image:exposure = "level"\n'
+        "            uniform double plen:image:exposureTime = 1\n            uniform double plen:image:whiteLevel = 0.5\n",
+    )
+    text = text.replace(
+        '        over "Sensor"\n        {\n',
+        '        over "Sensor" (\n            prepend apiSchemas = ["PlenSensorResponseAPI"]\n        )\n        {\n'
+        "            uniform int plen:response:bitDepth = 12\n            uniform double plen:response:fullWell = 8000\n"
+        "            uniform double plen:response:gain = 0.5\n            uniform bool plen:response:shotNoise = false\n"
+        '            uniform token[] plen:response:filters = ["red", "green", "green", "blue"]\n'
+        "            uniform double[] plen:response:quantumEfficiency = [0.4, 0.8, 0.2]\n",
+    )
+    stage.write_text(text, encoding="utf-8")
+    out = pipeline.build(stage, tmp_path / "out").out / "frames/0001/Rig.Camera"
+    image = OpenEXR.File(str(out / "image.exr"), separate_channels=True).channels()
+    numbers = np.asarray(Image.open(out / "raw.tiff"))
+    photons = 0.5 * 8000 / 0.8
+    for row, column, letter, efficiency in ((0, 0, "R", 0.4), (0, 1, "G", 0.8), (1, 0, "G", 0.8), (1, 1, "B", 0.2)):
+        light = image[letter].pixels[row::2, column::2].astype(float)
+        expected = np.rint(0.5 * np.minimum(photons * efficiency * light, 8000))
+        np.testing.assert_array_equal(numbers[row::2, column::2], expected)
+    assert np.ptp(np.asarray(Image.open(out / "raw.png")).astype(int), axis=2).max() > 0
