@@ -126,7 +126,8 @@ def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> No
     text = text.replace(
         '        over "Camera"\n        {\n',
         '        over "Camera"\n        {\n            uniform token plen:image:exposure = "level"\n'
-        "            uniform double plen:image:exposureTime = 1\n            uniform double plen:image:whiteLevel = 0.5\n",
+        "            uniform double plen:image:exposureTime = 1\n"
+        "            uniform double plen:image:whiteLevel = 0.5\n",
     )
     text = text.replace(
         '        over "Sensor"\n        {\n',
