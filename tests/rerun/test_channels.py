@@ -132,8 +132,10 @@ def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> No
     text = text.replace(
         '        over "Sensor"\n        {\n',
         '        over "Sensor" (\n            prepend apiSchemas = ["PlenSensorResponseAPI"]\n        )\n        {\n'
-        "            uniform int plen:response:bitDepth = 12\n            uniform double plen:response:fullWell = 8000\n"
-        "            uniform double plen:response:gain = 0.5\n            uniform bool plen:response:shotNoise = false\n"
+        "            uniform int plen:response:bitDepth = 12\n"
+        "            uniform double plen:response:fullWell = 8000\n"
+        "            uniform double plen:response:gain = 0.5\n"
+        "            uniform bool plen:response:shotNoise = false\n"
         '            uniform token[] plen:response:filters = ["red", "green", "green", "blue"]\n'
         "            uniform double[] plen:response:quantumEfficiency = [0.4, 0.8, 0.2]\n",
     )
