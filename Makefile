@@ -73,7 +73,7 @@ picture: $(STAMP)
 		$(patsubst %,build/02_plenoptic/frames/%/Rig.Camera,0002 0001 0003) --window 366 230 78 78 --zoom 4
 	$(BIN)/pipeline build examples/04_stereo_colour/dataset.usda
 	$(BIN)/python docs/picture.py examples/04_stereo_colour/picture.png --preview raw.png \
-		$(patsubst %,build/04_stereo_colour/frames/0003/%.Camera,Left Right) --window 40 0 560 480
+		$(patsubst %,build/04_stereo_colour/frames/0003/%.Camera,Left Right) --window 60 60 300 260
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \

@@ -141,7 +141,7 @@ class Tracer:
         optics = Optics(self.sensor_z_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
         return CameraArrays(optics, self.table, bounds.vertices_mm, parts.lenses, parts.aperture, parts.mosaic)
 
-    def positions_mm(self, x_px: Num[np.ndarray, "n"], y_px: Num[np.ndarray, "n"]) -> np.ndarray:
+    def positions_mm(self, x_px: Num[np.ndarray, "n"] | float, y_px: Num[np.ndarray, "n"] | float) -> np.ndarray:
         """Image positions as points of the sensor, vision frame (n, 2)."""
         sensor = self.camera.sensor
         x = (np.asarray(x_px) - (sensor.width_px - 1) / 2) * sensor.pitch_mm - sensor.offset_x_mm

@@ -166,7 +166,7 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
         # numba reads a .numba_config.yaml if PyYAML happens to be there: settings, no numbers.
         # colour loads SciPy, and pandas and Matplotlib if these happen to be there, for its spectra and plots: no task
         # asks for them.
-        loaded -= {"pipeline", "sitecustomize", "usercustomize", "yaml", "pandas", "dateutil"}
+        loaded -= {"pipeline", "sitecustomize", "usercustomize", "yaml", "pandas", "dateutil", "pyarrow", "cloudpickle"}
         loaded -= {"matplotlib", "mpl_toolkits", "cycler", "fontTools", "pyparsing", "kiwisolver", "packaging"}
         loaded -= {"scipy"} if "colour-science" in libraries else set()
         known = packages_distributions()

@@ -62,6 +62,10 @@ def PlenDataset "Scene"
     {
         uniform double plen:pixelPitch = 0.3
         uniform int2 plen:resolution = (12, 8)
+
+        def PlenChannel "Red"
+        {
+        }
     }
 
     def PlenMicrolensArray "Array"
@@ -139,8 +143,10 @@ class Scene:
         return stage
 
     def _leave_out_what_nobody_asks_for(self, layer: Sdf.Layer) -> None:
-        """Checks of thousands of stages take minutes: those without microlenses or occluder have none."""
+        """Checks of thousands of stages take minutes: those without microlenses, channel or occluder have none."""
         root = layer.GetPrimAtPath("/Scene")
+        if not any(at == "Sensor/Red" for at, _ in self.edits):
+            del layer.GetPrimAtPath("/Scene/Sensor").nameChildren["Red"]
         if ("Camera", "plen:camera:microlenses") not in self.edits:
             del root.nameChildren["Array"]
         if "Screen" not in self.whole:
@@ -244,6 +250,10 @@ SCENES: dict[str, Scene] = {
     "polygonal": Scene(_of("Lens/Stop", apertureShape="polygonal", blades=5)),
     "cosine": Scene(_of("Sensor", acceptance="cosine", acceptancePower=2.0)),
     "cone": Scene(_of("Sensor", acceptance="cone", acceptanceHalfAngle=20.0, acceptanceRollOff=2.0)),
+    "channel": Scene(
+        _SINGLET | _of("Sensor/Red", wavelengths=[580.0, 620.0, 660.0], response=[0.1, 0.5, 0.2], nodes=2)
+    ),
+    "known camera": Scene(_SINGLET | _of("Sensor/Red", sensitivity="Nikon 5100 (NPL)", component="green", nodes=1)),
     "raw images": Scene(_RAW, responds=True),
     "photons": Scene(_PHOTONS, responds=True),
     "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),

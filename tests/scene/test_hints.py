@@ -178,6 +178,6 @@ def test_a_lens_without_power_goes_by_no_focal_length(tmp_path):
     text = (HEAD + PLATE + flat + "    }\n}\n").replace("PlenDataset", "Xform")
     (tmp_path / "s.usda").write_text(text)
     (one,) = load(tmp_path / "s.usda").problems
-    assert (one.code, one.severity) == ("focal-length", "warning") and one.message.endswith("but it has no power")
+    assert (one.code, one.severity) == ("focal-length", "warning") and one.message.endswith("but the lens has no power")
     (tmp_path / "s.usda").write_text(text.replace("plen:nominalFocalLength = 50", "plen:nominalFocalLength = None"))
     assert load(tmp_path / "s.usda").problems == []
