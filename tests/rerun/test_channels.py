@@ -13,6 +13,7 @@ from rerun.small_tiles import in_small_tiles
 import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verifying.verify import verify
+from pipeline.exports.writers.opencv import _is_pair
 
 DATA = Path(__file__).parents[1] / "data"
 TRIANGLE = {"red": (580, 620, 680), "green": (500, 540, 590), "blue": (430, 460, 510)}
@@ -149,3 +150,10 @@ def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> No
         expected = np.rint(0.5 * np.minimum(photons * efficiency * light, 8000))
         np.testing.assert_array_equal(numbers[row::2, column::2], expected)
     assert np.ptp(np.asarray(Image.open(out / "raw.png")).astype(int), axis=2).max() > 0
+
+
+def test_only_different_cameras_in_one_channel_make_a_stereo_pair() -> None:
+    assert _is_pair("Left", "Right")
+    assert _is_pair("Left@red", "Right@red")
+    assert not _is_pair("Left@red", "Left@blue")
+    assert not _is_pair("Left@red", "Right@blue")

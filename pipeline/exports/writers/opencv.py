@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.built.folder import AT
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.conventions import Rotation
 from pipeline.exports.conversion import stated
@@ -33,11 +34,19 @@ def write(material: Material, folder: Path) -> None:
         text = yaml_text(material.remarks, {**_model(camera), **_extrinsics(material.of(camera))})
         (folder / f"{camera.name}.yml").write_text(text, encoding="utf-8")
     for first, second in combinations(material.cameras, 2):
+        if not _is_pair(first.name, second.name):
+            continue
         name = f"stereo-{first.name}-{second.name}"
         arrays = stereo(material, first, second)
         _save(folder / f"{name}.npz", material, arrays)
         text = yaml_text(material.remarks, {key: arrays[key] for key in ("M1", "D1", "M2", "D2", "R", "T")})
         (folder / f"{name}.yml").write_text(text, encoding="utf-8")
+
+
+def _is_pair(first: str, second: str) -> bool:
+    """Whether two are different cameras, seen in the same channel of their sensors if these have channels."""
+    (body, _, channel), (other_body, _, other_channel) = first.partition(AT), second.partition(AT)
+    return body != other_body and channel == other_channel
 
 
 def write_multiview(material: Material, folder: Path) -> None:
