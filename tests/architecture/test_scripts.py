@@ -21,9 +21,16 @@ def scripts() -> list[Path]:
     return [path for path in found if '__name__ == "__main__"' in path.read_text(encoding="utf-8")]
 
 
+def siblings(script: Path) -> set[str]:
+    """Names of the modules beside a script, which it imports by these names."""
+    return {path.stem for path in script.parent.glob("*.py")}
+
+
 def run(script: Path, *arguments: str) -> tuple[object, str]:
     """Exit code, and all that was printed, of a script in this process."""
     printed = io.StringIO()
+    # Scripts of two folders may import modules of one name.
+    others = {name: sys.modules.pop(name) for name in siblings(script) if name in sys.modules}
     sys.modules.update(NOT_INSTALLED)  # `mock.patch.dict` would take away what else is imported meanwhile
     loaded = set(sys.modules)
     paths = [str(script.parent), str(ROOT / "tests"), *sys.path]
@@ -40,10 +47,9 @@ def run(script: Path, *arguments: str) -> tuple[object, str]:
     finally:
         for name in NOT_INSTALLED:
             del sys.modules[name]
-        # Scripts of two folders may import modules of one name.
-        for name in set(sys.modules) - loaded:
-            if Path(getattr(sys.modules[name], "__file__", None) or "/").parent == script.parent:
-                del sys.modules[name]
+        for name in (set(sys.modules) - loaded) & siblings(script):
+            del sys.modules[name]
+        sys.modules.update(others)
     return None, printed.getvalue()
 
 
