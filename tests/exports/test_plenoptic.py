@@ -61,7 +61,20 @@ def flips():
             yield from (pytest.param(name, field, other, id=f"{name}-{field}-{other.name}") for other in others)
 
 
-@pytest.fixture(scope="module", params=["hexagonal", "hexagonal-columns", "square"])
+ARRAYS = ("hexagonal", "hexagonal-columns", "square")
+KNOWN = [(layout, name) for layout in ARRAYS for name in CHECKS if layout in LAYOUTS[name]]
+REFUSED = [(layout, name) for layout in ARRAYS for name in CHECKS if layout not in LAYOUTS[name]]
+
+
+def flips_of_known():
+    """Every flip, with every array that its format knows."""
+    for flip in flips():
+        name = flip.values[0]
+        for layout in (layout for layout in ARRAYS if layout in LAYOUTS[name]):
+            yield pytest.param(layout, *flip.values, id=f"{layout}-{flip.id}")
+
+
+@pytest.fixture(scope="module")
 def scene(request):
     return PlenopticScene(layout=request.param)
 
@@ -71,21 +84,14 @@ def output(tmp_path_factory, scene):
     return open_output(write_plenoptic_build(tmp_path_factory.mktemp("plenoptic") / "out", scene))
 
 
-def known(scene, name):
-    if scene.layout not in LAYOUTS[name]:
-        pytest.skip("refused, see below")
-
-
-@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.parametrize(("scene", "name"), KNOWN, indirect=["scene"])
 def test_its_reader_gets_back_every_number(output, scene, name, tmp_path):
-    known(scene, name)
     (folder,) = export(output, [name], tmp_path)
     CHECKS[name](folder, scene)
 
 
-@pytest.mark.parametrize(("name", "field", "other"), list(flips()))
+@pytest.mark.parametrize(("scene", "name", "field", "other"), list(flips_of_known()), indirect=["scene"])
 def test_a_flip_of_a_convention_is_noticed(output, scene, name, field, other, tmp_path, monkeypatch):
-    known(scene, name)
     monkeypatch.setitem(CONVENTIONS, name, replace(CONVENTIONS[name], **{field: other}))
     try:
         (folder,) = export(output, [name], tmp_path)
@@ -96,10 +102,8 @@ def test_a_flip_of_a_convention_is_noticed(output, scene, name, field, other, tm
     pytest.fail("the reader noticed nothing")
 
 
-@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.parametrize(("scene", "name"), REFUSED, indirect=["scene"])
 def test_arrays_that_a_format_does_not_know_are_refused(output, scene, name, tmp_path):
-    if scene.layout in LAYOUTS[name]:
-        pytest.skip("known")
     with pytest.raises(ExportError, match=r"knows .*rows"):
         export(output, [name], tmp_path)
 
@@ -130,6 +134,7 @@ def test_a_real_lens_is_nearest_to_the_model_by_its_principal_point(tmp_path, co
     assert (off[Centre.PINHOLE][:, :2] ** 2).mean() > 2 * (found[:, :2] ** 2).mean()
 
 
+@pytest.mark.parametrize("scene", ARRAYS, indirect=True)
 def test_rows_without_a_blur_radius_are_corners_alone(tmp_path, scene):
     from exports.pretended import write_manifest
 
@@ -157,6 +162,7 @@ def test_types_that_libpleno_cannot_count_are_refused(tmp_path):
         export(open_output(out), ["libpleno"], tmp_path)
 
 
+@pytest.mark.parametrize("scene", ARRAYS, indirect=True)
 def test_noise_moves_observations_and_no_centre(output, tmp_path):
     exact, noisy = (
         sections(
