@@ -7,7 +7,7 @@ import numpy as np
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracer import Light, Tracer
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Samples, Squares, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
@@ -61,7 +61,8 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
     x_px, y_px : float
         Image position, (0, 0) is the centre of the top-left pixel.
     samples : int
-        Rays to start, a power of two; those that the camera blocks are left out.
+        Rays to start for each wavelength of the camera's light, a power of two; those that the camera blocks are left
+        out.
 
     Raises
     ------
@@ -79,7 +80,16 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
     tracer = Tracer(camera, seed)
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     microlens = Rig.of(tracer).microlens_at(position)[:, None]
-    pixel, rays = np.array([[round(x_px), round(y_px)]]), room_for(samples)
+    pixel = np.array([[round(x_px), round(y_px)]])
     squares = Squares(pixel, position, microlens, np.full_like(microlens, samples))
-    count = bundle_kernels.image_rays(tracer.arrays, Samples(sobol_bits(samples), seed, 0.0), squares, rays)
-    return Bundle(*rays.first(count)[:3])
+    parts = [_leaving(light, squares, samples) for light in tracer.lights]
+    return Bundle(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def _leaving(light: Light, squares: Squares, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Origins, directions and weights of the rays of one wavelength, weighted by its share."""
+    rays, tracer = room_for(samples), light.tracer
+    random = Samples(sobol_bits(samples), tracer.seed, 0.0)
+    count = bundle_kernels.image_rays(tracer.arrays, random, squares, rays)
+    origin, direction, weight, _ = rays.first(count)
+    return origin, direction, light.share * weight

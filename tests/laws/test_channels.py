@@ -11,11 +11,12 @@ from laws.solving import rig_of, solved
 from naive import polar
 from tolerances import CENTROID_PX, DIRECT_PX, LATERAL_COLOUR, SADDLE_PX, SIGMAS
 
+import pipeline
 from pipeline.camera.integrals import Bundles, integrals, random_integrals
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracer import Tracer, target_plane
+from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
@@ -62,6 +63,15 @@ def test_random_rays_judge_channels_as_quadrature_does() -> None:
     apart = np.abs(exact.moments[0, :2] - random.moments[0, :2])
     assert (apart < SIGMAS * random.error_mm[0] + exact.error_mm[0]).all()
     assert exact.moments[0, WEIGHT] == pytest.approx(random.moments[0, WEIGHT], rel=1e-4)
+
+
+def test_the_bundle_of_a_channel_in_a_notebook_has_its_j() -> None:
+    """Random rays of all wavelengths, against quadrature."""
+    camera, plane = in_light(lens(), RED), parallel_planes(436.0, 446.0)
+    bundle = Bundles(np.array([[3300.0, 2300.0]]), np.array([NO_MICROLENS]), plane[None])
+    exact = integrals(Tracer(camera), bundle, 2).moments[0, :2]
+    found = pipeline.bundle(camera, 3300.0, 2300.0, samples=1 << 16)
+    assert found.mean_at(436.0) == pytest.approx(exact, abs=2e-5)  # a blur of some 0.1 mm, scrambled Sobol points
 
 
 def test_a_channel_of_one_wavelength_is_the_camera_in_that_light() -> None:
