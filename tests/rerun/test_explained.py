@@ -15,8 +15,12 @@ from pipeline.engine.store.store import Store
 
 ALL = [pytest.param(n, c, id=f"{n} of {c.at or 'Scene'}") for n, cases in CASES.items() for c in cases if c.kinds]
 SHORT = {"plen:squareSize of One", "plen:apertureShape of A/Lens/Stop"}
-FOR_THE_CHECKS = {(LENS, "plen:wavelength"): (A, "plen:camera:wavelength")}
-"""No task reads the wavelength of printed indices: the checks alone want it to be that of the camera."""
+FOR_THE_CHECKS = {
+    (LENS, "plen:wavelength"): (A, "plen:camera:wavelength"),
+    (A, "plen:image:exposure"): (A, "plen:image:whiteLevel"),
+}
+"""Attributes that no task reads, and those that change with them: the checks alone want the wavelength of printed
+indices to be that of the camera, and tasks read how much light there is, not by which attribute it is said."""
 
 
 @pytest.fixture(scope="module")
