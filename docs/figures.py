@@ -221,15 +221,10 @@ def main() -> None:
 
 def keep(command: Command, output: str) -> None:
     """Write what a command printed, with the day and the machine."""
-    today = f"{date.today().day} {date.today():%B %Y}"
-    text = f"Printed on {today}: {os.cpu_count()} cores, {processor()}, Python {platform.python_version()}.\n{output}"
-    command.kept.write_text(text, encoding="utf-8")
-
-
-def processor() -> str:
-    """Model of this machine's processor: on another one last digits may be others."""
     model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text()) if sys.platform == "linux" else None
-    return model[1] if model else platform.processor()
+    where = f"{os.cpu_count()} cores, {model[1] if model else platform.processor()}, Python {platform.python_version()}"
+    today = f"{date.today().day} {date.today():%B %Y}"
+    command.kept.write_text(f"Printed on {today}: {where}.\n{output}", encoding="utf-8")
 
 
 if __name__ == "__main__":
