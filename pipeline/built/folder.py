@@ -5,16 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pipeline.camera.parts.spectrum import AT
 from pipeline.engine.output import manifest
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import Table, read_table
 
 _BUILD = "`pipeline build STAGE` fills a folder, and writes its manifest.json last"
-
-
-AT = "@"
-"""Sign between the name of a camera and that of a channel of its sensor."""
 
 
 @dataclass(frozen=True, slots=True)

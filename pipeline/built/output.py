@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.built.folder import AT, BuiltFolder, finished_folder, place_of
+from pipeline.built.folder import BuiltFolder, finished_folder, place_of
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
 from pipeline.built.rows import as_pandas, joined, rows_of
+from pipeline.camera.parts.spectrum import AT
 from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
 

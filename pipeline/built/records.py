@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.built.folder import AT, BuiltFolder, place_of
+from pipeline.built.folder import BuiltFolder, place_of
 from pipeline.built.rows import MICROLENS, as_pandas, joined, rows_of
+from pipeline.camera.parts.spectrum import AT
 
 if TYPE_CHECKING:
     import pandas

@@ -35,11 +35,11 @@ class Rig:
         return Rig(tracer, micro_images(tracer) if tracer.camera.microlenses else None, square_px)
 
     @property
-    def lights(self) -> tuple[tuple[float, "Rig"], ...]:
-        """Share and rig of each wavelength of its light; of one wavelength this rig alone."""
+    def in_each_light(self) -> tuple["Rig", ...]:
+        """The rig in each wavelength of its light, in the order of `Tracer.lights`; of one wavelength itself."""
         if len(self.tracer.lights) == 1:
-            return ((1.0, self),)
-        return tuple((light.share, _in_light(light.tracer, self.square_px)) for light in self.tracer.lights)
+            return (self,)
+        return tuple(_in_light(light.tracer, self.square_px) for light in self.tracer.lights)
 
     @property
     def axial(self) -> np.ndarray:

@@ -199,9 +199,13 @@ class Tracer:
 
     def _moments_of_lights(self, starts: Starts, planes: np.ndarray, samples: int, square_px: float) -> np.ndarray:
         """The same for several wavelengths, which share the samples; each has `REPLICAS` at least."""
-        samples = max(REPLICAS, samples >> (len(self.lights).bit_length() - 1))
+        samples = max(REPLICAS, self.samples_of_each(samples))
         parts = [light.tracer.moments_of(starts, planes, samples, square_px) for light in self.lights]
         return mixed(np.stack(parts, axis=1), np.array([light.share for light in self.lights]))
+
+    def samples_of_each(self, samples: int) -> int:
+        """Samples of each wavelength: together as many as asked for, or up to twice as many; they are powers of two."""
+        return max(1, samples >> (len(self.lights).bit_length() - 1))
 
     @cached_property
     def reference_weight_sr(self) -> float:

@@ -19,8 +19,8 @@ def white_parts(rig: Rig, samples: int, rows: Rows | None = None) -> np.ndarray:
     (2, height, width, wavelengths) float64
         Each relative to the white scene on the axis in the same light; `in_all` sums them up.
     """
-    shared = shared_samples(rig, samples)
-    parts = [irradiance_and_crosstalk(one, shared, None, rows) for _, one in rig.lights]
+    shared = rig.tracer.samples_of_each(samples)
+    parts = [irradiance_and_crosstalk(one, shared, None, rows) for one in rig.in_each_light]
     return np.stack([np.stack(part) for part in parts], axis=-1)
 
 
@@ -38,8 +38,8 @@ def pictures_in_lights(
     white : (2, height, width, wavelengths) float64
         Of `white_parts`, for the same rows.
     """
-    shared, images = shared_samples(rig, samples), []
-    for number, (_, one) in enumerate(rig.lights):
+    shared, images = rig.tracer.samples_of_each(samples), []
+    for number, one in enumerate(rig.in_each_light):
         all_of_it, foreign = np.ascontiguousarray(white[..., number])
         parts = np.array([all_of_it - foreign, foreign])
         images.append(pictures(one, shared, scenes, parts, rows))
@@ -52,8 +52,3 @@ def in_all(tracer: Tracer, by_wavelength: Float64[np.ndarray, "... wavelengths"]
         return by_wavelength[..., 0]
     weight = np.array([light.share * light.tracer.reference_weight_sr for light in tracer.lights])
     return by_wavelength @ (weight / weight.sum())
-
-
-def shared_samples(rig: Rig, samples: int) -> int:
-    """Rays of each wavelength: together as many as asked for, or up to twice as many, because of powers of two."""
-    return max(1, samples >> (len(rig.tracer.lights).bit_length() - 1))

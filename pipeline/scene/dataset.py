@@ -6,7 +6,7 @@ from functools import cached_property
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
-from pipeline.camera.parts.spectrum import Channel
+from pipeline.camera.parts.spectrum import AT, Channel
 from pipeline.optics.prescription import Prescription
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
@@ -103,7 +103,7 @@ class CameraEntry:
     @property
     def full_name(self) -> str:
         """Name with that of the channel, for tasks and certificates."""
-        return self.name if self.channel is None else f"{self.name}@{self.channel.name}"
+        return self.name if self.channel is None else f"{self.name}{AT}{self.channel.name}"
 
     @property
     def folder(self) -> str:

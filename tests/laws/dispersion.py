@@ -1,7 +1,5 @@
 """Cameras whose glasses disperse, in closed form: a term of Cauchy's formula by the Abbe number of each glass."""
 
-import dataclasses
-
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
 
@@ -34,4 +32,4 @@ def in_light(camera: Camera, light: dict[float, float]) -> Camera:
 
 def at(camera: Camera, wavelength_nm: float) -> Camera:
     """The camera in light of one wavelength."""
-    return dataclasses.replace(camera.at(node(camera, wavelength_nm)))
+    return camera.at(node(camera, wavelength_nm))

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.built.folder import AT
+from pipeline.camera.parts.spectrum import AT
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.conventions import Rotation
 from pipeline.exports.conversion import stated
