@@ -22,10 +22,13 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.in_lights import in_all, pictures_in_lights, white_parts
 from pipeline.render.light import TargetLight
+from pipeline.render.surroundings import Surroundings
+from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
 from pipeline.truth.positions.centroid import centroid
+from pipeline.truth.visibility import PointBundles, shares
 
 RED = {600.0: 0.3, 640.0: 0.5, 680.0: 0.2}
 BLUE = {430.0: 0.25, 460.0: 0.5, 500.0: 0.25}
@@ -178,3 +181,28 @@ def test_the_image_of_a_channel_is_that_of_its_wavelengths_by_their_light() -> N
     expected = np.tensordot(np.array(weight) / math.fsum(weight), np.array(alone), axes=1)
     assert np.abs(joined - expected).max() < 0.01  # of 4096 stratified samples a pixel
     assert np.ptp(joined) > 0.5
+
+
+def test_images_of_wavelengths_add_by_share_and_reference_bundle() -> None:
+    """Light of one wavelength alone: what it has of the white scene in all light."""
+    tracer = rig_of(in_light(small(), RED)).tracer
+    weight = np.array([share * Tracer(at(small(), nm)).reference_weight_sr for nm, share in RED.items()])
+    np.testing.assert_allclose(in_all(tracer, np.eye(3)), weight / weight.sum(), rtol=1e-12)
+
+
+def test_the_visibility_of_a_channel_is_that_of_its_wavelengths_by_their_light() -> None:
+    """An edge through the bundle, before the board, which hides a little more of one colour than of the other."""
+    camera, pose = in_light(lens(), {430.0: 0.6, 680.0: 0.4}), rigs.facing(436.0)
+    x_px, behind = np.array([[3300.0, 2300.0]]), np.array([NO_MICROLENS])
+    plane, target = target_plane(pose), Target(Checkerboard(columns=2, rows=1, square_mm=6.0))
+    bundle = Bundles(x_px, behind, np.stack([plane, plane])[None])
+    edge_mm = pipeline.bundle(camera, *x_px[0], samples=4096).mean_at(300.0)[0]
+    corners = ((edge_mm, -90.0, 300.0), (90.0, -90.0, 300.0), (90.0, 90.0, 300.0), (edge_mm, 90.0, 300.0))
+    wall = Occluder(vertices_mm=corners, triangles=((0, 1, 2), (0, 2, 3)), radiance=0.0)
+    around, rig = Surroundings([(target, pose)], [(wall, np.eye(4))]), rig_of(camera)
+    points = PointBundles(behind, x_px, plane[None])
+    joined = shares(rig, around, 0, points, 1 << 12)[0]
+    alone = np.array([shares(Rig.of(light.tracer), around, 0, points, 1 << 12)[0] for light in rig.tracer.lights])
+    weight = [light.share * integrals(light.tracer, bundle, 2).moments[:, WEIGHT] for light in rig.tracer.lights]
+    assert np.ptp(alone) > 5e-4  # else nothing would be shown
+    assert joined == pytest.approx(np.average(alone, axis=0, weights=weight), abs=2e-5)
