@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.camera.parts.spectrum import AT
 from pipeline.engine.output import manifest
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import read_json
@@ -109,8 +108,3 @@ def _hint(path: Path) -> str:
     if (path / "frames").is_dir() or (path / "cameras").is_dir():
         return "its build runs, or was interrupted, or made single targets: build the whole stage"
     return _BUILD
-
-
-def place_of(camera: str) -> str:
-    """Path of a camera, or of one of its channels, below `cameras` or a frame."""
-    return camera.replace(AT, "/")

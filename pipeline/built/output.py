@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder, finished_folder, place_of
+from pipeline.built.folder import BuiltFolder, finished_folder
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
 from pipeline.built.rows import as_pandas, joined, rows_of
-from pipeline.camera.parts.spectrum import AT
+from pipeline.channel_names import body_and_channel, folder_of, name_with
 from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
 
@@ -136,12 +136,12 @@ def open_output(out: str | Path) -> Output:
 def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
     """Names of the channels of a camera, each a camera of its own; of a camera of one wavelength its own name."""
     channels = folder.record(f"cameras/{name}/camera.json").get("channels", ())
-    return [f"{name}{AT}{channel['name']}" for channel in channels] or [name]
+    return [name_with(name, channel["name"]) for channel in channels] or [name]
 
 
 def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCamera:
-    place = f"cameras/{place_of(name)}"
-    record = folder.record(f"cameras/{name.partition(AT)[0]}/camera.json")
+    place = f"cameras/{folder_of(name)}"
+    record = folder.record(f"cameras/{body_and_channel(name)[0]}/camera.json")
     plain, with_distortion = pinholes(record)
     width, height = record["resolution"]
     is_plenoptic = "mla" in record
@@ -161,7 +161,7 @@ def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCam
 
 
 def _view(folder: BuiltFolder, camera: str, frame: int, is_plenoptic: bool) -> BuiltView:
-    place = f"frames/{frame:04d}/{place_of(camera)}"
+    place = f"frames/{frame:04d}/{folder_of(camera)}"
     return BuiltView(
         camera=camera,
         frame=frame,

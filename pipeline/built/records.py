@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.built.folder import BuiltFolder, place_of
+from pipeline.built.folder import BuiltFolder
 from pipeline.built.rows import MICROLENS, as_pandas, joined, rows_of
-from pipeline.camera.parts.spectrum import AT
+from pipeline.channel_names import body_and_channel, folder_of
 
 if TYPE_CHECKING:
     import pandas
@@ -92,13 +92,13 @@ class BuiltView:
 
         docs/outputs.md says what the columns mean.
         """
-        table = self._folder.table(f"frames/{self.frame:04d}/{place_of(self.camera)}/correspondences.csv")
+        table = self._folder.table(f"frames/{self.frame:04d}/{folder_of(self.camera)}/correspondences.csv")
         return rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
 
     @cached_property
     def poses(self) -> BuiltPoses:
         """Poses of the view, from poses.json."""
-        return _poses(self._folder.record(f"frames/{self.frame:04d}/{self.camera.partition(AT)[0]}/poses.json"))
+        return _poses(self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +156,7 @@ class BuiltCamera:
         return as_pandas(self.correspondences)
 
     def _table(self, file: str) -> np.recarray | None:
-        name = f"cameras/{place_of(self.name)}/{file}"
+        name = f"cameras/{folder_of(self.name)}/{file}"
         return rows_of(self._folder.table(name)) if self._folder.file(name) else None
 
 

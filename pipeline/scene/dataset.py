@@ -6,7 +6,8 @@ from functools import cached_property
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
-from pipeline.camera.parts.spectrum import AT, Channel
+from pipeline.camera.parts.spectrum import Channel
+from pipeline.channel_names import name_with
 from pipeline.optics.prescription import Prescription
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
@@ -103,7 +104,7 @@ class CameraEntry:
     @property
     def full_name(self) -> str:
         """Name with that of the channel, for tasks and certificates."""
-        return self.name if self.channel is None else f"{self.name}{AT}{self.channel.name}"
+        return name_with(self.name, None if self.channel is None else self.channel.name)
 
     @property
     def folder(self) -> str:

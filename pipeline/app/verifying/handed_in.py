@@ -15,9 +15,9 @@ from pipeline.app.verifying.readable import unreadable
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.camera.parts.camera import Camera, Sampling
-from pipeline.camera.parts.spectrum import AT
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.channel_names import body_and_channel
 from pipeline.engine.output.foreign import ForeignFolder, Unfit
 from pipeline.engine.output.manifest import Manifest
 from pipeline.engine.planning.graph import TaskGraph
@@ -200,7 +200,7 @@ def _camera(project: Project, name: str) -> JudgedCamera:
 
 def _camera_of(graph: TaskGraph, name: str) -> Camera:
     """The camera that the tasks `focus`, `planes` and, of a channel, `channel` would make."""
-    body, _, channel = name.partition(AT)
+    body, channel = body_and_channel(name)
     asked = from_plain(Focus, graph[f"focus/{body}"].params), from_plain(Planes, graph[f"planes/{body}"].params)
     camera = _focused(*asked)
     return camera.in_light(from_plain(InChannel, graph[f"channel/{name}"].params).channel) if channel else camera

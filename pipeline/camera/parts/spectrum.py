@@ -5,9 +5,6 @@ from dataclasses import dataclass
 from pipeline.camera.parts.errors import CameraError
 from pipeline.records.declared import settle
 
-AT = "@"
-"""Sign between the name of a camera and that of a channel of its sensor, wherever both are one name."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralNode:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.camera.parts.spectrum import AT
+from pipeline.channel_names import body_and_channel
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.conventions import Rotation
 from pipeline.exports.conversion import stated
@@ -45,7 +45,7 @@ def write(material: Material, folder: Path) -> None:
 
 def _is_pair(first: str, second: str) -> bool:
     """Whether two are different cameras, seen in the same channel of their sensors if these have channels."""
-    (body, _, channel), (other_body, _, other_channel) = first.partition(AT), second.partition(AT)
+    (body, channel), (other_body, other_channel) = body_and_channel(first), body_and_channel(second)
     return body != other_body and channel == other_channel
 
 
