@@ -3,13 +3,13 @@
 python docs/export_table.py [--write]
 """
 
-import argparse
 from pathlib import Path
+
+from inserted import print_or_write
 
 from pipeline.exports.conventions import CONVENTIONS, Convention, Origin
 
 PAGE = Path(__file__).resolve().parent / "exports.md"
-BEGIN, END = "<!-- python docs/export_table.py --write -->\n", "<!-- end -->\n"
 HEAD = (
     "format",
     "for",
@@ -39,16 +39,5 @@ def _row(name: str, one: Convention) -> tuple[str, ...]:
     return (f"`{name}`", one.consumer, files, str(one.cameras), first, str(one.axes), board, pose, str(one.microlenses))
 
 
-def main() -> None:
-    """Print the table, or put it into docs/exports.md."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="into docs/exports.md")
-    if not parser.parse_args().write:
-        print(table(), end="")
-        return
-    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    PAGE.write_text(f"{head}{BEGIN}{table()}{END}{rest.partition(END)[2]}", encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    print_or_write(__doc__ or "", table(), PAGE, "docs/export_table.py")

@@ -3,16 +3,16 @@
 python docs/house.py [--write]
 """
 
-import argparse
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+from inserted import print_or_write
+
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "CONTRIBUTING.md"
-BEGIN, END = "<!-- python docs/house.py --write -->\n", "<!-- end -->\n"
 LONG_FUNCTION = 40
 """Lines of a function, docstring and signature counted, beyond which the sheet counts it."""
 MOST_PARAMETERS, MOST_OF_A_KERNEL = 6, 8
@@ -109,16 +109,5 @@ def _row(room: str, found: list[Module]) -> tuple[str, ...]:
     return (name, *shown, *map(str, numbers), f"{share:.0%}")
 
 
-def main() -> None:
-    """Print the table, or put it into CONTRIBUTING.md."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--write", action="store_true", help="into CONTRIBUTING.md")
-    if not parser.parse_args().write:
-        print(sheet(), end="")
-        return
-    head, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    PAGE.write_text(f"{head}{BEGIN}{sheet()}{END}{rest.partition(END)[2]}", encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main()
+    print_or_write(__doc__ or "", sheet(), PAGE, "docs/house.py")
