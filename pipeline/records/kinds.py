@@ -2,15 +2,19 @@
 
 import collections.abc
 import enum
+import functools
 import math
 import numbers
+import operator
 import os
 import types
 import typing
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+Check = Callable[[Any], Any]
+"""Gives a value as a field stores it, or WRONG."""
 WRONG = object()
 """Result for a value that does not fit its type."""
 _WIDEST = 1 << 63
@@ -38,36 +42,58 @@ def held_by(hint: Any, value: Any, sizes: Sizes = Sizes.USUAL) -> Any:
     """A value as stored in a field or argument of this type, or WRONG: sequences become tuples, NumPy numbers those
     of Python.
     """
+    return _check(hint, sizes)(value)
+
+
+@functools.cache  # records are made by the thousand, and taking an annotation apart costs more than checking a value
+def _check(hint: Any, sizes: Sizes) -> Check:
+    """The check of a type, as a function that gives a value as stored, or WRONG."""
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        found = (held_by(kind, value, sizes) for kind in kinds)
-        return next((one for one in found if one is not WRONG), WRONG)
+        return functools.partial(_any, [_check(kind, sizes) for kind in kinds])
     if origin is tuple:
-        return _tuple(kinds, value, sizes)
-    if origin is collections.abc.Callable:
-        return value if callable(value) else WRONG
+        is_open = kinds[-1] is Ellipsis
+        return functools.partial(_tuple, [_check(kind, sizes) for kind in kinds if kind is not Ellipsis], is_open)
     if origin is collections.abc.Iterable:
-        items = value if isinstance(value, list | tuple) else list(value) if _is_many(value) else value
-        return _tuple((*kinds, ...), items, sizes)
-    if hint is Path:
-        return value if isinstance(value, os.PathLike) else WRONG
+        return functools.partial(_items, _check(kinds[0], sizes))
+    if origin is collections.abc.Callable:
+        return lambda value: value if callable(value) else WRONG
     if hint is float:
-        return _float(value, sizes)
-    if hint is int:
-        is_whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-        return int(value) if is_whole and -_WIDEST <= value < _WIDEST else WRONG
-    if hint is bool and type(value).__name__ == "bool_":  # NumPy's
-        return bool(value)
-    return value if isinstance(value, hint) else WRONG
+        return functools.partial(_float, sizes)
+    if hint in (int, bool):
+        return _int if hint is int else _bool
+    of_type = os.PathLike if hint is Path else hint
+    return lambda value: value if isinstance(value, of_type) else WRONG
 
 
-def _is_many(value: Any) -> bool:
-    """Whether a value is a sequence; a text counts as one value."""
-    return isinstance(value, Iterable) and not isinstance(value, str | bytes) and not hasattr(value, "tolist")
+def _any(checks: list[Check], value: Any) -> Any:
+    for check in checks:
+        if (held := check(value)) is not WRONG:
+            return held
+    return WRONG
 
 
-def _float(value: Any, sizes: Sizes) -> Any:
-    if not isinstance(value, numbers.Real) or isinstance(value, bool):
+def _items(check: Check, value: Any) -> Any:
+    """Items of an iterable; a text counts as one value."""
+    is_one = isinstance(value, str | bytes) or hasattr(value, "tolist") or not isinstance(value, Iterable)
+    return _tuple([check], True, value if is_one or isinstance(value, list | tuple) else list(value))
+
+
+def _tuple(checks: list[Check], is_open: bool, value: Any) -> Any:
+    """Items of a sequence, each of a type of its own, or any number of them of one type."""
+    items = value.tolist() if hasattr(value, "tolist") else value
+    if not isinstance(items, list | tuple) or not (is_open or len(items) == len(checks)):
+        return WRONG
+    held = tuple(map(checks[0], items)) if is_open else tuple(c(item) for c, item in zip(checks, items, strict=True))
+    if any(item is WRONG for item in held):
+        return WRONG
+    same = isinstance(value, tuple) and all(map(operator.is_, held, items))
+    return value if same else held
+
+
+def _float(sizes: Sizes, value: Any) -> Any:
+    kind = type(value)
+    if kind is not float and (kind is bool or not isinstance(value, numbers.Real)):
         return WRONG
     try:
         as_float = float(value)
@@ -75,21 +101,17 @@ def _float(value: Any, sizes: Sizes) -> Any:
         return WRONG
     if not sizes.hold(as_float):
         return WRONG
-    return value if type(value) in (int, float) else as_float
+    return value if kind is float or kind is int else as_float
 
 
-def _tuple(kinds: tuple[Any, ...], value: Any, sizes: Sizes) -> Any:
-    items = value.tolist() if hasattr(value, "tolist") else value
-    if not isinstance(items, list | tuple):
-        return WRONG
-    kinds = kinds[:1] * len(items) if kinds[-1] is Ellipsis else kinds
-    if len(kinds) != len(items):
-        return WRONG
-    held = tuple(held_by(kind, item, sizes) for kind, item in zip(kinds, items, strict=True))
-    if any(item is WRONG for item in held):
-        return WRONG
-    same = isinstance(value, tuple) and all(a is b for a, b in zip(held, items, strict=True))
-    return value if same else held
+def _int(value: Any) -> Any:
+    is_whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    return int(value) if is_whole and -_WIDEST <= value < _WIDEST else WRONG
+
+
+def _bool(value: Any) -> Any:
+    """A flag, also one of NumPy, whose type has one of two names by its version; nothing imports NumPy for that."""
+    return bool(value) if type(value).__name__ in ("bool", "bool_") else WRONG
 
 
 def in_words(hint: Any, sizes: Sizes = Sizes.USUAL) -> str:

@@ -30,6 +30,7 @@ _FILES = ("VERSION", "gc.lock")
 def damaged_kernels(bench: Workbench) -> Row:
     """Every state of every kernel is noticed before it is unpickled; in the whole run, builds compile them again."""
     row = Row("R25", "kernel cache: empty, cut, zeros, swapped, flipped, a folder")
+    called = _called(bench)  # compiles what is missing, before the copy
     folder = bench.new_place() / "jit" / cache_folder().name
     shutil.copytree(cache_folder(), folder)
     kernels = sorted(path for path in folder.iterdir() if path.name != "lock")
@@ -50,7 +51,7 @@ def damaged_kernels(bench: Workbench) -> Row:
             row.wrong += files.read(path, said.append) is not None or str(path) not in said[0]
         path.write_bytes(whole)
         row.wrong += files.read(path) is None
-    small = sorted(_called(bench, folder), key=lambda path: path.stat().st_size)[:3]  # they compile fast
+    small = sorted((folder / name for name in called), key=lambda path: path.stat().st_size)[:3]  # they compile fast
     for path in small if bench.whole else ():
         for damage in (lambda path: path.write_bytes(b""), lambda path: (path.unlink(), path.mkdir())):
             damage(path)
@@ -60,7 +61,7 @@ def damaged_kernels(bench: Workbench) -> Row:
     return row
 
 
-def _called(bench: Workbench, folder: Path) -> list[Path]:
+def _called(bench: Workbench) -> list[str]:
     """Files of the kernels that a build of the stage calls; it looks at no others."""
     graph = bench.project.graph
     compile_once(graph=graph)
@@ -68,7 +69,7 @@ def _called(bench: Workbench, folder: Path) -> list[Path]:
     (listed,) = cache_folder().glob(f"{steps}-{level()}-*")
     names = files.read(listed)
     assert names is not None
-    return [folder / name for name in names.decode().split()]
+    return names.decode().split()
 
 
 def _command(bench: Workbench, kernels: Path, damaged: Path, is_said: bool) -> int:

@@ -16,6 +16,8 @@ from pipeline.scene.load import load
 from pipeline.share import share
 
 SHARDS = 10
+FEW = 50
+"""`make test` tries one of so many values, `make proofs` all of them."""
 BUILT_OF_ACCEPTED = 2
 """In `make proofs` one of so many accepted stages is built."""
 FEWEST = 3
@@ -76,9 +78,9 @@ def test_a_build_may_take_as_long_as_the_rays_that_are_asked_for(tmp_path):
     assert "plen:image:samples" in warning.at and warning.line and not warning.is_error
 
 
-def test_a_tenth_of_all_hostile_values_does_no_harm(tmp_path, capsys):
-    some = random.Random(11).sample(attempts(), len(attempts()) // SHARDS)
-    tally = _tally(some, tmp_path, builds=2)
+def test_some_hostile_values_do_no_harm(tmp_path, capsys):
+    some = random.Random(11).sample(attempts(), len(attempts()) // FEW)
+    tally = _tally(some, tmp_path, builds=1)
     with capsys.disabled():
         print(f"\n{tally}")
     assert not tally.wrong, tally.wrong

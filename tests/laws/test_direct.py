@@ -91,12 +91,13 @@ def test_the_error_falls_faster_than_any_power(height_mm: float) -> None:
     assert error[2] < max(error[1] / 5, 1e-7)
 
 
-def test_behind_microlenses_the_edge_has_many_corners() -> None:
+@pytest.mark.parametrize("count", [6, pytest.param(24, marks=pytest.mark.heavy)])
+def test_behind_microlenses_the_edge_has_many_corners(count: int) -> None:
     """Positions all over micro-images, hexagon and pupil cutting each other: against polar grids of textbook rays."""
     camera = rigs.plenoptic(2.0)
     tracer, rig, pose = Tracer(camera), rig_of(camera), rigs.facing(420.0, 30.0)
     assert rig.images is not None and camera.microlenses is not None and tracer.lattice is not None
-    x = np.random.default_rng(5).uniform([30, 30], [97, 65], (24, 2))
+    x = np.random.default_rng(5).uniform([30, 30], [97, 65], (24, 2))[:count]
     owner = rig.images.owner(tracer.positions_mm(*x.T))
     planes = np.repeat(np.stack([target_plane(pose)] * 2)[None], len(x), axis=0)
     found = integrals(tracer, Bundles(x, owner, planes), 1)
@@ -110,7 +111,7 @@ def test_behind_microlenses_the_edge_has_many_corners() -> None:
         assert np.abs(found.moments[i, :2] - mean).max() < 0.02 * DIRECT_PX  # 0.15 to 0.25 mm on the target are a px
         assert found.moments[i, WEIGHT] == pytest.approx(weight, rel=2e-6)
         checked += 1
-    assert checked > 15
+    assert checked > 0.6 * count
 
 
 def test_a_ring_is_not_star_shaped_and_random_rays_take_over() -> None:

@@ -26,6 +26,8 @@ from pipeline.render.imaging import irradiance
 
 POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
 RAYS, GROUPS = 8_000, 16
+QUICK = "biconvex conics, square, tilted discs", "columns, three types", "tilted", "stretched"
+"""Kinds that `make test` tries; `make proofs` tries all."""
 
 
 def slow(tracer: Tracer, start: np.ndarray, row: int, seed: int) -> np.ndarray:
@@ -124,14 +126,22 @@ def test_vertices_are_those_of_the_slow_twin(place: str) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING_MM)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind in QUICK else pytest.mark.heavy) for kind in KINDS]
+)
 def test_bundles_are_those_of_the_slow_twin(kind: str) -> None:
     """J on two tilted planes, second moments, weight and free weight, each with its standard error."""
     assert_same(camera_with(kind), 3)
 
 
 @pytest.mark.parametrize("pixels", ["cosine", "cone"])
-@pytest.mark.parametrize("kind", ["columns, three types", "discs", "convex to the lens"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "discs",
+        *(pytest.param(kind, marks=pytest.mark.heavy) for kind in ("columns, three types", "convex to the lens")),
+    ],
+)
 def test_bundles_of_choosy_pixels_are_those_of_the_slow_twin(kind: str, pixels: str) -> None:
     """The acceptance weighs leaving and free bundle alike."""
     assert_same(camera_with(kind, pixels=pixels), 4)

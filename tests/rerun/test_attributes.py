@@ -24,6 +24,9 @@ from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load
 from pipeline.share import share
 
+QUICK = 4
+"""One of so many attributes is changed in `make test`, all of them in `make proofs`."""
+
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
@@ -34,6 +37,7 @@ def bench(tmp_path_factory):
 class _Bench:
     def __init__(self, folder) -> None:
         self.folder, self.store, self.count = folder, Store(folder / "store"), 0
+        self.specs = Specs(self.store)
         self.known: dict[str, dict[str, str]] = {}
 
     def keys(self, edits: dict[tuple[str, str], Any]) -> dict[str, str]:
@@ -67,9 +71,9 @@ class _Bench:
         outcome = run(focused, self.store)
         assert {result.state for result in outcome.results.values()} <= {"executed", "cached"}, outcome.results
         records = dict(outcome.records)
-        specs, keys = Specs(self.store), {}
+        keys = {}
         for name in graph:
-            keys[name] = specs.of(graph[name], records).key
+            keys[name] = self.specs.of(graph[name], records).key
             if name not in records:
                 digest = key_of("bytes", keys[name])
                 records[name] = {"outputs": {"x": {"sha256": digest, "size": 1}}}
@@ -108,9 +112,14 @@ def kind_of(task: str) -> str:
     return kind if kind == "rays_tile" else kind.removesuffix("_tile")
 
 
-@pytest.mark.parametrize(
-    ("name", "case"), [pytest.param(n, c, id=f"{n} of {c.at or 'Scene'}") for n, cases in CASES.items() for c in cases]
-)
+ALL = [(name, case) for name, cases in CASES.items() for case in cases]
+PARAMETERS = [
+    pytest.param(name, case, id=f"{name} of {case.at or 'Scene'}", marks=[pytest.mark.heavy] * (number % QUICK > 0))
+    for number, (name, case) in enumerate(ALL)
+]
+
+
+@pytest.mark.parametrize(("name", "case"), PARAMETERS)
 def test_exactly_the_readers_of_an_attribute_get_another_key(bench, name, case):
     edits = {**case.given, **case.along, (case.at, name): case.value}
     if case.refused:
@@ -173,6 +182,6 @@ def test_keys_are_the_same_in_another_process_with_another_hash_seed(bench, tmp_
             check=True,
             env={**os.environ, "PYTHONHASHSEED": seed},
         ).stdout
-        for seed in ("0", "1", "4242")
+        for seed in ("0", "4242")
     }
     assert len(seen) == 1

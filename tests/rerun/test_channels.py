@@ -96,6 +96,7 @@ def test_another_program_can_judge_the_folder(built: Result) -> None:
     assert set(verdict.cameras) == {f"Rig.Camera@{name}" for name in (*TRIANGLE, "again")}
 
 
+@pytest.mark.heavy
 def test_small_tiles_of_channels_behind_microlenses_give_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

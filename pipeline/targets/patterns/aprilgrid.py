@@ -4,6 +4,7 @@ Source of layout, orientation of the tags and order: ethz-asl/kalibr, GridCalibr
 kalibr_create_target_pdf.
 """
 
+import functools
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -71,19 +72,7 @@ class AprilGrid(Base):
     @property
     def drawing(self) -> Drawing:
         """Tags, and squares at the corners of the gaps."""
-        x, y, gap = self._corners(self.columns), self._corners(self.rows), self._gap_mm
-        squares = [
-            Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
-            for bottom in (y[0] - gap, *y[1::2])
-            for left in (x[0] - gap, *x[1::2])
-        ]
-        tags = [
-            shape
-            for row, bottom in enumerate(y[::2])
-            for column, left in enumerate(x[::2])
-            for shape in self._tag(row * self.columns + column, float(left), float(bottom))
-        ]
-        return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))
+        return _sheet(self)
 
     def _tag(self, number: int, left: float, bottom: float) -> list[Polygon]:
         # OpenCV stores upside down what Kalibr and the AprilTag library print upright.
@@ -106,3 +95,21 @@ class AprilGrid(Base):
             f" {self.first_tag} to {self.first_tag + self.columns * self.rows - 1} from the bottom left,"
             f" spacing {self.spacing:g}, border {self.border_bits} cells"
         )
+
+
+@functools.lru_cache(maxsize=8)  # the faces of a cube, and more
+def _sheet(grid: AprilGrid) -> Drawing:
+    """The drawing of a grid, cached: tags are outlined bit by bit."""
+    x, y, gap = grid._corners(grid.columns), grid._corners(grid.rows), grid._gap_mm
+    squares = [
+        Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
+        for bottom in (y[0] - gap, *y[1::2])
+        for left in (x[0] - gap, *x[1::2])
+    ]
+    tags = [
+        shape
+        for row, bottom in enumerate(y[::2])
+        for column, left in enumerate(x[::2])
+        for shape in grid._tag(row * grid.columns + column, float(left), float(bottom))
+    ]
+    return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))

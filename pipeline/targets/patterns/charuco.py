@@ -1,5 +1,6 @@
 """A ChArUco board: a checkerboard with a tag in every white square, as OpenCV's CharucoBoard draws it."""
 
+import functools
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -66,14 +67,7 @@ class Charuco(Base):
     @property
     def drawing(self) -> Drawing:
         """Squares, and tags on the white ones."""
-        half = (self.columns + 3) * self.square_mm / 2, (self.rows + 3) * self.square_mm / 2
-        checks = Checks(columns=self.columns, rows=self.rows, square=self.square_mm)
-        tags = [
-            shape
-            for i, (x, y) in enumerate(self._tag_centres() - self.marker_mm / 2)
-            for shape in tag_shapes(bits_of(self.dictionary, self.first_tag + i), x, y, self.marker_mm, 1)
-        ]
-        return Drawing(*half, (checks, *tags))
+        return _sheet(self)
 
     def marks(self) -> Marks:
         """Inner corners, then those of the tags."""
@@ -94,3 +88,16 @@ class Charuco(Base):
             f" {self.first_tag} to {self.first_tag + self.tags - 1} of {self.marker_mm:g} mm,"
             f" corners 0 to {self.columns * self.rows - 1} from the top left"
         )
+
+
+@functools.lru_cache(maxsize=8)  # the faces of a cube, and more
+def _sheet(board: Charuco) -> Drawing:
+    """The drawing of a board, cached: tags are outlined bit by bit."""
+    half = (board.columns + 3) * board.square_mm / 2, (board.rows + 3) * board.square_mm / 2
+    checks = Checks(columns=board.columns, rows=board.rows, square=board.square_mm)
+    tags = [
+        shape
+        for i, (x, y) in enumerate(board._tag_centres() - board.marker_mm / 2)
+        for shape in tag_shapes(bits_of(board.dictionary, board.first_tag + i), x, y, board.marker_mm, 1)
+    ]
+    return Drawing(*half, (checks, *tags))

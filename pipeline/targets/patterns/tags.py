@@ -57,5 +57,5 @@ def _loop(ways: dict[Corner, list[Corner]], start: Corner) -> list[Corner]:
 
 
 def _area(loop: list[Corner]) -> float:
-    x, y = np.array(loop, float).T
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)
+    """Area inside of a loop [cells], negative for one that runs clockwise (the shoelace formula)."""
+    return sum(x * v - u * y for (x, y), (u, v) in zip(loop, loop[1:] + loop[:1], strict=True)) / 2
