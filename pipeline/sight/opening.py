@@ -1,6 +1,7 @@
 """Cameras made ready: from a stage, from the folder that a build filled, or from records without USD."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.built.folder import finished_folder
@@ -8,8 +9,9 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.errors import UsageError
-from pipeline.scene.dataset import CameraEntry, Dataset
-from pipeline.scene.load import open_dataset
+from pipeline.scene.dataset import CameraEntry
+from pipeline.scene.load import load
+from pipeline.scene.usd.problems import StageError, blamed_on
 from pipeline.sight.ready_camera import ReadyCamera
 from pipeline.spelling import did_you_mean
 from pipeline.truth.settings import TruthSettings
@@ -50,28 +52,57 @@ def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Ite
         settings = TruthSettings()
         rig = Rig.of(Tracer(source))
         return ReadyCamera(name="", rig=rig, min_hit_fraction=settings.min_hit_fraction, accuracy_px=_ACCURACY_PX)
-    path = Path(source)
+    return opened(Path(source), name, allow_roots).ready()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opened:
+    """A camera of a stage, or one of its channels, not yet made ready.
+
+    Attributes
+    ----------
+    stage : Path
+        The stage; of a build the one in its folder.
+    seed : int
+        Seed of the dataset; 0 of a rig alone.
+    """
+
+    stage: Path
+    entry: CameraEntry
+    seed: int
+
+    def ready(self) -> ReadyCamera:
+        """The camera made ready as a build does it."""
+        entry = self.entry
+        with blamed_on(entry.file, entry.line, entry.prim_path):
+            camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
+            rig = Rig.of(Tracer(camera, self.seed), entry.square_px)
+        settings = TruthSettings(**entry.truth)  # type: ignore[arg-type]  # scene and truth do not import each other
+        return ReadyCamera(
+            name=entry.full_name,
+            rig=rig,
+            min_hit_fraction=settings.min_hit_fraction,
+            accuracy_px=settings.claim_px or _ACCURACY_PX,
+        )
+
+
+def opened(path: Path, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Opened:
+    """A camera of a stage or of the folder that a build filled; raises as `ready`."""
     stage = finished_folder(path).path / STAGE if path.is_dir() else path
-    dataset = open_dataset(stage, allow_roots)
-    return ready_camera(dataset, _entry(dataset, name, path))
+    loaded = load(stage, allow_roots)
+    if loaded.errors:
+        raise StageError(loaded.problems)
+    cameras = loaded.dataset.cameras if loaded.dataset else loaded.cameras
+    seed = loaded.dataset.seed if loaded.dataset else 0
+    return Opened(stage=stage, entry=_entry(cameras, name, path), seed=seed)
 
 
-def ready_camera(dataset: Dataset, entry: CameraEntry) -> ReadyCamera:
-    """A camera of a dataset, or one of its channels, made ready as a build does it."""
-    camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
-    settings = TruthSettings(**entry.truth)  # type: ignore[arg-type]  # scene and truth do not import each other
-    return ReadyCamera(
-        name=entry.full_name,
-        rig=Rig.of(Tracer(camera, dataset.seed), entry.square_px),
-        min_hit_fraction=settings.min_hit_fraction,
-        accuracy_px=settings.claim_px or _ACCURACY_PX,
-    )
-
-
-def _entry(dataset: Dataset, name: str | None, path: Path) -> CameraEntry:
-    entries = {entry.full_name: entry for camera in dataset.cameras for entry in camera.in_channels}
+def _entry(cameras: Iterable[CameraEntry], name: str | None, path: Path) -> CameraEntry:
+    entries = {entry.full_name: entry for camera in cameras for entry in camera.in_channels}
     if name is None and len(entries) == 1:
         return next(iter(entries.values()))
+    if not entries:
+        raise UsageError(f"{path} has no camera", hint="name a dataset, a rig or the folder of a build")
     listed = ", ".join(entries)
     if name is None:
         raise UsageError(f"{path} has {len(entries)} cameras", hint=f"choose: {listed}")

@@ -110,7 +110,7 @@ class ReadyCamera:
             An argument holds no such numbers.
         """
         x, y = np.broadcast_arrays(_numbers("x_px", x_px), _numbers("y_px", y_px))
-        near_mm, far_mm = self._planes_mm
+        near_mm, far_mm = self.planes_mm
         found = mean_rays(self.rig, np.stack([x, y], axis=1), (near_mm, far_mm), self._accuracy(accuracy_px))
         near, far = found.crossings_mm[:, 0], found.crossings_mm[:, 1]
         slope = (far - near) / (far_mm - near_mm)
@@ -132,8 +132,8 @@ class ReadyCamera:
         return -float(self.camera.prescription.vertices_from_stop_mm[0])
 
     @property
-    def _planes_mm(self) -> tuple[float, float]:
-        """Planes between which rays are found."""
+    def planes_mm(self) -> tuple[float, float]:
+        """Vision z of the two planes on which rays are found: those of J_near and J_far, if they are settled."""
         near_mm, far_mm = self.camera.near_mm, self.camera.far_mm
         if near_mm is not None and far_mm is not None and np.isfinite([near_mm, far_mm]).all():
             return near_mm, far_mm
