@@ -1,8 +1,9 @@
 """Calibration images through real lenses and microlens arrays, with exact ground truth.
 
 `pipeline.build(path)` builds a dataset stage, `pipeline.open_dataset(path)` reads one into plain records,
-`pipeline.open_output(out)` opens the folder that a build filled, and
-`pipeline.Prescription`, `pipeline.Camera` and their friends are the physics, usable without USD.
+`pipeline.open_output(out)` opens the folder that a build filled, `pipeline.ready(place)` makes a camera ready to
+project points and to tell its rays, and `pipeline.Prescription`, `pipeline.Camera` and their friends are the physics,
+usable without USD.
 Nothing heavy is imported before it is asked for (PEP 562), and importing this changes nothing in your process.
 """
 
@@ -23,6 +24,7 @@ _HOMES = {
     "Target": "pipeline.targets.target",
     "open_dataset": "pipeline.scene.load",
     "open_output": "pipeline.built.output",
+    "ready": "pipeline.sight.opening",
     "build": "pipeline.app.build",
 }
 __all__ = ["__version__", *_HOMES]

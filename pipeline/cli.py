@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs import building, exporting, graph, planning, tasks, watch
+from pipeline.app.verbs import building, exporting, fitting, graph, planning, tasks, watch
 from pipeline.app.verbs.authoring import new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
@@ -299,6 +299,7 @@ _VERBS = (
     (LOOK, "logs", tasks.logs),
     (LOOK, "verify", verify),
     (USE, "export", exporting.export),
+    (USE, "fit", fitting.fit),
     (CARE, "plugin-path", plugin_path),
 )
 for _panel, _name, _verb in _VERBS:

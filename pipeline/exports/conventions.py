@@ -115,6 +115,16 @@ class Convention:
     source: str
 
 
+OMNIVERSE = Convention(
+    consumer="Omniverse RTX, Isaac Sim, Newton: schemas OmniLensDistortion…API",
+    files="a layer with applied schemas, see `pipeline fit`",
+    cameras=Cameras.ANY,
+    origin=Origin.HALF,
+    board=Board.NONE,
+    unit=Unit.NONE,
+    source="NVIDIA: omni.usd.schema.omni_lens_distortion; newton-physics/newton: usd camera rays and their tests",
+)
+"""What pixels are called in attributes of Omniverse: `pipeline fit` writes them."""
 CONVENTIONS = {
     "opencv": Convention(
         consumer="OpenCV 4 and 5",

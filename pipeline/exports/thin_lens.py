@@ -5,6 +5,7 @@ truth: its pupil does not stand in a principal plane.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,8 @@ def virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
     """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d."""
     record, images = camera.built.record, camera.micro_images
     assert images is not None
-    lens, model, types = record["lens"], thin_lens(camera), record["mla"]["types"]
+    model = thin_lens_of(camera)
+    lens, types = record["lens"], record["mla"]["types"]
     front, ends = lens["principal_planes_mm"][0], []
     for own in images.own_types.tolist():
         away = [float(end) - front for end in types[own]["depth_of_field_mm"]]
@@ -73,10 +75,22 @@ def virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
     return ends
 
 
-def thin_lens(camera: ExportCamera) -> ThinLens:
-    """The thin-lens camera of a plenoptic camera; focal lengths in the order of its types."""
-    record, images = camera.built.record, camera.micro_images
-    assert images is not None
+def thin_lens_of(camera: ExportCamera) -> ThinLens:
+    """The thin-lens camera of an exported one; focal lengths in the order of its types."""
+    assert camera.micro_images is not None
+    return thin_lens(camera.built.record, camera.micro_images.focal_lengths_mm)
+
+
+def thin_lens(record: dict[str, Any], focal_lengths_mm: np.ndarray) -> ThinLens:
+    """The thin-lens camera of a plenoptic camera.
+
+    Parameters
+    ----------
+    record : dict
+        Content of camera.json.
+    focal_lengths_mm : (types,) float64
+        Of the microlenses, in the order that the thin-lens camera shall have.
+    """
     lens, types = record["lens"], record["mla"]["types"]
     front = sum(one["principal_planes_mm"][0] for one in types) / len(types)
     rear = sum(one["principal_planes_mm"][1] for one in types) / len(types)
@@ -85,5 +99,5 @@ def thin_lens(camera: ExportCamera) -> ThinLens:
         f_number=lens["f_number"],
         main_lens_mm=record["sensor_distance_mm"] - front + lens["principal_planes_mm"][1],  # z towards the scene
         sensor_mm=rear,
-        focal_lengths_mm=images.focal_lengths_mm,
+        focal_lengths_mm=focal_lengths_mm,
     )

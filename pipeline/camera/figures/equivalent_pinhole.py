@@ -138,15 +138,20 @@ def _with_radial(rays: "_Rays", found: np.ndarray, free: tuple[int, ...]) -> np.
 
 def _paraxial(camera: Camera) -> np.ndarray:
     """Parameters of the pinhole at the paraxial entrance pupil."""
+    parameters = np.zeros(11)
+    parameters[[_F, *_POINT, _CENTRE[2]]] = paraxial_pinhole(camera)
+    return parameters
+
+
+def paraxial_pinhole(camera: Camera) -> np.ndarray:
+    """The pinhole in the paraxial entrance pupil: principal distance, principal point x and y [px], vision z [mm]."""
     lens, sensor = first_order(camera.prescription), camera.sensor
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
-    parameters = np.zeros(11)
-    parameters[_F], parameters[_CENTRE[2]] = principal_mm / sensor.pitch_mm, lens.entrance_pupil.z_mm
-    parameters[list(_POINT)] = (
-        sensor.offset_x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2,
-        sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
+    x, y = (
+        offset_mm / sensor.pitch_mm + (size - 1) / 2
+        for offset_mm, size in ((sensor.offset_x_mm, sensor.width_px), (sensor.offset_y_mm, sensor.height_px))
     )
-    return parameters
+    return np.array([principal_mm / sensor.pitch_mm, x, y, lens.entrance_pupil.z_mm])
 
 
 @dataclass(frozen=True, slots=True)

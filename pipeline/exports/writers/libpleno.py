@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera, GridMesh
 from pipeline.exports.material import Material
-from pipeline.exports.thin_lens import KAPPA, ThinLens, thin_lens
+from pipeline.exports.thin_lens import KAPPA, ThinLens, thin_lens_of
 from pipeline.files.jsonfile import write_json
 from pipeline.files.tables import write_table
 
@@ -42,7 +42,7 @@ def write(material: Material, folder: Path) -> None:
         for name, rows in (("centers", centres), ("features", known)):
             columns = {column: rows[column] for column in rows.dtype.names or ()}
             write_table(place / f"{name}.csv", (), columns)
-        about, model = {"about": list(material.remarks)}, thin_lens(camera)
+        about, model = {"about": list(material.remarks)}, thin_lens_of(camera)
         write_json(place / "camera.js", {**about, **_camera(camera, model)})
         write_json(place / "params.js", {**about, **_parameters(camera, model)})
         write_json(place / "scene.js", {**about, **_scene(material)})

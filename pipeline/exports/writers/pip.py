@@ -5,7 +5,7 @@ from pathlib import Path
 from pipeline.exports.errors import ExportError
 from pipeline.exports.filestorage import xml_text
 from pipeline.exports.material import Material
-from pipeline.exports.thin_lens import thin_lens
+from pipeline.exports.thin_lens import thin_lens_of
 
 
 def write(material: Material, folder: Path) -> None:
@@ -17,7 +17,7 @@ def write(material: Material, folder: Path) -> None:
         Microlenses are not hexagonal rows.
     """
     for camera in material.cameras:
-        array, model = camera.array, thin_lens(camera)
+        array, model = camera.array, thin_lens_of(camera)
         assert array is not None
         if array.layout != "hexagonal":
             raise ExportError(f"pip knows hexagonal rows of microlenses, and {camera.name} has {array.layout}")

@@ -6,6 +6,7 @@ from pxr import Plug, Tf, Usd, Vt
 
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.write.lens_distortion import LENS_DISTORTION
 
 _MOST_OPS = 100
 """Most transform operations of one prim: real stages have fewer than ten."""
@@ -64,8 +65,10 @@ def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
     registry = Usd.SchemaRegistry()
     for full in _authored_apis(prim):
         name, instance = registry.GetTypeNameAndInstance(full)
+        if name in LENS_DISTORTION and prim.GetTypeName() == "Camera":
+            continue
         if not registry.FindAppliedAPIPrimDefinition(name):
-            hint = did_you_mean(name, _known_apis())
+            hint = did_you_mean(name, _known_apis() | LENS_DISTORTION)
             yield problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint)
             continue
         # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.

@@ -1,0 +1,66 @@
+"""`pipeline fit`: models of other programs fitted to a camera of a stage or of a build, and written for renderers."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.engine.files import chosen_place
+from pipeline.errors import UsageError
+from pipeline.files.drawings import write_drawing
+from pipeline.files.jsonfile import json_bytes
+from pipeline.fits.drawing import picture
+from pipeline.fits.omniverse import seen_by_omniverse
+from pipeline.fits.page import page
+from pipeline.fits.result import THIN_LENS, FittedCamera, document, fit_camera
+from pipeline.scene.write.lens_distortion import distortion_layer
+from pipeline.sight.opening import Opened, opened
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """A fitted camera, and where it comes from."""
+
+    opened: Opened
+    camera: FittedCamera
+    pitch_mm: float
+
+    def page(self) -> list[str]:
+        """Lines for a terminal."""
+        return list(page(self.camera))
+
+    def json(self) -> str:
+        """All of it as JSON, the residual fields included."""
+        return json_bytes(document(self.camera)).decode()
+
+    def plot(self, path: Path) -> None:
+        """Draw the best fit."""
+        if not self.camera.fits:
+            raise UsageError(f"{THIN_LENS} alone has no residual field over the image", hint="add another --model")
+        with chosen_place("write", path):
+            write_drawing(path, picture(self.camera, self.camera.best))
+
+    def layer(self, path: Path) -> None:
+        """Write the layer for other renderers.
+
+        Raises
+        ------
+        UsageError
+            The file exists, or is no .usda.
+        """
+        if path.suffix != ".usda":
+            raise UsageError(f"{path} must end in .usda")
+        seen = seen_by_omniverse(self.camera, self.opened.entry.prim_path, self.pitch_mm)
+        text = distortion_layer(self.opened.stage, path, seen)
+        try:
+            with chosen_place("write", path), path.open("x", encoding="utf-8", newline="\n") as stream:
+                stream.write(text)
+        except FileExistsError:
+            raise UsageError(f"{path} exists", hint="choose another name, or remove it") from None
+
+
+def fit(place: Path, name: str | None, models: Iterable[str] = (), allow_roots: Iterable[str | Path] = ()) -> Found:
+    """Fit models to a camera; by default OpenCV's five coefficients, and to a plenoptic camera a thin lens, too."""
+    there = opened(place, name, allow_roots)
+    camera = there.ready()
+    wanted = list(models) or ["brown", *([THIN_LENS] if camera.is_plenoptic else [])]
+    return Found(opened=there, camera=fit_camera(camera, wanted), pitch_mm=camera.camera.sensor.pitch_mm)

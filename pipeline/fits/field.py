@@ -1,0 +1,140 @@
+"""Exact rays over the image of a camera's main lens: what models are fitted to, and what is said of the rays alone."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipeline.camera.figures.equivalent_pinhole import paraxial_pinhole
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
+from pipeline.fits.errors import FitError
+from pipeline.sight.answers import PixelRays
+from pipeline.sight.ready_camera import ReadyCamera
+
+COLUMNS, ROWS = 33, 25
+"""Image positions along x and y, the corners of the image among them: residuals of lenses are smooth over a cell."""
+_ACCURACY_PX = 1e-7
+"""Error of the rays [px]: far below any residual that a model leaves."""
+_LEAST_RAYS = 32
+"""Fewest rays with light: more coordinates on two planes than any model has parameters."""
+_BETWEEN = 5
+"""Planes from the near to the far one on which residuals are looked at, these two included: the middle is in focus."""
+_BEYOND = (2.0, 4.0, 10.0)
+"""Distances behind the far plane at which residuals are looked at, over it [1]: away from it they settle."""
+_STEEP = 1e-4
+"""Slope below which a ray has no place where it passes the axis [1]: it would be a quotient of small numbers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldRays:
+    """Rays of image positions on a grid over the image, those without light left out.
+
+    Attributes
+    ----------
+    x_px : (n, 2) float64
+    rays : PixelRays
+    planes_mm : (float, float)
+        Vision z of the near and the far plane: those of J_near and J_far.
+    size_px : (int, int)
+    lit_share : float
+        Share of the positions that light reaches.
+    start : (4,) float64
+        Paraxial pinhole: principal distance, principal point [px], vision z [mm].
+    is_centred : bool
+        Whether all surfaces stand on one axis.
+    """
+
+    x_px: np.ndarray
+    rays: PixelRays
+    planes_mm: tuple[float, float]
+    size_px: tuple[int, int]
+    lit_share: float
+    start: np.ndarray
+    is_centred: bool
+
+    def points(self, z_mm: float) -> np.ndarray:
+        """Crossings with the plane at vision z, (n, 3) [mm]."""
+        return self.rays.at_distance(z_mm)
+
+    @property
+    def between_mm(self) -> tuple[float, ...]:
+        """Vision z of planes from the near to the far one, in equal steps of 1 / z."""
+        near, far = self.planes_mm
+        middle = 1 / np.linspace(1 / near, 1 / far, _BETWEEN)[1:-1]
+        return (near, *middle.tolist(), far)
+
+    @property
+    def distances_mm(self) -> tuple[float, ...]:
+        """Vision z of these planes, and of some far behind."""
+        return (*self.between_mm, *(self.planes_mm[1] * times for times in _BEYOND))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PupilCurve:
+    """Places where rays pass the axis, from the middle of the field to its edge: the entrance pupil of each.
+
+    Attributes
+    ----------
+    angle_deg : (m,) float64
+        Angle of the ray with the axis.
+    z_mm : (m,) float64
+        Vision z of the point of the ray that is nearest to the axis.
+    aside_mm : (m,) float64
+        Distance of that point from the axis.
+    """
+
+    angle_deg: np.ndarray
+    z_mm: np.ndarray
+    aside_mm: np.ndarray
+
+
+def main_lens(camera: ReadyCamera) -> ReadyCamera:
+    """The camera without its microlenses: its sensor behind the main lens alone."""
+    tracer, rig = camera.rig.tracer, camera.rig
+    bare = Tracer(replace(tracer.camera, microlenses=None), tracer.seed)
+    return replace(camera, rig=Rig.of(bare, rig.square_px))
+
+
+def field_rays(camera: ReadyCamera) -> FieldRays:
+    """Trace the rays of a camera's main lens over its image.
+
+    Raises
+    ------
+    FitError
+        Light reaches too little of the image.
+    """
+    seen = main_lens(camera)
+    sensor = seen.camera.sensor
+    across, down = (
+        np.linspace(-0.5, size - 0.5, count) for size, count in ((sensor.width_px, COLUMNS), (sensor.height_px, ROWS))
+    )
+    x_px = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    rays = seen.rays(*x_px.T, accuracy_px=_ACCURACY_PX)
+    lit = np.isfinite(rays.direction).all(axis=1)
+    if lit.sum() < _LEAST_RAYS:
+        raise FitError(f"light reaches {lit.sum()} of {len(lit)} positions of {camera.name or 'the image'}")
+    some = {name: getattr(rays, name)[lit] for name in ("x_px", "y_px", "origin_mm", "direction", "error_px")}
+    return FieldRays(
+        x_px=x_px[lit],
+        rays=PixelRays(**some, hit_fraction=rays.hit_fraction[lit], microlens=None),
+        planes_mm=seen.planes_mm,
+        size_px=(sensor.width_px, sensor.height_px),
+        lit_share=float(lit.mean()),
+        start=paraxial_pinhole(seen.camera),
+        is_centred=seen.camera.prescription.is_centred,
+    )
+
+
+def pupil_curve(field: FieldRays) -> PupilCurve:
+    """Find where the rays pass the axis, sorted by their angle."""
+    slope = field.rays.direction[:, :2] / field.rays.direction[:, 2:]
+    steep = np.hypot(*slope.T)
+    rows = np.flatnonzero(steep > _STEEP)
+    rows = rows[np.argsort(steep[rows], kind="stable")]
+    origin, slope = field.rays.origin_mm[rows, :2], slope[rows]
+    z_mm = -np.einsum("ni,ni->n", origin, slope) / steep[rows] ** 2
+    return PupilCurve(
+        angle_deg=np.degrees(np.arctan(steep[rows])),
+        z_mm=z_mm,
+        aside_mm=np.hypot(*(origin + z_mm[:, None] * slope).T),
+    )

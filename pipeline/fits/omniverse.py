@@ -1,0 +1,113 @@
+"""Fits as applied schemas of Omniverse, for a layer that another USD renderer opens.
+
+Names of schemas and attributes: NVIDIA's omni.usd.schema.omni_lens_distortion. Its values have single precision.
+Pixels are counted from the corner of the image: `OMNIVERSE` in the table of conventions. Kannala-Brandt gives the
+radius in px by the angle; f-theta the angle by the radius, as the schema's default of 0.00245 rad per px says.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pipeline.exports.conventions import OMNIVERSE
+from pipeline.exports.conversion import positions
+from pipeline.fits.errors import FitError
+from pipeline.fits.fitting import Fit
+from pipeline.fits.result import FittedCamera
+from pipeline.scene.write.lens_distortion import AppliedSchema, SeenCamera
+
+_PREFIX = "omni:lensdistortion"
+_NAMES = {
+    "pinhole": ("OpenCvPinhole", "opencvPinhole"),
+    "brown": ("OpenCvPinhole", "opencvPinhole"),
+    "rational": ("OpenCvPinhole", "opencvPinhole"),
+    "thin-prism": ("OpenCvPinhole", "opencvPinhole"),
+    "fisheye": ("OpenCvFisheye", "opencvFisheye"),
+    "kannala-brandt": ("KannalaBrandtK3", "kannalaBrandtK3"),
+    "ftheta": ("Ftheta", "ftheta"),
+}
+"""Model -> the middle of the schema's name, and the word in the names of its attributes."""
+_PINHOLE = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4")
+"""Coefficients of the schema of OpenCV's pinhole: it has defaults, so all are written."""
+_BEYOND = 1.05
+"""Field that the schema is told over that of the rays [1]: renderers leave out what lies beyond."""
+_FULL_DEG = 360.0
+"""A whole turn [degrees]."""
+_DECIMALS = 9
+"""Decimals of the centre of projection [mm]: what symmetry makes 0 is written as 0."""
+
+
+def seen_by_omniverse(found: FittedCamera, prim_path: str, pitch_mm: float) -> SeenCamera:
+    """The camera as schemas of Omniverse state it; the model with the smallest rms is the one that counts.
+
+    Raises
+    ------
+    FitError
+        No schema has any of the fitted models.
+    """
+    known: dict[str, Fit] = {}
+    for fit in sorted(found.fits, key=lambda fit: -fit.rms_px):  # of several in one schema the best stays
+        if fit.model.name in _NAMES:
+            known[_NAMES[fit.model.name][1]] = fit
+    if not known:
+        raise FitError(
+            "no schema of Omniverse has these models", hint=f"it has {', '.join(_NAMES)}; choose with --model"
+        )
+    best = min(known.values(), key=lambda fit: fit.rms_px)
+    x, y, z = (np.round(best.parameters[:3], _DECIMALS) + 0.0).tolist()
+    width, height = found.field.size_px
+    return SeenCamera(
+        prim_path=prim_path,
+        schemas=tuple(_schema(fit, found) for fit in known.values()),
+        model=_NAMES[best.model.name][1],
+        centre_mm=(x, y, z),
+        principal_mm=float(found.field.start[0]) * pitch_mm,
+        size_mm=(width * pitch_mm, height * pitch_mm),
+        about=_about(best, found),
+    )
+
+
+def _schema(fit: Fit, found: FittedCamera) -> AppliedSchema:
+    middle, word = _NAMES[fit.model.name]
+    values = fit.values
+    width, height = found.field.size_px
+    cx, cy = positions(np.array([values["cx"], values["cy"]]), OMNIVERSE, (width, height)).tolist()
+    own: list[tuple[str, str, Any]]
+    if word.startswith("opencv"):
+        names = _PINHOLE if word == "opencvPinhole" else ("k1", "k2", "k3", "k4")
+        numbers = {"fx": values["fx"], "fy": values["fy"], "cx": cx, "cy": cy}
+        numbers |= {name: values.get(name, 0.0) for name in names}
+        own = [(name, "float", number) for name, number in numbers.items()]
+        own.append(("imageSize", "int2", (width, height)))
+    else:
+        numbers = {name: values.get(name, 0.0) for name in ("k0", "k1", "k2", "k3")}
+        if word == "ftheta":
+            numbers["k4"] = values["k4"]
+        numbers |= {"maxFov": _field_deg(found), "nominalWidth": float(width), "nominalHeight": float(height)}
+        own = [(name, "float", number) for name, number in numbers.items()]
+        own.append(("opticalCenter", "float2", (cx, cy)))
+    return AppliedSchema(
+        name=f"OmniLensDistortion{middle}API",
+        model=word,
+        attributes=tuple((f"{_PREFIX}:{word}:{name}", kind, value) for name, kind, value in sorted(own)),
+    )
+
+
+def _field_deg(found: FittedCamera) -> float:
+    """Full angle of a cone about the axis that holds all rays, and somewhat more."""
+    widest = float(found.pupil.angle_deg.max(initial=math.degrees(math.atan(1e-3))))
+    return min(2 * widest * _BEYOND, _FULL_DEG)
+
+
+def _about(best: Fit, found: FittedCamera) -> tuple[str, ...]:
+    near, far = found.field.planes_mm
+    x, y, z = (np.round(best.parameters[:3], _DECIMALS) + 0.0).tolist()
+    return (
+        f"{found.name} for renderers that know no lenses, by `pipeline fit`. The nearest {best.model.consumer} leaves"
+        f" {best.rms_px:.3g} px rms of the exact rays, {best.max_px:.3g} px at most, on the planes {near:.6g} and"
+        f" {far:.6g} mm before the stop. Pixels count from the corner of the image: its first pixel has the centre"
+        " (0.5, 0.5).",
+        f"The centre of projection lies at ({x:g}, {y:g}, {z:g}) mm of the vision frame, not in the origin of the"
+        " camera, which is the centre of the aperture stop. Render through the camera below it: that one stands there.",
+    )

@@ -1,0 +1,161 @@
+"""A thin lens before an array of pinholes, fitted to exact positions: what libpleno and its relatives assume.
+
+The lens stands at z = L on the axis and has the focal length F; D and d are the distances from lens to array and from
+array to sensor. A point at Z before the lens has its image at q = - p F / (Z - F), b = Z F / (Z - F) behind it. Radial
+distortion acts there, q (1 + A0 r^2 + A1 r^4 + A2 r^6), r in mm. The straight line from q through the centre v meets
+the sensor at v - (v - q) d / (b - D). comsee-research/libpleno: pleno/geometry/camera/camera.cpp.
+
+The pitch of the array is that of the camera. A calibration that frees it, too, finds another F, L and D by tens of
+millimetres for a residual that is smaller by less than a thousandth: positions hardly determine it. Positions in the
+penumbra are not fitted: there a part of the bundle is missing, and no straight line through a centre explains that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.figures.first_order_figures import report
+from pipeline.exports.thin_lens import thin_lens
+from pipeline.fits.errors import FitError
+from pipeline.fits.field import field_rays
+from pipeline.fits.fitting import least, rms
+from pipeline.sight.ready_camera import ReadyCamera
+
+PARAMETERS = (
+    "focal_mm",
+    "lens_z_mm",
+    "main_lens_mm",
+    "sensor_mm",
+    "turn_rad",
+    "array_x_mm",
+    "array_y_mm",
+    "sensor_x_mm",
+    "sensor_y_mm",
+    "a0",
+    "a1",
+    "a2",
+)
+"""F, L, D, d; turn and shift of the array; shift of the sensor; radial distortion."""
+_EVERY, _POINTS = 137, 10
+"""Step through the rays of the field that choose scene points, and points at each distance [1]: a prime, so that they
+lie all over the image; some fifty points have some thousand positions.
+"""
+_FULL = 0.9
+"""Hit fraction from which a position counts as in full light [1]."""
+_LEAST_ROWS = 64
+"""Fewest positions that are fitted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThinPlenopticFit:
+    """The thin-lens plenoptic camera that explains exact positions best.
+
+    Attributes
+    ----------
+    parameters : (12,) float64
+        In the order of `PARAMETERS`.
+    residual_px : (n, 2) float64
+        Of the positions in full light, to which it was fitted.
+    dim_px : (m, 2) float64
+        Of the others by the same camera: in the penumbra.
+    points : int
+        Scene points whose positions they are.
+    """
+
+    parameters: np.ndarray
+    residual_px: np.ndarray
+    dim_px: np.ndarray
+    points: int
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters by name."""
+        return dict(zip(PARAMETERS, self.parameters.tolist(), strict=True))
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square of the lengths of the residuals in full light."""
+        return rms(self.residual_px)
+
+    @property
+    def dim_rms_px(self) -> float | None:
+        """The same in the penumbra; None where nothing lies there."""
+        return rms(self.dim_px) if len(self.dim_px) else None
+
+    @property
+    def max_px(self) -> float:
+        """Length of the largest residual in full light."""
+        return float(np.hypot(*self.residual_px.T).max())
+
+
+def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
+    """Fit to the positions of points all over the image, at distances from the near to the far plane.
+
+    Raises
+    ------
+    FitError
+        It has no microlenses, or too few of them see points.
+    """
+    lattice = camera.rig.tracer.lattice
+    if lattice is None:
+        raise FitError(f"{camera.name or 'the camera'} has no microlenses", hint="choose a model of a pinhole")
+    points = _scene_points(camera)
+    found = camera.project(points)
+    is_full = found.hit_fraction >= _FULL
+    if is_full.sum() < _LEAST_ROWS:
+        raise FitError(
+            f"{is_full.sum()} positions in full light of {len(points)} points are too few to fit a thin lens"
+        )
+    row_of = {pair: row for row, pair in enumerate(zip(lattice.k.tolist(), lattice.l.tolist(), strict=True))}
+    assert found.microlens is not None and found.microlens_type is not None
+    vertices = camera.rig.tracer.vertices_mm[[row_of[k, l] for k, l in found.microlens.tolist()]]
+    seen, wanted = points[found.point], np.stack([found.x_px, found.y_px], axis=1)
+
+    def off(p: np.ndarray, rows: np.ndarray = is_full) -> np.ndarray:
+        return _pixels(camera, p, positions_mm(p, seen[rows], vertices[rows])) - wanted[rows]
+
+    held = [name in ("a0", "a1", "a2") for name in PARAMETERS]
+    parameters = least(lambda p: off(p).ravel(), _start(camera), held)
+    return ThinPlenopticFit(
+        parameters=parameters,
+        residual_px=off(parameters),
+        dim_px=off(parameters, ~is_full),
+        points=len(points),
+    )
+
+
+def positions_mm(p: np.ndarray, points_mm: np.ndarray, vertices_mm: np.ndarray) -> np.ndarray:
+    """Points of the sensor where a thin-lens camera images points (n, 3) through microlenses (n, 2), vision frame."""
+    focal, lens_z, main_lens, sensor, turn, x, y = p[:7]
+    a0, a1, a2 = p[9:]
+    away = points_mm[:, 2] - lens_z
+    image = points_mm[:, :2] * (-focal / (away - focal))[:, None]
+    r2 = (image * image).sum(axis=1)
+    image = image * (1 + r2 * (a0 + r2 * (a1 + r2 * a2)))[:, None]
+    behind = away * focal / (away - focal)
+    turned = vertices_mm @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    vertex = turned + np.array([x, y])
+    return np.asarray(vertex - (vertex - image) * (sensor / (behind - main_lens))[:, None])
+
+
+def _pixels(camera: ReadyCamera, p: np.ndarray, places_mm: np.ndarray) -> np.ndarray:
+    """Image positions of points of the sensor, which is shifted; as `Tracer.pixels_at`, analytic."""
+    origin = camera.rig.tracer.pixels_at(np.zeros((1, 2)))
+    return np.asarray(origin - (places_mm - p[7:9]) / camera.camera.sensor.pitch_mm)
+
+
+def _scene_points(camera: ReadyCamera) -> np.ndarray:
+    """Points on rays of the main lens all over the image, (m, 3); each distance has others."""
+    field = field_rays(camera)
+    distances = field.between_mm
+    chosen = [(np.arange(_POINTS) * _EVERY + number) % len(field.x_px) for number in range(len(distances))]
+    return np.concatenate([field.points(z_mm)[rows] for z_mm, rows in zip(distances, chosen, strict=True)])
+
+
+def _start(camera: ReadyCamera) -> np.ndarray:
+    figures = report(camera.camera)
+    focal_mm = np.array([one["focal_length_mm"] for one in figures["mla"]["types"]])
+    lens, start = thin_lens(figures, focal_mm), np.zeros(len(PARAMETERS))
+    front_mm = figures["lens"]["principal_planes_mm"][0]
+    start[:4] = lens.focal_mm, front_mm, lens.main_lens_mm, lens.sensor_mm
+    return start

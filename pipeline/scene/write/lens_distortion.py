@@ -1,0 +1,130 @@
+"""A layer over a stage that says in schemas of other renderers what a camera is to them; nothing of ours changes."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pxr import Gf, Sdf
+
+from pipeline.scene.write.text import filled, text_of
+from pipeline.units import mm_per_unit
+
+LENS_DISTORTION = frozenset(
+    f"OmniLensDistortion{name}API"
+    for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
+)
+"""Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
+_KEPT = ("defaultPrim", "metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode")
+"""Metadata that USD takes from the root layer alone, so that a layer on top of a stage has to repeat them."""
+CHILD = "Pinhole"
+"""Name of the camera at the centre of projection, below ours, whose origin is the centre of the aperture stop."""
+_TYPES = {
+    "token": Sdf.ValueTypeNames.Token,
+    "float": Sdf.ValueTypeNames.Float,
+    "float2": Sdf.ValueTypeNames.Float2,
+    "int2": Sdf.ValueTypeNames.Int2,
+    "asset": Sdf.ValueTypeNames.Asset,
+}
+_TENTHS = 10.0
+"""Factor for film backs and focal lengths of a Camera, which USD counts in tenths of the stage's unit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AppliedSchema:
+    """An applied schema with its values.
+
+    Attributes
+    ----------
+    name : str
+        As `OmniLensDistortionOpenCvPinholeAPI`.
+    model : str
+        What `omni:lensdistortion:model` says where this schema counts.
+    attributes : tuple of (str, str, value)
+        Name, type and value of each.
+    """
+
+    name: str
+    model: str
+    attributes: tuple[tuple[str, str, Any], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenCamera:
+    """A camera as other renderers see it.
+
+    Attributes
+    ----------
+    prim_path : str
+        Of our camera on the composed stage.
+    schemas : sequence of AppliedSchema
+    model : str
+        Value of `omni:lensdistortion:model`: the schema that counts.
+    centre_mm : (float, float, float)
+        Centre of projection, vision frame.
+    principal_mm, size_mm : float, (float, float)
+        Distance and size of the film of a plain pinhole, for programs without the schemas.
+    about : tuple of str
+        Paragraphs of the documentation of the layer.
+    """
+
+    prim_path: str
+    schemas: Sequence[AppliedSchema]
+    model: str
+    centre_mm: tuple[float, float, float]
+    principal_mm: float
+    size_mm: tuple[float, float]
+    about: tuple[str, ...]
+
+
+def distortion_layer(stage: Path, out: Path, seen: SeenCamera) -> str:
+    """Text of a layer `out` that stands on a stage and applies schemas to one of its cameras."""
+    below = Sdf.Layer.FindOrOpen(str(stage))
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.subLayerPaths = [_relative(stage, out)]
+    layer.documentation = filled(seen.about)
+    for name in _KEPT:
+        if below.pseudoRoot.HasInfo(name):
+            layer.pseudoRoot.SetInfo(name, below.pseudoRoot.GetInfo(name))
+    camera = Sdf.CreatePrimInLayer(layer, seen.prim_path)
+    _apply(camera, seen.schemas, seen.model)
+    child = Sdf.PrimSpec(camera, CHILD, Sdf.SpecifierDef, "Camera")
+    _apply(child, [schema for schema in seen.schemas if schema.model == seen.model], seen.model)
+    unit_mm = mm_per_unit(below.pseudoRoot.GetInfo("metersPerUnit"))
+    x, y, z = (length / unit_mm for length in seen.centre_mm)
+    _author(child, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, 0 - y, 0 - z))  # it looks along -z
+    order = Sdf.AttributeSpec(child, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
+    order.default = ["xformOp:translate"]
+    film = _TENTHS / unit_mm
+    plain = {
+        "focalLength": seen.principal_mm,
+        "horizontalAperture": seen.size_mm[0],
+        "verticalAperture": seen.size_mm[1],
+    }
+    for name, length_mm in plain.items():
+        _author(child, name, Sdf.ValueTypeNames.Float, film * length_mm)
+    return text_of(layer)
+
+
+def _relative(stage: Path, out: Path) -> str:
+    path = os.path.relpath(stage.resolve(), out.resolve().parent).replace(os.sep, "/")
+    return path if path.startswith(".") else f"./{path}"
+
+
+def _apply(prim: Sdf.PrimSpec, schemas: Sequence[AppliedSchema], model: str) -> None:
+    names = Sdf.TokenListOp()
+    names.prependedItems = [schema.name for schema in schemas]
+    prim.SetInfo("apiSchemas", names)
+    _author(prim, "omni:lensdistortion:model", Sdf.ValueTypeNames.Token, model, is_custom=True)
+    for schema in schemas:
+        for name, kind, value in schema.attributes:
+            held = {"float2": Gf.Vec2f, "int2": Gf.Vec2i}.get(kind)
+            _author(prim, name, _TYPES[kind], held(*value) if held else value, is_custom=True)
+
+
+def _author(
+    prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any, *, is_custom: bool = False
+) -> None:
+    """Write an attribute; a custom one where USD has no schema of that name: others read it all the same."""
+    Sdf.AttributeSpec(prim, name, type_name, Sdf.VariabilityVarying, is_custom).default = value

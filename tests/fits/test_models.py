@@ -1,0 +1,62 @@
+"""Projection models say what the programs say that they are named after."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pipeline.fits.models import CENTRE, MODELS
+
+RANDOM = np.random.default_rng(11)
+POINTS = np.column_stack([RANDOM.uniform(-200, 200, (60, 2)), RANDOM.uniform(380, 500, 60)])
+CENTRE_MM = np.array([0.3, -0.2, -6.0])
+MATRIX = np.array([[900.0, 0, 321.5], [0, 905.0, 239.25], [0, 0, 1]])
+COEFFICIENTS = np.array([-0.2, 0.1, 1e-3, -2e-3, 0.02, 0.05, -0.03, 0.01, 2e-3, -1e-3, 3e-3, 5e-4, 0.04, -0.03])
+OPENCV = {"pinhole": 0, "brown": 5, "rational": 8, "thin-prism": 12, "tilted": 14}
+
+
+def own(count: int) -> np.ndarray:
+    return np.array([900.0, 905.0, 321.5, 239.25, *COEFFICIENTS[:count]])
+
+
+@pytest.mark.parametrize(("name", "count"), OPENCV.items())
+def test_they_are_opencvs(name, count):
+    found = MODELS[name].positions(np.concatenate([CENTRE_MM, own(count)]), POINTS)
+    none = np.zeros(3)
+    expected = cv2.projectPoints(POINTS - CENTRE_MM, none, none, MATRIX, COEFFICIENTS[:count] if count else None)[0]
+    np.testing.assert_allclose(found, expected[:, 0], rtol=0, atol=1e-9)
+
+
+def test_the_fisheye_is_opencvs():
+    wide = POINTS * [4.0, 4.0, 1.0]
+    found = MODELS["fisheye"].positions(np.concatenate([CENTRE_MM, own(0), COEFFICIENTS[:4]]), wide)
+    none = np.zeros(3)
+    expected = cv2.fisheye.projectPoints((wide - CENTRE_MM)[:, None], none, none, MATRIX, COEFFICIENTS[:4])[0]
+    np.testing.assert_allclose(found, expected[:, 0], rtol=0, atol=1e-9)
+
+
+def test_radii_follow_the_stated_polynomials():
+    """Of angles up to 80 degrees, by NumPy's own polynomials; f-theta is their inverse."""
+    angle = np.deg2rad(np.linspace(0, 80, 9))
+    points = np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)])
+    k = [450.0, -12.0, 3.0, -0.4]
+    radius = np.polynomial.Polynomial([0, k[0], 0, k[1], 0, k[2], 0, k[3]])(angle)
+    found = MODELS["kannala-brandt"].project(np.array([320.0, 240.0, *k]), points)
+    np.testing.assert_allclose(found, np.column_stack([320 + radius, 240 + 0 * radius]), rtol=0, atol=1e-10)
+    b = [2.2e-3, -1e-7, 2e-10, -1e-13]
+    x = MODELS["ftheta"].project(np.array([320.0, 240.0, *b]), points)[:, 0] - 320
+    np.testing.assert_allclose(np.polynomial.Polynomial([0, *b])(x), angle, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_they_are_analytic(name):
+    """A complex step gives the derivative that differences give, also of a point on the axis."""
+    model = MODELS[name]
+    p = np.array([{"fx": 900.0, "fy": 905.0, "k0": 900.0}.get(n, 0.013) for n in model.parameters])
+    if name == "ftheta":
+        p[len(CENTRE) + 2 :] = 1e-3, 1e-8, 1e-11, 1e-14
+    points = np.vstack([POINTS[:8], p[:3] + np.array([0, 0, 400.0])])
+    for number in range(len(p)):
+        step = 1e-4 * abs(p[number]) * np.eye(len(p))[number]
+        difference = (model.positions(p + step, points) - model.positions(p - step, points)) / (2 * step[number])
+        exact = model.positions(p + 1e-30j * np.eye(len(p))[number], points).imag / 1e-30
+        np.testing.assert_allclose(exact, difference, rtol=1e-4, atol=1e-4 * np.abs(difference).max())
