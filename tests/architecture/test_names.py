@@ -21,6 +21,7 @@ LEFT = {
     "authoring.dataset",
     "authoring.rig",
     "building.build",
+    "cli.import_lens",
     "planning.plan",
 }
 """Functions that take more, because their parameters are the options of a command line. No others may."""
