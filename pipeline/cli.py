@@ -54,6 +54,13 @@ class Spacing(StrEnum):
     AFTER = "after"
 
 
+class Apertures(StrEnum):
+    """Meaning of the apertures in a FlareSim lens: whole diameters or half of them."""
+
+    DIAMETER = "diameter"
+    SEMI_DIAMETER = "semi-diameter"
+
+
 @app.callback(invoke_without_command=True)
 def pipeline(
     version: Annotated[
@@ -221,7 +228,8 @@ def import_lens(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="Zemax .zmx, CODE V .seq, pbrt .dat; a table .csv, .tsv, .txt, also of the Blender add-on.",
+            help="Zemax .zmx, CODE V .seq, pbrt .dat, FlareSim .lens; a text of the Optical Bench; a table .csv, .tsv,"
+            " .txt, also of the Blender add-on.",
         ),
     ],
     out: Annotated[
@@ -229,6 +237,14 @@ def import_lens(
     ] = None,
     spacing: Annotated[
         Spacing | None, typer.Option(metavar="before|after", help="Position of thicknesses in a pbrt table.")
+    ] = None,
+    apertures: Annotated[
+        Apertures | None,
+        typer.Option(metavar="diameter|semi-diameter", help="Meaning of the column semi_ap of a FlareSim lens."),
+    ] = None,
+    scenario: Annotated[
+        int | None,
+        typer.Option("--scenario", metavar="N", help="Focal length and focus of an Optical Bench text, from 1."),
     ] = None,
     f_number: Annotated[
         float | None,
@@ -249,8 +265,10 @@ def import_lens(
     """
     from pipeline.app.importing import import_lens
 
-    asked = {"f_number": f_number, "half_field_deg": half_field}
-    _deliver(import_lens(file, spacing.value if spacing else None, **asked), out)
+    beam = {"f_number": f_number, "half_field_deg": half_field}
+    meaning = apertures.value if apertures else None
+    told = spacing.value if spacing else None
+    _deliver(import_lens(file, told, apertures=meaning, scenario=scenario, **beam), out)
 
 
 @imports.command("camera", cls=Verb)

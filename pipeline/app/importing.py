@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import UsageError
@@ -33,7 +34,7 @@ class Imported:
     warnings: tuple[str, ...]
 
 
-def import_lens(path: Path, spacing: str | None = None, **beam: float | None) -> Imported:
+def import_lens(path: Path, spacing: str | None = None, **options: Any) -> Imported:
     """Import the lens of a file as a stage; the arguments are those of `read_lens`.
 
     Raises
@@ -41,7 +42,7 @@ def import_lens(path: Path, spacing: str | None = None, **beam: float | None) ->
     UnreadableLens
         The file cannot be read, or its lens cannot be represented.
     """
-    lens = read_lens(path, spacing, **beam)
+    lens = read_lens(path, spacing, **options)
     try:
         text = lens_text(replace(lens, provenance=(*lens.provenance, *_losses(lens.lost))))
     except PrescriptionError as error:

@@ -87,3 +87,13 @@ def blender(lens: Prescription) -> bytes:
         material = "air;;" if s.index == 1 else f"GLASS;{s.index!r};50.0"
         lines.append(f"{radius};{s.thickness_mm!r};{material};{s.semi_diameter_mm!r}  ")
     return ("\r\n".join([*lines, ";;;;;"]) + "\r\n").encode()
+
+
+def optical_bench(lens: Prescription) -> bytes:
+    """A text of the Optical Bench: tabs, whole diameters, AS for the radius of the stop."""
+    lines = ["[descriptive data]", "title\tRound trip", "[variable distances]", "F-Number\t2", "[lens data]"]
+    for i, s in enumerate(lens.surfaces, 1):
+        radius = "AS" if s.is_stop else "Infinity" if math.isinf(s.radius_mm) else repr(s.radius_mm)
+        glass = f"{s.index!r}\t{2 * s.semi_diameter_mm!r}\t50.0" if s.index != 1 else f"\t{2 * s.semi_diameter_mm!r}"
+        lines.append(f"{i}\t{radius}\t{s.thickness_mm!r}\t{glass}")
+    return ("\n".join(lines) + "\n").encode()

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from pipeline.files.lenses.blender import is_blender, read_blender
 from pipeline.files.lenses.codev import read_codev
+from pipeline.files.lenses.flaresim import read_flaresim
+from pipeline.files.lenses.optical_bench import is_optical_bench, read_optical_bench
 from pipeline.files.lenses.pbrt import read_pbrt
 from pipeline.files.lenses.sizing import Beam, sized
 from pipeline.files.lenses.table import read_table
@@ -13,18 +15,22 @@ from pipeline.files.lenses.text import UnreadableLens, read_lines
 from pipeline.files.lenses.zemax import read_zemax
 from pipeline.optics.printed import PrintedLens
 
-_READERS: dict[str, tuple[str, Callable[[str | Path], PrintedLens]]] = {
+_READERS: dict[str, tuple[str, Callable[..., PrintedLens]]] = {
     ".zmx": ("a Zemax lens file", read_zemax),
     ".seq": ("a CODE V sequence", read_codev),
     ".dat": ("a lens table of pbrt", read_pbrt),
+    ".lens": ("a lens of FlareSim", read_flaresim),
 }
 _TABLES = (".csv", ".tsv", ".txt")
+_TABLE, _BENCH = "table", "optical bench"
 
 
 def read_lens(
     path: str | Path,
     spacing: str | None = None,
     *,
+    apertures: str | None = None,
+    scenario: int | None = None,
     f_number: float | None = None,
     half_field_deg: float | None = None,
 ) -> PrintedLens:
@@ -35,6 +41,10 @@ def read_lens(
     path : path
     spacing : {"before", "after"}, optional
         Only for pbrt: the meaning of its thicknesses.
+    apertures : {"diameter", "semi-diameter"}, optional
+        Only for FlareSim: the meaning of its column semi_ap.
+    scenario : int, optional
+        Only for the Optical Bench: which of its focal lengths and focus distances, counted from 1.
     f_number, half_field_deg : float, optional
         Only for tables: the beam for which semi-diameters that are missing are computed; they override those of the
         file.
@@ -44,24 +54,44 @@ def read_lens(
     UnreadableLens
         The format is unknown, or the lens cannot be represented.
     """
+    kind = _kind(path)
+    for name, value, only, what in (
+        ("--spacing", spacing, ".dat", "lens tables of pbrt (.dat)"),
+        ("--apertures", apertures, ".lens", "lenses of FlareSim (.lens)"),
+        ("--scenario", scenario, _BENCH, "texts of the Optical Bench"),
+        (
+            "--f-number and --half-field",
+            half_field_deg if f_number is None else f_number,
+            _TABLE,
+            "tables (.csv, .tsv, .txt)",
+        ),
+    ):
+        if value is not None and kind != only:
+            raise UnreadableLens(path, f"{name} {'are' if ' and ' in name else 'is'} for {what}")
+    if kind == _TABLE:
+        what, lens = _from_table(path, f_number, half_field_deg)
+    elif kind == _BENCH:
+        what, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
+    else:
+        what, reader = _READERS[kind]
+        told = {".dat": spacing, ".lens": apertures}
+        lens = reader(path, told[kind]) if kind in told else reader(path)
+    origin = f"Imported from {Path(path).name}, {what}."
+    return replace(lens, provenance=(origin, *lens.provenance))
+
+
+def _kind(path: str | Path) -> str:
+    """The ending of the name in lower case, or which of the texts and tables that share their endings."""
     suffix = Path(path).suffix.lower()
     if suffix == ".js":
         raise UnreadableLens(path, "is a camera of libpleno", hint="pipeline import camera FILE")
-    if suffix not in (*_READERS, *_TABLES):
-        kinds = ", ".join(f"{ending} ({what})" for ending, (what, _) in _READERS.items())
-        kinds += f", {', '.join(_TABLES)} (a plain table, or one of the Blender add-on)"
-        raise UnreadableLens(path, f'lens files do not end in "{suffix}"', hint=f"known are {kinds}")
-    if spacing and suffix != ".dat":
-        raise UnreadableLens(path, "--spacing is for lens tables of pbrt (.dat)")
     if suffix in _TABLES:
-        what, lens = _from_table(path, f_number, half_field_deg)
-    elif f_number is not None or half_field_deg is not None:
-        raise UnreadableLens(path, "--f-number and --half-field are for tables (.csv, .tsv, .txt)")
-    else:
-        what, reader = _READERS[suffix]
-        lens = read_pbrt(path, spacing) if suffix == ".dat" else reader(path)
-    origin = f"Imported from {Path(path).name}, {what}."
-    return replace(lens, provenance=(origin, *lens.provenance))
+        return _BENCH if is_optical_bench(read_lines(path)) else _TABLE
+    if suffix not in _READERS:
+        kinds = ", ".join(f"{ending} ({what})" for ending, (what, _) in _READERS.items())
+        kinds += f", {', '.join(_TABLES)} (a plain table, one of the Blender add-on, or a text of the Optical Bench)"
+        raise UnreadableLens(path, f'lens files do not end in "{suffix}"', hint=f"known are {kinds}")
+    return suffix
 
 
 def _from_table(path: str | Path, f_number: float | None, half_field_deg: float | None) -> tuple[str, PrintedLens]:

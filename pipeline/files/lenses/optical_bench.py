@@ -1,0 +1,208 @@
+"""Lenses of the Optical Bench of Photons to Photos (W. Claff): a text of sections in brackets, cells between tabs.
+
+Rows of `[lens data]` are `id radius thickness nd diameter vd [glass vendor]` in mm, from the scene to the sensor. A
+radius may be AS (aperture stop), FS (field stop) or CG (cover glass), a thickness the name of a row of `[variable
+distances]`, which has one column per scenario: focal length and focus of a zoom. `[aspherical data]` are `id radius K`
+and coefficients whose powers `[constants]` decides.
+"""
+
+import math
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from pipeline.files.lenses.stated import Stated, remarks
+from pipeline.files.lenses.text import UnreadableLens, number, read_lines
+from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+
+_Row = tuple[int, list[str]]
+_STOP, _FLAT = "AS", ("FS", "CG", "INFINITY", "-INFINITY")
+_UNREAD = ("diffractive data",)
+_SKIPPED = ("descriptive data", "figure", "group data", "notes", "patent info", "report data")
+_SAME_RADIUS = 1e-4
+"""Relative difference of the two radii of an asphere that is still rounding: they are printed with five digits."""
+
+
+@dataclass(slots=True)
+class _Bench:
+    """A file by its sections, and the scenario that is read: the column of `[variable distances]`, counted from 0."""
+
+    path: str | Path
+    scenario: int
+    sections: dict[str, list[_Row]] = field(default_factory=dict)
+    lost: list[Lost] = field(default_factory=list)
+
+    def rows(self, section: str) -> list[_Row]:
+        """Rows of a section, empty if the file has none."""
+        return self.sections.get(section, [])
+
+    def value(self, name: str) -> float | None:
+        """A figure of the scenario; None if it is absent or not stated."""
+        for line, cells in self.rows("variable distances"):
+            if cells[0] == name:
+                text = cells[1 + self.scenario] if len(cells) > 1 + self.scenario else ""
+                return None if text.casefold() in ("", "undefined", "infinity") else number(self.path, line, text, name)
+        return None
+
+
+def is_optical_bench(lines: list[str]) -> bool:
+    """Whether a text begins with a section of the Optical Bench."""
+    first = next((text for text in lines if text.strip() and not text.startswith("#")), "")
+    return re.match(r"\[(descriptive data|constants|variable distances|lens data)\]", first.strip()) is not None
+
+
+def read_optical_bench(path: str | Path, scenario: int | None = None) -> PrintedLens:
+    """A lens from a text of the Optical Bench.
+
+    Parameters
+    ----------
+    path : path
+    scenario : int, optional
+        Column of `[variable distances]`, counted from 1; by default the first, which is then reported.
+
+    Raises
+    ------
+    UnreadableLens
+        A row cannot be understood, a distance has no value, there is not one stop, or the lens has more than surfaces
+        of revolution.
+    """
+    bench = _Bench(path, 0 if scenario is None else scenario - 1)
+    _split(bench)
+    _choose(bench, scenario)
+    rows = bench.rows("lens data")
+    if not rows:
+        raise UnreadableLens(path, "holds no rows in a section [lens data]")
+    surfaces = [_surface(bench, line, cells) for line, cells in rows]
+    _check_stop(path, [line for (line, _), one in zip(rows, surfaces, strict=True) if one.is_stop])
+    surfaces = _with_aspheres(bench, surfaces, [cells[0] for _, cells in rows])
+    last = surfaces[-1].thickness_mm
+    said = {cells[0]: cells[1:] for _, cells in bench.rows("descriptive data")}
+    lens = PrintedLens(
+        name=" ".join(said.get("title", ())).strip() or Path(path).stem,
+        provenance=tuple(" ".join(cells).strip() for name, cells in said.items() if name == "patent" and any(cells)),
+        surfaces=tuple(surfaces),
+        nominal_efl_mm=bench.value("Focal Length"),
+        nominal_bfd_mm=last if last > 0 else None,
+    )
+    stated = Stated(efl_mm=lens.nominal_efl_mm, bfd_mm=_focus_mm(bench, last), f_number=bench.value("F-Number"))
+    return replace(lens, lost=(*bench.lost, *remarks(lens, stated, without_aspheres=False)))
+
+
+def _split(bench: _Bench) -> None:
+    rows: list[_Row] | None = None
+    for line, text in enumerate(read_lines(bench.path), 1):
+        cells = [cell.strip() for cell in text.split("\t")]
+        if found := re.fullmatch(r"\[(.+)\]", cells[0]):
+            name = found[1].casefold()
+            if name in _UNREAD:
+                raise UnreadableLens(bench.path, f"[{name}] makes surfaces diffract, which we cannot", line=line)
+            if name not in (*_SKIPPED, "constants", "variable distances", "lens data", "aspherical data"):
+                bench.lost.append(Lost(what=f"section [{name}] is not read", line=line))
+            rows = bench.sections.setdefault(name, [])
+        elif rows is not None and cells[0] and not cells[0].startswith("#"):
+            rows.append((line, cells))
+
+
+def _choose(bench: _Bench, asked: int | None) -> None:
+    """Check the scenario; report it where the file has several, and where its object is near."""
+    rows = {cells[0]: (line, [cell for cell in cells[1:] if cell]) for line, cells in bench.rows("variable distances")}
+    line, lengths = rows.get("Focal Length", (None, []))
+    count = max((len(values) for _, values in rows.values()), default=1)
+    if bench.scenario not in range(count):
+        reason = f"has no scenario {bench.scenario + 1}; its [variable distances] have {count}"
+        raise UnreadableLens(bench.path, reason, line=line, hint=f"--scenario 1 to {count}")
+    if count > 1 and asked is None:
+        shown = ", ".join(lengths) or "not stated"
+        what = f"scenario 1 of {count} was read (focal lengths {shown}); --scenario takes another"
+        bench.lost.append(Lost(what=what, line=line))
+    if (near_mm := bench.value("d0")) is not None:
+        what = f"the scenario is focused on an object {near_mm:g} mm away; a rig of this lens has its own focus"
+        bench.lost.append(Lost(what=what, line=rows["d0"][0]))
+
+
+def _focus_mm(bench: _Bench, last_mm: float) -> float | None:
+    """Thickness of the last row, if it is the back focal distance: at infinity, and not left out."""
+    return last_mm if last_mm > 0 and bench.value("d0") is None else None
+
+
+def _surface(bench: _Bench, line: int, cells: list[str]) -> PrintedSurface:
+    cells = cells + [""] * (8 - len(cells))
+    shape, space, index, diameter, abbe, glass, vendor = cells[1:8]
+    is_stop = shape.upper() == _STOP
+    plane = is_stop or shape.upper() in _FLAT
+    wide_mm = bench.value("Aperture Diameter") if is_stop else None
+    wide_mm = wide_mm or _number(bench, line, diameter, "the diameter")
+    index_value = _number(bench, line, index, "the index") or 1.0
+    return PrintedSurface(
+        radius_mm=math.inf if plane else _number(bench, line, shape, "the radius") or math.inf,
+        thickness_mm=_space_mm(bench, line, space),
+        semi_diameter_mm=wide_mm / 2 if wide_mm else None,
+        index=index_value,
+        abbe=_number(bench, line, abbe, "the Abbe number") if index_value != 1 else None,
+        glass=f"{vendor.casefold()}:{glass}" if glass and vendor else glass,
+        is_stop=is_stop,
+    )
+
+
+def _number(bench: _Bench, line: int, text: str, what: str) -> float | None:
+    return number(bench.path, line, text, what) if text else None
+
+
+def _space_mm(bench: _Bench, line: int, text: str) -> float:
+    """A thickness, or the value of the distance of that name."""
+    if not text[:1].isalpha():
+        return _number(bench, line, text, "the thickness") or 0.0
+    found = bench.value(text)
+    if found is None:
+        names = [cells[0] for _, cells in bench.rows("variable distances")]
+        known = (
+            "is not in [variable distances]" if text not in names else f"has no value in scenario {bench.scenario + 1}"
+        )
+        raise UnreadableLens(
+            bench.path, f'the distance "{text}" {known}', line=line, hint="write its value there, in mm"
+        )
+    return found
+
+
+def _check_stop(path: str | Path, lines: list[int]) -> None:
+    if len(lines) != 1:
+        reason = f"{len(lines)} rows have AS for a radius, and one must be the aperture stop"
+        hint = "write a row AS with the spaces before and behind it" if not lines else "write FS for the others"
+        raise UnreadableLens(path, reason, line=lines[1] if lines else None, hint=hint)
+
+
+def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]) -> list[PrintedSurface]:
+    found = list(surfaces)
+    if (odd := _odd(bench)) and bench.rows("aspherical data"):
+        what = f"AsphericalOddCount {odd}: coefficients were read as odd powers from 3 and all even ones from 4 on"
+        bench.lost.append(Lost(what=what, line=bench.rows("aspherical data")[0][0]))
+    for line, cells in bench.rows("aspherical data"):
+        if cells[0] not in ids:
+            raise UnreadableLens(bench.path, f'[aspherical data] of "{cells[0]}", which is no surface', line=line)
+        i = ids.index(cells[0])
+        numbers = [_number(bench, line, cell, "a coefficient") or 0.0 for cell in cells[2:]]
+        radius_mm = math.inf if cells[1].upper() in _FLAT else number(bench.path, line, cells[1], "the radius")
+        if not math.isclose(radius_mm, surfaces[i].radius_mm, rel_tol=_SAME_RADIUS):
+            reason = f"surface {cells[0]} has radius {surfaces[i].radius_mm:g} mm, and {radius_mm:g} as an asphere"
+            raise UnreadableLens(bench.path, reason, line=line)
+        terms = zip(_powers(bench, len(numbers) - 1), numbers[1:], strict=True)
+        asphere = tuple((power, value) for power, value in terms if value)
+        found[i] = replace(surfaces[i], conic=numbers[0] if numbers else 0.0, asphere=asphere)
+    return found
+
+
+def _powers(bench: _Bench, count: int) -> list[int]:
+    """Powers of the height to which `count` coefficients belong: 4, 6, 8 …, with A2 from 2, with `AsphericalOddCount` n
+    the odd powers 3, 5 … in between as long as there are n of them.
+    """
+    odd = _odd(bench)
+    powers = [2 * i + 3 for i in range(odd)] + [2 * i + 4 for i in range(max(count, 0))]
+    has_2 = not odd and any(cells[0] == "AsphericalA2" for _, cells in bench.rows("constants"))
+    return sorted([2] * has_2 + powers)[: max(count, 0)]
+
+
+def _odd(bench: _Bench) -> int:
+    for line, cells in bench.rows("constants"):
+        if cells[0] == "AsphericalOddCount" and len(cells) > 1:
+            return int(number(bench.path, line, cells[1], "AsphericalOddCount"))
+    return 0
