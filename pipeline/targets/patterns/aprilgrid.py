@@ -4,7 +4,6 @@ Source of layout, orientation of the tags and order: ethz-asl/kalibr, GridCalibr
 kalibr_create_target_pdf.
 """
 
-import functools
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -13,7 +12,7 @@ import numpy as np
 from pipeline.targets.drawing import Drawing, Polygon, rectangle
 from pipeline.targets.errors import TargetError
 from pipeline.targets.patterns.dictionaries import bits_of, require_tags
-from pipeline.targets.patterns.pattern import Base, Marks
+from pipeline.targets.patterns.pattern import Base, Marks, drawn_once
 from pipeline.targets.patterns.tags import tag_shapes
 
 
@@ -70,9 +69,22 @@ class AprilGrid(Base):
         return both - both[-1] / 2
 
     @property
+    @drawn_once
     def drawing(self) -> Drawing:
         """Tags, and squares at the corners of the gaps."""
-        return _sheet(self)
+        x, y, gap = self._corners(self.columns), self._corners(self.rows), self._gap_mm
+        squares = [
+            Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
+            for bottom in (y[0] - gap, *y[1::2])
+            for left in (x[0] - gap, *x[1::2])
+        ]
+        tags = [
+            shape
+            for row, bottom in enumerate(y[::2])
+            for column, left in enumerate(x[::2])
+            for shape in self._tag(row * self.columns + column, float(left), float(bottom))
+        ]
+        return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))
 
     def _tag(self, number: int, left: float, bottom: float) -> list[Polygon]:
         # OpenCV stores upside down what Kalibr and the AprilTag library print upright.
@@ -95,21 +107,3 @@ class AprilGrid(Base):
             f" {self.first_tag} to {self.first_tag + self.columns * self.rows - 1} from the bottom left,"
             f" spacing {self.spacing:g}, border {self.border_bits} cells"
         )
-
-
-@functools.lru_cache(maxsize=8)  # the faces of a cube, and more
-def _sheet(grid: AprilGrid) -> Drawing:
-    """The drawing of a grid, cached: tags are outlined bit by bit."""
-    x, y, gap = grid._corners(grid.columns), grid._corners(grid.rows), grid._gap_mm
-    squares = [
-        Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
-        for bottom in (y[0] - gap, *y[1::2])
-        for left in (x[0] - gap, *x[1::2])
-    ]
-    tags = [
-        shape
-        for row, bottom in enumerate(y[::2])
-        for column, left in enumerate(x[::2])
-        for shape in grid._tag(row * grid.columns + column, float(left), float(bottom))
-    ]
-    return Drawing(float(x[-1]) + 3 * gap, float(y[-1]) + 3 * gap, (*squares, *tags))

@@ -1,6 +1,5 @@
 """A ChArUco board: a checkerboard with a tag in every white square, as OpenCV's CharucoBoard draws it."""
 
-import functools
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -9,7 +8,7 @@ import numpy as np
 from pipeline.targets.drawing import Checks, Drawing
 from pipeline.targets.errors import TargetError
 from pipeline.targets.patterns.dictionaries import bits_of, require_tags
-from pipeline.targets.patterns.pattern import Base, Marks, grid
+from pipeline.targets.patterns.pattern import Base, Marks, drawn_once, grid
 from pipeline.targets.patterns.tags import tag_shapes
 
 
@@ -65,9 +64,17 @@ class Charuco(Base):
         return squares[((column + row) % 2 == 1).ravel()]
 
     @property
+    @drawn_once
     def drawing(self) -> Drawing:
         """Squares, and tags on the white ones."""
-        return _sheet(self)
+        half = (self.columns + 3) * self.square_mm / 2, (self.rows + 3) * self.square_mm / 2
+        checks = Checks(columns=self.columns, rows=self.rows, square=self.square_mm)
+        tags = [
+            shape
+            for i, (x, y) in enumerate(self._tag_centres() - self.marker_mm / 2)
+            for shape in tag_shapes(bits_of(self.dictionary, self.first_tag + i), x, y, self.marker_mm, 1)
+        ]
+        return Drawing(*half, (checks, *tags))
 
     def marks(self) -> Marks:
         """Inner corners, then those of the tags."""
@@ -88,16 +95,3 @@ class Charuco(Base):
             f" {self.first_tag} to {self.first_tag + self.tags - 1} of {self.marker_mm:g} mm,"
             f" corners 0 to {self.columns * self.rows - 1} from the top left"
         )
-
-
-@functools.lru_cache(maxsize=8)  # the faces of a cube, and more
-def _sheet(board: Charuco) -> Drawing:
-    """The drawing of a board, cached: tags are outlined bit by bit."""
-    half = (board.columns + 3) * board.square_mm / 2, (board.rows + 3) * board.square_mm / 2
-    checks = Checks(columns=board.columns, rows=board.rows, square=board.square_mm)
-    tags = [
-        shape
-        for i, (x, y) in enumerate(board._tag_centres() - board.marker_mm / 2)
-        for shape in tag_shapes(bits_of(board.dictionary, board.first_tag + i), x, y, board.marker_mm, 1)
-    ]
-    return Drawing(*half, (checks, *tags))

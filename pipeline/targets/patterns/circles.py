@@ -1,6 +1,5 @@
 """Grids of discs, symmetric and asymmetric, as OpenCV's findCirclesGrid counts them."""
 
-import functools
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from pipeline.targets.drawing import Disc, Drawing
 from pipeline.targets.errors import TargetError
-from pipeline.targets.patterns.pattern import Base, Marks, grid
+from pipeline.targets.patterns.pattern import Base, Marks, drawn_once, grid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,9 +58,12 @@ class CircleGrid(Base):
         return Marks.of(("disc", centres), radius_mm=self.diameter_mm / 2)
 
     @property
+    @drawn_once
     def drawing(self) -> Drawing:
         """Discs on a sheet with a margin of one spacing plus a radius around the outermost centres."""
-        return _discs(self)
+        marks, radius = self.marks().xy_mm, self.diameter_mm / 2
+        half_x, half_y = np.abs(marks).max(axis=0) + self.spacing_mm + radius
+        return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])
 
     def title(self) -> str:
         """One line for a print."""
@@ -70,11 +72,3 @@ class CircleGrid(Base):
             f"{kind} circle grid, {self.columns} x {self.rows} discs of {self.diameter_mm:g} mm, spacing"
             f" {self.spacing_mm:g} mm, ids 0 to {self.columns * self.rows - 1} from the top left"
         )
-
-
-@functools.lru_cache(maxsize=4)
-def _discs(grid: CircleGrid) -> Drawing:
-    """The drawing of a grid, cached: a large one has tens of thousands of discs."""
-    marks, radius = grid.marks().xy_mm, grid.diameter_mm / 2
-    half_x, half_y = np.abs(marks).max(axis=0) + grid.spacing_mm + radius
-    return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])

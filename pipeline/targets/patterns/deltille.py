@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.targets.drawing import Drawing, Polygon
 from pipeline.targets.errors import TargetError
-from pipeline.targets.patterns.pattern import Base, Marks, points_of
+from pipeline.targets.patterns.pattern import Base, Marks, drawn_once, points_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +50,7 @@ class Deltille(Base):
         return Marks.of(("corner", self._nodes()[1:-1, 1:-1].reshape(-1, 2)))
 
     @property
+    @drawn_once
     def drawing(self) -> Drawing:
         """Black triangles on a sheet with a margin of half an edge."""
         nodes, triangles = self._nodes(), []

@@ -1,8 +1,9 @@
 """Common parts of all patterns: a drawing, marks with ids, and the radiance of black and white."""
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -95,6 +96,15 @@ class Base:
         """Radiance at points of the chart, (n,); NaN beside the sheet."""
         whiteness = self.drawing.whiteness(x_mm, y_mm)
         return np.where(np.isnan(whiteness), np.nan, np.where(whiteness == 1, self.white, self.black))
+
+
+def drawn_once(draw: Callable[[Any], Drawing]) -> Callable[[Any], Drawing]:
+    """Decorate the drawing of a pattern, so that equal patterns are drawn once.
+
+    A large board has tens of thousands of pieces, and every tile of a truth asks for its drawing. Eight are kept: the
+    faces of a cube, and two more.
+    """
+    return functools.lru_cache(maxsize=8)(draw)
 
 
 def grid(columns: int, rows: int, spacing_x: float, spacing_y: float | None = None) -> np.ndarray:
