@@ -15,6 +15,8 @@ class Origin(StrEnum):
     HALF = "0.5"
     ONE = "1"
     IMAGE_CENTRE = "from the image centre"
+    SHARE = "0.5 / size"
+    """Shares of width and height, from a corner: half a pixel of them."""
 
 
 class ImageAxes(StrEnum):
@@ -23,6 +25,14 @@ class ImageAxes(StrEnum):
     X_Y = "x right, y down"
     Y_X = "y down, then x right"
     X_UP = "x right, y up"
+
+
+class Rays(StrEnum):
+    """Axes in which a format counts rays; their origin is the centre of the aperture stop."""
+
+    VISION = "x right, y down, z forward"
+    USD = "x right, y up, z backward"
+    NONE = "none"
 
 
 class Board(StrEnum):
@@ -112,19 +122,10 @@ class Convention:
     rotation: Rotation = Rotation.NONE
     unit: Unit
     microlenses: Microlenses = Microlenses.NONE
+    rays: Rays = Rays.NONE
     source: str
 
 
-OMNIVERSE = Convention(
-    consumer="Omniverse RTX, Isaac Sim, Newton: schemas OmniLensDistortion…API",
-    files="a layer with applied schemas, see `pipeline fit`",
-    cameras=Cameras.ANY,
-    origin=Origin.HALF,
-    board=Board.NONE,
-    unit=Unit.NONE,
-    source="NVIDIA: omni.usd.schema.omni_lens_distortion; newton-physics/newton: usd camera rays and their tests",
-)
-"""What pixels are called in attributes of Omniverse: `pipeline fit` writes them."""
 CONVENTIONS = {
     "opencv": Convention(
         consumer="OpenCV 4 and 5",
@@ -285,5 +286,46 @@ CONVENTIONS = {
         microlenses=Microlenses.AXIAL,
         source="CONVENTIONS.md: nothing is converted",
     ),
+    "rays": Convention(
+        consumer="ray tracers and robotics simulators; NumPy, OpenEXR",
+        files="<camera>.rays.npz, <camera>.rays.exr: origin and direction of the ray of each pixel, the top row first",
+        cameras=Cameras.ANY,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.MM,
+        microlenses=Microlenses.AXIAL,
+        rays=Rays.VISION,
+        source="CONVENTIONS.md, The ray of a position",
+    ),
+    "stmap": Convention(
+        consumer="Nuke and other compositors: STMap",
+        files="<camera>.undistort.exr, <camera>.distort.exr: s and t of each pixel in R and G, the top row first",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.SHARE,
+        axes=ImageAxes.X_UP,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        source="Foundry: Nuke, STMap; the identity is ((x + 0.5) / width, (y + 0.5) / height) from the bottom left",
+    ),
+    "omni-lut": Convention(
+        consumer="Omniverse RTX, Isaac Sim: OmniLensDistortionLutAPI",
+        files="<camera>.ray_enter.exr, <camera>.ray_exit.exr, <camera>.usda",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.SHARE,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        rays=Rays.USD,
+        source="NVIDIA: omni.usd.schema.omni_lens_distortion, lens calibration of ovrtx; DS-MSP: isaac_sim/lut.py",
+    ),
 }
 """Format -> convention, in the order of `pipeline export --list`."""
+OMNIVERSE = Convention(
+    consumer="Omniverse RTX, Isaac Sim, Newton: schemas OmniLensDistortion…API",
+    files="a layer with applied schemas, see `pipeline fit`",
+    cameras=Cameras.ANY,
+    origin=Origin.HALF,
+    board=Board.NONE,
+    unit=Unit.NONE,
+    source="NVIDIA: omni.usd.schema.omni_lens_distortion; newton-physics/newton: usd camera rays and their tests",
+)
+"""Meaning of pixels in attributes of Omniverse: `pipeline fit` writes them."""

@@ -19,6 +19,7 @@ from pipeline.exports.writers import (
     raytrix,
     tables,
 )
+from pipeline.exports.writers.maps import omni_lut, rays, stmap
 
 Writer = Callable[[Material, Path], None]
 WRITERS: dict[str, Writer] = {
@@ -37,5 +38,8 @@ WRITERS: dict[str, Writer] = {
     "plenopticam": plenopticam.write,
     "parquet": tables.write_parquet,
     "npz": tables.write_npz,
+    "rays": rays.write,
+    "stmap": stmap.write,
+    "omni-lut": omni_lut.write,
 }
 """Format -> what writes its files into a folder, of a material in its conventions; as many as in CONVENTIONS."""
