@@ -317,6 +317,26 @@ CONVENTIONS = {
         rays=Rays.USD,
         source="NVIDIA: omni.usd.schema.omni_lens_distortion, lens calibration of ovrtx; DS-MSP: isaac_sim/lut.py",
     ),
+    "depth": Convention(
+        consumer="robotics, compositors; OpenEXR",
+        files="<camera>/<frame>.depth.exr: channel Z, how far the first surface is that the ray of a pixel meets",
+        cameras=Cameras.ANY,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.MM,
+        rays=Rays.VISION,
+        source="CONVENTIONS.md, The ray of a position",
+    ),
+    "lightfield": Convention(
+        consumer="light-field code in Python; NumPy",
+        files="<camera>/<frame>.lightfield.npz: views (v, u, row, column), the top row first",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="CONVENTIONS.md; columns and rows as in libpleno, pleno/geometry/mesh.cpp",
+    ),
 }
 """Format -> convention, in the order of `pipeline export --list`."""
 OMNIVERSE = Convention(

@@ -19,7 +19,7 @@ from pipeline.exports.writers import (
     raytrix,
     tables,
 )
-from pipeline.exports.writers.maps import omni_lut, rays, stmap
+from pipeline.exports.writers.maps import depth, lightfield, omni_lut, rays, stmap
 
 Writer = Callable[[Material, Path], None]
 WRITERS: dict[str, Writer] = {
@@ -41,5 +41,7 @@ WRITERS: dict[str, Writer] = {
     "rays": rays.write,
     "stmap": stmap.write,
     "omni-lut": omni_lut.write,
+    "depth": depth.write,
+    "lightfield": lightfield.write,
 }
 """Format -> what writes its files into a folder, of a material in its conventions; as many as in CONVENTIONS."""

@@ -11,7 +11,7 @@ from pipeline.built.output import Output
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
 from pipeline.exports.cameras import ExportCamera, ExportPinhole, MicroImages
 from pipeline.exports.errors import ExportError
-from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations
+from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations, Scene
 from pipeline.exports.seen.stated_sight import Sight
 from pipeline.spelling import did_you_mean
 
@@ -27,6 +27,14 @@ def sight_of(out: Path, name: str) -> Sight:
     from pipeline.sight.opening import ready  # loads USD and the tracer, which few formats need
 
     return ready(out, name)
+
+
+@lru_cache(maxsize=1)
+def scene_of(out: Path) -> Scene:
+    """What stands before the cameras of a build."""
+    from pipeline.sight import scenes  # as above
+
+    return scenes.scene_of(out)
 
 
 _Named = TypeVar("_Named", "ExportCamera", "ExportTarget")
@@ -55,6 +63,8 @@ def gather(output: Output, position: str = "exact") -> Material:
         cameras=tuple(_camera(output, camera) for camera in output.cameras.values()),
         targets=tuple(map(_target, output.targets.values())),
         views=tuple(views),
+        frames=output.frames,
+        scene=partial(scene_of, output.path),
     )
 
 

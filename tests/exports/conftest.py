@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from exports.maps import PinholeSight
+from exports.maps import PinholeSight, SlantedScene
 
 from pipeline.exports import gathering
 
@@ -17,3 +17,10 @@ def sights_of_pretended_builds(monkeypatch):
         return PinholeSight() if stage.startswith("pretended") else traced(out, name)
 
     monkeypatch.setattr(gathering, "sight_of", sight)
+    beheld = gathering.scene_of
+
+    def scene(out):
+        stage = json.loads((out / "manifest.json").read_text())["stage"]
+        return SlantedScene() if stage.startswith("pretended") else beheld(out)
+
+    monkeypatch.setattr(gathering, "scene_of", scene)

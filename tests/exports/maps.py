@@ -52,6 +52,19 @@ class PinholeSight:
         )
 
 
+PLANE, EDGE_MM = (np.array([0.3, -0.2, 1.0]), 410.0), 50.0
+"""A plane of the vision frame, n . X = d, and the x where its surface ends."""
+
+
+class SlantedScene:
+    """A half plane before the camera."""
+
+    def distance_mm(self, frame, camera, origin_mm, direction):
+        assert (frame, camera) == (1, "Left")
+        along = (PLANE[1] - origin_mm @ PLANE[0]) / (direction @ PLANE[0])
+        return np.where((origin_mm + along[:, None] * direction)[:, 0] < EDGE_MM, along, np.nan)
+
+
 def write_small_build(folder: Path) -> Path:
     """What a build would write of it, as far as maps read that."""
     place = folder / "cameras/Left"
@@ -67,6 +80,9 @@ def write_small_build(folder: Path) -> Path:
         "pinhole": {"centre_mm": STOP_MM.tolist(), **plain, "with_distortion": distorted},
     }
     (place / "camera.json").write_text(json.dumps(record))
+    view = folder / "frames/0001/Left"
+    view.mkdir(parents=True)
+    (view / "poses.json").write_text("{}")
     write_manifest(folder)
     return folder
 
@@ -143,5 +159,20 @@ def check_omni_lut(folder: Path) -> None:
     assert values["model"] == "lut"
 
 
-CHECKS = {"rays": check_rays, "stmap": check_stmap, "omni-lut": check_omni_lut}
+def check_depth(folder: Path) -> None:
+    """A slanted plane before the pinhole, cut off at the right: from the equation of the plane."""
+    depth = channels(folder / "Left/0001.depth.exr", "Z")[..., 0]
+    row, column = np.mgrid[0:48, 0:64].reshape(2, -1)
+    ahead = np.column_stack([undistorted(np.stack([column, row], axis=1)), np.ones(len(row))])
+    z = STOP_MM[2] + (PLANE[1] - PLANE[0] @ STOP_MM) / (ahead @ PLANE[0])
+    is_hit = (ahead * (z - STOP_MM[2])[:, None])[:, 0] < EDGE_MM
+    assert 0 < is_hit.sum() < len(z)
+    same(depth.ravel()[is_hit], z[is_hit], 1e-4)
+    assert np.isnan(depth.ravel()[~is_hit]).all()
+    with OpenEXR.File(str(folder / "Left/0001.depth.exr")) as file:
+        ends = [float(file.header()[name]) for name in ("first_x", "first_y", "last_x", "last_y")]
+    same(ends, [0, 0, 63, 47], 0)
+
+
+CHECKS = {"depth": check_depth, "rays": check_rays, "stmap": check_stmap, "omni-lut": check_omni_lut}
 """Format with rays or maps -> its check."""

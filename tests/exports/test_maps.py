@@ -60,8 +60,8 @@ def test_a_flip_of_a_convention_is_noticed(output, name, field, other, tmp_path,
 def test_the_same_build_gives_the_same_bytes(output, tmp_path):
     first, second = (export(output, list(CHECKS), tmp_path / place) for place in "ab")
     for one, other in zip(first, second, strict=True):
-        for path in one.iterdir():
-            assert path.read_bytes() == (other / path.name).read_bytes(), path.name
+        for path in (path for path in one.rglob("*") if path.is_file()):
+            assert path.read_bytes() == (other / path.relative_to(one)).read_bytes(), path.name
 
 
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
@@ -89,6 +89,29 @@ def test_bands_do_not_show(conventional, tmp_path, monkeypatch):
     (bands,) = export(conventional, ["rays"], tmp_path / "b")
     for path in whole.iterdir():
         assert path.read_bytes() == (bands / path.name).read_bytes(), path.name
+
+
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+def test_depth_of_a_board_is_that_of_its_plane(kind, request, tmp_path):
+    """By the pose of the board and the ray of each pixel; beyond its margin there is nothing."""
+    output = request.getfixturevalue(kind)
+    (folder,) = export(output, ["depth"], tmp_path)
+    camera, (width, height) = pipeline.ready(output.path), output.camera.size_px
+    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    rays = camera.rays(x, y)
+    for view in output.camera.views:
+        depth = channels(folder / f"Rig.Camera/{view.frame:04d}.depth.exr", "Z").ravel()
+        pose = view.poses.camera_from_target["Board"]
+        normal, place = pose[:3, 2], pose[:3, 3]
+        points = (
+            rays.origin_mm + ((place - rays.origin_mm) @ normal / (rays.direction @ normal))[:, None] * rays.direction
+        )
+        on_board = (points - place) @ pose[:3, :3]
+        square = output.targets["Board"].parameters["square_mm"]
+        inside = (np.abs(on_board[:, :2]) < (np.array([4, 3]) / 2 + 1) * square).all(axis=1)
+        assert inside.sum() > 50
+        np.testing.assert_allclose(depth[inside], points[inside, 2], rtol=0, atol=1e-4)
+        assert np.isnan(depth[~inside]).all()
 
 
 def test_st_maps_of_a_real_lens_undo_each_other_and_are_its_rays(conventional, tmp_path):

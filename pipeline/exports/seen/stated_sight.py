@@ -11,6 +11,7 @@ from pipeline.exports.conventions import Convention, Rays
 from pipeline.exports.errors import ExportError
 from pipeline.exports.seen.ideal_map import IdealMap, Sight, ideal_map
 from pipeline.exports.seen.pixels import ours, positions
+from pipeline.sight.answers import PixelRays
 
 _AXES = {Rays.VISION: (1.0, 1.0, 1.0), Rays.USD: (1.0, -1.0, -1.0)}
 """Signs of our x, y and z in the axes of a format."""
@@ -56,13 +57,21 @@ class StatedSight:
         """Rays of rows of pixels."""
         width, _ = self.built.size_px
         y, x = np.mgrid[first:end, 0:width].reshape(2, -1)
-        found = self._sight.rays(x.astype(float), y.astype(float))
+        found = self.traced(x, y)
         shape = (end - first, width, -1)
         return PixelBand(
-            origin=(self.vectors(found.origin_mm) * self.scale).reshape(shape),
+            origin=self.points(found.origin_mm).reshape(shape),
             direction=self.vectors(found.direction).reshape(shape),
             microlenses=None if found.microlens is None else found.microlens.reshape(shape),
         )
+
+    def traced(self, x_px: np.ndarray, y_px: np.ndarray) -> PixelRays:
+        """Rays of positions (n,), all in our conventions."""
+        return self._sight.rays(x_px.astype(float), y_px.astype(float))
+
+    def points(self, ours_mm: np.ndarray) -> np.ndarray:
+        """Points (..., 3) of the vision frame in the axes and the unit of the format."""
+        return self.vectors(ours_mm) * self.scale
 
     def vectors(self, ours_3d: np.ndarray) -> np.ndarray:
         """Vectors (..., 3) of the vision frame in the axes of the format."""

@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
 from pipeline.exports.seen.stated_sight import PixelBand
+from pipeline.exports.writers.maps.header import about
 from pipeline.files.exr_bands import BandedPart, write_bands
 
 _AT_ONCE = 1 << 16
@@ -84,8 +85,7 @@ def _write_exr(
             found |= {name: microlenses[first:end, :, number] for number, name in enumerate(numbers)}
         return found
 
-    (first_x, first_y), (last_x, last_y) = camera.rays.ends.tolist()
-    about: dict[str, Any] = {f"remark{number}": line for number, line in enumerate(material.remarks)}
-    about |= {"first_x": first_x, "first_y": first_y, "last_x": last_x, "last_y": last_y}
-    part = BandedPart(name="rays", shape=rays.shape[:2], channels=(*names, *numbers), rows=rows, attributes=about)
+    part = BandedPart(
+        name="rays", shape=rays.shape[:2], channels=(*names, *numbers), rows=rows, attributes=about(material, camera)
+    )
     write_bands(path, [part])
