@@ -188,6 +188,15 @@ CONVENTIONS = {
         unit=Unit.M,
         source="puzzlepaint/camera_calibration: io/calibration_io.cc, dataset.h",
     ),
+    "mc-calib": Convention(
+        consumer="MC-Calib: keypoints_path",
+        files="detected_keypoints_data.yml",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        source="rameau-fr/MC-Calib: McCalib/src/McCalib.cpp, loadDetectedKeypoints",
+    ),
     "deltille": Convention(
         consumer="Deltille, BabelCalib",
         files="<camera>/<frame>.orpc, board.dsc",
@@ -336,6 +345,16 @@ CONVENTIONS = {
         unit=Unit.NONE,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
         source="CONVENTIONS.md; columns and rows as in libpleno, pleno/geometry/mesh.cpp",
+    ),
+    "puzzlepaint-rays": Convention(
+        consumer="puzzlepaint camera_calibration: NoncentralGenericModel",
+        files="<camera>.yaml: control points of B-splines for points and directions of rays",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.HALF,
+        board=Board.NONE,
+        unit=Unit.M,
+        rays=Rays.VISION,
+        source="puzzlepaint/camera_calibration: noncentral_generic.h, central_grid.h, b_spline.h, calibration_io.cc",
     ),
 }
 """Format -> convention, in the order of `pipeline export --list`."""

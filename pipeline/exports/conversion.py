@@ -73,10 +73,9 @@ def meaning(convention: Convention) -> tuple[str, ...]:
     where = f"the centre of the top-left pixel is ({first}, {first})"
     if convention.origin in (Origin.IMAGE_CENTRE, Origin.SHARE):
         where = {Origin.SHARE: "shares of width and height, from a corner"}.get(convention.origin, first)
-    lines = [
-        f"image positions in px: {where}; {convention.axes}",
-        f"lengths in {convention.unit}; target points: {convention.board}",
-    ]
+    lines = [f"image positions in px: {where}; {convention.axes}"]
+    if convention.unit is not Unit.NONE or convention.board is not Board.NONE:
+        lines.append(f"lengths in {convention.unit}; target points: {convention.board}")
     if convention.pose is not Pose.NONE:
         lines.append(f"poses: {convention.pose}, by the {convention.centre}; rotation: {convention.rotation}")
     if convention.microlenses is not Microlenses.NONE:

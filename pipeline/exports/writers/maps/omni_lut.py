@@ -92,11 +92,13 @@ def octahedral(column: np.ndarray, row: np.ndarray, size: int) -> np.ndarray:
 def _layer(material: Material, camera: ExportCamera) -> str:
     width, height = camera.size_px
     middle_x, middle_y = width / 2, height / 2  # the place of the axis is in the tables: it must not count twice
+    centre = ", ".join(f"{value:.9g}" for value in camera.rays.ideal.pinhole.centre_mm.tolist())
     remarks = "\n".join(material.remarks).replace('"', "'")
     return f'''#usda 1.0
 (
     defaultPrim = "Camera"
-    doc = """{camera.name}: its rays on the plane {camera.rays.ideal.z_mm:.6g} mm before the stop, as tables.
+    doc = """{camera.name}: its rays on the plane {camera.rays.ideal.z_mm:.6g} mm before the stop, as tables of directions.
+They are seen from ({centre}) mm of the vision frame, whose origin is the centre of the stop.
 {remarks}"""
     metersPerUnit = 0.001
     upAxis = "Y"
