@@ -97,7 +97,7 @@ def _layer(material: Material, camera: ExportCamera) -> str:
     return f'''#usda 1.0
 (
     defaultPrim = "Camera"
-    doc = """{camera.name}: its rays on the plane {camera.rays.ideal.z_mm:.6g} mm before the stop, as tables of directions.
+    doc = """{camera.name}: rays on the plane {camera.rays.ideal.z_mm:.6g} mm before the stop, as tables of directions.
 They are seen from ({centre}) mm of the vision frame, whose origin is the centre of the stop.
 {remarks}"""
     metersPerUnit = 0.001
