@@ -20,6 +20,7 @@ HEAD = (
     "target frame, unit",
     "pose",
     "microlenses",
+    "rays",
 )
 
 
@@ -36,7 +37,8 @@ def _row(name: str, one: Convention) -> tuple[str, ...]:
     pose = str(one.pose) if one.pose.name == "NONE" else f"{one.pose}, by the {one.centre}; {one.rotation}"
     files = one.files.replace("<", "\\<")
     board = f"{one.board}; {one.unit}"
-    return (f"`{name}`", one.consumer, files, str(one.cameras), first, str(one.axes), board, pose, str(one.microlenses))
+    numbers = (first, str(one.axes), board, pose, str(one.microlenses), str(one.rays))
+    return (f"`{name}`", one.consumer, files, str(one.cameras), *numbers)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
 """Cameras as an export describes them: a pinhole, micro-images, the regular array and mesh through these."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from pipeline.built.records import BuiltCamera
 from pipeline.exports.errors import ExportError
+from pipeline.exports.seen.stated_sight import Sight, StatedSight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,6 +150,10 @@ class ExportCamera:
         Of formats that count micro-images by column and row; None before the conversion, too.
     pose : StatedPose or None
         From another camera, in formats that state that; None before the conversion, too.
+    sight : callable
+        Makes the camera ready: its rays and projections, in our conventions.
+    stated : StatedSight or None
+        The same in those of a format; None before the conversion.
     built : BuiltCamera
         Everything else that the build says, in our conventions.
     """
@@ -162,6 +168,14 @@ class ExportCamera:
     array: ArrayFit | None = None
     mesh: GridMesh | None = None
     pose: StatedPose | None = None
+    sight: Callable[[], Sight] | None = field(default=None, repr=False)
+    stated: StatedSight | None = field(default=None, repr=False)
+
+    @property
+    def rays(self) -> StatedSight:
+        """Its rays as the format counts them."""
+        assert self.stated is not None
+        return self.stated
 
     @property
     def model(self) -> ExportPinhole:

@@ -15,6 +15,8 @@ class Origin(StrEnum):
     HALF = "0.5"
     ONE = "1"
     IMAGE_CENTRE = "from the image centre"
+    SHARE = "0.5 / size"
+    """Shares of width and height, from a corner: half a pixel of them."""
 
 
 class ImageAxes(StrEnum):
@@ -23,6 +25,14 @@ class ImageAxes(StrEnum):
     X_Y = "x right, y down"
     Y_X = "y down, then x right"
     X_UP = "x right, y up"
+
+
+class Rays(StrEnum):
+    """Axes in which a format counts rays; their origin is the centre of the aperture stop."""
+
+    VISION = "x right, y down, z forward"
+    USD = "x right, y up, z backward"
+    NONE = "none"
 
 
 class Board(StrEnum):
@@ -112,19 +122,10 @@ class Convention:
     rotation: Rotation = Rotation.NONE
     unit: Unit
     microlenses: Microlenses = Microlenses.NONE
+    rays: Rays = Rays.NONE
     source: str
 
 
-OMNIVERSE = Convention(
-    consumer="Omniverse RTX, Isaac Sim, Newton: schemas OmniLensDistortion…API",
-    files="a layer with applied schemas, see `pipeline fit`",
-    cameras=Cameras.ANY,
-    origin=Origin.HALF,
-    board=Board.NONE,
-    unit=Unit.NONE,
-    source="NVIDIA: omni.usd.schema.omni_lens_distortion; newton-physics/newton: usd camera rays and their tests",
-)
-"""What pixels are called in attributes of Omniverse: `pipeline fit` writes them."""
 CONVENTIONS = {
     "opencv": Convention(
         consumer="OpenCV 4 and 5",
@@ -186,6 +187,15 @@ CONVENTIONS = {
         board=Board.NONE,
         unit=Unit.M,
         source="puzzlepaint/camera_calibration: io/calibration_io.cc, dataset.h",
+    ),
+    "mc-calib": Convention(
+        consumer="MC-Calib: keypoints_path",
+        files="detected_keypoints_data.yml",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        source="rameau-fr/MC-Calib: McCalib/src/McCalib.cpp, loadDetectedKeypoints",
     ),
     "deltille": Convention(
         consumer="Deltille, BabelCalib",
@@ -285,5 +295,76 @@ CONVENTIONS = {
         microlenses=Microlenses.AXIAL,
         source="CONVENTIONS.md: nothing is converted",
     ),
+    "rays": Convention(
+        consumer="ray tracers and robotics simulators; NumPy, OpenEXR",
+        files="<camera>.rays.npz, <camera>.rays.exr: origin and direction of the ray of each pixel, the top row first",
+        cameras=Cameras.ANY,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.MM,
+        microlenses=Microlenses.AXIAL,
+        rays=Rays.VISION,
+        source="CONVENTIONS.md, The ray of a position",
+    ),
+    "stmap": Convention(
+        consumer="Nuke and other compositors: STMap",
+        files="<camera>.undistort.exr, <camera>.distort.exr: s and t of each pixel in R and G, the top row first",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.SHARE,
+        axes=ImageAxes.X_UP,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        source="Foundry: Nuke, STMap; the identity is ((x + 0.5) / width, (y + 0.5) / height) from the bottom left",
+    ),
+    "omni-lut": Convention(
+        consumer="Omniverse RTX, Isaac Sim: OmniLensDistortionLutAPI",
+        files="<camera>.ray_enter.exr, <camera>.ray_exit.exr, <camera>.usda",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.SHARE,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        rays=Rays.USD,
+        source="NVIDIA: omni.usd.schema.omni_lens_distortion, lens calibration of ovrtx; DS-MSP: isaac_sim/lut.py",
+    ),
+    "depth": Convention(
+        consumer="robotics, compositors; OpenEXR",
+        files="<camera>/<frame>.depth.exr: channel Z, how far the first surface is that the ray of a pixel meets",
+        cameras=Cameras.ANY,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.MM,
+        rays=Rays.VISION,
+        source="CONVENTIONS.md, The ray of a position",
+    ),
+    "lightfield": Convention(
+        consumer="light-field code in Python; NumPy",
+        files="<camera>/<frame>.lightfield.npz: views (v, u, row, column), the top row first",
+        cameras=Cameras.PLENOPTIC,
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        microlenses=Microlenses.MICRO_IMAGE_GRID,
+        source="CONVENTIONS.md; columns and rows as in libpleno, pleno/geometry/mesh.cpp",
+    ),
+    "puzzlepaint-rays": Convention(
+        consumer="puzzlepaint camera_calibration: NoncentralGenericModel",
+        files="<camera>.yaml: control points of B-splines for points and directions of rays",
+        cameras=Cameras.CONVENTIONAL,
+        origin=Origin.HALF,
+        board=Board.NONE,
+        unit=Unit.M,
+        rays=Rays.VISION,
+        source="puzzlepaint/camera_calibration: noncentral_generic.h, central_grid.h, b_spline.h, calibration_io.cc",
+    ),
 }
 """Format -> convention, in the order of `pipeline export --list`."""
+OMNIVERSE = Convention(
+    consumer="Omniverse RTX, Isaac Sim, Newton: schemas OmniLensDistortion…API",
+    files="a layer with applied schemas, see `pipeline fit`",
+    cameras=Cameras.ANY,
+    origin=Origin.HALF,
+    board=Board.NONE,
+    unit=Unit.NONE,
+    source="NVIDIA: omni.usd.schema.omni_lens_distortion; newton-physics/newton: usd camera rays and their tests",
+)
+"""Meaning of pixels in attributes of Omniverse: `pipeline fit` writes them."""

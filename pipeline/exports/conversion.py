@@ -7,13 +7,23 @@ import numpy as np
 
 from pipeline.exports.array_fit import array_fit
 from pipeline.exports.cameras import ExportCamera, StatedPose
-from pipeline.exports.conventions import Board, Centre, Convention, ImageAxes, Microlenses, Origin, Pose, Rotation, Unit
+from pipeline.exports.conventions import (
+    Board,
+    Centre,
+    Convention,
+    Microlenses,
+    Origin,
+    Pose,
+    Rays,
+    Rotation,
+    Unit,
+)
 from pipeline.exports.material import ExportTarget, ExportView, Material, Observations
 from pipeline.exports.micro_image_grid import MicroImageGrid, micro_image_grid, retyped
+from pipeline.exports.seen.pixels import positions
+from pipeline.exports.seen.stated_sight import StatedSight
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
-_FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
-"""Number of the centre of the top-left pixel [px]; from the image centre it depends on the image."""
 _MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.CM: 0.1, Unit.M: 1e-3}
 """One millimetre in the unit."""
 _AXES = {
@@ -60,29 +70,19 @@ def converted(material: Material, convention: Convention) -> Material:
 def meaning(convention: Convention) -> tuple[str, ...]:
     """Lines that say what the numbers of a file mean."""
     first = str(convention.origin)
-    where = (
-        first if convention.origin is Origin.IMAGE_CENTRE else f"the centre of the top-left pixel is ({first}, {first})"
-    )
-    lines = [
-        f"image positions in px: {where}; {convention.axes}",
-        f"lengths in {convention.unit}; target points: {convention.board}",
-    ]
+    where = f"the centre of the top-left pixel is ({first}, {first})"
+    if convention.origin in (Origin.IMAGE_CENTRE, Origin.SHARE):
+        where = {Origin.SHARE: "shares of width and height, from a corner"}.get(convention.origin, first)
+    lines = [f"image positions in px: {where}; {convention.axes}"]
+    if convention.unit is not Unit.NONE or convention.board is not Board.NONE:
+        lines.append(f"lengths in {convention.unit}; target points: {convention.board}")
     if convention.pose is not Pose.NONE:
         lines.append(f"poses: {convention.pose}, by the {convention.centre}; rotation: {convention.rotation}")
     if convention.microlenses is not Microlenses.NONE:
         lines.append(f"microlenses: {convention.microlenses}")
+    if convention.rays is not Rays.NONE:
+        lines.append(f"rays: {convention.rays}, from the centre of the aperture stop")
     return tuple(lines)
-
-
-def positions(places_px: np.ndarray, convention: Convention, size_px: tuple[int, int]) -> np.ndarray:
-    """Image positions of ours as a format counts them, (n, 2) [px]."""
-    if convention.origin is Origin.IMAGE_CENTRE:
-        shifted = places_px - (np.array(size_px) - 1) / 2
-    else:
-        shifted = places_px + _FIRST_PIXEL[convention.origin]
-    if convention.axes is ImageAxes.X_UP:
-        return shifted * [1, -1]
-    return shifted[..., ::-1] if convention.axes is ImageAxes.Y_X else shifted
 
 
 def board_from_target(target: ExportTarget, convention: Convention) -> np.ndarray:
@@ -131,6 +131,8 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
     if pinhole is not None:
         pinhole = replace(pinhole, principal_point=positions(pinhole.principal_point, convention, camera.size_px))
     axis = positions(camera.axis, convention, camera.size_px)
+    seen = StatedSight(built=camera.built, sight=camera.sight, convention=convention, scale=_MM[convention.unit])
+    camera = replace(camera, stated=seen)
     if images is None:
         return replace(camera, pinhole=pinhole, axis=axis)
     images = replace(images, centres=positions(images.centres, convention, camera.size_px))

@@ -11,6 +11,7 @@ from pipeline.exports.writers import (
     kalibr,
     lftoolbox,
     libpleno,
+    mc_calib,
     mrcal,
     opencv,
     pip,
@@ -19,6 +20,7 @@ from pipeline.exports.writers import (
     raytrix,
     tables,
 )
+from pipeline.exports.writers.maps import depth, generic, lightfield, omni_lut, rays, stmap
 
 Writer = Callable[[Material, Path], None]
 WRITERS: dict[str, Writer] = {
@@ -28,6 +30,7 @@ WRITERS: dict[str, Writer] = {
     "kalibr": kalibr.write,
     "colmap": colmap.write,
     "puzzlepaint": puzzlepaint.write,
+    "mc-calib": mc_calib.write,
     "deltille": deltille.write,
     "libpleno": libpleno.write,
     "raytrix": raytrix.write,
@@ -37,5 +40,11 @@ WRITERS: dict[str, Writer] = {
     "plenopticam": plenopticam.write,
     "parquet": tables.write_parquet,
     "npz": tables.write_npz,
+    "rays": rays.write,
+    "stmap": stmap.write,
+    "omni-lut": omni_lut.write,
+    "depth": depth.write,
+    "lightfield": lightfield.write,
+    "puzzlepaint-rays": generic.write,
 }
 """Format -> what writes its files into a folder, of a material in its conventions; as many as in CONVENTIONS."""

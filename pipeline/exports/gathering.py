@@ -1,6 +1,8 @@
 """The content of a build, gathered from its records into what writers take, in our conventions."""
 
 from dataclasses import replace
+from functools import lru_cache, partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -9,13 +11,30 @@ from pipeline.built.output import Output
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
 from pipeline.exports.cameras import ExportCamera, ExportPinhole, MicroImages
 from pipeline.exports.errors import ExportError
-from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations
+from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations, Scene
+from pipeline.exports.seen.stated_sight import Sight
 from pipeline.spelling import did_you_mean
 
 _REGULAR_MM = 1e-9
 """Deviation of nominal points from a grid [mm]: rounding of sums, nothing else."""
 POSITIONS = {"exact": "x_px", "chief": "chief_x_px", "saddle": "saddle_x_px", "centroid": "centroid_x_px"}
 """Which position of a point is exported -> its column; CONVENTIONS.md, Other positions of the same point."""
+
+
+@lru_cache(maxsize=4)
+def sight_of(out: Path, name: str) -> Sight:
+    """A camera of the stage that was built, made ready; the last four are kept, because formats share them."""
+    from pipeline.sight.opening import ready  # loads USD and the tracer, which few formats need
+
+    return ready(out, name)
+
+
+@lru_cache(maxsize=1)
+def scene_of(out: Path) -> Scene:
+    """What stands before the cameras of a build."""
+    from pipeline.sight import scenes  # as above
+
+    return scenes.scene_of(out)
 
 
 _Named = TypeVar("_Named", "ExportCamera", "ExportTarget")
@@ -41,9 +60,11 @@ def gather(output: Output, position: str = "exact") -> Material:
     return Material(
         stage=output.stage,
         remarks=remarks,
-        cameras=tuple(map(_camera, output.cameras.values())),
+        cameras=tuple(_camera(output, camera) for camera in output.cameras.values()),
         targets=tuple(map(_target, output.targets.values())),
         views=tuple(views),
+        frames=output.frames,
+        scene=partial(scene_of, output.path),
     )
 
 
@@ -87,7 +108,7 @@ def grid_of(nominal: np.ndarray) -> Grid | None:
     return Grid(columns=columns, rows=rows, column_step=across, row_step=down, step_mm=step_mm)
 
 
-def _camera(camera: BuiltCamera) -> ExportCamera:
+def _camera(output: Output, camera: BuiltCamera) -> ExportCamera:
     model = camera.pinhole_with_distortion
     return ExportCamera(
         name=camera.name,
@@ -101,6 +122,7 @@ def _camera(camera: BuiltCamera) -> ExportCamera:
             distortion=model.distortion,
         ),
         axis=np.array(camera.record["optical_axis_px"]),
+        sight=partial(sight_of, output.path, camera.name),
         micro_images=_micro_images(camera),
         built=camera,
     )

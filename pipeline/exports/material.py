@@ -3,8 +3,9 @@
 `gathering` makes it of a build, in our conventions; `conversion` brings it into those of a format.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -138,6 +139,13 @@ class ExportView:
     pose: StatedPose | None = None
 
 
+class Scene(Protocol):
+    """What stands before cameras, as `sight.scenes.BuiltScene` is."""
+
+    def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Way along rays to the first surface, NaN: there is none."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     """All that is exported at once.
@@ -150,6 +158,9 @@ class Material:
         Lines that every file says which allows comments: what the numbers mean, and that noise was added.
     views : tuple of ExportView
         Sorted by camera, frame and target; one without observations is kept.
+    frames : tuple of int
+    scene : callable or None
+        Gives what stands before the cameras.
     """
 
     stage: str
@@ -157,6 +168,8 @@ class Material:
     cameras: tuple[ExportCamera, ...]
     targets: tuple[ExportTarget, ...]
     views: tuple[ExportView, ...]
+    frames: tuple[int, ...] = ()
+    scene: Callable[[], Scene] | None = field(default=None, repr=False)
 
     def of(self, camera: ExportCamera) -> tuple[ExportView, ...]:
         """Views of a camera."""

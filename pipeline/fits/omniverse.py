@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.exports.conventions import OMNIVERSE
-from pipeline.exports.conversion import positions
+from pipeline.exports.seen.pixels import positions
 from pipeline.fits.errors import FitError
 from pipeline.fits.fitting import Fit
 from pipeline.fits.result import FittedCamera

@@ -1,4 +1,4 @@
-"""Lines that `pipeline fit` prints: models with their residuals, residuals by distance, the entrance pupil over the field."""
+"""Lines that `pipeline fit` prints: models with residuals, residuals by distance, the entrance pupil over the field."""
 
 from collections.abc import Iterator
 

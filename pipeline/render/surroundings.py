@@ -55,7 +55,7 @@ class Surroundings:
             if len(pieces) == 1 and pieces[0].kind != PLANE
         }
         self._reach_mm: dict[int, float] = {}
-        self._first = np.cumsum([0, *(len(surface) // 3 for surface in surfaces)])
+        self._triangles = np.cumsum([0, *(len(surface) // 3 for surface in surfaces)])
         self._points = np.concatenate([np.zeros((0, 3)), *surfaces])
 
     @cached_property
@@ -108,14 +108,12 @@ class Surroundings:
         -------
         (n,) bool
         """
-        triangle = self._scene.first_hit(origin_mm, direction)
+        triangle, path = self._first(origin_mm, direction)
         with np.errstate(divide="ignore", invalid="ignore"):  # rays parallel to a plane are stopped by nothing
             to_plane = _dot(point_mm - origin_mm, front) / _dot(direction, front)
-            normal = self._normals[triangle]
-            path = _dot(self._points[3 * triangle] - origin_mm, normal) / _dot(direction, normal)
             hidden = (triangle >= 0) & (path < to_plane - _TOUCHING_MM)
         if target in self._bent:
-            own = hidden & (triangle >= self._first[target]) & (triangle < self._first[target + 1])
+            own = hidden & (triangle >= self._triangles[target]) & (triangle < self._triangles[target + 1])
             if own.any():
                 start, way, place = origin_mm[own], direction[own], point_mm[own]
                 apart, blur = (
@@ -123,6 +121,24 @@ class Surroundings:
                 )
                 hidden[own] = apart > 2 * blur + self._reach(target)
         return hidden
+
+    def distance_mm(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+        """Way along rays with unit directions to the first surface, (n,) [mm]; NaN where there is none.
+
+        Bent targets count as their meshes.
+        """
+        triangle, path = self._first(origin_mm, direction)
+        return np.where(triangle >= 0, path, np.nan)
+
+    def _first(self, origin_mm: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The first triangle of each ray, -1 for none, and the way to its plane."""
+        triangle = self._scene.first_hit(origin_mm, direction)
+        if not len(self._points):
+            return triangle, np.full(len(origin_mm), np.nan)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normal = self._normals[triangle]
+            path = _dot(self._points[3 * triangle] - origin_mm, normal) / _dot(direction, normal)
+        return triangle, path
 
     def _reach(self, number: int) -> float:
         """Distance from a point of a bent target within which a ray towards that point may meet the target's own

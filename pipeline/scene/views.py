@@ -66,7 +66,7 @@ def look(dataset: Dataset, name: str, camera: Camera, number: int) -> View:
     if len(dataset.targets) + len(dataset.occluders) > 1:
         for index in range(0, len(frames), 1 + len(frames) // _HIDING):
             seen = np.flatnonzero(fate[index] == Fate.SEEN)
-            around = _surroundings(dataset, frames[index], name)
+            around = surroundings(dataset, frames[index], name)
             hidden = _hidden(around, camera, number, places[index, seen], fronts[index, seen])
             fate[index, seen[hidden]] = HIDDEN
     for index in range(len(frames) if camera.microlenses is None else 0):
@@ -102,7 +102,7 @@ def _pose(frame: Frame, camera: str, target: str) -> np.ndarray:
     return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_target[target])
 
 
-def _surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
+def surroundings(dataset: Dataset, frame: Frame, name: str) -> "Surroundings":
     """All targets and occluders of a frame, in the vision frame of a camera."""
     from pipeline.render.surroundings import Surroundings  # loads Embree, which few datasets need
 

@@ -169,3 +169,33 @@ def check_lftoolbox(folder: Path, scene: PlenopticScene) -> None:
         nearest(scene, place)
     seen = ((scene.array.centre_px > 0) & (scene.array.centre_px < np.array(SIZE_PX) - 1)).all(axis=1)
     assert inside.sum() == seen.sum()
+
+
+def check_lightfield(folder: Path, scene: PlenopticScene) -> None:
+    """Light that grows evenly has in each view the value at the view's place; lines of a hexagon are straightened."""
+    for frame in scene.poses:
+        data = np.load(folder / f"{NAME}/{frame:04d}.lightfield.npz")
+        views, steps, centres = data["views"], data["offsets_px"], data["centres"]
+        assert steps.tolist() == list(range(-int(RADIUS_PX), int(RADIUS_PX) + 1)) and "white" not in data
+        rows, columns = centres.shape[:2]
+        assert views.shape == (len(steps), len(steps), rows, columns)
+        there = np.isfinite(centres).all(axis=2)
+        assert there.sum() > 50 and all(nearest(scene, place) >= 0 for place in centres[there])
+        away = np.diff(centres, axis=1)
+        assert (away[..., 0][np.isfinite(away[..., 0])] > 0).all()  # columns to the right
+        middle = len(steps) // 2
+        light = slope(centres, frame)
+        for v, u in ((middle, middle), (0, middle), (middle, len(steps) - 1)):
+            wanted = light + steps[u] / 1000 + steps[v] / 100
+            if scene.layout == "hexagonal":
+                wanted[0::2, 1:] = (wanted[0::2, 1:] + wanted[0::2, :-1]) / 2
+            elif scene.layout == "hexagonal-columns":
+                wanted[1:, 0::2] = (wanted[1:, 0::2] + wanted[:-1, 0::2]) / 2
+            seen = np.isfinite(views[v, u]) & np.isfinite(wanted)
+            assert seen.sum() > 50
+            np.testing.assert_allclose(views[v, u][seen], wanted[seen], rtol=0, atol=1e-5)
+
+
+def slope(places: np.ndarray, frame: int) -> np.ndarray:
+    """Light of the pretended image at places (..., 2)."""
+    return places[..., 0] / 1000 + places[..., 1] / 100 + frame

@@ -123,6 +123,7 @@ def _write_camera(folder: Path, name: str) -> None:
         "optical_axis_px": CENTRE_PX.tolist(),
         "resolution": list(SIZE_PX),
         "pixel_pitch_mm": 0.01,
+        "near_far_mm": [360.0, 480.0],
         "pinhole": pinhole,
     }
     (folder / "camera.json").write_text(json.dumps(record))

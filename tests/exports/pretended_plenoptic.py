@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from exports.pretended import COLUMNS, FACING, ROWS, board_mm, turned, write_manifest
 
+from pipeline.files.exr import Part, write_exr
 from pipeline.files.tables import write_table
 from pipeline.frames import apply, inverse, rigid
 
@@ -129,6 +130,12 @@ class PlenopticScene:
         return found
 
 
+def slope_image(frame: int) -> np.ndarray:
+    """Light that grows along x and y, so that its value anywhere between pixels is known."""
+    y, x = np.mgrid[0 : SIZE_PX[1], 0 : SIZE_PX[0]]
+    return x / 1000 + y / 100 + frame
+
+
 def write_plenoptic_build(folder: Path, scene: PlenopticScene) -> Path:
     """What a build would write."""
     name = "Rig.Camera"
@@ -155,6 +162,7 @@ def write_plenoptic_build(folder: Path, scene: PlenopticScene) -> Path:
         poses = {"camera_from_world": world, "targets": {"Board": target}}
         poses["pinhole"] = {"pinhole_from_world": world, "world_from_pinhole": inverse(np.eye(4)).tolist()}
         (view / "poses.json").write_text(json.dumps(poses))
+        write_exr(view / "image.exr", [Part(name="image", channels={"Y": slope_image(frame)})])
     (folder / "targets").mkdir()
     points = [
         {"id": i, "kind": "corner", "nominal_mm": p, "actual_mm": p, "normal": [0.0, 0.0, 1.0]}

@@ -287,6 +287,26 @@ def _check_tables(frame_of, scene: Scene) -> None:
             same(seen, pixels, PRINTED_PX)
 
 
+def check_mc_calib(folder: Path, scene: Scene) -> None:
+    """loadDetectedKeypoints: five lists of one length for each camera."""
+    storage = cv2.FileStorage(str(folder / "detected_keypoints_data.yml"), cv2.FILE_STORAGE_READ)
+    assert storage.getNode("nb_camera").real() == len(scene.rig)
+    for number, name in enumerate(scene.rig):
+        node = storage.getNode(f"camera_{number}")
+        assert (node.getNode("img_width").real(), node.getNode("img_height").real()) == SIZE_PX
+        lists = {
+            key: node.getNode(key) for key in ("frame_idxs", "frame_paths", "board_idxs", "pts_2d", "charuco_idxs")
+        }
+        assert {one.size() for one in lists.values()} == {len(scene.poses)}
+        for row, frame in enumerate(scene.poses):
+            assert lists["frame_idxs"].at(row).real() == frame and lists["board_idxs"].at(row).real() == 0
+            assert lists["frame_paths"].at(row).string() == f"frames/{frame:04d}/{name}/image.png"
+            flat, ids = (lists[key].at(row) for key in ("pts_2d", "charuco_idxs"))
+            points = np.array([flat.at(i).real() for i in range(flat.size())]).reshape(-1, 2)
+            assert [int(ids.at(i).real()) for i in range(ids.size())] == scene.ids(name, frame)
+            same(points, scene.pixels(name, frame)[scene.ids(name, frame)], PRINTED_PX)
+
+
 CHECKS = {
     "opencv": check_opencv,
     "opencv-multiview": check_opencv_multiview,
@@ -294,6 +314,7 @@ CHECKS = {
     "kalibr": check_kalibr,
     "colmap": check_colmap,
     "puzzlepaint": check_puzzlepaint,
+    "mc-calib": check_mc_calib,
     "deltille": check_deltille,
     "parquet": check_parquet,
     "npz": check_npz,

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 from exports.flipping import require_notice
+from exports.maps import CHECKS as MAPS
 from exports.pretended import CORNER_PX, Scene, write_build
 from exports.readers import CHECKS
 
 from pipeline.built.output import open_output
-from pipeline.exports.conventions import CONVENTIONS, Board, Cameras, ImageAxes, Origin, Pose, Rotation, Unit
+from pipeline.exports.conventions import CONVENTIONS, Board, Cameras, ImageAxes, Origin, Pose, Rays, Rotation, Unit
 from pipeline.exports.export import export
 from pipeline.exports.formats import WRITERS
 
 FIELDS = {"origin": Origin, "axes": ImageAxes, "board": Board, "pose": Pose, "rotation": Rotation, "unit": Unit}
+FIELDS |= {"rays": Rays}
 
 
 def flips():
@@ -51,4 +53,6 @@ def test_a_flip_of_a_convention_is_noticed(output, scene, name, field, other, tm
 
 def test_every_format_has_a_writer_and_a_check():
     assert list(WRITERS) == list(CONVENTIONS)
-    assert CHECKS.keys() == {name for name, one in CONVENTIONS.items() if one.cameras is not Cameras.PLENOPTIC}
+    assert CHECKS.keys() | MAPS.keys() == {
+        name for name, one in CONVENTIONS.items() if one.cameras is not Cameras.PLENOPTIC
+    }

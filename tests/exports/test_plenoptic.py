@@ -8,7 +8,14 @@ import pytest
 from builds import tiny
 from exports.flipping import require_notice
 from exports.libpleno_reader import check_libpleno, kind, node, read, reprojection_errors, sections
-from exports.plenoptic_readers import check_bok, check_lftoolbox, check_pip, check_plenopticam, check_raytrix
+from exports.plenoptic_readers import (
+    check_bok,
+    check_lftoolbox,
+    check_lightfield,
+    check_pip,
+    check_plenopticam,
+    check_raytrix,
+)
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.built.output import open_output
@@ -35,6 +42,7 @@ CHECKS = {
     "bok": check_bok,
     "lftoolbox": check_lftoolbox,
     "plenopticam": check_plenopticam,
+    "lightfield": check_lightfield,
 }
 LAYOUTS = {
     "libpleno": ("hexagonal", "hexagonal-columns", "square"),
@@ -43,6 +51,7 @@ LAYOUTS = {
     "bok": ("hexagonal",),
     "lftoolbox": ("hexagonal",),
     "plenopticam": ("hexagonal", "square"),
+    "lightfield": ("hexagonal", "hexagonal-columns", "square"),
 }
 """Arrays that a format knows."""
 UNSEEN = {("pip", "unit"), ("plenopticam", "microlenses"), ("lftoolbox", "microlenses")}

@@ -1,0 +1,109 @@
+"""Light fields of plenoptic images: a view per place in the micro-images, with a pixel per microlens.
+
+A view (v, u) holds the light at the same offset from the centre of every micro-image. Rows of a hexagonal array are
+shifted by half a micro-image every other time: there a pixel is the mean of its two neighbours, so that views have
+square grids of columns and rows. White views of a white scene are beside them: image over white has no vignetting.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.exports.cameras import ExportCamera, GridMesh, MicroImages
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import Material
+from pipeline.files.exr import read_exr
+
+_SHIFTED = {"square": None, "hexagonal": 1, "hexagonal-columns": 0}
+"""Axis of a grid (row, column) along which every other line is shifted."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write an npz per camera and frame.
+
+    Raises
+    ------
+    ExportError
+        The build has no linear images, or micro-images are too small.
+    """
+    for camera in material.cameras:
+        (folder / camera.name).mkdir()
+        grid, white = _Grid(camera), camera.built.white_path
+        for view in camera.built.views:
+            if view.image_path is None:
+                raise ExportError(f"the build has no image.exr of {camera.name} in frame {view.frame}")
+            arrays: dict[str, Any] = {"remarks": np.array(material.remarks), "views": grid.views(view.image_path)}
+            if white is not None:
+                arrays["white"] = grid.views(white)
+            arrays |= {"offsets_px": grid.steps, "centres": grid.stated_centres}
+            with (folder / camera.name / f"{view.frame:04d}.lightfield.npz").open("wb") as stream:
+                np.savez(stream, **arrays)
+
+
+class _Grid:
+    """Micro-images by row and column, and where their light is sampled.
+
+    Attributes
+    ----------
+    steps : (s,) int64
+        Offsets of the views from the centres, along x and along y [px].
+    stated_centres : (rows, columns, 2) float64
+        Centres as the format counts them; NaN where there is no micro-image.
+    """
+
+    def __init__(self, camera: ExportCamera) -> None:
+        mesh, images = camera.mesh, camera.micro_images
+        assert mesh is not None and images is not None and camera.built.micro_images is not None
+        self.shifted = _SHIFTED[mesh.layout]
+        self.stated_centres = _table(mesh, images)
+        self.centres = camera.rays.ours(self.stated_centres)
+        reach = int(np.floor(camera.built.micro_images.radius_px.min()))
+        if reach < 1:
+            raise ExportError(f"micro-images of {camera.name} are smaller than three pixels, and have no views")
+        self.steps = np.arange(-reach, reach + 1)
+
+    def views(self, path: Path) -> np.ndarray:
+        """Views of an image, (v, u, rows, columns) float32, with a last axis of channels if it has several."""
+        part = next(iter(read_exr(path).values()))  # of a white image: the light of all microlenses
+        pixels = [np.asarray(one, float) for _, one in sorted(part.channels.items())]
+        stack = np.stack([self._view(pixels, x, y) for y in self.steps.tolist() for x in self.steps.tolist()])
+        count = len(self.steps)
+        found = stack.reshape(count, count, *stack.shape[1:]).astype(np.float32)
+        return found[..., 0] if len(pixels) == 1 else found
+
+    def _view(self, pixels: list[np.ndarray], x_px: int, y_px: int) -> np.ndarray:
+        """A view (rows, columns, channels)."""
+        there = self.centres + np.array([x_px, y_px])
+        found = np.stack([bilinear(one, there) for one in pixels], axis=-1)
+        return found if self.shifted is None else _unshifted(found, self.shifted)
+
+
+def _table(mesh: GridMesh, images: MicroImages) -> np.ndarray:
+    """Centres by row and column, (rows, columns, 2); NaN where there is none."""
+    column, row = images.microlenses.T
+    found = np.full((mesh.rows, mesh.columns, 2), np.nan)
+    found[row, column] = images.centres
+    return found
+
+
+def _unshifted(view: np.ndarray, axis: int) -> np.ndarray:
+    """A view whose lines 0, 2, … stood half a step farther along an axis: there the mean of two neighbours."""
+    lines = np.moveaxis(view, axis, 1)
+    found = lines.copy()
+    before = np.concatenate([np.full_like(lines[0::2, :1], np.nan), lines[0::2, :-1]], axis=1)
+    found[0::2] = (before + lines[0::2]) / 2
+    return np.moveaxis(found, 1, axis)
+
+
+def bilinear(pixels: np.ndarray, places_px: np.ndarray) -> np.ndarray:
+    """Values of an image (h, w) between pixels at places (..., 2), ours; NaN outside of the centres of its pixels."""
+    height, width = pixels.shape
+    x, y = np.moveaxis(places_px, -1, 0)
+    inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
+    x, y = np.where(inside, x, 0), np.where(inside, y, 0)
+    left, above = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
+    across, down = x - left, y - above
+    upper = (1 - across) * pixels[above, left] + across * pixels[above, left + 1]
+    lower = (1 - across) * pixels[above + 1, left] + across * pixels[above + 1, left + 1]
+    return np.asarray(np.where(inside, (1 - down) * upper + down * lower, np.nan))

@@ -1,0 +1,36 @@
+"""The scene of a build as rays meet it: targets and occluders of a frame before a camera."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.built.folder import finished_folder
+from pipeline.channel_names import body_and_channel
+from pipeline.scene.dataset import Dataset
+from pipeline.scene.load import open_dataset
+from pipeline.scene.views import surroundings
+from pipeline.sight.opening import STAGE
+
+
+@dataclass(frozen=True)
+class BuiltScene:
+    """What stands before the cameras of a dataset."""
+
+    dataset: Dataset
+
+    def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Way along rays (n, 3) of the vision frame, of unit directions, to the first surface, (n,); NaN: there is
+        none.
+        """
+        (there,) = [one for one in self.dataset.frames if one.number == frame]
+        around = surroundings(self.dataset, there, body_and_channel(camera)[0])
+        found = np.full(len(origin_mm), np.nan)
+        rows = np.flatnonzero(np.isfinite(direction).all(axis=1))
+        found[rows] = around.distance_mm(origin_mm[rows], direction[rows])
+        return found
+
+
+def scene_of(out: Path) -> BuiltScene:
+    """The scene of the stage that was built."""
+    return BuiltScene(open_dataset(finished_folder(out).path / STAGE))

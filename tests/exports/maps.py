@@ -1,0 +1,214 @@
+"""A small pinhole with distortion whose rays are known, and readers of files that hold rays and maps.
+
+Each `check_<format>` asserts that a folder says what the camera is, by that consumer's rules. Nothing here comes from
+the table of conventions.
+"""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import yaml
+from exports.pretended import write_manifest
+from pxr import Usd
+from scipy.interpolate import BSpline
+
+from pipeline.sight.answers import PixelRays
+
+SIZE_PX, F_PX, CENTRE_PX = (64, 48), 100.0, np.array([30.25, 20.75])
+DISTORTION = np.array([0.1, -0.05, 0.001, -0.002, 0.01])
+MATRIX = np.array([[F_PX, 0, CENTRE_PX[0]], [0, F_PX, CENTRE_PX[1]], [0, 0, 1]])
+STOP_MM = np.array([0.0, 0.0, -6.0])
+"""Centre of projection in the vision frame, whose origin is the centre of the stop."""
+PIXEL, Z_MM = (10, 7), 400.0
+"""A pixel, column and row, and the distance of a point that it sees in its middle."""
+
+
+def undistorted(pixels: np.ndarray) -> np.ndarray:
+    """Slopes that pixels (n, 2) see."""
+    stop = (cv2.TERM_CRITERIA_COUNT, 60, 0)
+    return cv2.undistortPoints(np.asarray(pixels, float)[:, None], MATRIX, DISTORTION, criteria=stop)[:, 0]
+
+
+def point() -> np.ndarray:
+    """The point that the pixel sees, from the centre of projection."""
+    return np.append(undistorted(np.array([PIXEL]))[0], 1) * Z_MM
+
+
+class PinholeSight:
+    """The camera made ready: all rays meet in its centre of projection."""
+
+    def rays(self, x_px, y_px) -> PixelRays:
+        x, y = np.broadcast_arrays(np.asarray(x_px, float), np.asarray(y_px, float))
+        ahead = np.column_stack([undistorted(np.stack([x, y], 1)), np.ones(len(x))])
+        return PixelRays(
+            x_px=x,
+            y_px=y,
+            origin_mm=STOP_MM - STOP_MM[2] * ahead,
+            direction=ahead / np.linalg.norm(ahead, axis=1, keepdims=True),
+            error_px=np.zeros((len(x), 2)),
+            hit_fraction=np.ones(len(x)),
+            microlens=None,
+        )
+
+
+PLANE, EDGE_MM = (np.array([0.3, -0.2, 1.0]), 410.0), 50.0
+"""A plane of the vision frame, n . X = d, and the x where its surface ends."""
+
+
+class SlantedScene:
+    """A half plane before the camera."""
+
+    def distance_mm(self, frame, camera, origin_mm, direction):
+        assert (frame, camera) == (1, "Left")
+        along = (PLANE[1] - origin_mm @ PLANE[0]) / (direction @ PLANE[0])
+        return np.where((origin_mm + along[:, None] * direction)[:, 0] < EDGE_MM, along, np.nan)
+
+
+def write_small_build(folder: Path) -> Path:
+    """What a build would write of it, as far as maps read that."""
+    place = folder / "cameras/Left"
+    place.mkdir(parents=True)
+    plain = {"principal_distance_px": F_PX, "principal_point_px": CENTRE_PX.tolist()}
+    plain["residual_px"] = {"rms": 0.0, "max": 0.0}
+    distorted = {**plain, "distortion": DISTORTION.tolist()}
+    record = {
+        "optical_axis_px": CENTRE_PX.tolist(),
+        "resolution": list(SIZE_PX),
+        "pixel_pitch_mm": 0.01,
+        "near_far_mm": [360.0, 480.0],
+        "pinhole": {"centre_mm": STOP_MM.tolist(), **plain, "with_distortion": distorted},
+    }
+    (place / "camera.json").write_text(json.dumps(record))
+    view = folder / "frames/0001/Left"
+    view.mkdir(parents=True)
+    (view / "poses.json").write_text("{}")
+    write_manifest(folder)
+    return folder
+
+
+def same(found, expected, atol: float) -> None:
+    np.testing.assert_allclose(np.asarray(found, float), np.asarray(expected, float), rtol=0, atol=atol)
+
+
+def pixels_of(directions: np.ndarray) -> np.ndarray:
+    none = np.zeros(3)
+    return cv2.projectPoints(np.ascontiguousarray(directions), none, none, MATRIX, DISTORTION)[0][:, 0]
+
+
+def channels(path: Path, *names: str) -> np.ndarray:
+    """Channels of the only part of an EXR file, (h, w, n), by the library alone."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        found = file.parts[0].channels
+        assert set(names) <= set(found)
+        return np.stack([found[name].pixels for name in names], axis=-1)
+
+
+def check_rays(folder: Path) -> None:
+    """The ray of the known pixel passes the point that it sees; the stop is 6 mm behind the centre of projection."""
+    data = np.load(folder / "Left.rays.npz")
+    origin, direction = data["origin"], data["direction"]
+    assert origin.dtype == direction.dtype == np.float64 and origin.shape == direction.shape == (48, 64, 3)
+    same(data["ends_px"], [[0, 0], [SIZE_PX[0] - 1, SIZE_PX[1] - 1]], 0)
+    column, row = PIXEL
+    start, way = origin[row, column], direction[row, column]
+    same(start[2], 0, 1e-12)
+    same(np.cross(point() + STOP_MM - start, way), np.zeros(3), 1e-8)
+    same(np.linalg.norm(direction, axis=2), np.ones((48, 64)), 1e-12)
+    names = [f"{vector}.{axis}" for vector in ("origin", "direction") for axis in "XYZ"]
+    same(channels(folder / "Left.rays.exr", *names), np.concatenate([origin, direction], axis=2), 1e-5)
+
+
+def check_stmap(folder: Path) -> None:
+    """Nuke: the value of a pixel is where to look, (0, 0) in the bottom left corner and (1, 1) in the top right one."""
+    size = np.array(SIZE_PX)
+    undistort, distort = (channels(folder / f"Left.{name}.exr", "R", "G") for name in ("undistort", "distort"))
+    assert undistort.shape == distort.shape == (48, 64, 2)
+    row, column = np.mgrid[2:46:4, 2:62:6].reshape(2, -1)
+    ahead = np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))])
+    for table, wanted in (
+        (undistort, pixels_of(ahead)),
+        (distort, undistorted(np.stack([column, row], axis=1))),
+    ):
+        place = wanted if table is undistort else wanted * F_PX + CENTRE_PX
+        shares = (place + 0.5) / size
+        same(table[row, column], np.column_stack([shares[:, 0], 1 - shares[:, 1]]), 1e-6)
+
+
+def check_omni_lut(folder: Path) -> None:
+    """Directions of a USD camera; the tables and the camera of the layer agree about what is where."""
+    enter = channels(folder / "Left.ray_enter.exr", "R", "G", "B")
+    column, row = PIXEL
+    seen = point() * [1, -1, -1] / np.linalg.norm(point())
+    same(enter[row, column], seen, 1e-6)
+    leave = channels(folder / "Left.ray_exit.exr", "R", "G")
+    size = leave.shape[0]
+    # Unfolded octahedron: the middle looks ahead, right and up are +x and +y of the camera.
+    for right, up in ((0.05, 0.03), (-0.1, 0.08), (0.12, -0.07)):
+        i, j = (int((1 + share / (1 + abs(right) + abs(up))) * size / 2) for share in (right, up))
+        u, v = (2 * i + 1) / size - 1, (2 * j + 1) / size - 1
+        ahead = np.array([[u, -v, 1 - abs(u) - abs(v)]])
+        place = (pixels_of(ahead / ahead[:, 2:])[0] + 0.5) / SIZE_PX
+        same(leave[j, i], place, 1e-6)
+    assert (leave[0, 0] == -1).all() and (leave[size // 2, 5] == -1).all()
+    stage = Usd.Stage.Open(str(folder / "Left.usda"))
+    prim = stage.GetDefaultPrim()
+    values = {a.GetName().rpartition(":")[2]: a.Get() for a in prim.GetAttributes() if "lensdist" in a.GetName()}
+    assert (values["nominalWidth"], values["nominalHeight"], tuple(values["opticalCenter"])) == (64, 48, (32, 24))
+    assert Path(values["rayEnterDirectionTexture"].resolvedPath) == (folder / "Left.ray_enter.exr").resolve()
+    assert values["model"] == "lut"
+
+
+def check_depth(folder: Path) -> None:
+    """A slanted plane before the pinhole, cut off at the right: from the equation of the plane."""
+    depth = channels(folder / "Left/0001.depth.exr", "Z")[..., 0]
+    row, column = np.mgrid[0:48, 0:64].reshape(2, -1)
+    ahead = np.column_stack([undistorted(np.stack([column, row], axis=1)), np.ones(len(row))])
+    z = STOP_MM[2] + (PLANE[1] - PLANE[0] @ STOP_MM) / (ahead @ PLANE[0])
+    is_hit = (ahead * (z - STOP_MM[2])[:, None])[:, 0] < EDGE_MM
+    assert 0 < is_hit.sum() < len(z)
+    same(depth.ravel()[is_hit], z[is_hit], 1e-4)
+    assert np.isnan(depth.ravel()[~is_hit]).all()
+    with OpenEXR.File(str(folder / "Left/0001.depth.exr")) as file:
+        ends = [float(file.header()[name]) for name in ("first_x", "first_y", "last_x", "last_y")]
+    same(ends, [0, 0, 63, 47], 0)
+
+
+def check_generic(folder: Path) -> None:
+    """EvalUniformCubicBSplineSurface of puzzlepaint: the ray of the known pixel passes the point that it sees."""
+    data = yaml.safe_load((folder / "Left.yaml").read_text().replace(" : ", ": "))
+    assert data["type"] == "NoncentralGenericModel" and (data["width"], data["height"]) == SIZE_PX
+    low = [data[f"calibration_min_{axis}"] for axis in "xy"]
+    high = [data[f"calibration_max_{axis}"] for axis in "xy"]
+    assert (low, high) == ([0, 0], [63, 47])
+    counts = data["grid_width"], data["grid_height"]
+    grids = [np.array(data[name]).reshape(*counts[::-1], 3) for name in ("point_grid", "direction_grid")]
+    for pixel in (PIXEL, (0, 0), (63, 47)):
+        place = np.array(pixel) + 0.5
+        x, y = (1 + (n - 3) * (p - a) / (b + 1 - a) for n, p, a, b in zip(counts, place, low, high, strict=True))
+        start, way = (surface(grid, x, y) for grid in grids)
+        way /= np.linalg.norm(way)
+        seen = (np.append(undistorted(np.array([pixel]))[0], 1) * Z_MM + STOP_MM) / 1000
+        same(np.cross(seen - start, way), np.zeros(3), 2e-8)
+        same(start[2], 0, 1e-9)
+    assert (way * [1, 1, 1] > 0).all()
+
+
+def surface(grid: np.ndarray, x: float, y: float) -> np.ndarray:
+    """A uniform cubic B-spline surface, by SciPy's."""
+    for place in (y, x):
+        knots = np.arange(-2, grid.shape[0] + 2)  # control point i has its top at i
+        grid = BSpline(knots, grid, 3)(place)
+    return grid
+
+
+CHECKS = {
+    "depth": check_depth,
+    "puzzlepaint-rays": check_generic,
+    "rays": check_rays,
+    "stmap": check_stmap,
+    "omni-lut": check_omni_lut,
+}
+"""Format with rays or maps -> its check."""

@@ -1,0 +1,135 @@
+"""Rays, ST maps and lookup tables through their readers: a pinhole that is known, and real lenses."""
+
+import numpy as np
+import pytest
+from builds import tiny
+from exports.flipping import require_notice
+from exports.maps import CHECKS, channels, write_small_build
+
+import pipeline
+from pipeline.built.output import open_output
+from pipeline.exports.conventions import CONVENTIONS, ImageAxes, Origin, Rays, Unit
+from pipeline.exports.errors import ExportError
+from pipeline.exports.export import export
+from pipeline.exports.writers.maps import omni_lut
+
+FIELDS = {"origin": Origin, "axes": ImageAxes, "unit": Unit, "rays": Rays}
+
+
+def flips():
+    """Every other value of every field of every convention; "none" is no claim, and neither is made of one."""
+    for name in CHECKS:
+        for field, values in FIELDS.items():
+            stated = getattr(CONVENTIONS[name], field)
+            if stated.name != "NONE":
+                others = [other for other in values if other is not stated and other.name != "NONE"]
+                yield from (pytest.param(name, field, other, id=f"{name}-{field}-{other.name}") for other in others)
+
+
+@pytest.fixture(autouse=True)
+def small_tables(monkeypatch):
+    monkeypatch.setattr(omni_lut, "_EXIT_PX", 128)
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory):
+    return open_output(write_small_build(tmp_path_factory.mktemp("pretended") / "out"))
+
+
+@pytest.fixture(scope="module")
+def conventional(tmp_path_factory, common_store):
+    return open_output(tiny("conventional", tmp_path_factory.mktemp("built"), common_store))
+
+
+@pytest.fixture(scope="module")
+def plenoptic(tmp_path_factory, common_store):
+    return open_output(tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store))
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_its_reader_gets_back_every_number(output, name, tmp_path):
+    (folder,) = export(output, [name], tmp_path)
+    CHECKS[name](folder)
+
+
+@pytest.mark.parametrize(("name", "field", "other"), list(flips()))
+def test_a_flip_of_a_convention_is_noticed(output, name, field, other, tmp_path, monkeypatch):
+    require_notice(CHECKS[name], output, name, {field: other}, tmp_path, monkeypatch)
+
+
+def test_the_same_build_gives_the_same_bytes(output, tmp_path):
+    first, second = (export(output, list(CHECKS), tmp_path / place) for place in "ab")
+    for one, other in zip(first, second, strict=True):
+        for path in (path for path in one.rglob("*") if path.is_file()):
+            assert path.read_bytes() == (other / path.relative_to(one)).read_bytes(), path.name
+
+
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+def test_rays_are_those_of_the_camera_made_ready(kind, request, tmp_path):
+    output = request.getfixturevalue(kind)
+    (folder,) = export(output, ["rays"], tmp_path)
+    data, camera = np.load(folder / "Rig.Camera.rays.npz"), pipeline.ready(output.path)
+    width, height = output.camera.size_px
+    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    rays = camera.rays(x, y)
+    np.testing.assert_array_equal(data["origin"].reshape(-1, 3), rays.origin_mm)
+    np.testing.assert_array_equal(data["direction"].reshape(-1, 3), rays.direction)
+    assert "microlenses" not in data if kind == "conventional" else data["microlenses"].shape == (height, width, 2)
+    if kind == "plenoptic":
+        assert data["microlenses"].reshape(-1, 2).tolist() == rays.microlens.tolist()
+        numbers = channels(folder / "Rig.Camera.rays.exr", "microlens.k", "microlens.l")
+        assert (numbers == data["microlenses"]).all()
+
+
+def test_bands_do_not_show(conventional, tmp_path, monkeypatch):
+    from pipeline.exports.writers.maps import rays
+
+    (whole,) = export(conventional, ["rays"], tmp_path / "a")
+    monkeypatch.setattr(rays, "_AT_ONCE", 100)
+    (bands,) = export(conventional, ["rays"], tmp_path / "b")
+    for path in whole.iterdir():
+        assert path.read_bytes() == (bands / path.name).read_bytes(), path.name
+
+
+@pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
+def test_depth_of_a_board_is_that_of_its_plane(kind, request, tmp_path):
+    """By the pose of the board and the ray of each pixel; beyond its margin there is nothing."""
+    output = request.getfixturevalue(kind)
+    (folder,) = export(output, ["depth"], tmp_path)
+    camera, (width, height) = pipeline.ready(output.path), output.camera.size_px
+    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    rays = camera.rays(x, y)
+    for view in output.camera.views:
+        depth = channels(folder / f"Rig.Camera/{view.frame:04d}.depth.exr", "Z").ravel()
+        pose = view.poses.camera_from_target["Board"]
+        normal, place = pose[:3, 2], pose[:3, 3]
+        points = (
+            rays.origin_mm + ((place - rays.origin_mm) @ normal / (rays.direction @ normal))[:, None] * rays.direction
+        )
+        on_board = (points - place) @ pose[:3, :3]
+        square = output.targets["Board"].parameters["square_mm"]
+        inside = (np.abs(on_board[:, :2]) < (np.array([4, 3]) / 2 + 1) * square).all(axis=1)
+        assert inside.sum() > 50
+        np.testing.assert_allclose(depth[inside], points[inside, 2], rtol=0, atol=1e-4)
+        assert np.isnan(depth[~inside]).all()
+
+
+def test_st_maps_of_a_real_lens_undo_each_other_and_are_its_rays(conventional, tmp_path):
+    """There and back is the identity; and a point of the ray of a pixel is where the map sends it."""
+    (folder,) = export(conventional, ["stmap"], tmp_path)
+    undistort, distort = (channels(folder / f"Rig.Camera.{name}.exr", "R", "G") for name in ("undistort", "distort"))
+    (width, height), model = conventional.camera.size_px, conventional.camera.pinhole_with_distortion
+    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    near, far = conventional.camera.record["near_far_mm"]
+    points = pipeline.ready(conventional.path).rays(x, y).at_distance(2 / (1 / near + 1 / far)) - model.centre_mm
+    ideal = model.principal_distance_px * points[:, :2] / points[:, 2:] + model.principal_point_px
+    shares = np.stack([(ideal[:, 0] + 0.5) / width, 1 - (ideal[:, 1] + 0.5) / height], axis=1)
+    np.testing.assert_allclose(distort.reshape(-1, 2), shares, rtol=0, atol=1e-6)
+    identity = np.stack([(x + 0.5) / width, 1 - (y + 0.5) / height], axis=1)
+    np.testing.assert_allclose(undistort.reshape(-1, 2) + distort.reshape(-1, 2), 2 * identity, rtol=0, atol=1e-5)
+    assert np.abs(distort.reshape(-1, 2) - identity).max() > 1e-6
+
+
+def test_plenoptic_cameras_have_no_map_to_a_pinhole(plenoptic, tmp_path):
+    with pytest.raises(ExportError, match="stmap expects one position per point, and"):
+        export(plenoptic, ["stmap"], tmp_path)
