@@ -196,3 +196,10 @@ each axis, and off by so much at grazing angles."""
 SAME_COLOUR = 0.01
 """Components of sRGB from 16 wavelengths 20 nm apart, against all between 360 and 780 nm [1]: sums with other steps
 differ by some thousandths."""
+
+SAME_NOISE, WORST_PIXEL = 1.15, 5.5
+"""Differences between two noisy pictures in their standard errors [1]: rms over 432 pixels, 1.04 by chance with 24
+seeds each, and the largest one."""
+
+SINGLE = 1e-5
+"""Least error that is assumed of a picture by Mitsuba [relative]: it sums in single precision."""
