@@ -185,3 +185,21 @@ is seen; their mean, 1e-4 and the reference's own error."""
 LATERAL_COLOUR = 0.01
 """Lateral colour of a singlet at 4 mrad against paraxial optics [relative]: terms of third order are some 1e-3 of the
 height, and differ between two wavelengths by a hundredth of that; the pinhole's bundle has a width."""
+
+LIT_ERRORS = 4.5
+"""Standard errors within which a mean of random paths must lie: one of 150,000 comparisons fails by chance."""
+
+FURNACE = 1.5e-3
+"""Light that a white surface returns, less 1 [relative]: tables of reflected light are linear between 64 nodes along
+each axis, and off by so much at grazing angles."""
+
+SAME_COLOUR = 0.01
+"""Components of sRGB from 16 wavelengths 20 nm apart, against all between 360 and 780 nm [1]: sums with other steps
+differ by some thousandths."""
+
+SAME_NOISE, WORST_PIXEL = 1.15, 5.5
+"""Differences between two noisy pictures in their standard errors [1]: rms over 432 pixels, 1.04 by chance with 24
+seeds each, and the largest one."""
+
+SINGLE = 1e-5
+"""Least error that is assumed of a picture by Mitsuba [relative]: it sums in single precision."""

@@ -128,6 +128,30 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     return {part.name: part for part in found}
 
 
+def read_foreign_exr(path: str | Path) -> dict[str, np.ndarray]:
+    """Channels (h, w) of the first part of a file of any program, by name.
+
+    Raises
+    ------
+    DamagedFile
+        It is no OpenEXR file, its size is implausible, or its channels differ in size.
+    """
+    path = Path(path)
+    try:
+        headers = OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD)
+        first, last = headers.parts[0].header["dataWindow"]
+        width, height = (int(side) for side in last.astype(np.int64) - first + 1)
+        if 4 * width * height > MAX_COMPRESSION_RATIO * path.stat().st_size:
+            raise DamagedFile(path, f"{width} x {height} pixels cannot come from so short a file")
+        file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
+    except (RuntimeError, ValueError) as error:
+        raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
+    found = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+    if any(pixels.shape != (height, width) for pixels in found.values()):
+        raise DamagedFile(path, "its channels differ in size")
+    return found
+
+
 def _system_error(error: RuntimeError, path: Path) -> Exception:
     """The error of the system that OpenEXR names only in its message, so that a full disk is recognised."""
     for number in errno.errorcode:

@@ -25,6 +25,7 @@ from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Sto
 from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
 from pipeline.tasks.params.images import ColourImage, White, WhiteTile
 from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
+from pipeline.tasks.params.pictures import Picture
 from pipeline.tasks.params.placed import Matrix
 from pipeline.tasks.params.poses import Baselines, FramePoses, PosedFrame, RigFrame
 from pipeline.tasks.params.rays import Rays, RaysTile
@@ -37,6 +38,9 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
     painted, bare = (Things(dataset, painted=painted) for painted in (True, False))
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
+    for picture in dataset.pictures:
+        params = Picture(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
+        add(graph, f"picture/{picture.name}", params)
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)

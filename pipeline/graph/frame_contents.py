@@ -8,8 +8,9 @@ import dataclasses
 
 import numpy as np
 
-from pipeline.graph.poses import vision_from_occluder
+from pipeline.graph.poses import vision_from_lamp, vision_from_occluder
 from pipeline.records.plain import Shared, to_plain
+from pipeline.render.lighting.records import Lighting, PlacedLamp
 from pipeline.scene.dataset import Dataset, Frame
 from pipeline.targets.target import bare, plain_from_target
 from pipeline.tasks.params.placed import Matrix, PlacedOccluder, PlacedTarget
@@ -30,6 +31,9 @@ class Things:
         if not painted:
             targets = {name: bare(target) for name, target in targets.items()}
             occluders = {path: dataclasses.replace(mesh, radiance=0.0) for path, mesh in occluders.items()}
+        self._lamps = {entry.prim_path: Shared(to_plain(entry.lamp)) for entry in dataset.lamps}
+        self._finishes = {e.prim_path: Shared(to_plain(e.finish)) for e in dataset.occluders if e.finish}
+        self._coats = tuple(entry.coat for entry in dataset.targets)
         self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
         self._occluders = {path: Shared(to_plain(mesh)) for path, mesh in occluders.items()}
 
@@ -47,6 +51,18 @@ class Things:
             for path, occluder in self._occluders.items()
             if path in frame.world_from_occluder
         )
+
+    def lighting(self, frame: Frame, camera: str, bounces: int) -> Lighting | None:
+        """The lamps that shine in a frame, and what everything is made of; None if the dataset has no lamps."""
+        if not self._lamps:
+            return None
+        lamps = [
+            PlacedLamp(lamp=lamp, vision_from_lamp=matrix(vision_from_lamp(frame, camera, path)))
+            for path, lamp in self._lamps.items()
+            if path in frame.world_from_lamp
+        ]
+        finishes = [finish for path, finish in self._finishes.items() if path in frame.world_from_occluder]
+        return Lighting(lamps=tuple(lamps), coats=self._coats, finishes=tuple(finishes), bounces=bounces)
 
 
 def matrix(transform: np.ndarray) -> Matrix:

@@ -115,6 +115,7 @@ class FrameTasks:
         self.painted, self.bare = painted, bare
         self.settings = from_plain(TruthSettings, entry.truth)
         self._labels = _labels_of(entry, self.settings)
+        self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
         self._reads = {"camera": f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
@@ -149,9 +150,9 @@ class FrameTasks:
         parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
         # The rays that leave the camera are the same in every frame: frames share them.
         together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
-        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white}, together)
+        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white, **self._pictures}, together)
         params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
-        reads = {**self._reads, **(tiles or {"white": f"white/{camera}"})}
+        reads = {**self._reads, **(tiles or {"white": f"white/{camera}", **self._pictures})}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
     def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
@@ -159,6 +160,7 @@ class FrameTasks:
             targets=self.painted.targets(poses, named=False),
             occluders=self.painted.occluders(frame, self.entry.name),
             background=self.dataset.background,
+            lighting=self.painted.lighting(frame, self.entry.name, self.entry.bounces),
         )
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:

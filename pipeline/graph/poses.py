@@ -23,6 +23,11 @@ def vision_from_occluder(frame: Frame, camera: str, prim_path: str) -> np.ndarra
     return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_occluder[prim_path])
 
 
+def vision_from_lamp(frame: Frame, camera: str, prim_path: str) -> np.ndarray:
+    """Pose of a lamp in a camera's vision frame, (4, 4) [mm]."""
+    return np.array(frame.camera_from_world[camera]) @ np.array(frame.world_from_lamp[prim_path])
+
+
 def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.ndarray]:
     """vision_from_target of all targets of a dataset, by name."""
     return {target.name: vision_from_target(frame, camera, target.name) for target in dataset.targets}

@@ -77,6 +77,10 @@ class Sight:
         self._parts = [Places(band.positions_mm, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
         self._beams: Beams = beams_of(rig.tracer.arrays, blocks)
 
+    def undecided(self) -> np.ndarray:
+        """NaN for both parts of each pixel, (2, n), for what no footprint can judge."""
+        return np.full((len(self._parts), len(self._parts[0].positions)), np.nan)
+
     def judged(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
     ) -> np.ndarray:

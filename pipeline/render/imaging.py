@@ -18,6 +18,7 @@ from pipeline.records.shapes import Float64
 from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Sight
 from pipeline.render.light import TargetLight
+from pipeline.render.lighting.lit_scene import LitScene
 
 Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(n, 3) origins and directions, vision frame, to (n,) radiances."""
@@ -73,7 +74,7 @@ def irradiance_and_crosstalk(
 def pictures(
     rig: Rig,
     samples: int,
-    scenes: Sequence[TargetLight],
+    scenes: Sequence[TargetLight | LitScene],
     white: Float64[np.ndarray, "2 height width"],
     rows: Rows | None = None,
 ) -> np.ndarray:

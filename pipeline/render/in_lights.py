@@ -9,6 +9,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 from pipeline.render.imaging import Rows, irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
+from pipeline.render.lighting.lit_scene import LitView
 
 
 def white_parts(rig: Rig, samples: int, rows: Rows | None = None) -> np.ndarray:
@@ -27,7 +28,7 @@ def white_parts(rig: Rig, samples: int, rows: Rows | None = None) -> np.ndarray:
 def pictures_in_lights(
     rig: Rig,
     samples: int,
-    scenes: Sequence[TargetLight],
+    scenes: Sequence[TargetLight | LitView],
     white: Float64[np.ndarray, "2 height width wavelengths"],
     rows: Rows | None = None,
 ) -> np.ndarray:
@@ -42,7 +43,8 @@ def pictures_in_lights(
     for number, one in enumerate(rig.in_each_light):
         all_of_it, foreign = np.ascontiguousarray(white[..., number])
         parts = np.array([all_of_it - foreign, foreign])
-        images.append(pictures(one, shared, scenes, parts, rows))
+        seen = [scene.in_light(number, shared) for scene in scenes]
+        images.append(pictures(one, shared, seen, parts, rows))
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 

@@ -10,17 +10,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from pipeline.camera.tracing.records import Leaving
-from pipeline.frames import apply
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.render import sheet_image
 from pipeline.render.boxes import may_meet
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import TOUCHING_MM, Sight
+from pipeline.render.patch_light import PatchLight
 from pipeline.render.sheets import first_sheet
 from pipeline.render.surroundings import in_vision
-from pipeline.targets import kernels
 from pipeline.targets.occluder import Occluder
-from pipeline.targets.patches import CYLINDER, MESH, PLANE, Patch
+from pipeline.targets.patches import PLANE, Patch
 from pipeline.targets.target import AnyTarget
 
 _FEW = 8
@@ -48,7 +47,7 @@ class TargetLight:
     ) -> None:
         self._background = background
         patches = [(patch, pose @ patch.target_from_patch) for target, pose in targets for patch in target.patches()]
-        self._lights = [_PatchLight(patch, pose) for patch, pose in patches]
+        self._lights = [PatchLight(patch, pose) for patch, pose in patches]
         self._others = [occluder.radiance for occluder, _ in occluders]
         self._flat = [(patch, pose) for patch, pose in patches if patch.kind == PLANE]
         self._solids = [light.mesh_in_vision().reshape(-1, 3) for light in self._lights if not light.is_flat]
@@ -59,6 +58,10 @@ class TargetLight:
         if len(self._boxes) or self._sheets is None:
             others = [in_vision(occluder, pose) for occluder, pose in occluders]
             self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
+
+    def in_light(self, number: int, samples: int) -> "TargetLight":
+        """The same for every wavelength and any number of rays: nothing here has a colour."""
+        return self
 
     def seen(self, sight: Sight) -> np.ndarray:
         """Light that both parts of pixels see, (2, n), NaN unless certainly of one colour: see `Sight.judged`."""
@@ -137,36 +140,3 @@ def _stacked(patches: Sequence[tuple[Patch, np.ndarray]]) -> tuple[np.ndarray, n
     poses = np.array([pose for _, pose in patches]).reshape(-1, 4, 4)
     halves = np.array([(patch.drawing.half_x_mm, patch.drawing.half_y_mm) for patch, _ in patches]).reshape(-1, 2)
     return poses, halves
-
-
-class _PatchLight:
-    """A patch made ready for the kernels."""
-
-    def __init__(self, patch: Patch, vision_from_patch: np.ndarray) -> None:
-        self._patch, self._pose = patch, np.ascontiguousarray(vision_from_patch)
-        self._triangles = np.ascontiguousarray(patch.mesh())
-        self._artwork = kernels.Artwork(patch.drawing.arrays, np.array(patch.colours), self._pose)
-
-    def mesh_in_vision(self) -> np.ndarray:
-        """Triangles, vision frame."""
-        return apply(self._pose, self._triangles.reshape(-1, 3)).reshape(-1, 3, 3)
-
-    @property
-    def is_flat(self) -> bool:
-        """Whether the patch is plane."""
-        return self._patch.kind == PLANE
-
-    def add(self, background: float, rays: Leaving, pixels: np.ndarray, wanted: np.ndarray, image: np.ndarray) -> None:
-        """Add the light of a flat patch that nothing hides, and of the background beside it: see `TargetLight.add`."""
-        sheet_image.add_light(sheet_image.Sheet(self._artwork, background), rays, pixels, wanted, image)
-
-    def shine(self, triangle: np.ndarray, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
-        """Write the light of the rays that meet a triangle of this patch first; -1 marks all other rays."""
-        kind = self._patch.kind
-        if kind == PLANE:
-            kernels.plane_light(self._artwork, triangle >= 0, origin, direction, light)
-        elif kind == MESH:
-            kernels.mesh_light(self._patch.albedo, self._triangles, self._pose, triangle, origin, direction, light)
-        else:
-            surface = kernels.Curved(kind == CYLINDER, self._patch.shape, self._triangles)
-            kernels.curved_light(self._artwork, surface, triangle, origin, direction, light)

@@ -15,6 +15,7 @@ with warnings.catch_warnings():
     from colour.characterisation import MSDS_CAMERA_SENSITIVITIES
     from colour.colorimetry import SDS_ILLUMINANTS, planck_law
     from colour.models import eotf_inverse_sRGB
+    from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
 
 EQUAL_ENERGY = "E"
 """Name of the illuminant of equal energy at all wavelengths."""
@@ -66,6 +67,21 @@ def sensitivity(camera: str, component: str) -> Table:
     wavelengths = np.asarray(table.wavelengths, float)
     response = np.maximum(np.asarray(table.values, float)[:, table.labels.index(component)], 0.0)
     return wavelengths, response / wavelengths
+
+
+def weights_of_rgb(wavelength_nm: float) -> np.ndarray:
+    """Weights of the linear components of sRGB at a wavelength, (3,), whose sum is 1: a colour stands for the spectrum
+    weights @ rgb, and white for 1 everywhere.
+
+    Beyond 380 and 780 nm they stay as they are there.
+
+    References
+    ----------
+    Mallett and Yuksel, "Spectral Primary Decomposition for Rendering with sRGB Reflectance", EGSR 2019.
+    """
+    basis = MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
+    values = np.array([np.interp(wavelength_nm, basis.wavelengths, column) for column in np.asarray(basis.values).T])
+    return np.asarray(values / values.sum())
 
 
 def product(one: Table, other: Table) -> Table:

@@ -9,6 +9,7 @@ from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
 from pipeline.optics.prescription import Prescription
+from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.targets.occluder import Occluder
@@ -52,6 +53,8 @@ class CameraEntry:
         Fields of `truth.TruthSettings` (a dict, because scene and truth do not import each other).
     image_samples : int
         Rays per pixel of the image.
+    bounces : int
+        Reflections between surfaces in images of a lit dataset.
     extent : str
         Extent of position images for method `image`: `tiles` around the points, or `full`.
     delivers_rays : bool
@@ -79,6 +82,7 @@ class CameraEntry:
     sampling: Sampling
     truth: dict[str, str | float | None]
     image_samples: int
+    bounces: int = 2
     extent: str = "tiles"
     delivers_rays: bool = False
     f_numbers: tuple[float, ...] = ()
@@ -126,11 +130,12 @@ class CameraEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TargetEntry:
-    """A calibration target of the dataset; `name` is its prim's name."""
+    """A calibration target of the dataset; `name` is its prim's name, `coat` what lies on its ink and paper."""
 
     name: str
     prim_path: str
     target: AnyTarget
+    coat: Coat | None = None
 
     def __repr__(self) -> str:
         return f"<target {self.name}: {self.target.kind}, {len(self.target.points().kinds)} points>"
@@ -138,10 +143,39 @@ class TargetEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OccluderEntry:
-    """An occluder of the dataset."""
+    """An occluder of the dataset; with lamps, any mesh, with what it is made of."""
 
     prim_path: str
     occluder: Occluder
+    finish: Finish | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LampEntry:
+    """A lamp of the dataset."""
+
+    prim_path: str
+    lamp: Lamp
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PictureEntry:
+    """A picture on a surface or in the sky.
+
+    Attributes
+    ----------
+    name : str
+        Digest of its content, and its colour space.
+    suffix, encoded : str
+        Kind of the file, and its bytes in base 64.
+    space : str
+        `auto`, `raw` or `sRGB`.
+    """
+
+    name: str
+    suffix: str
+    encoded: str
+    space: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,12 +190,15 @@ class Frame:
         Pose per target name, target frame.
     world_from_occluder : dict
         Pose per prim path of each visible occluder, frame of the mesh; any affine transform.
+    world_from_lamp : dict
+        Pose per prim path of each visible lamp.
     """
 
     number: int
     camera_from_world: dict[str, Matrix]
     world_from_target: dict[str, Matrix]
     world_from_occluder: dict[str, Matrix] = field(default_factory=dict)
+    world_from_lamp: dict[str, Matrix] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -176,6 +213,10 @@ class Dataset:
         Seed of all random numbers.
     background : float
         Relative radiance where there is neither a target nor an occluder.
+    lamps : tuple of LampEntry
+        With any, everything is lit by them; without, targets glow.
+    pictures : tuple of PictureEntry
+        Of a lit dataset.
     """
 
     stage_name: str
@@ -185,6 +226,8 @@ class Dataset:
     targets: tuple[TargetEntry, ...]
     frames: tuple[Frame, ...]
     occluders: tuple[OccluderEntry, ...] = ()
+    lamps: tuple[LampEntry, ...] = ()
+    pictures: tuple[PictureEntry, ...] = ()
 
     def __repr__(self) -> str:
         numbers = ", ".join(str(frame.number) for frame in self.frames[:3]) + (", …" if len(self.frames) > 3 else "")

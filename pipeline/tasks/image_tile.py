@@ -8,10 +8,12 @@ import numpy as np
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.render.in_lights import pictures_in_lights
 from pipeline.render.light import TargetLight
+from pipeline.render.lighting.lit_scene import LitView
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import ImageTile as Params
+from pipeline.tasks.params.pictures import PICTURE
 from pipeline.tasks.params.placed import PaintedView
 from pipeline.tasks.white_tile import FOREIGN, WHITE
 
@@ -36,9 +38,13 @@ def image_rows(
     """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
     rig = rig_of(inputs, exposure.seed)
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
-    return pictures_in_lights(rig, exposure.samples, list(map(_scene, views)), white, rows)
+    scenes = [_scene(view, exposure, inputs) for view in views]
+    return pictures_in_lights(rig, exposure.samples, scenes, white, rows)
 
 
-def _scene(view: PaintedView) -> TargetLight:
+def _scene(view: PaintedView, exposure: Exposure, inputs: Inputs) -> TargetLight | LitView:
     targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
-    return TargetLight(targets, view.background, occluders)
+    if view.lighting is None:
+        return TargetLight(targets, view.background, occluders)
+    pictures = {role: read_npy(files[PICTURE]) for role, files in inputs.items() if PICTURE in files}
+    return LitView(targets, occluders, view.lighting, pictures, view.background, exposure.wavelengths_nm)

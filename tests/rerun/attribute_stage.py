@@ -113,6 +113,12 @@ def PlenDataset "Scene"
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
 
+    def DistantLight "Sun"
+    {
+        float inputs:intensity = 3
+        token visibility = "invisible"
+    }
+
     def Xform "More"
     {
         double3 xformOp:translate = (0, 0, -600)

@@ -425,7 +425,21 @@ METHOD = {
     "plen:truth:columns": [Case(A, ["chief"], TRUTH)],
 }
 
+LIT: dict[tuple[str, str], Any] = {("Sun", "visibility"): "inherited"}
+COATED = {("One", "plen:coat:roughness"): 0.2}
+LIGHTING = {
+    # With lamps a mesh that nobody named is in the image, so it may hide points, too.
+    "visibility": [Case("Sun", "inherited", {"image"} | TRUTH)],
+    "inputs:intensity": [Case("Sun", 4.0), Case("Sun", 4.0, {"image"}, given=LIT)],
+    "inputs:color": [Case("Sun", Gf.Vec3f(1.0, 0.5, 0.2), {"image"}, given=LIT)],
+    "inputs:angle": [Case("Sun", 2.0, {"image"}, given=LIT)],
+    "plen:coat:roughness": [Case("One", 0.3), Case("One", 0.3, {"image"}, given=LIT)],
+    "plen:coat:ior": [Case("One", 1.4, {"image"}, given=LIT | COATED)],
+    "plen:image:bounces": [Case(A, 1), Case(A, 1, {"image"}, given=LIT)],
+}
+
 CASES: dict[str, list[Case]] = {
+    **LIGHTING,
     **DATASET,
     **MAIN_LENS,
     **PARTS,

@@ -8,6 +8,7 @@ from pxr import Usd
 
 from pipeline.limits import how_to_raise, limits
 from pipeline.scene.read.channels import channel_prims
+from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.prims import frame_numbers
 from pipeline.scene.usd.problems import Problem, shown_path
 from pipeline.scene.usd.source_locations import problem
@@ -21,7 +22,7 @@ def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of size of one prim of any type. Values out of range are reported elsewhere and ignored here."""
     if prim.IsA("PlenDataset"):
         yield from _check_frames(prim)
-        for mesh in targets(prim, "plen:occluders", "Mesh"):
+        for mesh in seen_meshes(prim):
             yield from _check_mesh(mesh)
     elif prim.IsA("PlenTarget"):
         yield from _check_points(prim)

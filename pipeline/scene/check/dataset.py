@@ -6,6 +6,8 @@ from collections.abc import Iterator, Set
 
 from pxr import Sdf, Usd
 
+from pipeline.scene.check.lighting.finishes import check_finishes
+from pipeline.scene.check.lighting.lamps import check_lamps
 from pipeline.scene.check.occluders import check_occluders
 from pipeline.scene.check.unnamed import check_invisible, check_unnamed
 from pipeline.scene.read.prims import LAST_FRAME, camera_name, frame_numbers
@@ -40,6 +42,8 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)
     yield from check_occluders(root, wrong)
+    yield from check_lamps(root, wrong)
+    yield from check_finishes(root, wrong)
     yield from check_unnamed(root)
     yield from check_invisible(root)
 

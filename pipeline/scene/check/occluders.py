@@ -6,6 +6,7 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from pipeline.frames import apply
+from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.occluders import is_visible, read_occluder
 from pipeline.scene.read.prims import camera_from_world, camera_name, read_prescription, stage_mm_per_unit
 from pipeline.scene.usd.meshes import SHAPE
@@ -19,7 +20,7 @@ from pipeline.targets.errors import TargetError
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of the occluders of a dataset except poses; `wrong` holds the prims with wrong values."""
     meshes = {target(prim, "plen:mesh", "Mesh"): prim for prim in targets(root, "plen:targets", "PlenMeshTarget")}
-    for prim in targets(root, "plen:occluders", "Mesh"):
+    for prim in seen_meshes(root):
         if prim in meshes:
             message = f"<{prim.GetPath()}> is the mesh of the target <{meshes[prim].GetPath()}>"
             hint = "targets hide each other and themselves without being named"

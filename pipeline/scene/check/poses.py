@@ -7,6 +7,8 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.scene.check.occluders import check_outside_lens
+from pipeline.scene.read.finishes import seen_meshes
+from pipeline.scene.read.lamps import lamp_prims
 from pipeline.scene.read.prims import (
     camera_from_world,
     camera_name,
@@ -39,8 +41,8 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     frames = tuple(frame_numbers(root))
     cameras = [prim for prim in targets(root, "plen:cameras", "Camera") if prim.HasAPI("PlenCameraAPI")]
     boards = targets(root, "plen:targets", "PlenTarget")
-    occluders = targets(root, "plen:occluders", "Mesh")
-    moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders] for link in ancestry(prim)))
+    occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
+    moved = list(dict.fromkeys(link for prim in [*cameras, *boards, *occluders, *lamps] for link in ancestry(prim)))
     found = [bad for link in moved for bad in _check_link(link, frames)]
     if not _has_error(found):
         found += [bad for prim in [*cameras, *boards] for bad in _check_rigid(prim, frames)]

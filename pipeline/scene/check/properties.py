@@ -15,7 +15,7 @@ _MOVES = Rule(span=FOREIGN["xformOp"])
 _NAMED = 5
 """Number of missing targets of one relationship that are listed; further ones are counted."""
 # Namespaces in which anybody may add properties to any prim.
-_FREE_NAMESPACES = ("primvars:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
+_FREE_NAMESPACES = ("primvars:", "material:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 _FAMILIES = {
     "plen:apertureShape": "aperture-value",
     "plen:shape": "shape-value",

@@ -1,18 +1,19 @@
-"""Warnings about differences from a USD viewer: geometry and lights that it shows and no image has, targets that
+"""Warnings about differences from a USD viewer: geometry that it shows and no image has, targets that
 images have and it does not show.
 """
 
 from collections.abc import Iterator, Sequence
 
-from pxr import Sdf, Usd, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.ranges import frames_in_words
+from pipeline.scene.read.finishes import is_preview, seen_meshes
+from pipeline.scene.read.lamps import lamp_prims
 from pipeline.scene.read.occluders import is_visible
 from pipeline.scene.read.prims import frame_numbers
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import target_paths, targets
-from pipeline.scene.write.for_viewers import PREVIEW
 
 _MOST_KINDS = 8
 """Number of types of prims with a warning of their own: scenes made elsewhere have dozens, and errors must stay in
@@ -30,10 +31,11 @@ def check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     """
     named = _named(root.GetStage())
     frames = frame_numbers(root)
+    lit = {prim.GetPath() for prim in (*lamp_prims(root.GetStage()), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
     for prim in Usd.PrimRange(root.GetStage().GetPseudoRoot(), Usd.TraverseInstanceProxies()):
-        is_left_out = _is_light(prim) or (_is_geometry(prim) and prim.GetPath() not in named and not _is_preview(prim))
-        if is_left_out and _is_shown(prim, frames):
+        is_left_out = _is_geometry(prim) and prim.GetPath() not in named and not is_preview(prim)
+        if is_left_out and prim.GetPath() not in lit and _is_shown(prim, frames):
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
     for kind, prims in list(kinds.items())[:_MOST_KINDS]:
         yield _left_out(kind, prims)
@@ -57,13 +59,9 @@ def check_invisible(root: Usd.Prim) -> Iterator[Problem]:
 def _left_out(kind: str, prims: list[Usd.Prim]) -> Problem:
     paths = ", ".join(f"<{prim.GetPath()}>" for prim in prims[:_MOST_PATHS])
     more = f" and {len(prims) - _MOST_PATHS} more" if len(prims) > _MOST_PATHS else ""
-    if _is_light(prims[0]):
-        message = f"lights are not simulated: {kind} {paths}{more} changes no image"
-        hint = f"a target is as bright as its plen:white and plen:black, an occluder as its plen:radiance; {_AIDS}"
-    else:
-        message = f"{kind} {paths}{more} is in no image: no relationship names it"
-        what = "name it in" if kind == "Mesh" else "make it a Mesh and name that in"
-        hint = f"{what} rel plen:occluders of the dataset, or plen:mesh of a PlenMeshTarget; {_AIDS}"
+    message = f"{kind} {paths}{more} is in no image: no relationship names it"
+    what = "name it in" if kind == "Mesh" else "make it a Mesh and name that in"
+    hint = f"{what} rel plen:occluders of the dataset, or plen:mesh of a PlenMeshTarget; {_AIDS}"
     return problem(prims[0], "not-in-image", message, hint=hint, severity="warning")
 
 
@@ -78,17 +76,8 @@ def _named(stage: Usd.Stage) -> set[Sdf.Path]:
     return {path for relationship in relationships for path in target_paths(relationship)}
 
 
-def _is_light(prim: Usd.Prim) -> bool:
-    return bool(prim.HasAPI(UsdLux.LightAPI))
-
-
 def _is_geometry(prim: Usd.Prim) -> bool:
     return bool(prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer))
-
-
-def _is_preview(prim: Usd.Prim) -> bool:
-    """Whether a prim is the preview of a target, written by us or in the library."""
-    return bool(prim.GetName() == PREVIEW and prim.GetParent().IsA("PlenTarget"))
 
 
 def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:

@@ -3,15 +3,17 @@
 from pxr import Usd, UsdGeom
 
 from pipeline.scene.dataset import OccluderEntry
+from pipeline.scene.read.finishes import read_finish
 from pipeline.scene.usd.meshes import fans
 from pipeline.scene.usd.values import read
 from pipeline.targets.occluder import Occluder
 from pipeline.units import mm_per_unit
 
 
-def read_occluder_entry(prim: Usd.Prim) -> OccluderEntry:
-    """A mesh that a dataset names as an occluder."""
-    return OccluderEntry(prim_path=str(prim.GetPath()), occluder=read_occluder(prim))
+def read_occluder_entry(prim: Usd.Prim, *, lit: bool = False) -> OccluderEntry:
+    """A mesh that a dataset names as an occluder, or any mesh if lamps light it."""
+    finish = read_finish(prim) if lit else None
+    return OccluderEntry(prim_path=str(prim.GetPath()), occluder=read_occluder(prim), finish=finish)
 
 
 def read_occluder(prim: Usd.Prim) -> Occluder:

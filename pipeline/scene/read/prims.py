@@ -13,9 +13,12 @@ from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
 from pipeline.scene.read.channels import read_channels
+from pipeline.scene.read.finishes import seen_meshes
+from pipeline.scene.read.lamps import lamp_matrices, lamp_prims, read_lamp_entry
 from pipeline.scene.read.media import index_source, ordered_surfaces, with_indices
 from pipeline.scene.read.microlenses import read_microlenses
 from pipeline.scene.read.occluders import is_visible, read_occluder_entry
+from pipeline.scene.read.pictures import read_pictures
 from pipeline.scene.read.response import has_response, read_irradiation, read_response
 from pipeline.scene.read.targets import read_target_entry
 from pipeline.scene.usd.poses import inverse, product, world_from
@@ -59,7 +62,7 @@ def read_dataset(root: Usd.Prim) -> Dataset:
     """The records of a PlenDataset whose stage passed the checks."""
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
-    occluders = targets(root, "plen:occluders", "Mesh")
+    occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
     seed = need(root, "plen:seed")
     return Dataset(
         stage_name=root.GetName(),
@@ -67,8 +70,10 @@ def read_dataset(root: Usd.Prim) -> Dataset:
         background=need(root, "plen:background"),
         cameras=tuple(read_camera_entry(prim, root, seed) for prim in cameras),
         targets=tuple(read_target_entry(prim) for prim in boards),
-        frames=_read_frames(root, cameras, boards, occluders),
-        occluders=tuple(read_occluder_entry(prim) for prim in occluders),
+        frames=_read_frames(root, cameras, boards),
+        occluders=tuple(read_occluder_entry(prim, lit=bool(lamps)) for prim in occluders),
+        lamps=tuple(read_lamp_entry(prim, frame_numbers(root)) for prim in lamps),
+        pictures=read_pictures(root.GetStage()) if lamps else (),
     )
 
 
@@ -136,6 +141,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         truth={field: need(prim, name) for field, name in _TRUTH.items()}
         | {"accuracy_px": read(prim, "plen:truth:accuracy")},
         image_samples=need(prim, "plen:image:samples"),
+        bounces=need(prim, "plen:image:bounces"),
         extent=need(prim, "plen:truth:extent"),
         delivers_rays=need(prim, "plen:truth:rays"),
         f_numbers=tuple(need(prim, "plen:image:fNumbers")),
@@ -264,26 +270,27 @@ def stage_mm_per_unit(prim: Usd.Prim) -> float:
     return mm_per_unit(UsdGeom.GetStageMetersPerUnit(prim.GetStage()))
 
 
-def _read_frames(
-    root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim], occluders: list[Usd.Prim]
-) -> tuple[Frame, ...]:
+def _read_frames(root: Usd.Prim, cameras: list[Usd.Prim], boards: list[Usd.Prim]) -> tuple[Frame, ...]:
     numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
     vision = {camera_name(prim, root): _matrices(camera_from_world(prim, numbers, scale_mm)) for prim in cameras}
     world = {prim.GetName(): _matrices(world_from(prim, numbers, scale_mm)) for prim in boards}
-    hiding = {prim: _matrices(world_from(prim, numbers, scale_mm)) for prim in occluders}
+    hiding = {prim: _matrices(world_from(prim, numbers, scale_mm)) for prim in seen_meshes(root)}
+    lamps = {prim: lamp_matrices(prim, numbers, scale_mm) for prim in lamp_prims(root.GetStage())}
     return tuple(
         Frame(
             number=number,
             camera_from_world={name: matrices[index] for name, matrices in vision.items()},
             world_from_target={name: matrices[index] for name, matrices in world.items()},
-            world_from_occluder={
-                str(prim.GetPath()): matrices[index]
-                for prim, matrices in hiding.items()
-                if is_visible(prim, float(number))
-            },
+            world_from_occluder=_visible(hiding, index, number),
+            world_from_lamp=_visible(lamps, index, number),
         )
         for index, number in enumerate(numbers)
     )
+
+
+def _visible(moved: dict[Usd.Prim, list[Matrix]], index: int, number: int) -> dict[str, Matrix]:
+    """Pose of each prim that is visible in a frame, by path."""
+    return {str(prim.GetPath()): poses[index] for prim, poses in moved.items() if is_visible(prim, float(number))}
 
 
 def _matrices(stack: np.ndarray) -> list[Matrix]:

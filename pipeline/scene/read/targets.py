@@ -6,10 +6,11 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.frames import apply
+from pipeline.render.lighting.records import Coat
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Fans, fans
 from pipeline.scene.usd.poses import product, world_from
-from pipeline.scene.usd.values import UnreadableValue, need, plain, target
+from pipeline.scene.usd.values import UnreadableValue, need, plain, read, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 from pipeline.targets.patterns.charuco import Charuco
@@ -22,6 +23,8 @@ from pipeline.targets.surfaces import Cube, Cylinder, Flat, HeightMap, Stairs, W
 from pipeline.targets.target import AnyTarget, Target
 from pipeline.units import mm_per_unit
 
+PREVIEW = "Preview"
+"""Name of the preview mesh below a target."""
 _GRID = {"columns": "plen:columns", "rows": "plen:rows"}
 _STARS = {"diameter_mm": "plen:diameter", "spokes": "plen:spokes"}
 _TAGS = {"dictionary": "plen:dictionary", "first_tag": "plen:firstTag"}
@@ -85,7 +88,9 @@ def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
 
 def read_target_entry(prim: Usd.Prim) -> TargetEntry:
     """A target with its name."""
-    return TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_target(prim))
+    roughness = read(prim, "plen:coat:roughness")
+    coat = None if roughness is None else Coat(roughness=roughness, ior=need(prim, "plen:coat:ior"))
+    return TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_target(prim), coat=coat)
 
 
 def read_target(prim: Usd.Prim) -> AnyTarget:

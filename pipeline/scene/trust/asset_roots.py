@@ -54,7 +54,7 @@ def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
 
 
 def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Problems of asset values: those outside all roots, and any others, because nothing reads asset values yet."""
+    """Problems of asset values: those outside all roots, and any others but pictures, because nothing reads these."""
     prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
     return [problem for prim in prims for problem in _check_asset_values(prim, roots)]
 
@@ -69,9 +69,14 @@ def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
             elif asset.path and not asset.resolvedPath:
                 slashes = "asset paths use forward slashes" if "\\" in asset.path else None
                 yield problem(attribute, "asset-missing", f"cannot find file @{asset.path}@", hint=slashes)
-            elif asset.path:
+            elif asset.path and not _is_of_picture(attribute):
                 message = f"@{asset.path}@: files other than layers are not supported yet"
                 yield problem(attribute, "not-yet-supported", message)
+
+
+def _is_of_picture(attribute: Usd.Attribute) -> bool:
+    """Whether an attribute names a picture: of a texture, or in a sky."""
+    return attribute.GetName() in ("inputs:file", "inputs:texture:file")
 
 
 def _assets(value: object) -> list[Sdf.AssetPath]:

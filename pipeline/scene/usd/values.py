@@ -35,6 +35,16 @@ class UnreadableValue(PipelineError):
         self.thing = thing
 
 
+class NotSupported(UnreadableValue):
+    """A reader met something that is valid USD and not supported; `thing` is the place to mend it."""
+
+    code = "not-yet-supported"
+
+    def __init__(self, what: str, thing: Usd.Prim | Usd.Property, *, hint: str) -> None:
+        super().__init__(what, thing)
+        self.hint = hint
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
     """An interval, from the line `Range:` of an attribute's documentation.

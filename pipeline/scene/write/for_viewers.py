@@ -15,12 +15,11 @@ from pipeline.camera.figures.viewfinder import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError
 from pipeline.scene.dataset import CameraEntry, TargetEntry
+from pipeline.scene.read.targets import PREVIEW
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import Target
 from pipeline.units import mm_per_unit
 
-PREVIEW = "Preview"
-"""Name of the preview mesh below a target."""
 _TENTHS = 10.0
 """Factor for film backs and focal lengths of a Camera, which USD counts in tenths of the stage's unit."""
 _FARTHEST_MM, _LEAST_MM = 1e6, 1.0

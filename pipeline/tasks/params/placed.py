@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.render.lighting.records import Lighting
+
 Matrix = list[list[float]]
 """A transform a_from_b, row by row, (4, 4) [mm]."""
 
@@ -34,6 +36,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaintedView(View):
-    """A view with the radiance of everything and of the background."""
+    """A view with the radiance of everything and of the background, or with the lamps that light it."""
 
     background: float
+    lighting: Lighting | None = None

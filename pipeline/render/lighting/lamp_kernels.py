@@ -1,0 +1,214 @@
+"""Lamps for the kernels: where a ray meets one, and directions towards one. Kernels only; vision frame, mm.
+
+A lamp is a row of a table whose columns are named below. All emit the same radiance in all directions of their bright
+side; rects and disks shine along the -z of their frame, cylinders from their lateral surface, which lies about x.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.jit.decorators import inline
+from pipeline.render.lighting.dome_kernels import Dome, dome_density, dome_sample, dome_texel
+from pipeline.render.lighting.vectors import across, along, dot, minus, times, unit, world
+
+KINDS = ("rect", "disk", "sphere", "cylinder", "distant", "dome")
+"""Kinds of lamps, by their number in kernels."""
+RECT, DISK, SPHERE, CYLINDER, DISTANT, DOME = range(6)
+"""Numbers of the kinds."""
+KIND, RADIANCE, CHANCE, AREA, SIZE_A, SIZE_B = range(6)
+"""Columns: kind; radiance; probability with which it is chosen; its area [mm^2], of a distant lamp the solid angle
+[sr]; both sizes of `records.Lamp`."""
+CENTRE, AXIS_X, AXIS_Y, AXIS_Z = 6, 9, 12, 15
+"""First columns of the origin and of the unit axes of its frame."""
+COLUMNS = 18
+"""Number of columns."""
+TOUCHING = 1e-9
+"""Part of a path within which two things count as the same place [1]."""
+
+
+class Lamps(NamedTuple):
+    """All lamps of a scene.
+
+    Attributes
+    ----------
+    table : (k, COLUMNS) float64
+    dome : Dome
+        The picture of the textured dome; without texels there is none.
+    background : float
+        Radiance that the camera sees where nothing is, if there is no dome.
+    """
+
+    table: np.ndarray
+    dome: Dome
+    background: float
+
+
+@inline
+def _triple(table, k, column):
+    return table[k, column], table[k, column + 1], table[k, column + 2]
+
+
+@inline
+def meet_lamp(table, k, origin, direction):
+    """Path to a lamp of finite size, infinite if the ray misses it, and the cosine at its surface, positive where the
+    bright side faces the start.
+    """
+    kind, z = table[k, KIND], _triple(table, k, AXIS_Z)
+    a, b, from_centre = table[k, SIZE_A], table[k, SIZE_B], minus(origin, _triple(table, k, CENTRE))
+    if kind in (RECT, DISK):
+        towards = dot(direction, z)
+        t = -dot(from_centre, z) / towards
+        p = along(from_centre, t, direction)
+        x, y = dot(p, _triple(table, k, AXIS_X)), dot(p, _triple(table, k, AXIS_Y))
+        inside = (abs(x) <= a and abs(y) <= b) if kind == RECT else x * x + y * y <= a * a
+        return (t, towards) if t > 0.0 and inside else (math.inf, 0.0)
+    if kind == SPHERE:
+        t = _nearer_root(1.0, dot(from_centre, direction), dot(from_centre, from_centre) - a * a, -math.inf, math.inf)
+        return t, -dot(along(from_centre, t, direction), direction) / a
+    if kind == CYLINDER:
+        x = _triple(table, k, AXIS_X)
+        ox, dx = dot(from_centre, x), dot(direction, x)
+        o, d = along(from_centre, -ox, x), along(direction, -dx, x)
+        low, high = ((-a if dx > 0.0 else a) - ox) / dx, ((a if dx > 0.0 else -a) - ox) / dx
+        t = _nearer_root(dot(d, d), dot(o, d), dot(o, o) - b * b, low, high)
+        return t, -dot(along(o, t, d), d) / b
+    return math.inf, 0.0
+
+
+@inline
+def _nearer_root(a, b, c, low, high):
+    """The smaller positive root of a t^2 + 2 b t + c between two bounds; infinite if there is none."""
+    inner = b * b - a * c
+    if not inner > 0.0:
+        return math.inf
+    q = -(b + math.copysign(math.sqrt(inner), b))
+    one, other = min(q / a, c / q), max(q / a, c / q)
+    if one > 0.0 and low <= one <= high:
+        return one
+    return other if other > 0.0 and low <= other <= high else math.inf
+
+
+@inline
+def density(table, k, origin, t, cosine):
+    """Probability density of `sample_lamp` for the direction that meets a lamp of finite size [1/sr]."""
+    if table[k, KIND] == SPHERE:
+        return 1.0 / _cap(table, k, origin)
+    return t * t / (cosine * table[k, AREA])
+
+
+@inline
+def _cap(table, k, origin):
+    """Solid angle of a sphere [sr]; infinite from inside."""
+    off, a = minus(_triple(table, k, CENTRE), origin), table[k, SIZE_A]
+    part = a * a / dot(off, off)
+    return 2.0 * math.pi * part / (1.0 + math.sqrt(1.0 - part)) if part < 1.0 else math.inf
+
+
+@inline
+def sample_lamp(lamps, k, origin, normal, pair):
+    """A direction towards a lamp: unit vector, path to it, radiance, density [1/sr]; density 0: no light comes.
+
+    A distant lamp without extent has an infinite density; its `radiance` is then the irradiance across its light.
+    """
+    table = lamps.table
+    kind, radiance, z = table[k, KIND], table[k, RADIANCE], _triple(table, k, AXIS_Z)
+    if kind == DOME:
+        return _towards_dome(lamps, k, normal, pair)
+    if kind == DISTANT:
+        if table[k, AREA] == 0.0:
+            return z, math.inf, radiance, math.inf
+        return _in_cap(z, table[k, AREA], pair), math.inf, radiance, 1.0 / table[k, AREA]
+    if kind == SPHERE:
+        cap = _cap(table, k, origin)
+        if cap == math.inf:
+            return z, math.inf, 0.0, 0.0
+        off = minus(_triple(table, k, CENTRE), origin)
+        direction = _in_cap(unit(off), cap, pair)
+        t, cosine = meet_lamp(table, k, origin, direction)
+        # A direction at the rim may miss the sphere by rounding; it counts as touching.
+        return direction, (math.sqrt(dot(off, off)) if t == math.inf else t), radiance, 1.0 / cap
+    off = minus(_point_on(table, k, pair), origin)
+    t = math.sqrt(dot(off, off))
+    direction = times(1.0 / t, off)
+    cosine = dot(direction, z) if kind != CYLINDER else _cosine_on_cylinder(table, k, pair, direction)
+    if not cosine > 0.0:
+        return direction, t, 0.0, 0.0
+    return direction, t, radiance, t * t / (cosine * table[k, AREA])
+
+
+@inline
+def _point_on(table, k, pair):
+    """A point of a rect, a disk or a cylinder, evenly by area."""
+    kind, a, b, centre = table[k, KIND], table[k, SIZE_A], table[k, SIZE_B], _triple(table, k, CENTRE)
+    x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
+    turn = 2.0 * math.pi * pair[1]
+    if kind == RECT:
+        p = (2.0 * pair[0] - 1.0) * a, (2.0 * pair[1] - 1.0) * b, 0.0
+    elif kind == DISK:
+        r = a * math.sqrt(pair[0])
+        p = r * math.cos(turn), r * math.sin(turn), 0.0
+    else:
+        p = (2.0 * pair[0] - 1.0) * a, b * math.cos(turn), b * math.sin(turn)
+    return along(centre, 1.0, world(p, x, y, z))
+
+
+@inline
+def _cosine_on_cylinder(table, k, pair, direction):
+    turn = 2.0 * math.pi * pair[1]
+    y, z = _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
+    return -(math.cos(turn) * dot(direction, y) + math.sin(turn) * dot(direction, z))
+
+
+@inline
+def _in_cap(axis, solid_angle, pair):
+    """A direction about an axis, evenly within a solid angle."""
+    rise = pair[0] * solid_angle / (2.0 * math.pi)  # 1 - cos, which keeps its digits for small caps
+    radius, turn = math.sqrt(rise * (2.0 - rise)), 2.0 * math.pi * pair[1]
+    x, y = across(axis)
+    return world((radius * math.cos(turn), radius * math.sin(turn), 1.0 - rise), x, y, axis)
+
+
+@inline
+def _towards_dome(lamps, k, normal, pair):
+    table = lamps.table
+    x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
+    if lamps.dome.texels.shape[0] > 0:
+        own, chance = dome_sample(lamps.dome, pair)
+        return world(own, x, y, z), math.inf, table[k, RADIANCE] * dome_texel(lamps.dome, own), chance
+    radius, turn = math.sqrt(pair[0]), 2.0 * math.pi * pair[1]
+    height = math.sqrt(max(0.0, 1.0 - pair[0]))
+    one, other = across(normal)
+    direction = world((radius * math.cos(turn), radius * math.sin(turn), height), one, other, normal)
+    return direction, math.inf, table[k, RADIANCE], height / math.pi
+
+
+@inline
+def far_light(lamps, k, direction, cosine):
+    """Radiance of a dome or a distant lamp with extent along a direction that meets nothing, and the density with
+    which `sample_lamp` finds it from a surface at whose normal the direction has a cosine.
+    """
+    table = lamps.table
+    kind = table[k, KIND]
+    if kind == DISTANT and table[k, AREA] > 0.0:
+        off = minus(direction, _triple(table, k, AXIS_Z))
+        # The squared chord is 2 (1 - cos), and the solid angle 2 pi (1 - cos).
+        inside = math.pi * dot(off, off) <= table[k, AREA]
+        return (table[k, RADIANCE], 1.0 / table[k, AREA]) if inside else (0.0, 0.0)
+    if kind != DOME:
+        return 0.0, 0.0
+    if lamps.dome.texels.shape[0] > 0:
+        x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
+        own = dot(direction, x), dot(direction, y), dot(direction, z)
+        return table[k, RADIANCE] * dome_texel(lamps.dome, own), dome_density(lamps.dome, own)
+    return table[k, RADIANCE], max(cosine, 0.0) / math.pi
+
+
+@inline
+def blocked_by_lamp(table, chosen, origin, direction, end):
+    """Whether a lamp other than the chosen one lies between a start and the end of a path."""
+    for k in range(table.shape[0]):
+        if k != chosen and meet_lamp(table, k, origin, direction)[0] < end * (1.0 - TOUCHING):
+            return True
+    return False

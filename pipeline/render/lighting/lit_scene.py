@@ -1,0 +1,194 @@
+"""Radiance of a lit scene along rays of the camera, by paths that are traced from there to the lamps.
+
+Embree names the triangle that a ray meets, for whole batches; everything else is computed in double precision. The
+artwork of targets is evaluated by its formula at the exact hit, as in scenes without lamps.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.camera.tracing.records import Leaving
+from pipeline.records.plain import from_plain
+from pipeline.records.shapes import Bool, Float64, Int64, Num
+from pipeline.render import sheet_image
+from pipeline.render.embree import MeshScene
+from pipeline.render.footprints import Sight
+from pipeline.render.lighting import path_kernels as kernels
+from pipeline.render.lighting import shapes
+from pipeline.render.lighting.albedo import layers
+from pipeline.render.lighting.draws import name_rays, points_of
+from pipeline.render.lighting.lamps import lamps_of
+from pipeline.render.lighting.material_kernels import THRESHOLD
+from pipeline.render.lighting.materials import MaterialTable
+from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows
+from pipeline.render.lighting.records import Finish, Lighting
+from pipeline.render.lighting.shape_kernels import find_holes
+from pipeline.render.patch_light import PatchLight
+from pipeline.render.spectra import weights_of_rgb
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.target import AnyTarget
+
+_GAP_MM, _GAP = 1e-3, 4e-6
+"""Gap between a surface and the rays that leave it: at least [mm], and as a part of the largest coordinate [1].
+Embree's single precision moves points by 6e-8 of it.
+"""
+_MOST_HOLES = 64
+"""Most holes that a ray passes one after the other [1]: leaves of a tree; the next one is opaque."""
+
+
+@dataclass(frozen=True, slots=True)
+class LitView:
+    """Everything before a camera.
+
+    Attributes
+    ----------
+    targets, occluders : sequence
+        Each with its pose, as `light.TargetLight` takes them.
+    lighting : Lighting
+    pictures : mapping of (h, w, 4) arrays
+        Pictures of materials and domes, by name.
+    background : float
+        Radiance that the camera sees where there is nothing, if no dome is there.
+    wavelengths_nm : tuple of float
+        Of the light of the image, in the order of `Rig.in_each_light`.
+    """
+
+    targets: Sequence[tuple[AnyTarget, np.ndarray]]
+    occluders: Sequence[tuple[Occluder, np.ndarray]]
+    lighting: Lighting
+    pictures: Mapping[str, Num[np.ndarray, "h w c"]]
+    background: float
+    wavelengths_nm: tuple[float, ...]
+
+    def in_light(self, number: int, samples: int) -> "LitScene":
+        """The view at one of its wavelengths, for pixels with so many rays."""
+        return LitScene(self, self.wavelengths_nm[number], samples)
+
+
+class LitScene:
+    """A view at one wavelength.
+
+    Parameters
+    ----------
+    samples : int
+        Rays of a pixel; what random numbers are spread over.
+    """
+
+    def __init__(self, view: LitView, wavelength_nm: float, samples: int) -> None:
+        raised, lighting = weights_of_rgb(wavelength_nm), view.lighting
+        table = MaterialTable(view.pictures, raised)
+        self._art: list[PatchLight] = []
+        pieces = []
+        for (target, pose), coat in zip(view.targets, lighting.coats, strict=True):
+            row = table.add_coat(coat)
+            for patch in target.patches():
+                place = pose @ patch.target_from_patch
+                self._art.append(PatchLight(patch, place))
+                pieces.append(shapes.of_patch(patch, place, row))
+        for (occluder, pose), plain in zip(view.occluders, lighting.finishes, strict=True):
+            finish = from_plain(Finish, plain)
+            rows = [table.add(material, occluder.radiance) for material in finish.materials]
+            pieces.append(shapes.of_mesh(occluder, pose, finish, rows))
+        self._ends = np.cumsum([0, *(len(piece.corners) for piece in pieces)])
+        self._shapes, self._materials = shapes.joined(pieces), table.arrays
+        self._embree = MeshScene([self._shapes.corners])
+        corners = self._shapes.corners.reshape(-1, 3)
+        middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0)) if len(corners) else np.zeros(3)
+        self._lamps = lamps_of(lighting.lamps, view.pictures, raised, middle, view.background)
+        self._has_holes = bool((self._materials.flags[:, THRESHOLD] > 0).any())
+        self._gap_mm = max(_GAP_MM, _GAP * float(np.abs(corners).max(initial=0.0)))
+        self._scene = layers(), points_of(samples), self._gap_mm
+        self._bounces = lighting.bounces
+
+    def seen(self, sight: Sight) -> np.ndarray:
+        """NaN for both parts of each pixel, (2, n): a lit scene has no light that is known without rays."""
+        return sight.undecided()
+
+    def add(
+        self,
+        rays: Leaving,
+        pixels: Int64[np.ndarray, "n"],
+        wanted: Bool[np.ndarray, "m"],
+        image: Float64[np.ndarray, "m"],
+    ) -> None:
+        """Add the light of rays to their pixels, as `light.TargetLight.add`."""
+        some = np.flatnonzero(wanted[pixels])
+        rays, pixels = Leaving(*(np.ascontiguousarray(values[some]) for values in rays)), pixels[some]
+        sheet_image.add_values(rays.share, self.radiance(rays.origin, rays.direction, rays.owner), pixels, image)
+
+    def radiance(
+        self,
+        origin_mm: Float64[np.ndarray, "n 3"],
+        direction: Float64[np.ndarray, "n 3"],
+        owner: Int64[np.ndarray, "n"],
+    ) -> np.ndarray:
+        """Radiance that arrives along each ray, (n,); rays of one owner follow one another."""
+        light, paths = np.zeros(len(owner)), _first(origin_mm, direction, owner)
+        for vertex in range(self._bounces + 2):
+            if not len(paths.power):
+                break
+            hits = self._meet(paths)
+            kernels.gather(self._lamps, paths, hits, light)
+            lit = np.flatnonzero(np.isfinite(hits.distance))
+            if vertex > self._bounces or not len(lit):
+                break
+            paths, hits = Paths(*(values[lit] for values in paths)), Hits(*(values[lit] for values in hits))
+            if len(self._lamps.table):
+                self._ask_lamps(vertex, paths, hits, light)
+            goes_on = np.zeros(len(lit), bool)
+            kernels.scatter(self._scene, vertex, paths, hits, goes_on)
+            paths = Paths(*(values[goes_on] for values in paths))
+        return light
+
+    def _ask_lamps(self, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
+        """Add the light that lamps send to some surfaces directly."""
+        count = len(paths.power)
+        shadows = Shadows(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count))
+        kernels.send_to_lamps(self._lamps, self._scene, vertex, paths, hits, shadows)
+        some = np.flatnonzero(shadows.light)
+        shadows = Shadows(*(values[some] for values in shadows))
+        triangle = self._first_triangle(shadows.origin, shadows.direction)
+        kernels.arrive(self._shapes.corners, triangle, shadows, paths.ray[some], self._gap_mm, light)
+
+    def _meet(self, paths: Paths) -> Hits:
+        count = len(paths.power)
+        places = [np.empty((count, 3)) for _ in range(4)]
+        hits = Hits(np.empty(count), places[0], places[1], places[2], places[3], np.empty(count))
+        triangle = self._first_triangle(paths.origin, paths.direction)
+        albedo = np.full(count, np.nan)
+        for art, first, end in zip(self._art, self._ends, self._ends[1:], strict=False):
+            own = (triangle >= first) & (triangle < end)
+            if own.any():
+                albedo[own] = 0.0
+                art.shine(np.where(own, triangle - first, -1), paths.origin, paths.direction, albedo)
+        kernels.meet(self._shapes, self._materials, triangle, albedo, paths, hits)
+        return hits
+
+    def _first_triangle(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """First triangle of each ray that is no hole there, (n,) int64; -1: none."""
+        triangle = self._embree.first_hit(origin, direction).astype(np.int64)
+        if not self._has_holes:
+            return triangle
+        left, start = np.arange(len(triangle)), origin
+        for _ in range(_MOST_HOLES):
+            past = np.empty(len(left))
+            find_holes(self._shapes, self._materials, triangle[left], start, direction[left], past)
+            through = np.flatnonzero(np.isfinite(past))
+            if not len(through):
+                break
+            left = left[through]
+            start = start[through] + (past[through] + self._gap_mm)[:, None] * direction[left]
+            triangle[left] = self._embree.first_hit(start, direction[left])
+        return triangle
+
+
+def _first(origin: np.ndarray, direction: np.ndarray, owner: np.ndarray) -> Paths:
+    """The rays of the camera as paths."""
+    count = len(owner)
+    words = np.ascontiguousarray(np.concatenate([origin, direction], axis=1)).view(np.uint32)
+    key, place = np.empty(count, np.uint32), np.empty(count, np.int64)
+    name_rays(np.ascontiguousarray(owner), words, key, place)
+    rays = np.arange(count)
+    return Paths(origin.copy(), direction.copy(), np.ones(count), np.zeros(count), np.zeros(count), key, place, rays)

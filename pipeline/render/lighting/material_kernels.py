@@ -1,0 +1,126 @@
+"""Materials for the kernels: inputs as affine functions of texels, and what a surface is made of at a point.
+
+At one wavelength each input of a material is a number: a constant plus a sum over the four components of a texel, each
+times a coefficient. Both hold scale and bias of the texture, and the wavelength. Kernels only.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.jit.decorators import inline
+from pipeline.render.lighting.reflection import LEAST_ALPHA, Paint
+
+DIFFUSE, METALLIC, ROUGHNESS, EMISSION, OPACITY, SPECULAR, NORMAL_X, NORMAL_Y, NORMAL_Z = range(9)
+"""Inputs of a material [1]."""
+INPUTS = 9
+"""Number of inputs."""
+TEXTURE, WRAP_S, WRAP_T, CONSTANT = range(4)
+"""Columns of an input: row of its texture, -1 without; wrap modes, numbers of `WRAPS`; its constant."""
+COEFFICIENTS, MAP = 4, 8
+"""First columns of the coefficients of a texel's components, and of the map from the primvar to s and t."""
+COLUMNS = 14
+"""Number of columns of an input."""
+WORKFLOW, FACING, THRESHOLD, LAYER, BUMPY = range(5)
+"""Flags of a material: whether `specularColor` counts; reflectance of a facet of its dielectric face on; opacity below
+which it is a hole, 0: none; whether it has a specular layer; whether its normal is not constant.
+"""
+FLAGS = 5
+"""Number of flags."""
+WRAPS = ("repeat", "mirror", "clamp", "black")
+"""Wrap modes, by their number in kernels."""
+REPEAT, MIRROR, CLAMP, BLACK = range(4)
+"""Numbers of the wrap modes."""
+
+
+class Materials(NamedTuple):
+    """All materials at one wavelength.
+
+    Attributes
+    ----------
+    inputs : (m, INPUTS, COLUMNS) float64
+    flags : (m, FLAGS) float64
+    pictures : (k, 3) int64
+        First texel, width and height of each texture.
+    texels : (n, 4) float32
+        Linear, the first row of a picture is its top.
+    """
+
+    inputs: np.ndarray
+    flags: np.ndarray
+    pictures: np.ndarray
+    texels: np.ndarray
+
+
+@inline
+def _wrapped(index, count, mode):
+    """Index of a texel; -1: beyond the picture, black."""
+    if 0 <= index < count:
+        return index
+    if mode == REPEAT:
+        return index % count
+    if mode == MIRROR:
+        turn = index % (2 * count)
+        return turn if turn < count else 2 * count - 1 - turn
+    return min(max(index, 0), count - 1) if mode == CLAMP else -1
+
+
+@inline
+def _texel(materials, picture, x, y, place):
+    """One component of a texel; column and row as `_wrapped` gives them."""
+    if x < 0 or y < 0:
+        return 0.0
+    first, width = materials.pictures[picture, 0], materials.pictures[picture, 1]
+    return materials.texels[first + y * width + x, place]
+
+
+@inline
+def input_at(materials, m, which, st):
+    """An input of a material at texture coordinates, between the centres of four texels."""
+    own = materials.inputs[m, which]
+    value, picture = own[CONSTANT], int(own[TEXTURE])
+    if picture < 0:
+        return value
+    width, height = materials.pictures[picture, 1], materials.pictures[picture, 2]
+    s = own[MAP] * st[0] + own[MAP + 1] * st[1] + own[MAP + 2]
+    t = own[MAP + 3] * st[0] + own[MAP + 4] * st[1] + own[MAP + 5]
+    x, y = s * width - 0.5, (1.0 - t) * height - 0.5
+    if not abs(x) + abs(y) < 1e15:
+        return value
+    i, j = math.floor(x), math.floor(y)
+    a, b = x - i, y - j
+    left, right = _wrapped(i, width, own[WRAP_S]), _wrapped(i + 1, width, own[WRAP_S])
+    up, down = _wrapped(j, height, own[WRAP_T]), _wrapped(j + 1, height, own[WRAP_T])
+    for k in range(4):
+        if own[COEFFICIENTS + k] != 0.0:
+            upper = (1.0 - a) * _texel(materials, picture, left, up, k) + a * _texel(materials, picture, right, up, k)
+            lower = (1.0 - a) * _texel(materials, picture, left, down, k)
+            lower += a * _texel(materials, picture, right, down, k)
+            value += own[COEFFICIENTS + k] * ((1.0 - b) * upper + b * lower)
+    return value
+
+
+@inline
+def is_hole(materials, m, st):
+    """Whether a material lets everything through at a point."""
+    threshold = materials.flags[m, THRESHOLD]
+    return threshold > 0.0 and input_at(materials, m, OPACITY, st) < threshold
+
+
+@inline
+def _share(x):
+    return min(max(x, 0.0), 1.0)
+
+
+@inline
+def paint_at(materials, m, st):
+    """The paint of a surface at a point."""
+    colour = _share(input_at(materials, m, DIFFUSE, st))
+    if materials.flags[m, LAYER] == 0.0:
+        return Paint(colour, 0.0, 0.0)
+    alpha = max(LEAST_ALPHA, _share(input_at(materials, m, ROUGHNESS, st)) ** 2)
+    if materials.flags[m, WORKFLOW] > 0.0:
+        return Paint(colour, _share(input_at(materials, m, SPECULAR, st)), alpha)
+    metal = _share(input_at(materials, m, METALLIC, st))
+    return Paint((1.0 - metal) * colour, (1.0 - metal) * materials.flags[m, FACING] + metal * colour, alpha)

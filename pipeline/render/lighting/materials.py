@@ -1,0 +1,106 @@
+"""Materials made ready for the kernels, at one wavelength."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from pipeline.records.shapes import Float64, Num
+from pipeline.render.lighting import material_kernels as kernels
+from pipeline.render.lighting.material_kernels import COEFFICIENTS, INPUTS, MAP, Materials
+from pipeline.render.lighting.records import Coat, Input, Material
+
+
+class MaterialTable:
+    """A list of materials that grows; `arrays` are those of all.
+
+    Parameters
+    ----------
+    pictures : mapping of (h, w, 4) arrays
+        Linear pictures by name; the first row is the top.
+    raised : (3,) float64
+        Weights of red, green and blue at the wavelength.
+    """
+
+    def __init__(self, pictures: Mapping[str, Num[np.ndarray, "h w c"]], raised: Float64[np.ndarray, "3"]) -> None:
+        self._names = list(pictures)
+        self._pictures, self._raised = [np.asarray(pictures[name], np.float32) for name in self._names], raised
+        self._inputs: list[np.ndarray] = []
+        self._flags: list[tuple[float, ...]] = []
+
+    def add(self, material: Material, radiance: float = 0.0) -> int:
+        """Add a material that also shines by itself; returns its row."""
+        inputs = np.zeros((INPUTS, kernels.COLUMNS))
+        colours = {kernels.DIFFUSE: material.diffuse_color, kernels.EMISSION: material.emissive_color}
+        if material.specular_color:
+            colours[kernels.SPECULAR] = material.specular_color
+        for place, one in colours.items():
+            inputs[place] = self._row(one, self._raised)
+        numbers = (material.metallic, material.roughness, material.opacity)
+        for place, one in zip((kernels.METALLIC, kernels.ROUGHNESS, kernels.OPACITY), numbers, strict=True):
+            inputs[place] = self._row(one, np.ones(1))
+        for axis in range(3):
+            inputs[kernels.NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis])
+        inputs[kernels.EMISSION, kernels.CONSTANT] += radiance
+        bumpy = material.normal.texture is not None
+        self._inputs.append(inputs)
+        facing = facing_of(material.ior)
+        flags = material.specular_color is not None, facing, material.opacity_threshold, _has_layer(material), bumpy
+        self._flags.append(flags)
+        return len(self._flags) - 1
+
+    def add_coat(self, coat: Coat | None) -> int:
+        """Add what lies on the artwork of a target; returns its row."""
+        row = self.add(Material(roughness=Input(value=(coat.roughness if coat else 0.0,)), ior=coat.ior if coat else 1))
+        self._flags[row] = (False, facing_of(coat.ior) if coat else 0.0, 0.0, coat is not None, False)
+        return row
+
+    @property
+    def arrays(self) -> Materials:
+        """All materials."""
+        sizes = [(picture.shape[1], picture.shape[0]) for picture in self._pictures]
+        first = np.cumsum([0, *(width * height for width, height in sizes)])
+        pictures = np.array([(start, *size) for start, size in zip(first, sizes, strict=False)], np.int64)
+        texels = [picture.reshape(-1, 4) for picture in self._pictures]
+        return Materials(
+            np.array(self._inputs).reshape(-1, INPUTS, kernels.COLUMNS),
+            np.array(self._flags, float).reshape(-1, kernels.FLAGS),
+            pictures.reshape(-1, 3),
+            np.concatenate([np.zeros((0, 4), np.float32), *texels]),
+        )
+
+    def _row(self, value: Input, weights: np.ndarray) -> np.ndarray:
+        """An input whose components are summed up with some weights."""
+        row, texture = np.zeros(kernels.COLUMNS), value.texture
+        row[kernels.TEXTURE] = -1
+        row[kernels.CONSTANT] = float(weights @ np.array(value.value))
+        if texture is None:
+            return row
+        places = [0, 1, 2] if texture.channel == "rgb" else ["rgba".index(texture.channel)]
+        row[kernels.TEXTURE] = self._names.index(texture.name)
+        row[kernels.WRAP_S], row[kernels.WRAP_T] = (kernels.WRAPS.index(wrap) for wrap in texture.wrap)
+        row[kernels.CONSTANT] = float(weights @ np.array(texture.bias)[places])
+        row[[COEFFICIENTS + place for place in places]] = weights * np.array(texture.scale)[places]
+        row[MAP:] = texture.st_from_primvar
+        return row
+
+
+def facing_of(ior: float) -> float:
+    """Reflectance of a dielectric in air, face on (Fresnel)."""
+    return ((ior - 1.0) / (ior + 1.0)) ** 2
+
+
+def _has_layer(material: Material) -> bool:
+    """Whether a specular layer is there: none has the index of air, or a black `specularColor`."""
+    if material.specular_color:
+        return bool(material.specular_color.texture or any(material.specular_color.value))
+    return bool(material.metallic.texture or any(material.metallic.value) or material.ior != 1.0)
+
+
+def all_of(materials: Sequence[Material]) -> list[str]:
+    """Names of the pictures that materials ask for, each once."""
+    return list(dict.fromkeys(one.texture.name for material in materials for one in _inputs(material) if one.texture))
+
+
+def _inputs(material: Material) -> list[Input]:
+    named = (getattr(material, name) for name in Material.__slots__)
+    return [one for one in named if isinstance(one, Input)]

@@ -1,0 +1,275 @@
+"""Paths of light, batch by batch, from the camera to the lamps. Kernels only; vision frame, mm.
+
+Each step is a loop over all paths of a batch: Embree has named the triangle that each meets, and the kernels say what
+is there, add the light of lamps that the path has met, send a ray to a lamp, and choose the next direction.
+
+Light of a lamp is found in two ways, by rays sent to a point of the lamp and by paths that meet it; both count,
+weighted by the balance heuristic (Veach 1997). Arguments are named in the records below.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.jit.decorators import inline, kernel
+from pipeline.render.lighting import draws
+from pipeline.render.lighting.lamp_kernels import (
+    CHANCE,
+    DOME,
+    KIND,
+    blocked_by_lamp,
+    density,
+    far_light,
+    meet_lamp,
+    sample_lamp,
+)
+from pipeline.render.lighting.lamp_kernels import RADIANCE as OF_LAMP
+from pipeline.render.lighting.material_kernels import EMISSION, input_at, paint_at
+from pipeline.render.lighting.reflection import Paint, reflected, scattered
+from pipeline.render.lighting.shape_kernels import path_to, shading_normal, st_at, weights
+from pipeline.render.lighting.vectors import across, along, dot, local, row, times, unit, world
+
+_LEAST = 0.05
+"""Least probability with which a path goes on [1]: it bounds what one path can add."""
+
+
+class Paths(NamedTuple):
+    """Paths of a batch.
+
+    Attributes
+    ----------
+    origin, direction : (n, 3) float64
+        The ray on which each continues, away from the camera.
+    power : (n,) float64
+        Part of the light along this ray that reaches the camera.
+    density, cosine : (n,) float64
+        Density with which the direction was chosen [1/sr], 0 for rays of the camera, and its cosine at the surface.
+    key, place : (n,) uint32, (n,) int64
+        What random numbers depend on.
+    ray : (n,) int64
+        The ray of the camera that it belongs to.
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    power: np.ndarray
+    density: np.ndarray
+    cosine: np.ndarray
+    key: np.ndarray
+    place: np.ndarray
+    ray: np.ndarray
+
+
+class Hits(NamedTuple):
+    """Surfaces that paths meet.
+
+    Attributes
+    ----------
+    distance : (n,) float64
+        Infinite: nothing.
+    point, flat, normal : (n, 3) float64
+        Place, and unit normals of the triangle and for shading, on the side that the ray comes from.
+    paint : (n, 3) float64
+        Fields of `reflection.Paint`.
+    emission : (n,) float64
+    """
+
+    distance: np.ndarray
+    point: np.ndarray
+    flat: np.ndarray
+    normal: np.ndarray
+    paint: np.ndarray
+    emission: np.ndarray
+
+
+class Shadows(NamedTuple):
+    """Rays towards lamps.
+
+    Attributes
+    ----------
+    origin, direction : (n, 3) float64
+    end : (n,) float64
+        Path to the lamp.
+    light : (n,) float64
+        What arrives if nothing is in between; 0: there is no such ray.
+    """
+
+    origin: np.ndarray
+    direction: np.ndarray
+    end: np.ndarray
+    light: np.ndarray
+
+
+@kernel
+def meet(shapes, materials, triangle, albedo, paths, hits):
+    """Say what each path meets.
+
+    Parameters
+    ----------
+    triangle : (n,) int64
+        First triangle of each ray, -1: none.
+    albedo : (n,) float64
+        Reflectance of the artwork of targets there, whose back is black; NaN elsewhere.
+    """
+    for i in range(triangle.size):
+        t = triangle[i]
+        hits.distance[i] = math.inf
+        if t < 0:
+            continue
+        start, way = row(paths.origin, i), row(paths.direction, i)
+        path, normal = path_to(shapes.corners[t], start, way)
+        point = along(start, path, way)
+        w = weights(shapes.corners[t], normal, point)
+        flat, st, m = unit(normal), st_at(shapes, t, w), shapes.material[t]
+        shading = shading_normal(shapes, materials, t, w, flat)
+        side = -1.0 if dot(flat, way) > 0.0 else 1.0
+        flat, shading = times(side, flat), times(side, shading)
+        # Seen from its front, a surface must not turn away for shading.
+        shading = shading if dot(shading, way) < 0.0 else flat
+        paint = paint_at(materials, m, st)
+        if not math.isnan(albedo[i]):
+            paint = Paint(albedo[i], paint.facing, paint.alpha) if side > 0.0 else Paint(0.0, 0.0, 0.0)
+        hits.distance[i], hits.emission[i] = path, input_at(materials, m, EMISSION, st)
+        for k in range(3):
+            hits.point[i, k], hits.flat[i, k], hits.normal[i, k] = point[k], flat[k], shading[k]
+        hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2] = paint.diffuse, paint.facing, paint.alpha
+
+
+@kernel
+def gather(lamps, paths, hits, light):
+    """Add the light that paths meet: lamps before or beyond surfaces, and surfaces that shine.
+
+    Parameters
+    ----------
+    light : (rays,) float64
+        Radiance of each ray of the camera, added to.
+    hits.distance :
+        Set to infinity where a path ends.
+    """
+    for i in range(paths.power.size):
+        start, way = row(paths.origin, i), row(paths.direction, i)
+        nearest, own, bright = hits.distance[i], -1, 0.0
+        for k in range(lamps.table.shape[0]):
+            t, cosine = meet_lamp(lamps.table, k, start, way)
+            if t < nearest:
+                nearest, own, bright = t, k, cosine
+        if own >= 0:
+            hits.distance[i] = math.inf
+            if bright > 0.0:
+                chance = lamps.table[own, CHANCE] * density(lamps.table, own, start, nearest, bright)
+                light[paths.ray[i]] += paths.power[i] * lamps.table[own, OF_LAMP] * _share(paths.density[i], chance)
+        elif nearest < math.inf:
+            light[paths.ray[i]] += paths.power[i] * hits.emission[i]
+        else:
+            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, way)
+
+
+@inline
+def _share(own, other):
+    """Weight of the balance heuristic; rays of the camera are found in one way only."""
+    return own / (own + other) if own > 0.0 else 1.0
+
+
+@inline
+def _from_far(lamps, paths, i, way):
+    """Weighted radiance of domes and distant lamps, or the background that the camera sees."""
+    total, has_dome = 0.0, False
+    for k in range(lamps.table.shape[0]):
+        has_dome = has_dome or lamps.table[k, KIND] == DOME
+        radiance, chance = far_light(lamps, k, way, paths.cosine[i])
+        total += radiance * _share(paths.density[i], lamps.table[k, CHANCE] * chance)
+    return total if has_dome or paths.density[i] > 0.0 else total + lamps.background
+
+
+@inline
+def _paint(hits, i):
+    return Paint(hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2])
+
+
+@inline
+def _start(hits, i, way, gap_mm):
+    """Start of a ray that leaves a surface: a gap off it, because Embree works in single precision."""
+    flat = row(hits.flat, i)
+    return along(row(hits.point, i), math.copysign(gap_mm, dot(way, flat)), flat)
+
+
+@kernel
+def send_to_lamps(lamps, scene, vertex, paths, hits, shadows):
+    """Make a ray from each surface to a point of one lamp."""
+    layers, points, gap_mm = scene
+    count = lamps.table.shape[0]
+    for i in range(paths.power.size):
+        shadows.light[i] = 0.0
+        pair = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.LAMP)
+        k, u = 0, pair[0]
+        while k < count - 1 and u >= lamps.table[k, CHANCE]:
+            u -= lamps.table[k, CHANCE]
+            k += 1
+        chance = lamps.table[k, CHANCE]
+        u = min(u / chance, 1.0 - 1e-16)
+        normal, flat, point = row(hits.normal, i), row(hits.flat, i), row(hits.point, i)
+        way, end, radiance, by_lamp = sample_lamp(lamps, k, point, normal, (u, pair[1]))
+        if not (radiance > 0.0 and by_lamp > 0.0 and dot(way, flat) > 0.0):
+            continue
+        x, y = across(normal)
+        seen = local(times(-1.0, row(paths.direction, i)), x, y, normal)
+        value, by_surface = reflected(layers, _paint(hits, i), seen, local(way, x, y, normal))
+        if by_lamp == math.inf:
+            value *= radiance / chance
+        else:
+            value *= radiance / (chance * by_lamp + by_surface)
+        start = _start(hits, i, way, gap_mm)
+        if value > 0.0 and not blocked_by_lamp(lamps.table, k, start, way, end):
+            shadows.light[i], shadows.end[i] = paths.power[i] * value, end
+            for axis in range(3):
+                shadows.origin[i, axis], shadows.direction[i, axis] = start[axis], way[axis]
+
+
+@kernel
+def arrive(corners, triangle, shadows, ray, gap_mm, light):
+    """Add the light of rays to lamps that nothing stops.
+
+    Parameters
+    ----------
+    corners : (t, 3, 3) float64
+    triangle : (n,) int64
+        First triangle of each ray, -1: none.
+    ray, light : (n,) int64, (rays,) float64
+        As in `gather`.
+    """
+    for i in range(triangle.size):
+        if triangle[i] >= 0:
+            path, _ = path_to(corners[triangle[i]], row(shadows.origin, i), row(shadows.direction, i))
+            if path < shadows.end[i] - 2.0 * gap_mm:
+                continue
+        light[ray[i]] += shadows.light[i]
+
+
+@kernel
+def scatter(scene, vertex, paths, hits, goes_on):
+    """Choose where each path comes from, (n,) bool written: whether it goes on. Its ray is replaced."""
+    layers, points, gap_mm = scene
+    for i in range(paths.power.size):
+        goes_on[i] = False
+        normal, flat, paint = row(hits.normal, i), row(hits.flat, i), _paint(hits, i)
+        pair = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.SCATTER)
+        x, y = across(normal)
+        seen = local(times(-1.0, row(paths.direction, i)), x, y, normal)
+        lit = scattered(layers, paint, seen, pair)
+        value, chance = reflected(layers, paint, seen, lit)
+        way = unit(world(lit, x, y, normal))
+        if not (value > 0.0 and chance > 0.0 and dot(way, flat) > 0.0):
+            continue
+        power = paths.power[i] * value / chance
+        if vertex > 0:
+            survives = min(1.0, max(power, _LEAST))
+            dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.SURVIVAL)
+            if dice[0] >= survives:
+                continue
+            power /= survives
+        goes_on[i] = True
+        start = _start(hits, i, way, gap_mm)
+        paths.power[i], paths.density[i], paths.cosine[i] = power, chance, lit[2]
+        for axis in range(3):
+            paths.origin[i, axis], paths.direction[i, axis] = start[axis], way[axis]

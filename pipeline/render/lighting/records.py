@@ -1,0 +1,153 @@
+"""Records of what lights a scene and what reflects there, as parameters of tasks."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+Rgb = tuple[float, float, float]
+"""Linear components of sRGB's primaries."""
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lamp:
+    """A lamp of UsdLux, in its own frame: x, y and z as USD has them.
+
+    Attributes
+    ----------
+    kind : str
+        `rect`, `disk`, `sphere`, `cylinder`, `distant` or `dome`.
+    radiance : Rgb
+        Radiance that leaves it, relative; of a distant lamp without extent the irradiance across its light.
+    size : (float, float)
+        Rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant: half
+        its angle [rad], 0.
+    texture : str
+        Of a dome: the name of the task's input that holds its picture; empty: none.
+    """
+
+    kind: str
+    radiance: Rgb
+    size: tuple[float, float] = (0.0, 0.0)
+    texture: str = ""
+
+    @property
+    def area(self) -> float:
+        """Area of its bright side [mm^2]; of a distant lamp the solid angle of its light [sr], and so of a dome."""
+        a, b = self.size
+        areas = {
+            "rect": 4 * a * b,
+            "disk": math.pi * a * a,
+            "sphere": 4 * math.pi * a * a,
+            "cylinder": 4 * math.pi * a * b,
+            "distant": 4 * math.pi * math.sin(a / 2) ** 2,
+            "dome": 4 * math.pi,
+        }
+        return areas[self.kind]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Texture:
+    """A picture on a surface.
+
+    Attributes
+    ----------
+    name : str
+        Name of the task's input that holds the picture.
+    channel : str
+        `rgb`, or `r`, `g`, `b`, `a` for an input that is one number.
+    scale, bias : tuple of four floats
+        value = scale * texel + bias, by component.
+    wrap : (str, str)
+        `repeat`, `mirror`, `clamp` or `black`, along s and t.
+    st_from_primvar : tuple of six floats
+        Rows of the affine map from the primvar to s and t.
+    """
+
+    name: str
+    channel: str = "rgb"
+    scale: Numbers = (1.0, 1.0, 1.0, 1.0)
+    bias: Numbers = (0.0, 0.0, 0.0, 0.0)
+    wrap: tuple[str, str] = ("repeat", "repeat")
+    st_from_primvar: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Input:
+    """An input of a material: a value of one or three numbers, or a texture."""
+
+    value: Numbers
+    texture: Texture | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Material:
+    """A UsdPreviewSurface. `specular_color` replaces `metallic` and `ior` where it is there."""
+
+    diffuse_color: Input = Input(value=(0.18, 0.18, 0.18))
+    metallic: Input = Input(value=(0.0,))
+    roughness: Input = Input(value=(0.5,))
+    emissive_color: Input = Input(value=(0.0, 0.0, 0.0))
+    opacity: Input = Input(value=(1.0,))
+    normal: Input = Input(value=(0.0, 0.0, 1.0))
+    specular_color: Input | None = None
+    ior: float = 1.5
+    opacity_threshold: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finish:
+    """Materials of the triangles of a mesh, with normals and texture coordinates.
+
+    Attributes
+    ----------
+    materials : tuple of Material
+    material_of : tuple of int
+        Of each triangle; empty: all have the first.
+    normals : tuple of nine floats each
+        Normals at the corners of each triangle, frame of the mesh; empty: flat ones.
+    st : tuple of six floats each
+        Texture coordinates at the corners of each triangle; empty: none.
+    """
+
+    materials: tuple[Material, ...]
+    material_of: tuple[int, ...] = ()
+    normals: tuple[Numbers, ...] = ()
+    st: tuple[Numbers, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coat:
+    """A smooth transparent coat on a target: its roughness, as UsdPreviewSurface has it, and its refractive index."""
+
+    roughness: float
+    ior: float = 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedLamp:
+    """A lamp in a frame; the transform is a rotation and a translation [mm]."""
+
+    lamp: dict[str, Any]
+    vision_from_lamp: list[list[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lighting:
+    """Everything that a lit view has besides shapes.
+
+    Attributes
+    ----------
+    lamps : tuple of PlacedLamp
+    coats : tuple of Coat or None
+        Of each target of the view.
+    finishes : tuple of dict
+        Of each occluder of the view, plain `Finish`.
+    bounces : int
+        Reflections of a path beyond the surface that the camera sees and direct light reaches.
+    """
+
+    lamps: tuple[PlacedLamp, ...]
+    coats: tuple[Coat | None, ...] = ()
+    finishes: tuple[dict[str, Any], ...] = ()
+    bounces: int = 2

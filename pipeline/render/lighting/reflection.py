@@ -1,0 +1,195 @@
+"""Reflection of light by a surface: matt paint below a specular layer of microfacets. Kernels only.
+
+The specular layer is that of Trowbridge and Reitz (GGX) with Smith's shadowing and Schlick's Fresnel term, as in
+UsdPreviewSurface. Light that leaves a facet towards another one is not lost: what single reflections leave out goes
+into a diffuse-like term, for the layer itself (Kulla and Conty 2017) and for the paint below it (Kelemen and
+Szirmay-Kalos 2001). So a surface that absorbs nothing reflects everything, in each direction, and all terms are
+reciprocal.
+
+Frame of a surface: z along its shading normal. Both directions point away from it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.jit.decorators import inline
+from pipeline.render.lighting.vectors import dot, unit
+
+NODES = 64
+"""Nodes of the tables along each axis [1]: with them a white furnace is white to 0.001."""
+LEAST_ALPHA = 1e-3
+"""Least width of facets [1]: a roughness of 0.03. A mirror would be a case of its own, and looks the same."""
+ENTRIES = 2
+"""Entries of the tables at a node [1]: see `Layer`."""
+
+
+class Layers(NamedTuple):
+    """Tables of the specular layer, from `albedo.layers`.
+
+    Attributes
+    ----------
+    sums : (NODES, NODES, ENTRIES) float64
+        By root of alpha and by cosine: the light that single reflections return where the Fresnel term is 1, and where
+        it is (1 - cos)^5.
+    means : (NODES, ENTRIES) float64
+        Their means over a hemisphere, weighted by the cosine.
+    """
+
+    sums: np.ndarray
+    means: np.ndarray
+
+
+class Paint(NamedTuple):
+    """A surface at a point and one wavelength.
+
+    Attributes
+    ----------
+    diffuse : float
+        Reflectance of the paint; 0 below a metal.
+    facing : float
+        Reflectance of a facet seen face on.
+    alpha : float
+        Width of the distribution of facets; 0: there is no specular layer.
+    """
+
+    diffuse: float
+    facing: float
+    alpha: float
+
+
+class Layer(NamedTuple):
+    """The specular layer of a surface in one direction.
+
+    Attributes
+    ----------
+    whole : float
+        Light that single reflections would return if facets reflected everything.
+    returned : float
+        Light that the layer returns, all reflections together.
+    """
+
+    whole: float
+    returned: float
+
+
+@inline
+def _at(x):
+    """Node below a number in [0, 1], and the rest."""
+    place = min(max(x, 0.0), 1.0) * (NODES - 1)
+    i = min(int(place), NODES - 2)
+    return i, place - i
+
+
+@inline
+def _between(table, i, a, k):
+    return (1.0 - a) * table[i, k] + a * table[i + 1, k]
+
+
+@inline
+def _layer(layers, paint, cosine):
+    """The layer in a direction; see `Layer`."""
+    i, a = _at(math.sqrt(paint.alpha))
+    j, b = _at(math.sqrt(max(cosine, 0.0)))
+    whole = (1.0 - a) * _between(layers.sums[i], j, b, 0) + a * _between(layers.sums[i + 1], j, b, 0)
+    grazing = (1.0 - a) * _between(layers.sums[i], j, b, 1) + a * _between(layers.sums[i + 1], j, b, 1)
+    f0 = paint.facing
+    return Layer(whole, f0 * (whole - grazing) + grazing + _many(layers, paint) * (1.0 - whole))
+
+
+@inline
+def _many(layers, paint):
+    """Part of the light of two and more reflections that is not absorbed by the facets."""
+    i, a = _at(math.sqrt(paint.alpha))
+    mean = _between(layers.means, i, a, 0)
+    fresnel = paint.facing + (1.0 - paint.facing) / 21.0
+    return fresnel * mean / (1.0 - fresnel * (1.0 - mean))
+
+
+@inline
+def _mean_returned(layers, paint):
+    """Mean of `Layer.returned` over a hemisphere, weighted by the cosine."""
+    i, a = _at(math.sqrt(paint.alpha))
+    whole, grazing = _between(layers.means, i, a, 0), _between(layers.means, i, a, 1)
+    return paint.facing * (whole - grazing) + grazing + _many(layers, paint) * (1.0 - whole)
+
+
+@inline
+def _masking(alpha, cosine):
+    """Smith's term: the visible part of facets in a direction."""
+    if not cosine > 0.0:
+        return 0.0
+    slope = alpha * alpha * (1.0 - cosine * cosine) / (cosine * cosine)
+    return 2.0 / (1.0 + math.sqrt(1.0 + max(0.0, slope)))
+
+
+@inline
+def _facets(alpha, height):
+    """Density of facets whose normal has a height."""
+    inner = height * height * (alpha * alpha - 1.0) + 1.0
+    return alpha * alpha / (math.pi * inner * inner)
+
+
+@inline
+def fresnel(facing, cosine):
+    """Schlick's approximation."""
+    off = 1.0 - min(max(cosine, 0.0), 1.0)
+    return facing + (1.0 - facing) * off * off * off * off * off
+
+
+@inline
+def reflected(layers, paint, seen, lit):
+    """Bidirectional reflectance times the cosine of the light, and the density with which `scattered` finds it."""
+    if not (seen[2] > 0.0 and lit[2] > 0.0):
+        return 0.0, 0.0
+    if paint.alpha == 0.0:
+        return paint.diffuse * lit[2] / math.pi, lit[2] / math.pi
+    one, other = _layer(layers, paint, seen[2]), _layer(layers, paint, lit[2])
+    i, a = _at(math.sqrt(paint.alpha))
+    mean = _between(layers.means, i, a, 0)
+    many = _many(layers, paint) * (1.0 - one.whole) * (1.0 - other.whole) / max(1.0 - mean, 1e-9)
+    below = paint.diffuse * (1.0 - one.returned) * (1.0 - other.returned)
+    below /= max(1.0 - _mean_returned(layers, paint), 1e-9)
+    half = unit((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
+    glance = max(dot(seen, half), 1e-12)
+    facets, visible = _facets(paint.alpha, half[2]), _masking(paint.alpha, seen[2])
+    once = fresnel(paint.facing, glance) * facets * visible * _masking(paint.alpha, lit[2]) / (4.0 * seen[2])
+    chance = specular_chance(paint, one)
+    density = chance * facets * visible / (4.0 * seen[2]) + (1.0 - chance) * lit[2] / math.pi
+    return once + (many + below) * lit[2] / math.pi, density
+
+
+@inline
+def specular_chance(paint, layer):
+    """Probability with which `scattered` follows the specular layer."""
+    under = paint.diffuse * (1.0 - layer.returned)
+    return min(0.95, max(0.05, layer.returned / (layer.returned + under + 1e-12)))
+
+
+@inline
+def scattered(layers, paint, seen, pair):
+    """A direction in which light may have come, for light that is seen along a direction."""
+    u = pair[0]
+    if paint.alpha > 0.0:
+        chance = specular_chance(paint, _layer(layers, paint, seen[2]))
+        if u < chance:
+            half = _visible_facet(paint.alpha, seen, u / chance, pair[1])
+            twice = 2.0 * dot(seen, half)
+            return twice * half[0] - seen[0], twice * half[1] - seen[1], twice * half[2] - seen[2]
+        u = (u - chance) / (1.0 - chance)
+    radius, turn = math.sqrt(u), 2.0 * math.pi * pair[1]
+    return radius * math.cos(turn), radius * math.sin(turn), math.sqrt(max(0.0, 1.0 - u))
+
+
+@inline
+def _visible_facet(alpha, seen, u, v):
+    """Normal of a facet, by the visible area of facets.
+
+    Source: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps", CGF 42(8), 2023.
+    """
+    x, y, z = unit((alpha * seen[0], alpha * seen[1], seen[2]))
+    height, turn = (1.0 - u) * (1.0 + z) - z, 2.0 * math.pi * v
+    radius = math.sqrt(max(0.0, 1.0 - height * height))
+    cap = radius * math.cos(turn) + x, radius * math.sin(turn) + y, height + z
+    return unit((alpha * cap[0], alpha * cap[1], max(1e-12, cap[2])))

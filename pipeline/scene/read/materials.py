@@ -1,0 +1,181 @@
+"""Reading of materials: networks of UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader_float2."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from pxr import Usd, UsdShade
+
+from pipeline.render.lighting.records import Input, Material, Numbers, Texture
+from pipeline.scene.read.pictures import picture_name
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, plain
+
+_COLOUR, _NUMBER = 3, 1
+"""Components of inputs [1]."""
+_FALLBACKS: dict[str, tuple[str, Numbers]] = {
+    "diffuseColor": ("diffuse_color", (0.18, 0.18, 0.18)),
+    "emissiveColor": ("emissive_color", (0.0, 0.0, 0.0)),
+    "metallic": ("metallic", (0.0,)),
+    "roughness": ("roughness", (0.5,)),
+    "opacity": ("opacity", (1.0,)),
+    "normal": ("normal", (0.0, 0.0, 1.0)),
+}
+"""Field of the record, and fallback of UsdPreviewSurface, for each input that may have a texture."""
+_UNUSED = {"clearcoat": 0.0, "displacement": 0.0}
+"""Inputs that are not supported, and the values with which they do nothing."""
+_UNTRANSFORMED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+"""Rows of the affine map that changes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shaded:
+    """A material, and the primvar with its texture coordinates; empty: it has none."""
+
+    material: Material
+    primvar: str
+
+
+def read_material(material: UsdShade.Material) -> Shaded:
+    """The record of a Material.
+
+    Raises
+    ------
+    NotSupported, UnreadableValue
+        A shader, a connection or a value cannot be used.
+    """
+    surface = _shader(material.ComputeSurfaceSource()[0], material.GetPrim(), "UsdPreviewSurface")
+    for name, idle in _UNUSED.items():
+        source = _source(surface, name)
+        if isinstance(source, UsdShade.Shader) or (source is not None and source != idle):
+            attribute = surface.GetInput(name).GetAttr()
+            raise NotSupported(f'"inputs:{name}" is not supported', attribute, hint=f"write {idle:g}, or leave it out")
+    reader = _Inputs(surface)
+    fields: dict[str, Any] = {field: reader.read(name, value) for name, (field, value) in _FALLBACKS.items()}
+    if _plain(surface, "useSpecularWorkflow", 0):
+        fields["specular_color"] = reader.read("specularColor", (0.0, 0.0, 0.0))
+    threshold, ior = (_number(surface, name, value) for name, value in (("opacityThreshold", 0.0), ("ior", 1.5)))
+    _require_opaque(surface, fields["opacity"], threshold)
+    found = Material(**fields, ior=ior, opacity_threshold=threshold)
+    if len(reader.primvars) > 1:
+        what = f"its textures read coordinates from {' and '.join(sorted(reader.primvars))}"
+        raise NotSupported(what, material.GetPrim(), hint="use one set of texture coordinates")
+    return Shaded(found, next(iter(reader.primvars), ""))
+
+
+def _require_opaque(surface: UsdShade.Shader, opacity: Input, threshold: float) -> None:
+    if threshold <= 0 and (opacity.texture or opacity.value[0] < 1):
+        what = "surfaces are opaque, or have holes where their opacity is below a threshold"
+        hint = "write float inputs:opacityThreshold = 0.5"
+        raise NotSupported(what, surface.GetInput("opacity").GetAttr(), hint=hint)
+
+
+class _Inputs:
+    """Reader of the inputs of one surface; `primvars` collects the names of texture coordinates."""
+
+    def __init__(self, surface: UsdShade.Shader) -> None:
+        self._surface = surface
+        self.primvars = set[str]()
+
+    def read(self, name: str, fallback: Numbers) -> Input:
+        """A value or a texture, with as many components as the fallback."""
+        source = _source(self._surface, name)
+        if source is None:
+            return Input(value=fallback)
+        if isinstance(source, _Connected):
+            return Input(value=fallback, texture=self._texture(source, len(fallback)))
+        value = plain(source)
+        numbers = (value,) if isinstance(value, int | float) else value
+        if len(numbers) != len(fallback) or not all(math.isfinite(number) for number in numbers):
+            attribute = self._surface.GetInput(name).GetAttr()
+            raise UnreadableValue(f'"inputs:{name}" is {value}, not {len(fallback)} numbers', attribute)
+        return Input(value=tuple(float(number) for number in numbers))
+
+    def _texture(self, source: "_Connected", components: int) -> Texture:
+        shader = _shader(source.shader, source.shader.GetPrim(), "UsdUVTexture")
+        if (source.output == "rgb") != (components == _COLOUR):
+            what = f'an input of {components} numbers is connected to "outputs:{source.output}"'
+            hint = "connect colours to outputs:rgb, and single numbers to outputs:r, g, b or a"
+            raise NotSupported(what, shader.GetPrim(), hint=hint)
+        st = _source(shader, "st")
+        if not isinstance(st, _Connected):
+            raise UnreadableValue('the texture has no coordinates: "inputs:st" is not connected', shader.GetPrim())
+        transform, reader = _UNTRANSFORMED, st.shader
+        if reader.GetShaderId() == "UsdTransform2d":
+            transform, inner = _transform(reader), _source(reader, "in")
+            if not isinstance(inner, _Connected):
+                raise UnreadableValue('"inputs:in" is not connected', reader.GetPrim())
+            reader = inner.shader
+        self.primvars.add(str(_plain(_shader(reader, reader.GetPrim(), "UsdPrimvarReader_float2"), "varname", "st")))
+        wraps = tuple(_plain(shader, name, "useMetadata") for name in ("wrapS", "wrapT"))
+        return Texture(
+            name=picture_name(shader, _plain(shader, "sourceColorSpace", "auto")),
+            channel=source.output,
+            scale=_plain(shader, "scale", (1.0, 1.0, 1.0, 1.0)),
+            bias=_plain(shader, "bias", (0.0, 0.0, 0.0, 0.0)),
+            # Files that say nothing repeat, as in viewers.
+            wrap=tuple("repeat" if wrap == "useMetadata" else str(wrap) for wrap in wraps),  # type: ignore[arg-type]
+            st_from_primvar=transform,
+        )
+
+
+def _transform(shader: UsdShade.Shader) -> Numbers:
+    """The affine map of a UsdTransform2d: scale, then rotation, then translation."""
+    turn = math.radians(_number(shader, "rotation", 0.0))
+    (sx, sy), (tx, ty) = _plain(shader, "scale", (1.0, 1.0)), _plain(shader, "translation", (0.0, 0.0))
+    c, s = math.cos(turn), math.sin(turn)
+    return c * sx, -s * sy, tx, s * sx, c * sy, ty
+
+
+@dataclass(frozen=True, slots=True)
+class _Connected:
+    """The output that an input is connected to."""
+
+    shader: UsdShade.Shader
+    output: str
+
+
+def _source(shader: UsdShade.Shader, name: str) -> Any:
+    """Origin of an input: a value, a connection to a shader, or None for its fallback."""
+    given = shader.GetInput(name)
+    if not given:
+        return None
+    found = given.GetValueProducingAttributes()
+    if not found:
+        return None
+    attribute = found[0]
+    if UsdShade.Output.IsOutput(attribute):
+        return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
+    if attribute.ValueMightBeTimeVarying():
+        what = f'"{attribute.GetName()}" is animated, and materials are not'
+        raise NotSupported(what, attribute, hint="write one value")
+    return attribute.Get()
+
+
+def _plain(shader: UsdShade.Shader, name: str, fallback: Any) -> Any:
+    """A value that cannot have a texture."""
+    source = _source(shader, name)
+    if isinstance(source, _Connected):
+        attribute = shader.GetInput(name).GetAttr()
+        raise NotSupported(f'"inputs:{name}" is connected', attribute, hint="write a value")
+    return fallback if source is None else plain(source)
+
+
+def _number(shader: UsdShade.Shader, name: str, fallback: float) -> float:
+    value = _plain(shader, name, fallback)
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise UnreadableValue(f'"inputs:{name}" is no number: {value}', shader.GetInput(name).GetAttr())
+    return float(value)
+
+
+def _shader(shader: UsdShade.Shader, place: Usd.Prim, wanted: str) -> UsdShade.Shader:
+    """The shader, if it is the wanted one."""
+    if not shader:
+        raise NotSupported(f"<{place.GetPath()}> has no surface for all renderers", place, hint=_connect(wanted))
+    if shader.GetShaderId() != wanted:
+        what = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
+        raise NotSupported(what, shader.GetPrim(), hint=_connect(wanted))
+    return shader
+
+
+def _connect(wanted: str) -> str:
+    return f"connect a {wanted}; known are UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader_float2"

@@ -1,0 +1,85 @@
+"""Small lit scenes for the laws of light: plates and lamps before an eye at the origin; vision frame, mm."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.frames import rigid
+from pipeline.records.plain import to_plain
+from pipeline.render.lighting.lit_scene import LitScene, LitView
+from pipeline.render.lighting.records import Coat, Finish, Input, Lamp, Lighting, Material, PlacedLamp
+from pipeline.targets.occluder import Occluder
+from pipeline.targets.target import AnyTarget
+
+RAYS = 1 << 14
+"""Rays along the same line: errors of the mean are then a few thousandths."""
+
+
+def towards(z: Sequence[float], centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """A pose whose z axis has a direction; lamps shine along -z."""
+    axis = np.array(z, float) / np.linalg.norm(z)
+    side = np.cross(axis, [0.3, -0.5, 0.8])
+    side /= np.linalg.norm(side)
+    return rigid(np.stack([side, np.cross(axis, side), axis], axis=1), np.array(centre_mm, float))
+
+
+def lamp(
+    kind: str,
+    size: tuple[float, float] = (0.0, 0.0),
+    pose: np.ndarray | None = None,
+    radiance: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    texture: str = "",
+) -> PlacedLamp:
+    """A lamp of a kind at a pose vision_from_lamp."""
+    plain = to_plain(Lamp(kind=kind, radiance=radiance, size=size, texture=texture))
+    return PlacedLamp(lamp=plain, vision_from_lamp=(np.eye(4) if pose is None else pose).tolist())
+
+
+def plate(z_mm: float, half_mm: float = 400.0, x_mm: float = 0.0) -> Occluder:
+    """A square across the axis."""
+    a, b = x_mm - half_mm, x_mm + half_mm
+    corners = ((a, -half_mm, z_mm), (b, -half_mm, z_mm), (b, half_mm, z_mm), (a, half_mm, z_mm))
+    return Occluder(vertices_mm=corners, triangles=((0, 1, 2), (0, 2, 3)))
+
+
+def matt(reflectance: float) -> Material:
+    """A material without a specular layer: its index is that of air."""
+    return Material(diffuse_color=Input(value=(reflectance,) * 3), ior=1.0)
+
+
+def scene(
+    things: Sequence[tuple[Occluder, Material]],
+    lamps: Sequence[PlacedLamp],
+    *,
+    targets: Sequence[tuple[AnyTarget, np.ndarray, Coat | None]] = (),
+    bounces: int = 0,
+    wavelength_nm: float = 550.0,
+    pictures: dict[str, np.ndarray] | None = None,
+    background: float = 0.0,
+) -> LitScene:
+    """A lit scene of meshes, each with its material, and targets, each with its pose and its coat."""
+    lighting = Lighting(
+        lamps=tuple(lamps),
+        coats=tuple(coat for *_, coat in targets),
+        finishes=tuple(to_plain(Finish(materials=(material,))) for _, material in things),
+        bounces=bounces,
+    )
+    view = LitView(
+        targets=[(target, pose) for target, pose, _ in targets],
+        occluders=[(mesh, np.eye(4)) for mesh, _ in things],
+        lighting=lighting,
+        pictures=pictures or {},
+        background=background,
+        wavelengths_nm=(wavelength_nm,),
+    )
+    return view.in_light(0, RAYS)
+
+
+def looked(
+    lit: LitScene, at_mm: Sequence[float], eye_mm: Sequence[float] = (0.0, 0.0, 0.0), rays: int = RAYS
+) -> tuple[float, float]:
+    """Mean radiance along many paths from an eye towards a point, and its standard error."""
+    way = np.array(at_mm, float) - np.array(eye_mm, float)
+    origin, direction = np.tile(np.array(eye_mm, float), (rays, 1)), np.tile(way / np.linalg.norm(way), (rays, 1))
+    values = lit.radiance(origin, direction, np.zeros(rays, np.int64))
+    return float(values.mean()), float(values.std() / np.sqrt(rays))

@@ -1,0 +1,137 @@
+"""Lamps obey the closed forms of radiometry: the radiance of a matt plate is its reflectance over pi, times the
+irradiance.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from laws.lit import lamp, looked, matt, plate, scene, towards
+from tolerances import LIT_ERRORS
+
+SPOT = (30.0, -20.0, 500.0)
+"""The point that is looked at [mm]."""
+EYE = (15.0, -10.0, 495.0)
+"""A place from which it is seen below all lamps [mm]."""
+FACING = (0.0, 0.0, 1.0)
+"""Direction of the z axis of a lamp that shines towards the camera; the plate faces it."""
+DOWN = (0.0, 0.0, -1.0)
+"""Direction of the z axis of a lamp that shines away from the camera, onto plates before it."""
+
+
+def irradiance(lamps) -> tuple[float, float]:
+    """Irradiance of a matt plate across the axis, at the spot, and its standard error."""
+    mean, error = looked(scene([(plate(500.0), matt(0.5))], lamps), SPOT, EYE)
+    return math.pi / 0.5 * mean, math.pi / 0.5 * error
+
+
+def agrees(lamps, expected: float) -> None:
+    found, error = irradiance(lamps)
+    assert expected > 0
+    assert abs(found - expected) <= LIT_ERRORS * error + 1e-9 * expected, (found, expected, error)
+
+
+@pytest.mark.parametrize("distance_mm", [40.0, 100.0, 450.0])
+def test_a_disk_lights_its_axis_by_the_sine_of_its_angle_squared(distance_mm):
+    pose = towards(DOWN, (SPOT[0], SPOT[1], SPOT[2] - distance_mm))
+    agrees([lamp("disk", (60.0, 0.0), pose)], math.pi * 60.0**2 / (60.0**2 + distance_mm**2))
+
+
+def test_a_rect_lights_a_point_below_its_corner_by_lamberts_formula():
+    """Four quarters of a rect about its normal through the point: E = 2 L (A/.. atan B/.. + ...), once per quarter."""
+    a, b, d = 80.0, 50.0, 120.0
+    x, y = a / d, b / d
+    quarter = 0.5 * (
+        x / math.hypot(1, x) * math.atan(y / math.hypot(1, x)) + y / math.hypot(1, y) * math.atan(x / math.hypot(1, y))
+    )
+    pose = np.eye(4)
+    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = SPOT[0], SPOT[1], SPOT[2] - d
+    agrees([lamp("rect", (a, b), pose)], 4 * quarter)
+
+
+@pytest.mark.parametrize("off_mm", [(0.0, 0.0, -200.0), (150.0, 80.0, -120.0)])
+def test_a_sphere_lights_as_a_point_of_its_solid_angle(off_mm):
+    centre = np.array(SPOT) + off_mm
+    squared = float(np.dot(off_mm, off_mm))
+    cosine = -off_mm[2] / math.sqrt(squared)
+    agrees([lamp("sphere", (25.0, 0.0), towards(DOWN, centre))], math.pi * 25.0**2 / squared * cosine)
+
+
+def test_a_long_cylinder_lights_as_an_infinite_one():
+    """E = pi L r / d for an endless cylinder across the normal, at a distance d of its axis."""
+    pose = np.eye(4)
+    pose[:3, 3] = SPOT[0], SPOT[1], SPOT[2] - 100.0
+    found, error = irradiance([lamp("cylinder", (20000.0, 8.0), pose)])
+    assert abs(found - math.pi * 8.0 / 100.0) <= LIT_ERRORS * error
+    assert error < 0.1 * found
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.1, 0.6])
+def test_a_distant_lamp_lights_by_its_projected_solid_angle(angle_rad):
+    z = np.array([0.4, 0.3, -1.0])
+    cosine = 1.0 / np.linalg.norm(z)
+    whole = math.pi * math.sin(angle_rad) ** 2 if angle_rad else 1.0
+    agrees([lamp("distant", (angle_rad, 0.0), towards(z))], whole * cosine)
+
+
+def test_a_constant_dome_lights_by_pi():
+    agrees([lamp("dome")], math.pi)
+
+
+def test_lamps_add_up_and_hide_each_other():
+    """A disk takes from a dome what it covers of it, and leaves a beam that passes beside it."""
+    disk = math.pi * 60.0**2 / (60.0**2 + 100.0**2)
+    lamps = [
+        lamp("disk", (60.0, 0.0), towards(DOWN, (SPOT[0], SPOT[1], 400.0))),
+        lamp("dome", radiance=(0.2, 0.2, 0.2)),
+        lamp("distant", (0.0, 0.0), towards((1.0, 0.0, -1.0))),
+    ]
+    agrees(lamps, disk + 0.2 * (math.pi - disk) + math.sqrt(0.5))
+    lamps[2] = lamp("distant", (0.0, 0.0), towards(DOWN))
+    agrees(lamps, disk + 0.2 * (math.pi - disk))
+
+
+def test_light_falls_with_the_square_of_the_distance():
+    near, far = (irradiance([lamp("sphere", (2.0, 0.0), towards(DOWN, (30.0, -20.0, z)))]) for z in (400.0, 300.0))
+    assert near[0] / far[0] == pytest.approx(4.0, rel=LIT_ERRORS * (near[1] / near[0] + far[1] / far[0]) + 1e-9)
+
+
+def test_rects_and_disks_shine_from_one_side_only():
+    for kind in ("rect", "disk"):
+        assert irradiance([lamp(kind, (40.0, 40.0), towards(FACING, (30.0, -20.0, 400.0)))])[0] == 0.0
+
+
+def test_a_lamp_is_seen_as_bright_as_it_is_and_its_back_is_black():
+    for kind, size in (("rect", (40.0, 30.0)), ("disk", (30.0, 0.0)), ("sphere", (30.0, 0.0))):
+        lit = scene([(plate(500.0), matt(0.5))], [lamp(kind, size, towards(FACING, (0, 0, 300)), (3.0, 3.0, 3.0))])
+        assert looked(lit, (0.0, 0.0, 300.0), rays=4)[0] == pytest.approx(3.0)
+    lit = scene([(plate(500.0), matt(0.5))], [lamp("disk", (30.0, 0.0), towards(DOWN, (0, 0, 300))), lamp("dome")])
+    assert looked(lit, (0.0, 0.0, 300.0), rays=4)[0] == 0.0
+
+
+def test_the_edge_of_a_shadow_lies_where_geometry_says():
+    """A half plane before a distant lamp without extent: light on one side, none on the other, to 0.01 mm."""
+    z = np.array([1.0, 0.0, -1.0])
+    things = [(plate(500.0), matt(1.0)), (plate(450.0, 40.0, x_mm=40.0), matt(1.0))]
+    lit = scene(things, [lamp("distant", (0.0, 0.0), towards(z))])
+    # Light comes from +x: the edge at x = 0, z = 450 throws its shadow to x = -50; the one at x = 80 to x = 30.
+    for edge, step in ((-50.0, 1.0), (30.0, -1.0)):
+        dark, bright = (
+            looked(lit, (edge + side * 0.01, 0.0, 500.0), (edge, 0.0, 470.0), 8)[0] for side in (step, -step)
+        )
+        assert dark == 0.0
+        assert bright == pytest.approx(1.0 / math.sqrt(2.0) / math.pi)
+
+
+def test_half_a_lamp_lights_half():
+    """A wall that hides exactly half of a lamp from a point halves what arrives there."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    pose[:3, 3] = SPOT[0], SPOT[1], 400.0
+    one = lamp("rect", (50.0, 50.0), pose)
+    whole = irradiance([one])
+    wall = plate(450.0, 50.0, x_mm=SPOT[0] + 50.0)
+    found, error = looked(scene([(plate(500.0), matt(0.5)), (wall, matt(0.0))], [one]), SPOT, EYE)
+    assert abs(2 * math.pi * found - whole[0] / 2) <= LIT_ERRORS * (2 * math.pi * error + whole[1])
+    assert found > 0

@@ -1,0 +1,126 @@
+"""Surfaces conserve light: white furnaces, reciprocity, and light that goes to and fro between plates."""
+
+import math
+
+import numpy as np
+import pytest
+from colour import MSDS_CMFS, RGB_COLOURSPACES, SDS_ILLUMINANTS, SpectralShape
+from laws.lit import lamp, looked, matt, plate, scene, towards
+from tolerances import FURNACE, LIT_ERRORS, SAME_COLOUR
+
+from pipeline.render.lighting.albedo import layers
+from pipeline.render.lighting.records import Coat, Input, Material
+from pipeline.render.lighting.reflection import Paint, reflected, scattered
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
+
+EYES = ((0.0, 0.0, 0.0), (700.0, 0.0, 100.0), (2500.0, 300.0, 200.0))
+"""Places that see the middle of a plate face on, obliquely, and at a grazing angle [mm]."""
+ALONE = (0.0, 0.0, 500.0)
+"""The middle of the plate [mm]."""
+
+
+def white(roughness: float, metallic: float, **more) -> Material:
+    one = Input(value=(1.0, 1.0, 1.0))
+    return Material(diffuse_color=one, roughness=Input(value=(roughness,)), metallic=Input(value=(metallic,)), **more)
+
+
+FURNACES = {
+    **{f"roughness {r}, metallic {m}": white(r, m) for r in (0.05, 0.3, 0.7, 1.0) for m in (0.0, 1.0)},
+    "diamond": white(0.4, 0.0, ior=2.4),
+    "specular workflow": white(0.5, 0.0, specular_color=Input(value=(0.6, 0.6, 0.6))),
+    "matt": matt(1.0),
+}
+
+
+@pytest.mark.parametrize("material", FURNACES.values(), ids=FURNACES)
+def test_a_white_furnace_is_white_for_every_material_that_absorbs_nothing(material):
+    lit = scene([(plate(500.0), material)], [lamp("dome")])
+    for eye in EYES:
+        found, error = looked(lit, ALONE, eye)
+        assert abs(found - 1.0) <= LIT_ERRORS * error + FURNACE, (eye, found, error)
+
+
+def test_a_furnace_is_white_with_a_coated_target_too():
+    board = Target(Checkerboard(columns=4, rows=3, square_mm=10.0, white=1.0, black=1.0))
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 500.0
+    lit = scene([], [lamp("dome")], targets=[(board, pose, Coat(roughness=0.2))])
+    found, error = looked(lit, (5.0, 5.0, 500.0), (100.0, 0.0, 0.0))
+    assert abs(found - 1.0) <= LIT_ERRORS * error + FURNACE
+
+
+def test_no_surface_returns_more_than_it_gets():
+    for roughness in (0.1, 0.6):
+        for metallic in (0.3, 0.7):
+            lit = scene([(plate(500.0), white(roughness, metallic))], [lamp("dome")])
+            found, error = looked(lit, ALONE, EYES[1])
+            assert 0.5 < found < 1.0 + LIT_ERRORS * error
+
+
+@pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.0, 0.9, 0.05), Paint(0.3, 0.5, 1.0)])
+def test_reflection_is_reciprocal(paint):
+    """The bidirectional reflectance is the same with both directions exchanged."""
+    table = layers()
+    one = np.array([0.3, 0.2, 0.0])
+    one[2] = math.sqrt(1 - one @ one)
+    other = np.array([-0.5, 0.6, 0.0])
+    other[2] = math.sqrt(1 - other @ other)
+    there, back = (
+        reflected.function(table, paint, tuple(a), tuple(b))[0] / b[2] for a, b in ((one, other), (other, one))
+    )
+    assert there > 0
+    assert there == pytest.approx(back, rel=1e-12)
+
+
+@pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.3, 0.5, 0.6)])
+def test_directions_are_chosen_with_the_density_that_is_stated(paint):
+    """Means over chosen directions of 1 / density count the solid angle of a part of the sky."""
+    table, generator = layers(), np.random.default_rng(1)
+    seen, total = (0.5, 0.1, math.sqrt(1 - 0.26)), []
+    for pair in generator.random((1 << 13, 2)):
+        lit = scattered(table, paint, seen, (pair[0], pair[1]))
+        density = reflected(table, paint, seen, lit)[1]
+        inside = lit[2] > 0.5 and lit[0] > 0.0
+        total.append(1.0 / density if inside and density > 0 else 0.0)
+    error = np.std(total) / math.sqrt(len(total))
+    assert abs(np.mean(total) - math.pi / 2) <= LIT_ERRORS * error
+
+
+@pytest.mark.parametrize("bounces", [0, 1, 2, 6])
+def test_light_between_two_endless_plates_is_a_geometric_series(bounces):
+    """A plate that shines with radiance 1 and reflects a, opposite one that reflects b: what leaves the second one is
+    b (1 + ab + ...), each reflection a bounce."""
+    a, b = 0.5, 0.8
+    shining = Material(diffuse_color=Input(value=(a,) * 3), ior=1.0, emissive_color=Input(value=(1.0, 1.0, 1.0)))
+    lit = scene([(plate(500.0, 1e6), matt(b)), (plate(-500.0, 1e6), shining)], [], bounces=bounces)
+    found, error = looked(lit, ALONE)
+    # The first plate is one vertex; light that its own shine needs is met by the path itself.
+    expected = sum(b * (a * b) ** (k // 2) for k in range(0, bounces + 1, 2))
+    assert abs(found - expected) <= LIT_ERRORS * error + 2e-3 * expected
+
+
+def test_a_surface_has_the_colour_in_daylight_that_it_is_given():
+    """Radiances at many wavelengths, weighted by daylight and the standard observer, make its colour again."""
+    given = (0.7, 0.2, 0.05)
+    wavelengths = np.arange(400.0, 701.0, 20.0)
+    painted = Material(diffuse_color=Input(value=given), ior=1.0)
+    seen = [
+        looked(scene([(plate(500.0), painted)], [lamp("dome")], wavelength_nm=nm), ALONE, EYES[1], 4)[0]
+        for nm in wavelengths
+    ]
+    light = SDS_ILLUMINANTS["D65"].align(SpectralShape(400, 700, 20)).values
+    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].align(SpectralShape(400, 700, 20)).values
+    xyz = (np.array(seen) * light) @ observer / (light @ observer[:, 1])
+    assert RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ xyz == pytest.approx(given, abs=SAME_COLOUR)
+
+
+def test_a_smooth_coat_mirrors_a_lamp_with_the_share_of_fresnel():
+    """Black ink below a coat shows a lamp at the mirrored place, 0.04 times as bright, and nothing beside it."""
+    board = Target(Checkerboard(columns=4, rows=3, square_mm=40.0, white=0.0, black=0.0))
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 500.0
+    light = lamp("disk", (60.0, 0.0), towards((0.0, 0.0, -1.0), (40.0, 0.0, -10.0)))
+    lit = scene([], [light], targets=[(board, pose, Coat(roughness=0.03))])
+    assert looked(lit, (20.0, 0.0, 500.0))[0] == pytest.approx(0.04, rel=0.02)
+    assert looked(lit, (60.0, 0.0, 500.0))[0] < 1e-4

@@ -1,0 +1,111 @@
+"""Lit scenes twice: for this program and for Mitsuba 3, seen by the same pinhole at the origin of the vision frame."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from laws.lit import lamp, plate, scene, towards
+
+from pipeline.render.lighting.lit_scene import LitScene
+from pipeline.render.lighting.records import Material, PlacedLamp
+from pipeline.targets.occluder import Occluder
+
+mi.set_variant("scalar_rgb")
+ROOM_MM = 500.0
+"""Distance of the wall that is looked at [mm]."""
+WIDTH_PX, HEIGHT_PX, FOV_DEG = 24, 18, 50.0
+"""Size of the pictures, and the horizontal field of view."""
+
+
+@dataclass
+class Both:
+    """A scene for both; things and lamps are added to both at once."""
+
+    things: list[tuple[Occluder, Material]] = field(default_factory=list)
+    lamps: list[PlacedLamp] = field(default_factory=list)
+    theirs: dict[str, Any] = field(default_factory=dict)
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def plate(self, pose: np.ndarray, half_mm: float, material: Material, bsdf: dict[str, Any]) -> None:
+        """A square plate in z = 0 of its frame, with the same material twice."""
+        corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+        points = tuple(tuple((pose @ [a * half_mm, b * half_mm, 0, 1])[:3].tolist()) for a, b in corners)
+        self.things.append((Occluder(vertices_mm=points, triangles=((0, 1, 2), (0, 2, 3))), material))
+        shape = mi.ScalarTransform4f(pose) @ mi.ScalarTransform4f().scale([half_mm, half_mm, 1])
+        self.theirs[f"plate{len(self.things)}"] = {
+            "type": "rectangle",
+            "to_world": shape,
+            "bsdf": {"type": "twosided", "bsdf": bsdf},
+        }
+
+    def lamp(self, kind: str, size: tuple[float, float], pose: np.ndarray, radiance: float) -> None:
+        """A lamp that shines along the -z of its pose."""
+        self.lamps.append(lamp(kind, size, pose, (radiance,) * 3))
+        turned = mi.ScalarTransform4f(pose @ np.diag([1.0, -1.0, -1.0, 1.0]))
+        area = {"type": "area", "radiance": {"type": "rgb", "value": [radiance] * 3}}
+        black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+        scale = mi.ScalarTransform4f().scale
+        shapes = {
+            "rect": {"type": "rectangle", "to_world": turned @ scale([*size, 1])},
+            "disk": {"type": "disk", "to_world": turned @ scale([size[0], size[0], 1])},
+            "sphere": {"type": "sphere", "center": pose[:3, 3].tolist(), "radius": size[0]},
+            "cylinder": {
+                "type": "cylinder",
+                "p0": (pose[:3, 3] - size[0] * pose[:3, 0]).tolist(),
+                "p1": (pose[:3, 3] + size[0] * pose[:3, 0]).tolist(),
+                "radius": size[1],
+            },
+        }
+        name = f"lamp{len(self.lamps)}"
+        if kind == "distant":
+            light = {"type": "rgb", "value": [radiance] * 3}
+            self.theirs[name] = {"type": "directional", "direction": (-pose[:3, 2]).tolist(), "irradiance": light}
+        elif kind == "dome":
+            self.theirs[name] = {"type": "constant", "radiance": {"type": "rgb", "value": [radiance] * 3}}
+        else:
+            self.theirs[name] = {**shapes[kind], "emitter": area, "bsdf": black}
+
+    def ours(self, bounces: int) -> LitScene:
+        """The scene for this program."""
+        return scene(self.things, self.lamps, bounces=bounces, pictures=self.pictures)
+
+    def reference(self, bounces: int, samples: int, seeds: int) -> np.ndarray:
+        """Mitsuba's pictures with several seeds, (seeds, h, w)."""
+        sensor = {
+            "type": "perspective",
+            "fov": FOV_DEG,
+            "near_clip": 1.0,
+            "far_clip": 1e6,
+            "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
+            "film": {
+                "type": "hdrfilm",
+                "width": WIDTH_PX,
+                "height": HEIGHT_PX,
+                "pixel_format": "rgb",
+                "rfilter": {"type": "box"},
+            },
+            "sampler": {"type": "independent", "sample_count": samples},
+        }
+        path = {"type": "path", "max_depth": bounces + 2, "rr_depth": 100}
+        loaded = mi.load_dict({"type": "scene", "integrator": path, "sensor": sensor, **self.theirs})
+        return np.array([np.array(mi.render(loaded, spp=samples, seed=seed))[..., 0] for seed in range(seeds)])
+
+
+def our_pictures(lit: LitScene, samples: int, seeds: int) -> np.ndarray:
+    """Our pictures with several sets of rays, (seeds, h, w)."""
+    generator, pictures = np.random.default_rng(5), []
+    for _ in range(seeds):
+        y, x = np.mgrid[:HEIGHT_PX, :WIDTH_PX]
+        spread = generator.random((2, HEIGHT_PX, WIDTH_PX, samples))
+        half = np.tan(np.radians(FOV_DEG) / 2)
+        u = ((x[..., None] + spread[0]) / WIDTH_PX * 2 - 1) * half
+        v = ((y[..., None] + spread[1]) * 2 / WIDTH_PX - HEIGHT_PX / WIDTH_PX) * half
+        way = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3)
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        owner = np.repeat(np.arange(WIDTH_PX * HEIGHT_PX), samples)
+        pictures.append(lit.radiance(np.zeros_like(way), way, owner).reshape(HEIGHT_PX, WIDTH_PX, samples).mean(axis=2))
+    return np.array(pictures)
+
+
+__all__ = ["Both", "our_pictures", "plate", "towards"]

@@ -1,0 +1,88 @@
+"""Mitsuba 3 renders the same lit scenes: every pixel agrees within the noise of both.
+
+Pictures of several seeds say how noisy each pixel is; the difference of the means over its standard error is then about
+1 in the root mean square, if nothing but noise differs.
+"""
+
+import numpy as np
+import pytest
+from laws.lit import matt, towards
+from tolerances import SAME_NOISE, SINGLE, WORST_PIXEL
+
+from pipeline.render.lighting.records import Input, Material
+
+mitsuba = pytest.importorskip("mitsuba", reason="needs the extra `referees`")
+pytestmark = pytest.mark.heavy
+SEEDS, SAMPLES = 24, 256
+"""Pictures of each program, and rays per pixel of one."""
+
+
+def at(x: float, y: float, z: float, facing=(0.0, 0.0, -1.0)) -> np.ndarray:
+    return towards(facing, (x, y, z))
+
+
+def grey(value: float) -> dict:
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": value}}
+
+
+def room():
+    """A wall, a floor, and a tilted plate before them, all matt."""
+    from published.mitsuba_scenes import Both
+
+    both = Both()
+    both.plate(at(0, 0, 500), 500.0, matt(0.7), grey(0.7))
+    both.plate(at(0, 120, 300, (0.0, -1.0, 0.0)), 400.0, matt(0.5), grey(0.5))
+    both.plate(at(60, 20, 380, (-0.6, 0.2, -0.8)), 60.0, matt(0.3), grey(0.3))
+    return both
+
+
+def agree(both, bounces: int) -> None:
+    from published.mitsuba_scenes import our_pictures
+
+    pictures = our_pictures(both.ours(bounces), SAMPLES, SEEDS), both.reference(bounces, SAMPLES, SEEDS)
+    one, other = (picture.mean(axis=0) for picture in pictures)
+    errors = np.sqrt(sum(picture.var(axis=0, ddof=1) / SEEDS for picture in pictures))
+    assert other.mean() > 0.01
+    off = np.abs(one - other) / np.maximum(errors, SINGLE * other.mean())
+    print(f"rms {np.sqrt(np.mean(off**2)):.3f}, worst {off.max():.2f}, noise {errors.mean() / other.mean():.4f}")
+    print(f"means {one.mean():.6f} and {other.mean():.6f}")
+    assert np.sqrt(np.mean(off**2)) < SAME_NOISE
+    assert off.max() < WORST_PIXEL
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "pose"),
+    [
+        ("rect", (60.0, 40.0), at(-80, -90, 250, (0.2, -0.8, -0.6))),
+        ("disk", (50.0, 0.0), at(-80, -90, 250, (0.2, -0.8, -0.6))),
+        ("sphere", (30.0, 0.0), at(-60, -60, 350)),
+        ("cylinder", (70.0, 10.0), at(-60, -60, 350)),
+        ("distant", (0.0, 0.0), at(0, 0, 0, (-0.4, -0.7, -0.6))),
+        ("dome", (0.0, 0.0), np.eye(4)),
+    ],
+)
+@pytest.mark.parametrize("bounces", [0, 2])
+def test_a_matt_room_looks_alike(kind, size, pose, bounces):
+    both = room()
+    both.lamp(kind, size, pose, 3.0)
+    agree(both, bounces)
+
+
+def test_a_room_with_three_lamps_and_six_bounces_looks_alike():
+    both = room()
+    both.lamp("rect", (60.0, 40.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 4.0)
+    both.lamp("sphere", (15.0, 0.0), at(90, -40, 330), 10.0)
+    both.lamp("distant", (0.0, 0.0), at(0, 0, 0, (-0.4, -0.7, -0.6)), 0.5)
+    agree(both, 6)
+
+
+def test_a_metal_looks_alike():
+    """A conductor that absorbs nothing; rougher ones differ, because theirs lack light that facets pass on."""
+    both = room()
+    metal = Material(
+        diffuse_color=Input(value=(1.0,) * 3), metallic=Input(value=(1.0,)), roughness=Input(value=(0.12,))
+    )
+    conductor = {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": 0.12**2}
+    both.plate(at(-70, 60, 330, (0.5, -0.4, -0.8)), 70.0, metal, conductor)
+    both.lamp("rect", (60.0, 40.0), at(-80, -90, 250, (0.2, -0.8, -0.6)), 3.0)
+    agree(both, 1)
