@@ -31,7 +31,7 @@ def sight_of(out: Path, name: str) -> Sight:
 
 @lru_cache(maxsize=1)
 def scene_of(out: Path) -> Scene:
-    """What stands before the cameras of a build."""
+    """Targets and other things before the cameras of a build."""
     from pipeline.sight import scenes  # as above
 
     return scenes.scene_of(out)

@@ -140,7 +140,7 @@ class ExportView:
 
 
 class Scene(Protocol):
-    """What stands before cameras, as `sight.scenes.BuiltScene` is."""
+    """Targets and other things before cameras, as `sight.scenes.BuiltScene` is."""
 
     def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Way along rays to the first surface, NaN: there is none."""

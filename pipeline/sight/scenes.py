@@ -15,7 +15,7 @@ from pipeline.sight.opening import STAGE
 
 @dataclass(frozen=True)
 class BuiltScene:
-    """What stands before the cameras of a dataset."""
+    """Targets and other things before the cameras of a dataset."""
 
     dataset: Dataset
 
