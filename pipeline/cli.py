@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs import building, exporting, graph, planning, tasks, watch
+from pipeline.app.verbs import building, exporting, graph, planning, reporting, tasks, watch
 from pipeline.app.verbs.authoring import new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
@@ -298,6 +298,7 @@ _VERBS = (
     (LOOK, "graph", graph.graph),
     (LOOK, "logs", tasks.logs),
     (LOOK, "verify", verify),
+    (USE, "report", reporting.report),
     (USE, "export", exporting.export),
     (CARE, "plugin-path", plugin_path),
 )
