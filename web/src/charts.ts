@@ -54,7 +54,7 @@ export function histogramOf(histogram: Histogram): HTMLElement {
     x: x(edges[i]).toFixed(1), width: Math.max(0.8, x(edges[i + 1]) - x(edges[i]) - 0.8).toFixed(1), class: "bar-fill",
     y: (height - bottom - (many / most) * (height - bottom - top)).toFixed(1), height: ((many / most) * (height - bottom - top)).toFixed(1),
   }, s("title", {}, `${figure(edges[i])} to ${figure(edges[i + 1])} ${histogram.unit}: ${count(many)} rows`)));
-  const ticks = ticksOf(low, high, is_logarithmic).map((value) => s("text", { x: x(value).toFixed(1), y: height - 18, class: "tick", "text-anchor": "middle" }, figure(value, 2)));
+  const ticks = ticksOf(low, high, is_logarithmic).map((value, _, all) => s("text", { x: x(value).toFixed(1), y: height - 18, class: "tick", "text-anchor": "middle" }, figure(value, digitsFor(all))));
   const total = counts.reduce((sum, many) => sum + many, 0);
   const line = mark && mark > 0 ? [
     s("line", { x1: x(mark), x2: x(mark), y1: top - 4, y2: height - bottom, class: "mark" }),
@@ -75,6 +75,12 @@ function ticksOf(low: number, high: number, isLogarithmic: boolean): number[] {
   const [start, end] = isLogarithmic ? [10 ** low, 10 ** high] : [low, high];
   const step = niceStep((end - start) / 7);
   return Array.from({ length: 9 }, (_, i) => (Math.ceil(start / step) + i) * step).filter((value) => value <= end * (1 + 1e-9));
+}
+
+/** Significant digits with which neighbouring ticks read differently. */
+function digitsFor(ticks: number[]): number {
+  const apart = ticks.length > 1 ? Math.abs(ticks[1] - ticks[0]) : 1;
+  return Math.max(1, Math.ceil(Math.log10(Math.max(...ticks.map(Math.abs), apart) / apart) + 1e-9) + 1);
 }
 
 function niceStep(rough: number): number {
