@@ -17,15 +17,18 @@ from pipeline.built.output import open_output
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import read_json
 from pipeline.records.plain import to_plain
+from pipeline.report.page.guides import camera_guides
 from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import Source, camera_part, target_part
 from pipeline.report.page.records import CameraPart, History, Page
 from pipeline.report.page.scripts import Scripts, replace
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import Loaded
+from pipeline.scene.write.guides import write_guides
 
 INDEX = "index.html"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
+GUIDES = "preview.usdc"
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
 _NAME = 12
@@ -109,9 +112,20 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
     scripts.write("page", page)
     for name in ASSETS:
         replace(report / name, _asset(name))
+    _write_guides(out, report, loaded)
     scripts.remove_others()
     replace(report / "made_of", state.encode())
     return report / INDEX
+
+
+def _write_guides(out: Path, report: Path, loaded: Loaded | None) -> None:
+    """Write the layer that shows lenses and rays in USD viewers; without a stage there is none."""
+    place = report / GUIDES
+    if loaded is None or loaded.dataset is None:
+        place.unlink(missing_ok=True)
+        return
+    cameras = [camera_guides(entry.prim_path, entry.camera) for entry in loaded.dataset.cameras]
+    write_guides(place, out / "dataset.usda", cameras, [entry.prim_path for entry in loaded.dataset.targets])
 
 
 def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
