@@ -18,6 +18,7 @@ _AROUND = 48
 _MOST_MICROLENSES = 20_000
 """Microlenses that are shown one by one; of more only the outline of the array is."""
 _GLASS, _DARK, _FILM, _ARRAY = (0.43, 0.7, 0.9), (0.08, 0.09, 0.1), (0.5, 0.35, 0.8), (0.75, 0.6, 0.85)
+"""Colours of glass, stop, sensor and microlenses, as in the 3-D view."""
 _FANS = {"centre": (0.9, 0.25, 0.2), "top left": (0.15, 0.6, 0.35), "bottom right": (0.2, 0.5, 0.88)}
 """Colours of the fans by their places: those of the drawing of the lens."""
 

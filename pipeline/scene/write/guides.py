@@ -20,6 +20,7 @@ from pipeline.units import mm_per_unit
 _PARTS = "PreviewParts"
 """Name of the prim below a camera that holds its guides."""
 _LOOKS = "PreviewLooks"
+"""Name of the prim below the root that holds materials."""
 _RAY_MM = 0.05
 """Width of a ray [mm]: thin beside a lens, and still seen."""
 Colour = tuple[float, float, float]
@@ -48,7 +49,7 @@ class GuideRays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraGuides:
-    """What is shown of a camera, whose prim has this path."""
+    """Guides of a camera, whose prim has this path."""
 
     prim_path: str
     meshes: tuple[GuideMesh, ...]
