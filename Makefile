@@ -8,10 +8,11 @@ SLOWEST := --durations=15 --durations-min=2
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs lint warm faults mutants bench evaluation picture wheel clean
+.PHONY: demo test proofs lint warm faults mutants bench evaluation picture web wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
+	@echo "Open build/02_plenoptic.report/index.html: one page about all of it"
 	@echo "Open build/02_plenoptic/frames/0002/Rig.Camera/image.png: a board through microlenses"
 	@echo "Open build/02_plenoptic/cameras/Rig.Camera/white.png: a white scene, one disc per microlens"
 
@@ -34,6 +35,7 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python schemas/generate.py --check
+	$(BIN)/python web/record_types.py --check
 
 # Kills, cuts, flips, full disks and more, at every place of a build: ten to twenty minutes.
 faults: $(STAMP)
@@ -80,6 +82,12 @@ picture: $(STAMP)
 		--window 330 225 70 84 --zoom 4
 	$(BIN)/python docs/target_sheet.py docs/targets.png
 	$(BIN)/python docs/detectors.py
+	$(BIN)/python docs/report_pictures.py build/02_plenoptic docs/report
+
+# The scripts of the report page, by npm; what they are bundled into is committed, so that nothing else needs npm.
+web: $(STAMP)
+	$(BIN)/python web/record_types.py
+	cd web && npm ci --no-audit --no-fund && npm run check && npm run build
 
 wheel: $(STAMP)
 	$(BIN)/python -m build --wheel --outdir dist

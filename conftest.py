@@ -1,5 +1,6 @@
 """Options of the whole test run."""
 
+import os
 import signal
 
 from pipeline.machine.processor import pin
@@ -9,6 +10,9 @@ pin()  # before anybody imports NumPy: tests compute as the command does
 import checked_shapes  # noqa: E402
 
 checked_shapes.install()  # before anybody imports a module that has shapes
+
+# Tests of the command build often; those of the report ask for it.
+os.environ["PIPELINE_REPORT"] = "no"
 
 # A shell that runs this in the background tells it to ignore Ctrl-C, and what the tests start would ignore it too.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs import building, exporting, fitting, graph, planning, tasks, watch
+from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks, watch
 from pipeline.app.verbs.authoring import new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
@@ -304,6 +304,7 @@ def _deliver(imported: Any, out: Path | None) -> None:
 
 
 _VERBS = (
+    (WRITE, "library", library.library),
     (WRITE, "check", check),
     (WRITE, "show", show),
     (WRITE, "target", print_target),
@@ -316,8 +317,10 @@ _VERBS = (
     (LOOK, "graph", graph.graph),
     (LOOK, "logs", tasks.logs),
     (LOOK, "verify", verify),
+    (USE, "report", reporting.report),
     (USE, "export", exporting.export),
     (USE, "fit", fitting.fit),
+    (CARE, "doctor", doctor.doctor),
     (CARE, "plugin-path", plugin_path),
 )
 for _panel, _name, _verb in _VERBS:

@@ -1,6 +1,7 @@
 """A finished output folder: the files that its manifest lists, and nothing else of it."""
 
 import json
+from collections.abc import Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,13 +24,18 @@ class BuiltFolder:
         The folder.
     stage : str
         The stage that was built, as the manifest names it.
-    files : frozenset of str
-        Posix paths below the folder.
+    digests : dict of str to str
+        SHA-256 of every file, by its posix path below the folder.
     """
 
     path: Path
     stage: str
-    files: frozenset[str]
+    digests: dict[str, str]
+
+    @property
+    def files(self) -> Set[str]:
+        """Posix paths below the folder."""
+        return self.digests.keys()
 
     def file(self, name: str) -> Path | None:
         """Path of a file; None if this build has none of that name."""
@@ -44,11 +50,11 @@ class BuiltFolder:
             The file is gone.
         DamagedFile
         """
-        return read_table(self._present(name))
+        return read_table(self.present(name))
 
     def record(self, name: str) -> dict[str, Any]:
         """A JSON file of the build; raises as `table`."""
-        found: dict[str, Any] = read_json(self._present(name))
+        found: dict[str, Any] = read_json(self.present(name))
         return found
 
     def folders(self, below: str, holding: str) -> list[str]:
@@ -60,7 +66,14 @@ class BuiltFolder:
             parts[deep] for parts in paths if len(parts) == deep + 2 and parts[:deep] == start and parts[-1] == holding
         )
 
-    def _present(self, name: str) -> Path:
+    def present(self, name: str) -> Path:
+        """Path of a file that the build made.
+
+        Raises
+        ------
+        UsageError
+            The file is gone.
+        """
         path = self.path / name
         if not path.is_file():
             raise UsageError(
@@ -85,7 +98,8 @@ def finished_folder(out: str | Path) -> BuiltFolder:
     found = manifest.read(path)
     if found.stage is None:
         raise UsageError(f"{out} holds no finished build: {_reason(found.data)}", hint=_hint(path))
-    return BuiltFolder(path=path, stage=str(found.stage), files=frozenset(found.files))
+    digests = {name: str(entry["sha256"]) for name, entry in found.files.items()}
+    return BuiltFolder(path=path, stage=str(found.stage), digests=digests)
 
 
 def _reason(data: bytes | None) -> str:

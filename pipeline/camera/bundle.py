@@ -79,9 +79,23 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
         raise CameraError(f"samples is {samples}", hint=f"a power of two, e.g. {1 << samples.bit_length() - 1}")
     tracer = Tracer(camera, seed)
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
-    microlens = Rig.of(tracer).microlens_at(position)[:, None]
+    return bundle_behind(tracer, x_px, y_px, int(Rig.of(tracer).microlens_at(position)[0]), samples)
+
+
+def bundle_behind(tracer: Tracer, x_px: float, y_px: float, microlens: int, samples: int) -> Bundle:
+    """The bundle of one image position through one microlens.
+
+    Parameters
+    ----------
+    microlens : int
+        Row of the microlens in the lattice of the tracer, or NO_MICROLENS.
+    samples : int
+        Rays to start for each wavelength, a power of two. Positions that are rounded to the same pixel have the same
+        random numbers, so that differences between them are smooth.
+    """
+    position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     pixel = np.array([[round(x_px), round(y_px)]])
-    squares = Squares(pixel, position, microlens, np.full_like(microlens, samples))
+    squares = Squares(pixel, position, np.array([[microlens]]), np.array([[samples]]))
     parts = [_leaving(light, squares, samples) for light in tracer.lights]
     return Bundle(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 

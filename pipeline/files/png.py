@@ -55,6 +55,21 @@ def read_png(path: str | Path) -> np.ndarray:
     return pixels
 
 
+def png_size(path: str | Path) -> tuple[int, int]:
+    """Width and height in px, from the header alone.
+
+    Raises
+    ------
+    DamagedFile
+        If it is not a PNG file.
+    """
+    with Path(path).open("rb") as file:
+        head = file.read(24)
+    if len(head) < 24 or head[12:16] != b"IHDR":
+        raise DamagedFile(path, "not a PNG file")
+    return int.from_bytes(head[16:20], "big"), int.from_bytes(head[20:24], "big")
+
+
 def _require_plausible_size(path: str | Path, data: bytes) -> None:
     """Refuse a header that asks for more pixels than its bytes can hold, before memory is allocated."""
     if len(data) >= 24 and data[12:16] == b"IHDR":

@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.camera.figures.field_curves import FieldCurves
 
-_WIDTH = 30
+WIDTH = 30
 """Characters before the value of a row: the longest name fits."""
 _COUNTED = "distances are counted from the aperture stop, + towards the scene"
 
@@ -220,7 +220,7 @@ def _table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> Iterato
 
 
 def _row(what: str, value: str, remark: str = "") -> str:
-    return f"  {what:<{_WIDTH}}{value}" + (f"  ({remark})" if remark else "")
+    return f"  {what:<{WIDTH}}{value}" + (f"  ({remark})" if remark else "")
 
 
 def _mm(value: float, digits: int = 3) -> str:

@@ -1,8 +1,9 @@
 """`pipeline build`: make the output folder of a stage."""
 
+import os
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import typer
 
@@ -14,6 +15,7 @@ from pipeline.app.verbs.options import (
     Events,
     Force,
     KeepGoing,
+    NoReport,
     Preview,
     Profile,
     Quiet,
@@ -36,6 +38,7 @@ from pipeline.app.verbs.terminal import (
     say_json,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
+from pipeline.report.page.diary import Diary
 
 
 def build(
@@ -57,6 +60,7 @@ def build(
     engine: Engine = None,
     device: Device = None,
     preview: Preview = False,
+    no_report: NoReport = False,
     check_determinism: CheckDeterminism = 0,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
@@ -84,19 +88,17 @@ def build(
             raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
         print_plan(stage, out, options, as_json=as_json)
         return
+    diary = Diary()
     try:
-        result = _run(stage, out, options, events, verbose - quiet)
+        result = _run(stage, out, options, Listeners(events, diary), verbose - quiet)
     except PipelineError as error:
         _say_failure(stage, error, as_json=as_json)
         raise
-    if as_json:
-        say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
-    else:
-        _say_files(result)
-        if profile:
-            _say_profile(result)
+    _say_result(result, as_json=as_json, profile=profile)
     if quiet <= verbose:
         _say_points(result.points)
+    if not no_report:
+        _write_report(result, options, diary, is_told=quiet <= verbose)
     is_refuted = _failed_certificate(result.certificate, quiet=quiet > verbose)
     raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
 
@@ -105,6 +107,16 @@ def _say_failure(stage: Path, error: PipelineError, *, as_json: bool) -> None:
     """Print the one JSON object that ends the output, also after a failure."""
     if as_json:
         say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
+
+
+def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
+    """Print the output folder, or one JSON object, and the profile if it was asked for."""
+    if as_json:
+        say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
+        return
+    _say_files(result)
+    if profile:
+        _say_profile(result)
 
 
 def _say_files(result: Any) -> None:
@@ -163,17 +175,39 @@ def _say_profile(result: Any) -> None:
         note(line)
 
 
-def _run(stage: Path, out: Path | None, options: Any, events: Path | None, verbosity: int) -> Any:
+class Listeners(NamedTuple):
+    """Listeners of a build besides the display: a file of events, if one was asked for, and a diary."""
+
+    events: Path | None
+    diary: Diary
+
+
+def _write_report(result: Any, options: Any, diary: Diary, *, is_told: bool) -> None:
+    """Write the report of a whole build, and print where it is. An untrusted stage is not read outside its sandbox, so
+    that its build has none.
+    """
+    is_whole = result.delivery is not None and result.delivery.asked is None
+    if not is_whole or options.preview or options.untrusted or os.environ.get("PIPELINE_REPORT") == "no":
+        return
+    from pipeline.app.reporting import report_of_build
+
+    page = report_of_build(result.out, diary, warn=note)
+    if page is not None and is_told:
+        note(f"report: {page}")
+
+
+def _run(stage: Path, out: Path | None, options: Any, listeners: Listeners, verbosity: int) -> Any:
     from pipeline.app.build import build_with
     from pipeline.app.progress import Ending, display
     from pipeline.engine.events import EventFile, fan_out
 
     roots = (f"--allow-root={root}" for root in options.allow_roots)
     again = shlex.join([str(stage), *(["-o", str(out)] if out else []), *roots])
-    file, ending = EventFile(events) if events else None, Ending(verbosity, again)
+    file = EventFile(listeners.events) if listeners.events else None
+    ending = Ending(verbosity, again)
     try:
         with display(verbosity) as shown:
-            return build_with(stage, out, options, fan_out(filter(None, [shown, ending, file])))
+            return build_with(stage, out, options, fan_out(filter(None, [shown, ending, file, listeners.diary])))
     finally:
         if file:
             file.close()

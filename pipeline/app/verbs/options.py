@@ -137,6 +137,10 @@ Preview = Annotated[
         help="Make pictures only, a quarter of the size and with few samples, in another output folder.",
     ),
 ]
+NoReport = Annotated[
+    bool,
+    typer.Option("--no-report", rich_help_panel=OUTPUT, help="Write no report, the page in OUT.report."),
+]
 CheckDeterminism = Annotated[
     float,
     typer.Option(

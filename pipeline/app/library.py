@@ -1,0 +1,91 @@
+"""The library of stages with the key figures of each part."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.camera.figures.first_order_figures import lens_report
+from pipeline.errors import UsageError
+from pipeline.scene.library import array_figures, sensor_figures, title_of
+from pipeline.scene.load import load
+from pipeline.share import share
+from pipeline.spelling import did_you_mean
+
+KINDS = ("lenses", "rigs", "sensors", "mlas", "targets")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A file of the library.
+
+    Attributes
+    ----------
+    name : str
+        Name by which stages refer to it: `lenses/cooke_triplet_50mm.usda`.
+    title : str
+        First words of its description.
+    figures : dict
+        Key figures, by names with units.
+    """
+
+    name: str
+    title: str
+    figures: dict[str, Any]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, as in `library --json`."""
+        return {"name": self.name, "title": self.title, **self.figures}
+
+
+def library(kind: str | None = None) -> dict[str, list[Part]]:
+    """Parts by kind, of one kind or of all.
+
+    Raises
+    ------
+    UsageError
+        There is no such kind.
+    """
+    if kind is not None and kind not in KINDS:
+        hint = did_you_mean(kind, KINDS) or f"there are {', '.join(KINDS)}"
+        raise UsageError(f"the library has no {kind}", hint=hint)
+    return {one: [_part(path) for path in sorted((share("stages") / one).glob("*.usda"))] for one in _kinds(kind)}
+
+
+def _kinds(kind: str | None) -> tuple[str, ...]:
+    return KINDS if kind is None else (kind,)
+
+
+def _part(path: Path) -> Part:
+    kind = path.parent.name
+    return Part(name=f"{kind}/{path.name}", title=title_of(path), figures=_FIGURES[kind](path))
+
+
+def _of_lens(path: Path) -> dict[str, Any]:
+    lens = load(path).lens
+    assert lens is not None, path
+    report = lens_report(lens.prescription)
+    return {name: report[name] for name in ("efl_mm", "f_number", "bfd_mm", "length_mm", "surfaces")}
+
+
+def _of_rig(path: Path) -> dict[str, Any]:
+    entry = load(path).cameras[0]
+    camera = entry.asked
+    report, sensor = lens_report(camera.prescription), camera.sensor
+    figures = {"lens": entry.lens_name, "efl_mm": report["efl_mm"], "f_number": report["f_number"]}
+    figures |= {"width_px": sensor.width_px, "height_px": sensor.height_px, "pitch_mm": sensor.pitch_mm}
+    array = camera.microlenses
+    return {**figures, "microlens_types": None if array is None else len(array.focal_lengths_mm)}
+
+
+def _of_target(path: Path) -> dict[str, Any]:
+    target = load(path).targets[0].target
+    return {"kind": target.kind, "points": len(target.points().kinds)}
+
+
+_FIGURES = {
+    "lenses": _of_lens,
+    "rigs": _of_rig,
+    "sensors": sensor_figures,
+    "mlas": array_figures,
+    "targets": _of_target,
+}

@@ -1,0 +1,120 @@
+"""The report of a build: its stage, the history of its tasks, and what the page is written from."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from pipeline.app.build import project_from
+from pipeline.engine.output import manifest
+from pipeline.engine.planning.collapsed_graph import overview
+from pipeline.engine.planning.plan import PlannedTask
+from pipeline.engine.project import Project
+from pipeline.engine.store.store import Store
+from pipeline.errors import PipelineError
+from pipeline.jit.files import say
+from pipeline.report import graph
+from pipeline.report.page.diary import Diary
+from pipeline.report.page.page import is_current, place_of, write_page
+from pipeline.report.page.records import History, TaskRun
+from pipeline.scene.load import Loaded, load
+
+_STAGE = "dataset.usda"
+_DONE = {"executed": "run", "failed": "run"}
+"""States of a build in the words of the picture of the graph."""
+
+
+def report(
+    out: str | Path, place: str | Path | None = None, *, diary: Diary | None = None, warn: Callable[[str], None] = say
+) -> Path:
+    """Write the report of a finished build.
+
+    Parameters
+    ----------
+    out : str or Path
+        The output folder.
+    place : str or Path, optional
+        Folder of the report; by default `OUT.report`.
+    diary : Diary, optional
+        Notes about the build that has just ended; without it the history of an earlier report stays, or is made of the
+        records in the store.
+
+    Returns
+    -------
+    Path
+        The page, `index.html`.
+
+    Raises
+    ------
+    UsageError
+        There is no finished build, or the folder of the report holds something else.
+    DamagedFile
+    """
+    out = Path(out)
+    where = place_of(out) if place is None else Path(place)
+    loaded = _loaded(out, warn)
+    ran = diary is not None and diary.has_run
+    if not ran and (where / "data/history.js").is_file():
+        return write_page(out, where, loaded, None)
+    return write_page(out, where, loaded, _history(out, loaded, diary if ran else None))
+
+
+def report_of_build(out: Path, diary: Diary, *, warn: Callable[[str], None]) -> Path | None:
+    """Write the report of a build that has just ended, unless it is there already; its failure fails no build."""
+    where = place_of(out)
+    try:
+        if not diary.has_run and is_current(out, where):
+            return where / "index.html"
+        return report(out, diary=diary, warn=warn)
+    except PipelineError as error:
+        warn(f"no report was written: {error.what}")
+    except OSError as error:
+        warn(f"no report was written to {where}: {error.strerror}")
+    return None
+
+
+def _loaded(out: Path, warn: Callable[[str], None]) -> Loaded | None:
+    """The stage in the output folder; None, with a warning, if it does not pass `check`."""
+    if not (out / _STAGE).is_file():
+        return None
+    loaded = load(out / _STAGE)
+    if loaded.errors or loaded.dataset is None:
+        warn(f"the report has no optics and no 3-D view: {out / _STAGE} does not pass `pipeline check`")
+        return None
+    return loaded
+
+
+def _history(out: Path, loaded: Loaded | None, diary: Diary | None) -> History:
+    """History of all tasks of the manifest: from the notes about a build, and from records of the store."""
+    store, runs = Store(), diary.runs if diary else {}
+    tasks = tuple(_run(store, name, key, runs.get(name)) for name, key in manifest.read(out).tasks.items())
+    project = project_from(loaded, out / _STAGE, out) if loaded else None
+    return History(
+        tasks=tasks,
+        seconds=diary.seconds if diary else None,
+        workers=diary.workers if diary else None,
+        graph=_picture(project, tasks) if project else "",
+    )
+
+
+def _run(store: Store, name: str, key: str, noted: TaskRun | None) -> TaskRun:
+    record = store.peek(key)
+    made = record["made_by"] if record else {}
+    return TaskRun(
+        name=name,
+        kind=name.split("/")[0],
+        state=noted.state if noted else "made before",
+        start_s=noted.start_s if noted else None,
+        end_s=noted.end_s if noted else None,
+        cpu_s=made.get("cpu_seconds"),
+        peak_bytes=made.get("peak_bytes"),
+    )
+
+
+def _picture(project: Project, tasks: tuple[TaskRun, ...]) -> str:
+    """The graph of tasks as SVG, frames collapsed."""
+    states = {task.name: _DONE.get(task.state, "cached") for task in tasks}
+    planned = [
+        PlannedTask(name=name, kind=project.graph[name].short_kind, state=states[name], key=None)
+        for name in project.graph
+        if name in states
+    ]
+    return graph.svg(overview(project.graph, planned), str(project.head.get("stage")))

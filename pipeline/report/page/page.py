@@ -1,0 +1,183 @@
+"""The report of a build: one page that works from disk, in a folder beside the output folder.
+
+It is neither a task nor part of the output folder: it tells when and where tasks ran, and OUT is the same to the byte
+wherever it was made. What an earlier report holds and is still true is not made again: images by their digests, the
+optical part of a camera by the digest of the camera.
+"""
+
+import hashlib
+import json
+import shutil
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pipeline.built.folder import finished_folder
+from pipeline.built.output import open_output
+from pipeline.errors import UsageError
+from pipeline.files.jsonfile import read_json
+from pipeline.records.plain import to_plain
+from pipeline.report.page.guides import camera_guides
+from pipeline.report.page.optics import optics
+from pipeline.report.page.parts import Source, camera_part, target_part
+from pipeline.report.page.records import CameraPart, History, Page
+from pipeline.report.page.scripts import Scripts, replace
+from pipeline.scene.dataset import CameraEntry
+from pipeline.scene.load import Loaded
+from pipeline.scene.write.guides import write_guides
+
+INDEX = "index.html"
+ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
+GUIDES = "preview.usdc"
+_MARK = b'<meta name="generator" content="plenoptic-pipeline">'
+"""Line of the page by which a folder is recognised as a report of ours."""
+_NAME = 12
+"""Digits of a digest in the name of a script."""
+
+
+def place_of(out: Path) -> Path:
+    """Folder of the report of an output folder."""
+    out = out.absolute()
+    return out.with_name(f"{out.name}.report")
+
+
+def require_ours(report: Path) -> None:
+    """Refuse a folder that holds something else.
+
+    Raises
+    ------
+    UsageError
+    """
+    index = report / INDEX
+    is_ours = index.is_file() and not index.is_symlink() and _MARK in index.read_bytes()
+    is_free = not report.exists() or (report.is_dir() and not any(report.iterdir()))
+    if not (is_ours or is_free):
+        raise UsageError(f"{report} is there and is no report of ours", hint="choose another folder with -o")
+
+
+def state_of(out: Path) -> str:
+    """Digest of all that a report is made of but its history: the manifest and the scripts of the page."""
+    digest = hashlib.sha256((out / "manifest.json").read_bytes())
+    for name in ASSETS:
+        digest.update(_asset(name))
+    return digest.hexdigest()
+
+
+def is_current(out: Path, report: Path) -> bool:
+    """Whether a report was made of what the output folder holds now."""
+    made_of = report / "made_of"
+    return made_of.is_file() and made_of.read_text(encoding="utf-8") == state_of(out)
+
+
+def write_page(out: Path, report: Path, loaded: Loaded | None, history: History | None) -> Path:
+    """Write the report of an output folder.
+
+    Parameters
+    ----------
+    loaded : Loaded or None
+        The stage of the output folder, for optics and 3-D view; None leaves them out.
+    history : History or None
+        None keeps the one of an earlier report.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    UsageError
+        There is no finished build, or `report` holds something else.
+    DamagedFile
+    """
+    folder, output = finished_folder(out), open_output(out)
+    require_ours(report)
+    state = state_of(out)
+    for name in ("data", "images"):
+        (report / name).mkdir(parents=True, exist_ok=True)
+    replace(report / INDEX, _asset(INDEX))  # first: it marks the folder as ours
+    (report / "made_of").unlink(missing_ok=True)
+    manifest, scripts = read_json(out / "manifest.json"), Scripts(report)
+    source = Source(
+        output=output, folder=folder, points=manifest["points"], certificate=manifest["certificate"], scripts=scripts
+    )
+    entries = _entries(loaded)
+    cameras = [
+        camera_part(source, camera, _optics(source, entries.get(name), camera.record))
+        for name, camera in output.cameras.items()
+    ]
+    kept = scripts.keep("history") if history is None else scripts.write("history", history)
+    _remove_other_images(report, cameras)
+    page = _page(source, manifest, cameras, _targets(source, loaded), kept or "")
+    scripts.write("page", page)
+    for name in ASSETS:
+        replace(report / name, _asset(name))
+    _write_guides(out, report, loaded)
+    scripts.remove_others()
+    replace(report / "made_of", state.encode())
+    return report / INDEX
+
+
+def _write_guides(out: Path, report: Path, loaded: Loaded | None) -> None:
+    """Write the layer that shows lenses and rays in USD viewers; without a stage there is none."""
+    place = report / GUIDES
+    if loaded is None or loaded.dataset is None:
+        place.unlink(missing_ok=True)
+        return
+    cameras = [camera_guides(entry.prim_path, entry.camera) for entry in loaded.dataset.cameras]
+    write_guides(place, out / "dataset.usda", cameras, [entry.prim_path for entry in loaded.dataset.targets])
+
+
+def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
+    """Remove images of earlier builds."""
+    shown = [picture for one in cameras for picture in one.pictures]
+    shown += [picture for one in cameras for view in one.views for picture in view.pictures]
+    used = {Path(picture.path).name for picture in shown}
+    for path in (report / "images").iterdir():
+        if path.name not in used:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def _page(source: Source, manifest: dict[str, Any], cameras: list[CameraPart], targets: Any, history: str) -> Page:
+    return Page(
+        title=source.output.path.absolute().name,
+        stage=manifest["stage"],
+        seed=manifest["seeds"]["dataset"],
+        frames=source.output.frames,
+        bytes=sum(entry["size"] for entry in manifest["files"].values()),
+        files=len(manifest["files"]),
+        versions=manifest["versions"],
+        cameras=tuple(cameras),
+        targets=targets,
+        history=history,
+    )
+
+
+def _entries(loaded: Loaded | None) -> dict[str, CameraEntry]:
+    """Cameras of the stage, each channel by itself."""
+    if loaded is None or loaded.dataset is None:
+        return {}
+    return {one.full_name: one for entry in loaded.dataset.cameras for one in entry.in_channels}
+
+
+def _optics(source: Source, entry: CameraEntry | None, record: dict[str, Any]) -> str | None:
+    """Script of the optical part of a camera; traced only if no earlier report has it."""
+    if entry is None:
+        return None
+    camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
+    plain = json.dumps([to_plain(camera), record["lens"]["name"], entry.full_name], sort_keys=True)
+    name = f"optics.{entry.full_name}.{hashlib.sha256(plain.encode()).hexdigest()[:_NAME]}"
+    return source.scripts.keep(name) or source.scripts.write(name, optics(camera, entry.full_name, record))
+
+
+def _targets(source: Source, loaded: Loaded | None) -> tuple[Any, ...]:
+    known = {entry.name: entry.target for entry in loaded.targets} if loaded else {}
+    return tuple(
+        target_part(name, target.kind, len(target.points_mm), known.get(name))
+        for name, target in source.output.targets.items()
+    )
+
+
+def _asset(name: str) -> bytes:
+    """A file of the page that ships with this package; `make web` builds them from `web/`."""
+    return (resources.files("pipeline.report.page") / "assets" / name).read_bytes()

@@ -1,0 +1,127 @@
+"""Cameras, views and targets of a build as parts of the page."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.built.folder import BuiltFolder
+from pipeline.built.output import Output
+from pipeline.built.records import BuiltCamera, BuiltView
+from pipeline.channel_names import body_and_channel, folder_of
+from pipeline.report.page.images import picture_of
+from pipeline.report.page.records import CameraPart, Figure, Picture, TargetPart, View
+from pipeline.report.page.residuals import residuals
+from pipeline.report.page.scripts import Scripts
+from pipeline.report.page.shapes import matrix
+from pipeline.report.page.tables import drawn, micro_image_data, table_data
+from pipeline.targets.preview import preview_faces
+from pipeline.targets.target import AnyTarget, Target
+
+_MOST_FACES = 20_000
+"""Faces of a target in the 3-D view; one with more is left out there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A build that is reported, and where the report is written.
+
+    Attributes
+    ----------
+    points : mapping
+        `points` of the manifest, and `certificate` likewise.
+    """
+
+    output: Output
+    folder: BuiltFolder
+    points: Mapping[str, Any]
+    certificate: Mapping[str, Any]
+    scripts: Scripts
+
+    @property
+    def report(self) -> Path:
+        """Folder of the report."""
+        return self.scripts.report
+
+
+def camera_part(source: Source, camera: BuiltCamera, optics: str | None) -> CameraPart:
+    """A camera with its views; writes the scripts of its tables, and puts its images into the report."""
+    record, (width, height) = camera.record, camera.size_px
+    certificate = source.certificate.get(camera.name)
+    return CameraPart(
+        name=camera.name,
+        kind="plenoptic" if camera.is_plenoptic else "conventional",
+        lens=record["lens"]["name"],
+        width_px=width,
+        height_px=height,
+        pitch_mm=camera.pitch_mm,
+        principal_distance_px=record["principal_distance_px"],
+        key_figures=_key_figures(camera),
+        certificate=certificate,
+        optics=optics,
+        micro_images=_micro_images(source, camera),
+        pictures=_pictures(source, f"cameras/{folder_of(camera.name)}", ("white",)),
+        views=tuple(_view(source, camera, view) for view in camera.views),
+        residuals=residuals(camera, certificate["claim_px"] if certificate else None),
+    )
+
+
+def _key_figures(camera: BuiltCamera) -> tuple[Figure, ...]:
+    lens, (width, height) = camera.record["lens"], camera.size_px
+    across, down, _ = camera.record["field_of_view_deg"]
+    return (
+        Figure(name="focal length", value=f"{lens['efl_mm']:.2f} mm", remark=f"f/{lens['f_number']:.1f}"),
+        Figure(name="sensor", value=f"{width} × {height} px", remark=f"{1000 * camera.pitch_mm:g} µm pixels"),
+        Figure(name="field of view", value=f"{across:.1f}° × {down:.1f}°", remark=""),
+    )
+
+
+def _micro_images(source: Source, camera: BuiltCamera) -> str | None:
+    images, outlines = camera.micro_images, camera.micro_image_outlines
+    if images is None or outlines is None:
+        return None
+    return source.scripts.write(f"micro_images.{camera.name}", micro_image_data(images, outlines))
+
+
+def _view(source: Source, camera: BuiltCamera, view: BuiltView) -> View:
+    place = f"frames/{view.frame:04d}/{folder_of(camera.name)}"
+    facts = source.points[camera.name]
+    seen = next(row["seen"] for row in facts["frames"] if row["frame"] == view.frame)
+    body = f"frames/{view.frame:04d}/{body_and_channel(camera.name)[0]}"
+    pictures = _pictures(source, place, ("image", "raw"))
+    if body != place:
+        pictures += _pictures(source, body, ("image", "raw"), "all channels: ")
+    poses = view.poses
+    return View(
+        frame=view.frame,
+        rows=len(view.correspondences),
+        seen=sum(seen.values()),
+        of=sum(facts["of"].values()),
+        data=source.scripts.write(f"rows.{camera.name}.{view.frame:04d}", table_data(view.correspondences)),
+        pictures=pictures,
+        camera_from_world=matrix(poses.camera_from_world),
+        camera_from_target={name: matrix(pose) for name, pose in poses.camera_from_target.items()},
+    )
+
+
+def _pictures(source: Source, place: str, kinds: tuple[str, ...], before: str = "") -> tuple[Picture, ...]:
+    folder = source.folder
+    found = [(kind, f"{place}/{kind}.png") for kind in kinds if folder.file(f"{place}/{kind}.png")]
+    return tuple(picture_of(folder, file, f"{before}{kind}", source.report) for kind, file in found)
+
+
+def target_part(name: str, kind: str, count: int, target: AnyTarget | None) -> TargetPart:
+    """A target with its faces; none of a mesh, and none where the stage could not be read."""
+    part = TargetPart(name=name, kind=kind, points=count, corners_mm=(), faces=(), greys=())
+    faces = preview_faces(target) if isinstance(target, Target) else None
+    if faces is None or len(faces.faces) > _MOST_FACES:
+        return part
+    return dataclasses.replace(
+        part,
+        corners_mm=tuple(tuple(point) for point in np.round(faces.points_mm, 4).tolist()),
+        faces=tuple(tuple(face) for face in faces.faces.tolist()),
+        greys=tuple(grey or 0.0 for grey in drawn(faces.radiance)),
+    )

@@ -1,0 +1,277 @@
+"""Records of the report page: data between Python and the scripts of `web/`, which know no optics and no files.
+
+Lists of numbers hold None where a value is unknown. `web/types.py` writes the same records as TypeScript.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+Numbers = tuple[float | None, ...]
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """An image for the viewer.
+
+    Attributes
+    ----------
+    kind : str
+        `image`, `raw` or `white`, with the name of a channel where there are some.
+    path : str
+        One PNG below the report, or a folder of tiles `LEVEL/X_Y.png`, level 0 being the smallest.
+    tile_px : int or None
+        Edge of the tiles; None: one file.
+    """
+
+    kind: str
+    width_px: int
+    height_px: int
+    path: str
+    tile_px: int | None
+    levels: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """A camera in a frame; `data` is the script with its table."""
+
+    frame: int
+    rows: int
+    seen: int
+    of: int
+    data: str
+    pictures: tuple[Picture, ...]
+    camera_from_world: Matrix
+    camera_from_target: dict[str, Matrix]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableData:
+    """The rows of a table by column; `same` holds the columns in which all rows are equal."""
+
+    rows: int
+    same: dict[str, Any]
+    columns: dict[str, tuple[Any, ...]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MicroImageData:
+    """Micro-images of a camera; radii of outlines are from the centroid, in equal steps from +x towards +y."""
+
+    k: tuple[int, ...]
+    l: tuple[int, ...]
+    type: tuple[int, ...]
+    centre_x_px: Numbers
+    centre_y_px: Numbers
+    radius_px: Numbers
+    outline_x_px: Numbers
+    outline_y_px: Numbers
+    outline_radius_px: tuple[Numbers, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Histogram:
+    """Counts between edges (one more than counts); `unit` belongs to the edges."""
+
+    title: str
+    unit: str
+    is_logarithmic: bool
+    edges: tuple[float, ...]
+    counts: tuple[int, ...]
+    mark: float | None
+    mark_name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Residuals:
+    """Statistics of all rows of a camera; points are at most some thousands of them, evenly taken.
+
+    Attributes
+    ----------
+    x_px, y_px, rho_px : numbers
+        Positions and signed blur radii.
+    dx_px, dy_px : numbers
+        Position minus that of the equivalent pinhole with distortion; empty where there is none.
+    """
+
+    histograms: tuple[Histogram, ...]
+    x_px: Numbers
+    y_px: Numbers
+    rho_px: Numbers
+    dx_px: Numbers
+    dy_px: Numbers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """A row of the page of `pipeline show`."""
+
+    name: str
+    value: str
+    remark: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Some rows with a heading."""
+
+    heading: str
+    rows: tuple[Figure, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A curve of a chart."""
+
+    name: str
+    y: Numbers
+    is_dashed: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chart:
+    """Curves over a common axis."""
+
+    title: str
+    remark: str
+    x_name: str
+    y_name: str
+    x: Numbers
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spot:
+    """Crossings of a bundle with an object plane, as displacements of the image of its mean [px]."""
+
+    place: str
+    x_px: float
+    y_px: float
+    distance_mm: float
+    dx_px: Numbers
+    dy_px: Numbers
+    rms_px: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceShape:
+    """A surface of the lens for the 3-D view, vision frame.
+
+    Attributes
+    ----------
+    height_mm, z_mm : numbers
+        Its profile from the axis to the rim.
+    has_glass_behind : bool
+        Whether glass follows towards the sensor.
+    moved : matrix
+        Transform of a displaced surface, else the identity.
+    """
+
+    height_mm: tuple[float, ...]
+    z_mm: tuple[float, ...]
+    has_glass_behind: bool
+    is_stop: bool
+    moved: Matrix
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RayFan:
+    """Real rays of one sensor position, each a polyline from the sensor into the scene, vision frame [mm]."""
+
+    place: str
+    rays: tuple[tuple[tuple[float, float, float], ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optics:
+    """The optical part of a camera."""
+
+    drawing: str
+    figures: tuple[Figures, ...]
+    charts: tuple[Chart, ...]
+    spots: tuple[Spot, ...]
+    surfaces: tuple[SurfaceShape, ...]
+    sensor_z_mm: float
+    sensor_mm: tuple[float, float]
+    sensor_offset_mm: tuple[float, float]
+    fans: tuple[RayFan, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraPart:
+    """A camera, or one of its channels; `optics` and `micro_images` are scripts, None where there are none."""
+
+    name: str
+    kind: str
+    lens: str
+    width_px: int
+    height_px: int
+    pitch_mm: float
+    principal_distance_px: float
+    key_figures: tuple[Figure, ...]
+    certificate: dict[str, Any] | None
+    optics: str | None
+    micro_images: str | None
+    pictures: tuple[Picture, ...]
+    views: tuple[View, ...]
+    residuals: Residuals
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetPart:
+    """A target: faces as quadrilaterals in the target frame, with a grey value each."""
+
+    name: str
+    kind: str
+    points: int
+    corners_mm: tuple[tuple[float, ...], ...]
+    faces: tuple[tuple[int, ...], ...]
+    greys: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskRun:
+    """A task: how it ended in the last build, and the run that made its result.
+
+    Attributes
+    ----------
+    state : str
+        `executed`, `cached` or `made before`, where the last build is not known.
+    start_s, end_s : float or None
+        Of the run in the last build, from the beginning of that; None if it did not run.
+    """
+
+    name: str
+    kind: str
+    state: str
+    start_s: float | None
+    end_s: float | None
+    cpu_s: float | None
+    peak_bytes: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class History:
+    """History of the folder: its tasks, and the picture of their graph as SVG (empty without a stage)."""
+
+    tasks: tuple[TaskRun, ...]
+    seconds: float | None
+    workers: int | None
+    graph: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Page:
+    """Everything that the page shows at once; the rest are scripts that it loads when they are looked at."""
+
+    title: str
+    stage: str
+    seed: int
+    frames: tuple[int, ...]
+    bytes: int
+    files: int
+    versions: dict[str, str]
+    cameras: tuple[CameraPart, ...]
+    targets: tuple[TargetPart, ...]
+    history: str

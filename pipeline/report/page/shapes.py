@@ -1,0 +1,94 @@
+"""Solid parts of the 3-D view: surfaces of a lens and real rays through them, vision frame [mm]."""
+
+import math
+
+import numpy as np
+
+from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.tracer import Tracer
+from pipeline.optics.displacement import displacements
+from pipeline.optics.kernels import trace_rays
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX
+from pipeline.report.page.records import Matrix, RayFan, SurfaceShape
+
+_PROFILE = 13
+"""Points of a profile from the axis to the rim: a smooth curve in a picture."""
+_ACROSS = 5
+"""Rays tried along each side of the rear surface; a fan holds those that pass."""
+_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Vision frame from the frame of the stop with z towards the sensor: a half turn about x; it is its own inverse."""
+
+
+def surface_shapes(prescription: Prescription) -> tuple[SurfaceShape, ...]:
+    """All surfaces from the scene to the sensor."""
+    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
+    found = []
+    for surface, vertex, motion in placed:
+        heights = np.linspace(0.0, surface.semi_diameter_mm, _PROFILE).tolist()
+        moved = np.eye(4) if motion is None else _TURN @ motion @ _TURN
+        found.append(
+            SurfaceShape(
+                height_mm=tuple(heights),
+                z_mm=tuple(-(vertex + float(surface.sag_mm(height))) for height in heights),
+                has_glass_behind=surface.index != 1.0,
+                is_stop=surface.is_stop,
+                moved=matrix(moved),
+            )
+        )
+    return tuple(found)
+
+
+def matrix(transform: np.ndarray) -> Matrix:
+    """Rows of a transform."""
+    return tuple(tuple(row) for row in transform.tolist())
+
+
+def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
+    """Rays of the centre and of two opposite corners of the sensor, through the main lens alone."""
+    tracer, sensor = Tracer(camera), camera.sensor
+    half_x, half_y = (size / 2 for size in sensor.size_mm)
+    ends = (("centre", 0.0), ("top left", 0.96), ("bottom right", -0.96))
+    # The image is upside down on the sensor: its top left lies at +x, +y of the vision frame.
+    centre = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
+    fans = []
+    for place, share in ends:
+        start = np.array([*(centre + share * np.array([half_x, half_y])), tracer.film_z_mm])
+        fans.append(RayFan(place=place, rays=_rays(tracer, start)))
+    return tuple(fans)
+
+
+def _rays(tracer: Tracer, start_mm: np.ndarray) -> tuple[tuple[tuple[float, float, float], ...], ...]:
+    """Polylines of the rays from a point that pass all surfaces, out to some way behind the distance in focus."""
+    radius = math.sqrt(tracer.table[0, SEMI_DIAMETER_SQUARED])
+    u = np.linspace(-radius, radius, _ACROSS)
+    aim = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+    for _ in range(2):  # again within what passed: a narrow stop lets few rays through
+        points, direction, alive = _traced(tracer.table, start_mm, aim)
+        if not alive.any():
+            return ()
+        low, high = aim[alive].min(axis=0), aim[alive].max(axis=0)
+        step = (aim[:, 0].max() - aim[:, 0].min()) / (_ACROSS - 1)
+        across = [np.linspace(low[i] - 0.6 * step, high[i] + 0.6 * step, _ACROSS) for i in (0, 1)]
+        aim = np.stack(np.meshgrid(*across), axis=-1).reshape(-1, 2)
+    points, direction, alive = _traced(tracer.table, start_mm, aim)
+    focus = middle_focus(tracer.camera)
+    reach = 1.15 * focus if math.isfinite(focus) else 20.0 * tracer.camera.sensor_distance_mm
+    end = points[-1] + direction * ((reach - points[-1][:, 2]) / direction[:, 2])[:, None]
+    paths = np.round(np.stack([*points, end], axis=1)[alive], 3)
+    return tuple(tuple((p[0], p[1], p[2]) for p in path) for path in paths.tolist())
+
+
+def _traced(
+    table: np.ndarray, start_mm: np.ndarray, aim: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """Points on all surfaces, from the start on; directions in the scene; whether the ray passed."""
+    position = np.tile(start_mm, (len(aim), 1))
+    direction = np.column_stack([aim, np.full(len(aim), table[0, VERTEX])]) - position
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive, points = np.ones(len(aim)), [position.copy()]
+    for row in range(len(table)):
+        trace_rays(table[row : row + 1], position, direction, alive)
+        points.append(position.copy())
+    return points, direction, alive > 0

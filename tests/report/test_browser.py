@@ -1,0 +1,129 @@
+"""A real browser opens the report from disk: it switches overlays, zooms, reads a row, and misses nothing."""
+
+import csv
+import os
+import warnings
+from pathlib import Path
+
+import chromium
+import pytest
+from builds import tiny
+
+from pipeline.app.reporting import report
+
+pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory, common_store) -> tuple[Path, Path]:
+    """An output folder, and the page about it."""
+    out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
+    return out, report(out)
+
+
+@pytest.fixture(scope="module")
+def program() -> str:
+    found = chromium.found()
+    if found is None:
+        loud = "NO CHROMIUM: THE REPORT WAS NOT TRIED IN A BROWSER. Debian, Ubuntu: apt install chromium"
+        warnings.warn(loud, stacklevel=1)
+        pytest.skip(loud)
+    return found
+
+
+@pytest.fixture
+def tab(program, page):
+    """The page in a browser, at its images."""
+    with chromium.browser(program) as tab:
+        tab.look_as(1400, 900)
+        tab.open(page[1])
+        tab.run("document.documentElement.style.scrollBehavior = 'auto'")
+        tab.run("document.querySelector('#images').scrollIntoView()")
+        tab.wait("(one => one.scale && one.rows > 0)(document.querySelector('.viewer-stage').dataset)")
+        yield tab
+
+
+def rows_of(out: Path) -> list[dict[str, str]]:
+    file = out / "frames/0001/Rig.Camera/correspondences.csv"
+    return list(csv.DictReader(line for line in file.read_text().splitlines() if not line.startswith("#")))
+
+
+INK = """(() => { const canvas = document.querySelector('.overlay');
+  const pixels = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+  let drawn = 0; for (let i = 3; i < pixels.length; i += 4) drawn += pixels[i] > 0; return drawn })()"""
+SCALE = "Number(document.querySelector('.viewer-stage').dataset.scale)"
+
+
+def test_overlays_switch_by_keys_and_buttons(tab):
+    inks = {}
+    for key, name in (("1", "Points"), ("3", "Outlines"), ("4", "Lattice"), ("2", "Blur")):
+        pressed = f"document.querySelector('[data-name={name}]').getAttribute('aria-pressed')"
+        before = tab.run(pressed)
+        tab.press(key)
+        tab.wait(f"{pressed} !== '{before}'")
+        inks[name] = tab.run(INK)
+    assert inks["Points"] == 0  # they were on
+    assert 0 < inks["Outlines"] < inks["Lattice"] < inks["Blur"]
+    tab.run("document.querySelector('[data-name=Outlines]').click()")
+    assert tab.run(INK) < inks["Blur"]
+    assert tab.errors == []
+
+
+def test_a_row_under_the_pointer_is_the_row_of_the_table_and_zoom_shows_its_pixel(tab, page):
+    rows = rows_of(page[0])
+    tab.run("document.querySelector('.viewer-stage').focus()")
+    before = tab.settle(SCALE)
+    tab.press("n")
+    tab.wait(f"{SCALE} > 20")
+    assert tab.run(SCALE) > before
+    shown = "document.querySelector('[data-column={}]')?.textContent"
+    assert tab.run(shown.format("x_px")) == rows[0]["x_px"]
+    assert tab.run(shown.format("y_px")) == rows[0]["y_px"]
+    tab.run("[...document.querySelectorAll('.zoom button')].find(one => one.ariaLabel === 'Show all').click()")
+    assert tab.settle(SCALE) == pytest.approx(before)
+    box = tab.run("(({left, top}) => [left, top])(document.querySelector('.viewer-stage').getBoundingClientRect())")
+    corner = [float(one) for one in tab.settle("document.querySelector('.viewer-stage').dataset.corner").split()]
+    last = rows[-1]
+    x, y = (box[i] + corner[i] + float(last[name]) * before for i, name in enumerate(("x_px", "y_px")))
+    tab.move(x + 1, y)
+    tab.wait(f"{shown.format('x_px')} === '{last['x_px']}'")
+    assert tab.run(shown.format("sigma_x_px")) == last["sigma_x_px"]
+    assert tab.errors == []
+
+
+def test_every_section_is_there_in_light_and_dark_and_nothing_comes_from_a_network(tab, tmp_path):
+    """Pictures are kept where REPORT_PICTURES says, else with the test."""
+    kept = Path(os.environ.get("REPORT_PICTURES", tmp_path))
+    kept.mkdir(parents=True, exist_ok=True)
+    signs = {
+        "overview": ".card",
+        "images": ".viewer-stage canvas",
+        "scene": ".scene-box canvas",
+        "lens": ".drawing svg polyline",
+        "optics": ".u-over",
+        "residuals": ".bar-fill",
+        "build": ".drawing svg rect",
+    }
+    for width, theme in ((1400, "light"), (800, "dark")):
+        tab.look_as(width, 900, theme)
+        for name, sign in signs.items():
+            tab.run(f"document.querySelector('#{name}').scrollIntoView()")
+            tab.wait(f"document.querySelector('#{name} {sign}')")
+            assert tab.picture(kept / f"{name}_{width}_{theme}.png").stat().st_size > 5000
+        wide = tab.run("document.documentElement.scrollWidth")
+        assert wide <= width, "the page scrolls sideways"
+    dark = tab.run("getComputedStyle(document.body).backgroundColor.match(/[0-9]+/g).map(Number)")
+    assert max(dark) < 64
+    assert tab.errors == []
+    assert [url for url in tab.requests if not url.startswith(("file:", "data:", "about:"))] == []
+
+
+def test_everything_that_can_be_pressed_has_a_name(tab):
+    """As a screen reader finds it."""
+    for name in ("scene", "lens", "optics", "residuals", "build"):
+        tab.run(f"document.querySelector('#{name}').scrollIntoView()")
+    tab.wait("document.querySelector('#build .panel')")
+    nameless = """[...document.querySelectorAll('button, select, input, [role=img], canvas:not([aria-hidden]), a')]
+      .filter(one => !one.closest('[aria-hidden], .viewer-stage, .scene-box, .u-wrap')
+        && !(one.ariaLabel || one.textContent.trim() || one.labels?.length)).map(one => one.outerHTML.slice(0, 90))"""
+    assert tab.run(nameless) == []

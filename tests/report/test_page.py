@@ -1,0 +1,268 @@
+"""The data of the report: the very numbers of the files, laws of ideal lenses, and nothing made twice."""
+
+import csv
+import hashlib
+import json
+import math
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from builds import tiny
+
+from pipeline import cli
+from pipeline.app.reporting import report, report_of_build
+from pipeline.built.folder import BuiltFolder
+from pipeline.built.records import BuiltPinhole
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.errors import UsageError
+from pipeline.files.png import read_png, write_png
+from pipeline.optics.prescription import Prescription, Surface
+from pipeline.report.page.diary import Diary
+from pipeline.report.page.images import picture_of
+from pipeline.report.page.residuals import projected
+from pipeline.report.page.spots import field_bundles, field_curvature, spots, transfer
+
+ROOT = Path(__file__).resolve().parents[2]
+WEB = ROOT / "web"
+ASSETS = ROOT / "pipeline/report/page/assets"
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory, common_store):
+    """A plenoptic output folder and its report."""
+    out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PIPELINE_CACHE", str(common_store))
+        return out, report(out, warn=pytest.fail).parent
+
+
+def data(place: Path, name: str):
+    """What a script hands to the page."""
+    found = re.fullmatch(r"plenopticReport\((\".*?\"),(.*)\);\n", (place / f"data/{name}.js").read_text(), re.DOTALL)
+    assert json.loads(found[1]) == name
+    return json.loads(found[2])
+
+
+def test_rows_are_those_of_the_table_to_the_last_digit(built):
+    out, place = built
+    file = out / "frames/0001/Rig.Camera/correspondences.csv"
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
+    stated = list(csv.DictReader(lines))
+    table = data(place, "rows.Rig.Camera.0001")
+    assert table["rows"] == len(stated) > 20
+    assert set(table["same"]) | set(table["columns"]) == set(stated[0])
+    for name in stated[0]:
+        cells = table["columns"].get(name, [table["same"].get(name)] * len(stated))
+        texts = ["" if cell is None else cell if isinstance(cell, str) else repr(cell) for cell in cells]
+        assert texts == [row[name] for row in stated], name
+
+
+def test_the_page_counts_what_the_manifest_counts(built):
+    out, place = built
+    manifest, page = json.loads((out / "manifest.json").read_text()), data(place, "page")
+    (camera,) = page["cameras"]
+    assert camera["certificate"] == manifest["certificate"]["Rig.Camera"]
+    assert [view["rows"] for view in camera["views"]] == [
+        row["rows"] for row in manifest["points"]["Rig.Camera"]["frames"]
+    ]
+    assert page["files"] == len(manifest["files"])
+    history = data(place, page["history"].removeprefix("data/").removesuffix(".js"))
+    assert sorted(task["name"] for task in history["tasks"]) == sorted(manifest["tasks"])
+    assert all(task["cpu_s"] >= 0 for task in history["tasks"]) and history["graph"].startswith("<svg")
+
+
+def test_a_second_report_makes_nothing_again_and_another_build_leaves_nothing_behind(built):
+    out, place = built
+    before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
+    (place / "images/0123456789abcdef.png").write_bytes(b"of an earlier build")
+    (place / "data/rows.Gone.0001.js").write_text("")
+    report(out, warn=pytest.fail)
+    after = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
+    assert {path.name for path in before if before[path] != after.get(path)} <= {"made_of", "preview.usdc"}
+    assert after.keys() == before.keys()
+
+
+def test_a_report_is_not_written_over_other_files_and_fails_no_build(built, tmp_path):
+    out, _ = built
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/index.html").write_text("my page")
+    with pytest.raises(UsageError, match="no report of ours"):
+        report(out, tmp_path / "mine")
+    shutil.copytree(out, tmp_path / "out")
+    (tmp_path / "out.report").mkdir()
+    (tmp_path / "out.report/notes.txt").write_text("mine")
+    said: list[str] = []
+    assert report_of_build(tmp_path / "out", Diary(), warn=said.append) is None
+    assert len(said) == 1 and "no report was written" in said[0]
+    assert (tmp_path / "mine/index.html").read_text() == "my page"
+
+
+def test_the_finest_tiles_are_the_image_and_coarser_ones_its_means(tmp_path):
+    """2,100 x 1,100 px of one grey: three levels; halves are the means of 2 x 2 pixels."""
+    grey = np.random.default_rng(3).integers(0, 256, (1100, 2100), dtype=np.uint8)
+    (tmp_path / "images").mkdir()
+    write_png(tmp_path / "image.png", np.repeat(grey[..., None], 3, axis=2))
+    folder = BuiltFolder(path=tmp_path, stage="", digests={"image.png": "ab" * 32})
+    shown = picture_of(folder, "image.png", "image", tmp_path)
+    assert (shown.width_px, shown.height_px, shown.levels, shown.tile_px) == (2100, 1100, 4, 512)
+
+    def level(number: int) -> np.ndarray:
+        place = tmp_path / shown.path / str(number)
+        across, down = (max(int(path.stem.split("_")[axis]) for path in place.glob("*.png")) + 1 for axis in (0, 1))
+        return np.vstack([np.hstack([read_png(place / f"{x}_{y}.png") for x in range(across)]) for y in range(down)])
+
+    assert (level(3) == grey).all()
+    blocks = grey.reshape(550, 2, 1050, 2).mean(axis=(1, 3))
+    assert level(2).shape == (550, 1050) and np.abs(level(2) - blocks).max() <= 0.5
+    assert level(0).shape == (138, 263)
+
+
+def test_the_pinhole_of_the_residuals_is_opencvs():
+    distortion = np.array([-0.3, 0.2, 0.003, -0.002, 0.05])
+    pinhole = BuiltPinhole(
+        centre_mm=np.zeros(3),
+        principal_distance_px=900.0,
+        principal_point_px=np.array([310.0, 250.5]),
+        distortion=distortion,
+        rms_px=0.0,
+        max_px=0.0,
+    )
+    points = np.random.default_rng(1).uniform((-100, -100, 300), (100, 100, 500), (50, 3))
+    theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), pinhole.matrix, distortion)
+    np.testing.assert_allclose(projected(pinhole, points), theirs[:, 0], atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def ideal() -> Camera:
+    """An ideal thin lens of 50 mm with its stop of 10 mm, focused at 500 mm."""
+    lens = Surface(semi_diameter_mm=5.0, focal_length_mm=50.0, thickness_mm=0.0)
+    stop = Surface(semi_diameter_mm=5.0, is_stop=True)
+    sensor = Sensor(width_px=600, height_px=400, pitch_mm=0.01)
+    prescription = Prescription(surfaces=(lens, stop))
+    return Camera(prescription=prescription, sensor=sensor, sensor_distance_mm=500 * 50 / 450)
+
+
+def test_spots_of_an_ideal_lens_are_discs_as_wide_as_similar_triangles_say(ideal):
+    """In the scene a disc of radius R |z - z_f| / z_f, in the image that times B / (z pitch)."""
+    bundles = field_bundles(ideal)
+    near, focus, far = (one for one in spots(ideal, bundles) if one.place == "centre")
+    assert focus.distance_mm == pytest.approx(500) and focus.rms_px < 1e-6
+    for one in (near, far):
+        z = one.distance_mm
+        radius_px = 5.0 * abs(z - 500) / 500 * ideal.sensor_distance_mm / z / 0.01
+        assert one.rms_px == pytest.approx(radius_px / math.sqrt(2), rel=0.01)
+        assert max(map(math.hypot, one.dx_px, one.dy_px)) == pytest.approx(radius_px, rel=0.02)
+    assert all(line.y == (1.0,) * 26 for line in transfer(ideal, bundles).lines)
+
+
+def test_an_ideal_lens_has_no_field_curvature(ideal):
+    tangential, sagittal = field_curvature(ideal).lines
+    np.testing.assert_allclose(tangential.y, 500, rtol=1e-3)
+    np.testing.assert_allclose(sagittal.y, 500, rtol=1e-3)
+
+
+def test_the_bundle_is_that_of_the_sources():
+    """`make web` bundles them; its first line has their digest, so that this needs no npm."""
+    names = [f"src/{path.name}" for path in (WEB / "src").iterdir()]
+    digest = hashlib.sha256()
+    for name in sorted([*names, "package.json", "package-lock.json", "build.mjs"]):
+        digest.update(name.encode() + b"\0" + (WEB / name).read_bytes() + b"\0")
+    for asset in ("report.js", "report.css"):
+        head = (ASSETS / asset).read_bytes()[:200].decode()
+        assert f"sources {digest.hexdigest()};" in head, "run `make web`"
+    assert sum(path.stat().st_size for path in ASSETS.iterdir()) < 1.2e6
+    assert '"resolved"' not in (WEB / "package-lock.json").read_text()  # names a registry
+
+
+def test_the_scripts_know_the_records_of_python():
+    written = runpy.run_path(str(WEB / "record_types.py"))["text"]()
+    assert (WEB / "src/records.ts").read_text() == written, "run python web/record_types.py"
+
+
+def test_a_build_writes_the_report_unless_refused(tmp_path, monkeypatch, common_store, capsys):
+    """`--no-report`, PIPELINE_REPORT=no, and parts of a build: no report."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    monkeypatch.setenv("PIPELINE_REPORT", "")
+    monkeypatch.chdir(tmp_path)
+    stage = str(ROOT / "tests/data/tiny_plenoptic/dataset.usda")
+    page = tmp_path / "out.report/index.html"
+
+    def build(*options: str) -> str:
+        monkeypatch.setattr("sys.argv", ["pipeline", "build", stage, "-o", "out", "-j", "1", *options])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        assert end.value.code == 0
+        return str(capsys.readouterr().err)
+
+    build("--no-report")
+    build("frames/0001/Rig.Camera/image.png")
+    monkeypatch.setenv("PIPELINE_REPORT", "no")
+    build()
+    assert not page.exists()
+    monkeypatch.setenv("PIPELINE_REPORT", "")
+    assert f"report: {page}" in build()
+    first = (tmp_path / "out.report/data/history.js").read_text()
+    assert "made before" in first  # nothing ran
+    assert f"report: {page}" in build("--force", "image/Rig.Camera/0001")
+    runs = {run["name"]: run for run in data(page.parent, "history")["tasks"]}
+    assert runs["image/Rig.Camera/0001"]["state"] == "executed"
+    assert runs["image/Rig.Camera/0001"]["end_s"] > runs["image/Rig.Camera/0001"]["start_s"] >= 0
+    assert runs["focus/Rig.Camera"]["state"] == "cached"
+
+
+VIEWER = """
+import json, sys
+import numpy as np
+from pxr import Usd, UsdGeom, UsdShade, UsdValidation
+stage = Usd.Stage.Open(sys.argv[1])
+assert Usd.SchemaRegistry().FindConcretePrimDefinition("PlenDataset") is None
+parts = next(prim for prim in stage.Traverse() if prim.GetName() == "PreviewParts")
+gprims = parts.GetChildren()
+points = {prim.GetName(): np.array(prim.GetAttribute("points").Get()) for prim in gprims}
+surfaces = [prim for prim in stage.Traverse() if prim.HasAttribute("plen:semiDiameter")]
+counts = np.array(parts.GetChild("Rays1").GetAttribute("curveVertexCounts").Get())
+board = next(prim for prim in stage.Traverse() if prim.GetName() == "Preview")
+surface, _, _ = UsdShade.MaterialBindingAPI(board).ComputeBoundMaterial()[0].ComputeSurfaceSource()
+errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(stage)
+print(json.dumps({
+    "errors": [f"{error.GetIdentifier()} {error.GetMessage()}" for error in errors],
+    "purposes": sorted({str(UsdGeom.Imageable(prim).ComputePurpose()) for prim in gprims}),
+    "kinds": {prim.GetName(): prim.GetTypeName() for prim in gprims},
+    "glasses": sum((prim.GetAttribute("plen:index").Get() or 1) > 1 for prim in surfaces),
+    "radius": surfaces[0].GetAttribute("plen:semiDiameter").Get(),
+    "widest": float(np.hypot(*points["Element1"][:, :2].T).max()),
+    "sensor": [points["Sensor"].min(axis=0).tolist(), points["Sensor"].max(axis=0).tolist()],
+    "starts": points["Rays1"][np.cumsum(counts) - counts][:, 2].tolist(),
+    "ends": points["Rays1"][np.cumsum(counts) - 1][:, 2].tolist(),
+    "surface": surface.GetIdAttr().Get(),
+}))
+"""
+
+
+def test_a_viewer_without_our_plug_in_sees_the_lens_its_rays_and_a_board_with_a_material(built):
+    """Behind the camera, along +z, lies the sensor; rays start at the microlenses and go along -z."""
+    out, place = built
+    foreign = {key: value for key, value in os.environ.items() if not key.startswith("PXR_")}
+    run = [sys.executable, "-c", VIEWER, str(place / "preview.usdc")]
+    found = json.loads(subprocess.run(run, capture_output=True, text=True, check=True, env=foreign).stdout)
+    camera = json.loads((out / "cameras/Rig.Camera/camera.json").read_text())
+    assert found["errors"] == [] and found["purposes"] == ["guide"] and found["surface"] == "UsdPreviewSurface"
+    assert found["kinds"]["Rays1"] == "BasisCurves" and found["kinds"]["Microlenses"] == "Mesh"
+    elements = [name for name in found["kinds"] if name.startswith("Element")]
+    assert len(elements) == found["glasses"] > 1
+    assert found["widest"] == pytest.approx(found["radius"], rel=1e-6)
+    low, high = np.array(found["sensor"])
+    np.testing.assert_allclose(high - low, [*camera["sensor_mm"], 0], atol=1e-5)
+    assert high[2] == pytest.approx(camera["sensor_distance_mm"])
+    np.testing.assert_allclose(
+        found["starts"], camera["sensor_distance_mm"] - camera["mla"]["distance_mm"], rtol=1e-6, atol=2e-3
+    )
+    assert max(found["ends"]) < -100
