@@ -22,6 +22,7 @@ LEFT = {
     "authoring.rig",
     "building.build",
     "planning.plan",
+    "cli.show",
 }
 """Functions that take more, because their parameters are the options of a command line. No others may."""
 
