@@ -134,25 +134,46 @@ def show(
         Path | None,
         typer.Option("--plot", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw the lens and its rays."),
     ] = None,
+    psf: Annotated[
+        Path | None,
+        typer.Option("--psf", metavar="FILE.svg", rich_help_panel=OUTPUT, help="Draw images of points by diffraction."),
+    ] = None,
+    at: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--at", metavar="X Y", help="Image position of --psf [px]; default: a few over the field."),
+    ] = None,
+    distance: Annotated[
+        float | None,
+        typer.Option("--distance", metavar="MM", help="Distance of the points of --psf from the stop; default: focus."),
+    ] = None,
     allow_root: Roots = None,
 ) -> None:
     """Print the properties of a camera or a lens: focal lengths, pupils, focus, depth of field, real rays over the
     field.
     """
-    from pipeline.app.show import plain_json
+    from pipeline.app.show import AskedPoints, draw_points, plain_json
     from pipeline.app.show import plot as draw
     from pipeline.app.show import show as cameras_of
 
-    if plot is not None and plot.suffix != ".svg":
-        raise UsageError(f"{plot} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    for file in (plot, psf):
+        if file is not None and file.suffix != ".svg":
+            raise UsageError(f"{file} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    if psf is None and (at, distance) != (None, None):
+        raise UsageError("--at and --distance say which points --psf draws", hint="add --psf FILE.svg")
+    if distance is not None and not distance > 0:
+        raise UsageError(f"--distance {distance:g} is not in front of the camera")
     shown = cameras_of(stage, camera, tuple(allow_root or ()))
     if plot is not None:
         draw(shown, plot)
+    points = draw_points(shown, AskedPoints(psf, at, distance)) if psf is not None else []
     for warning in shown[0].warnings:
         note(str(warning))
     say(plain_json(shown).rstrip("\n") if as_json else "\n\n".join("\n".join(one.page()) for one in shown))
-    if plot is not None:
-        note(f"wrote {plot}")
+    for line in points if not as_json else ():
+        say(line)
+    for file in (plot, psf):
+        if file is not None:
+            note(f"wrote {file}")
 
 
 def print_target(

@@ -12,6 +12,7 @@ from pipeline.app.chosen import chosen
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.field_curves import FieldCurves, field_curves
 from pipeline.camera.figures.first_order_figures import lens_report
+from pipeline.camera.figures.point_images import PointImage, point_images
 from pipeline.camera.focusing.depth_of_field import middle_focus
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
@@ -22,6 +23,7 @@ from pipeline.files.jsonfile import json_bytes
 from pipeline.graph.dataset_graph import labels_of
 from pipeline.optics.first_order import first_order
 from pipeline.report import drawing, text
+from pipeline.report import point_images as point_report
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
 from pipeline.scene.usd.problems import Problem, StageError, blamed_on, shown_path
@@ -74,6 +76,11 @@ class Shown:
     def page(self) -> list[str]:
         """Lines for a terminal."""
         return text.page(self.entry.name, self.document, self.curves)
+
+    def points(self, asked: "AskedPoints") -> list[tuple[CameraEntry, list[PointImage]]]:
+        """Images of points by diffraction, in each channel at its mean wavelength."""
+        with blamed_on(self.entry.file, self.entry.line, self.entry.prim_path):
+            return [(one, _points_of(one, asked)) for one in self.entry.in_channels]
 
     def plot(self, path: Path) -> None:
         """Write the drawing of the lens."""
@@ -148,6 +155,61 @@ class ShownLens:
             write_drawing(path, picture)
 
 
+@dataclass(frozen=True)
+class AskedPoints:
+    """Points whose images are asked for.
+
+    Attributes
+    ----------
+    picture : Path
+        Name of the drawing.
+    at_px : (float, float) or None
+        Image position; None: a few places.
+    distance_mm : float or None
+        Of the points from the stop; None: in focus.
+    """
+
+    picture: Path
+    at_px: tuple[float, float] | None = None
+    distance_mm: float | None = None
+
+
+def _points_of(entry: CameraEntry, asked: AskedPoints) -> list[PointImage]:
+    camera = entry.camera if entry.channel is None else entry.camera.at(entry.channel.middle)
+    return point_images(camera, entry.wavelength_nm, asked.at_px, asked.distance_mm)
+
+
+def draw_points(shown: list[Shown | ShownLens], asked: AskedPoints) -> list[str]:
+    """Write the drawing of images of points by one camera; lines for a terminal.
+
+    Raises
+    ------
+    UsageError
+        There are several cameras, or none.
+    """
+    one = _only(shown)
+    if not isinstance(one, Shown):
+        raise UsageError("a lens alone has no sensor on which points have images", hint="name a rig or a dataset")
+    found, pitch_mm = one.points(asked), one.camera.sensor.pitch_mm
+    rows, told = [], list[str]()
+    for entry, images in found:
+        light = f"{entry.wavelength_nm:.1f} nm" + ("" if entry.channel is None else f" ({entry.channel.name})")
+        rows += [(light, image) for image in images]
+        head = [] if entry.channel is None else [f"channel {entry.channel.name}"]
+        told += ["", *head, *point_report.lines(images, pitch_mm)]
+    picture = point_report.drawing(rows, f"{one.name}: images of points by diffraction", pitch_mm)
+    with chosen_place("write", asked.picture):
+        write_drawing(asked.picture, picture)
+    return told
+
+
+def _only(shown: list[Shown | ShownLens]) -> Shown | ShownLens:
+    if len(shown) > 1:
+        names = ", ".join(one.name for one in shown)
+        raise UsageError(f"one drawing shows one of these cameras: {names}", hint="name it behind the stage")
+    return shown[0]
+
+
 def show(
     path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()
 ) -> list[Shown | ShownLens]:
@@ -197,7 +259,4 @@ def plot(shown: list[Shown | ShownLens], path: Path) -> None:
     UsageError
         There are several cameras.
     """
-    if len(shown) > 1:
-        names = ", ".join(one.name for one in shown)
-        raise UsageError(f"one drawing shows one of these cameras: {names}", hint="name it behind the stage")
-    shown[0].plot(path)
+    _only(shown).plot(path)

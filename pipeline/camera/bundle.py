@@ -9,7 +9,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Light, Tracer
 from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.records import Samples, Squares, room_for
+from pipeline.camera.tracing.records import Samples, Squares, no_diffraction, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.declared import number, whole
 from pipeline.records.shapes import Float64
@@ -104,6 +104,6 @@ def _leaving(light: Light, squares: Squares, samples: int) -> tuple[np.ndarray, 
     """Origins, directions and weights of the rays of one wavelength, weighted by its share."""
     rays, tracer = room_for(samples), light.tracer
     random = Samples(sobol_bits(samples), tracer.seed, 0.0)
-    count = bundle_kernels.image_rays(tracer.arrays, random, squares, rays)
+    count = bundle_kernels.image_rays(tracer.arrays, random, squares, no_diffraction(), rays)
     origin, direction, weight, _ = rays.first(count)
     return origin, direction, light.share * weight

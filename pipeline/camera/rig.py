@@ -1,14 +1,17 @@
 """A camera made ready for whoever asks where things are in its image: tracer, micro-images, and what J means."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pipeline.camera.micro_images.centres import MicroImages, micro_images
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
+from pipeline.camera.tracing.records import Diffraction, no_diffraction
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.camera.wave.aperture_spread import Middle, spread_of
 from pipeline.records.shapes import Float64, Int64
 
 
@@ -23,11 +26,14 @@ class Rig:
         None for a conventional camera.
     square_px : float
         Edge of the square around a position that the rays of J start on; 0: the position itself.
+    diffraction_nm : float or None
+        Wavelength whose diffraction images have, if its light has one; None: images are those of geometry, as J is.
     """
 
     tracer: Tracer
     images: MicroImages | None
     square_px: float = 0.0
+    diffraction_nm: float | None = None
 
     @staticmethod
     def of(tracer: Tracer, square_px: float = 0.0) -> "Rig":
@@ -39,7 +45,30 @@ class Rig:
         """The rig in each wavelength of its light, in the order of `Tracer.lights`; of one wavelength itself."""
         if len(self.tracer.lights) == 1:
             return (self,)
-        return tuple(_in_light(light.tracer, self.square_px) for light in self.tracer.lights)
+        diffracts = self.diffraction_nm is not None
+        return tuple(
+            _in_light(light.tracer, self.square_px, node.wavelength_nm if diffracts else None)
+            for light, node in zip(self.tracer.lights, self.tracer.camera.spectrum, strict=True)
+        )
+
+    @property
+    def diffraction(self) -> Diffraction:
+        """Spread of the light of a point in images by its apertures, of one wavelength."""
+        if self.diffraction_nm is None:
+            return no_diffraction()
+        return _diffraction(self.tracer.camera, self.diffraction_nm, self.middles)
+
+    @property
+    def middles(self) -> tuple[Middle, ...]:
+        """Centres of the micro-images of the middle microlens of each type, with its row; none without microlenses."""
+        if self.images is None or self.tracer.lattice is None:
+            return ()
+        kind, middles = self.tracer.lattice.type, []
+        for one in range(kind.max() + 1):
+            rows = np.flatnonzero(kind == one)
+            nearest = rows[np.argmin(np.hypot(*self.tracer.vertices_mm[rows].T))]
+            middles.append((*self.images.centre_mm[nearest].tolist(), int(nearest)))
+        return tuple(middles)
 
     @property
     def axial(self) -> np.ndarray:
@@ -86,6 +115,12 @@ class Rig:
 
 
 @functools.lru_cache(maxsize=8)
-def _in_light(tracer: Tracer, square_px: float) -> Rig:
+def _in_light(tracer: Tracer, square_px: float, diffraction_nm: float | None) -> Rig:
     """The rig of one wavelength: tiles and frames of an image ask for it again, and micro-images take time."""
-    return Rig.of(tracer, square_px)
+    return replace(Rig.of(tracer, square_px), diffraction_nm=diffraction_nm)
+
+
+@functools.lru_cache(maxsize=8)
+def _diffraction(camera: Camera, wavelength_nm: float, middles: tuple[Middle, ...]) -> Diffraction:
+    """The spread of the apertures of a camera: tiles and frames of an image ask for it again."""
+    return spread_of(Tracer(camera), wavelength_nm, middles)

@@ -23,11 +23,22 @@ def write_png(path: str | Path, image: np.ndarray) -> None:
     image : (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16
         RGB, grey, or raw digital numbers; row 0 is the top.
     """
+    _save(path, image)
+
+
+def png_bytes(image: np.ndarray) -> bytes:
+    """The file that `write_png` writes."""
+    stream = io.BytesIO()
+    _save(stream, image)
+    return stream.getvalue()
+
+
+def _save(place: str | Path | io.BytesIO, image: np.ndarray) -> None:
     grey = image.ndim == 2 and image.dtype in (np.uint8, np.uint16)
     colour = image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8
     if not (grey or colour) or image.size == 0:
         raise ValueError(f"no PNG for {image.dtype} of shape {image.shape}: (h, w, 3) uint8, (h, w) uint8 or uint16")
-    Image.fromarray(np.ascontiguousarray(image)).save(path, format="PNG", compress_level=_COMPRESS_LEVEL)
+    Image.fromarray(np.ascontiguousarray(image)).save(place, format="PNG", compress_level=_COMPRESS_LEVEL)
 
 
 def read_png(path: str | Path) -> np.ndarray:

@@ -42,6 +42,7 @@ def exposure_of(entry: CameraEntry) -> Exposure:
         weight=entry.weight,
         wavelength_nm=entry.wavelength_nm,
         channel=channel_label(entry),
+        diffraction=entry.diffraction,
     )
 
 

@@ -35,7 +35,8 @@ class Band:
     def of(cls, rig: Rig, rows: Rows | None = None) -> "Band":
         """The band of some rows, by default all."""
         rows = rows or (0, rig.tracer.camera.sensor.height_px)
-        return cls(rig, rows, positions_of(rig.tracer, rows), pixel_strata(rig.tracer, rig.images, rows))
+        strata = pixel_strata(rig.tracer, rig.images, rows, rig.diffraction.reach_mm)
+        return cls(rig, rows, positions_of(rig.tracer, rows), strata)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -72,7 +72,9 @@ class Sight:
     def __init__(self, band: Band) -> None:
         rig = band.rig
         blocks, own = _tiles(rig.tracer, band.rows) if rig.images is None else _behind(rig, rig.images, band.strata)
-        self._edge_mm, self._blocks = rig.tracer.camera.sensor.pitch_mm, blocks
+        # Diffraction widens what a pixel sees: as if its square were larger.
+        self._edge_mm = rig.tracer.camera.sensor.pitch_mm + 2 * rig.diffraction.reach_mm
+        self._blocks = blocks
         parts = own[:, :1], own[:, 1:]
         self._parts = [Places(band.positions_mm, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
         self._beams: Beams = beams_of(rig.tracer.arrays, blocks)
@@ -144,7 +146,7 @@ def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, 
     microlens = np.unique(strata[strata != SKIP])
     place = np.full(len(images.centre_mm) + 1, -1)
     place[microlens] = np.arange(len(microlens))
-    reach = images.reach_mm[microlens] + rig.tracer.camera.sensor.pitch_mm
+    reach = images.reach_mm[microlens] + rig.tracer.camera.sensor.pitch_mm + rig.diffraction.reach_mm
     step = 2 * _NODES_WITHIN * reach / (NODES - 1)
     own = place[np.where(strata == SKIP, -1, strata)]
     return Blocks(microlens, np.ascontiguousarray(images.centre_mm[microlens]), step), own

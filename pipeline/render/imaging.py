@@ -167,7 +167,7 @@ def _rays(band: Band, samples: int, counts: np.ndarray) -> Iterator[_Rays]:
         y_px, x_px = np.divmod(some + band.rows[0] * width, width)
         strata = np.where(counts[some] > 0, band.strata[some], SKIP)
         squares = Squares(np.stack([x_px, y_px], axis=1), band.positions_mm[some], strata, counts[some])
-        count = bundle_kernels.image_rays(tracer.arrays, random, squares, room)
+        count = bundle_kernels.image_rays(tracer.arrays, random, squares, band.rig.diffraction, room)
         bundle_kernels.image_rays.count(most, len(tracer.table))
         leaving = room.first(count)
         yield _Rays(some, leaving, *np.divmod(leaving.owner, band.strata.shape[1]))

@@ -61,6 +61,8 @@ class CameraEntry:
         Whether rays.exr is delivered even if no method needs it.
     f_numbers : tuple of float
         F-numbers of further white images, in the order of the stage.
+    diffraction : bool
+        Whether images show it.
     channels : tuple of Channel
         Colour channels of its sensor, in the order of the stage; none: its light has the one wavelength.
     channel : Channel or None
@@ -86,6 +88,7 @@ class CameraEntry:
     extent: str = "tiles"
     delivers_rays: bool = False
     f_numbers: tuple[float, ...] = ()
+    diffraction: bool = False
     channels: tuple[Channel, ...] = ()
     channel: Channel | None = None
     response: SensorResponse | None = None

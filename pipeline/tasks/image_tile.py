@@ -9,7 +9,7 @@ from pipeline.files.npy import read_npy, write_npy
 from pipeline.render.in_lights import pictures_in_lights
 from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
-from pipeline.tasks.artefacts.cameras import Inputs, rig_of
+from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import ImageTile as Params
@@ -36,7 +36,7 @@ def image_rows(
     exposure: Exposure, views: Sequence[PaintedView], inputs: Inputs, rows: tuple[int, int] | None = None
 ) -> np.ndarray:
     """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
-    rig = rig_of(inputs, exposure.seed)
+    rig = imaged_rig(inputs, exposure)
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
     scenes = [_scene(view, exposure, inputs) for view in views]
     return pictures_in_lights(rig, exposure.samples, scenes, white, rows)

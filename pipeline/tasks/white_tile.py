@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.files.npy import write_npy
 from pipeline.render.in_lights import white_parts
-from pipeline.tasks.artefacts.cameras import Inputs, rig_of
+from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
 from pipeline.tasks.params.images import Exposure
 from pipeline.tasks.params.images import WhiteTile as Params
 
@@ -23,7 +23,7 @@ def white_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows from the first to an end, by default all, (h, w, wavelengths) float64 each, written for images: the white
     image, and its part through other microlenses than that of the pixel's cell."""
-    rig = rig_of(inputs, exposure.seed)
+    rig = imaged_rig(inputs, exposure)
     white, foreign = white_parts(rig, exposure.samples, rows)
     for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
         write_npy(out / name, np.ascontiguousarray(pixels))

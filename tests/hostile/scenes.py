@@ -241,7 +241,7 @@ SCENES: dict[str, Scene] = {
     "two-plane method": Scene(_of("Camera", truth__method="two-plane", truth__search="nearest")),
     "direct method": Scene(_of("Camera", truth__method="direct", truth__accuracy=0.01)),
     "image method": Scene(_of("Camera", truth__method="image", truth__extent="full", truth__footprint="pixel")),
-    "white images": Scene(_PLENOPTIC | _of("Camera", image__fNumbers=[16.0])),
+    "white images": Scene(_PLENOPTIC | _of("Camera", image__fNumbers=[16.0], image__diffraction=True)),
     "catalogue": Scene(_SINGLET | {("Lens/Front", "plen:abbe"): 64.17}),
     "ideal": Scene(_of("Lens/Stop", focalLength=5000.0)),
     "asphere": Scene(_of("Lens/Front", conic=-0.1, evenCoefficients=[0.0, 1e-6], oddCoefficients=[1e-6])),

@@ -16,7 +16,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT
 from pipeline.camera.tracing.packets import draw
-from pipeline.camera.tracing.sobol import hash32, sobol_bits
+from pipeline.camera.tracing.sobol import DIMENSIONS, hash32, sobol_bits
 from pipeline.optics.first_order import first_order
 from pipeline.render.imaging import irradiance
 
@@ -105,10 +105,11 @@ def test_the_white_image_of_a_tiny_stop_follows_cos_to_the_fourth() -> None:
 def test_sobol_points_are_those_of_joe_and_kuo() -> None:
     """Against SciPy, which lists them in Gray-code order."""
     bits = sobol_bits(1024)
-    digits = np.unpackbits(bits.astype("<u4").view(np.uint8).reshape(4, 1024, 4), axis=-1, bitorder="little")
-    points = (digits.reshape(4, 1024, 32) @ (0.5 ** np.arange(1, 33))).T
+    digits = np.unpackbits(bits.astype("<u4").view(np.uint8).reshape(DIMENSIONS, 1024, 4), axis=-1, bitorder="little")
+    points = (digits.reshape(DIMENSIONS, 1024, 32) @ (0.5 ** np.arange(1, 33))).T
     index = np.arange(1024)
-    np.testing.assert_array_equal(points[index ^ index >> 1], qmc.Sobol(4, scramble=False, bits=32).random(1024))
+    expected = qmc.Sobol(DIMENSIONS, scramble=False, bits=32).random(1024)
+    np.testing.assert_array_equal(points[index ^ index >> 1], expected)
 
 
 def hashed(*numbers: int) -> np.uint32:

@@ -375,6 +375,7 @@ CAMERAS = {
         Case(A, 500.0, PLANES | RAYS | POSITIONS - {"positions"}, given=IMAGE),
     ],
     "plen:image:samples": [Case(A, 128, IMAGES)],
+    "plen:image:diffraction": [Case(A, True, IMAGES), Case(B, True, IMAGES)],
     "plen:image:fNumbers": [
         Case(A, [8.0], FURTHER),
         Case(B, [22.0], FURTHER),

@@ -27,13 +27,18 @@ class _Discs(NamedTuple):
     farthest_px: float
 
 
-def pixel_strata(tracer: Tracer, images: MicroImages | None, rows: tuple[int, int]) -> np.ndarray:
-    """Microlenses that light of each pixel of some rows may pass, nearest first: its own cell's, (n, s) int64."""
+def pixel_strata(
+    tracer: Tracer, images: MicroImages | None, rows: tuple[int, int], spread_mm: float = 0.0
+) -> np.ndarray:
+    """Microlenses that light of each pixel of some rows may pass, nearest first: its own cell's, (n, s) int64.
+
+    Diffraction may spread light by `spread_mm` more than geometry lets it go.
+    """
     width = tracer.camera.sensor.width_px
     count = (rows[1] - rows[0]) * width
     if images is None:
         return np.full((count, 1), NO_MICROLENS)
-    slack_mm = tracer.camera.sensor.pitch_mm * _SLACK_PX
+    slack_mm = tracer.camera.sensor.pitch_mm * _SLACK_PX + spread_mm
     farthest_mm = float(images.reach_mm.max()) + slack_mm
     centre_px = tracer.pixels_at(images.centre_mm) - [0.0, rows[0]]
     farthest_px = farthest_mm / tracer.camera.sensor.pitch_mm + 1e-6

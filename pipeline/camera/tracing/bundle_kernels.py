@@ -16,6 +16,7 @@ from pipeline.camera.tracing.packets import Anchor, aim_into, draw, region_drift
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SKIP, bound, new_region
 from pipeline.camera.tracing.sobol import hash32
+from pipeline.camera.tracing.spreading import spread
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
@@ -25,6 +26,8 @@ START_STREAM = 2 * REPLICAS
 """First stream of where rays start on a square: behind two per replica for where they go."""
 _SHARE = PACKET // REPLICAS
 """Samples of each replica in a packet."""
+_SPREAD_STREAM = 1 << 24
+"""First stream of random numbers of diffraction, three for each microlens of a pixel: far behind all others."""
 CIRCUMRADIUS = 0.7072
 """Circumradius of a square of edge 1, rounded up."""
 _GAUSS = 0.28867513459481287
@@ -109,8 +112,10 @@ def bundle_moments(camera, planes, samples, starts, moments):
 
 
 @kernel
-def image_rays(camera, samples, squares, rays):
+def image_rays(camera, samples, squares, diffraction, rays):
     """Rays that leave the camera from many squares of the sensor, compacted.
+
+    With diffraction a ray that arrives in a square starts where it would arrive by geometry.
 
     Returns
     -------
@@ -122,6 +127,10 @@ def image_rays(camera, samples, squares, rays):
     start, x, y = SensorPoints(start_x, start_y), packet.x, packet.y
     bits, microlens_of = samples.bits, squares.strata.reshape(-1)
     held, written, edge, places = 0, 0, samples.edge_mm, squares.strata.shape[1]
+    choice, along_x, along_y = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
+    spreads, reach = diffraction.edge_mm.shape[0] > 0, CIRCUMRADIUS * edge
+    for i in range(diffraction.edge_mm.shape[0]):
+        reach = max(reach, CIRCUMRADIUS * (edge + diffraction.rows.shape[1] * diffraction.edge_mm[i]))
     for n in range(squares.positions.shape[0]):
         sx, sy = squares.positions[n]
         base = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1])
@@ -129,7 +138,7 @@ def image_rays(camera, samples, squares, rays):
             microlens, stream = squares.strata[n, j], _IMAGE_STREAM + 4 * j
             if microlens == SKIP:
                 continue
-            fan = bound(camera, microlens, sx, sy, CIRCUMRADIUS * edge, region)
+            fan = bound(camera, microlens, sx, sy, reach, region)
             if not fan.area > 0.0:
                 continue
             count = squares.counts[n, j]
@@ -148,6 +157,11 @@ def image_rays(camera, samples, squares, rays):
                     held_by[i], area[i] = n * places + j, fan.area / count
                     start_x[i] = sx + edge * (start_x[i] - 0.5)
                     start_y[i] = sy + edge * (start_y[i] - 0.5)
+                if spreads:
+                    draw(bits[4], first, size, hash32(base, _SPREAD_STREAM + 3 * j), choice)
+                    draw(bits[5], first, size, hash32(base, _SPREAD_STREAM + 3 * j + 1), along_x)
+                    draw(bits[6], first, size, hash32(base, _SPREAD_STREAM + 3 * j + 2), along_y)
+                    spread(diffraction, microlens, start_x[here], start_y[here], choice, along_x, along_y)
                 anchor = Anchor(sx, sy, region_drift(camera, microlens))
                 aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here])
                 held += size

@@ -1,5 +1,6 @@
 """Records that kernels of cameras take: tuples of arrays, by name."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,40 @@ class Samples(NamedTuple):
     bits: np.ndarray
     seed: int
     edge_mm: float
+
+
+class Diffraction(NamedTuple):
+    """Spread of the light of a point on the sensor by apertures: pictures of n x n cells, one for each aperture.
+
+    Attributes
+    ----------
+    rows : (k, n) float64
+        Light of each picture in all rows up to one, as a share.
+    cells : (k, n, n) float64
+        Light of each row in all cells up to one, as a share.
+    edge_mm : (k,) float64
+        Edges of the cells.
+    node_mm : (2,) float64
+        Without microlenses pictures belong to the nodes of a square grid about the axis: their distance along x and y.
+    of_microlens : (m,) int64
+        The picture of each microlens.
+    """
+
+    rows: np.ndarray
+    cells: np.ndarray
+    edge_mm: np.ndarray
+    node_mm: np.ndarray
+    of_microlens: np.ndarray
+
+    @property
+    def reach_mm(self) -> float:
+        """Farthest that light is spread."""
+        return float(math.sqrt(0.5) * self.rows.shape[1] * self.edge_mm.max(initial=0.0))
+
+
+def no_diffraction() -> Diffraction:
+    """Geometric optics: no pictures."""
+    return Diffraction(np.zeros((0, 1)), np.zeros((0, 1, 1)), np.zeros(0), np.ones(2), np.zeros(0, np.int64))
 
 
 class Starts(NamedTuple):

@@ -8,9 +8,16 @@ import numpy as np
 
 from pipeline.jit.decorators import inline
 
-DIMENSIONS = 4
-"""Random numbers of a ray: two say where it goes, and two where on a square it starts."""
-_PRIMITIVE = {1: (1, 0, (1,)), 2: (2, 1, (1, 3)), 3: (3, 1, (1, 3, 1))}
+DIMENSIONS = 7
+"""Random numbers of a ray: two say where it goes, two where on a square it starts, and three how it is diffracted."""
+_PRIMITIVE = {
+    1: (1, 0, (1,)),
+    2: (2, 1, (1, 3)),
+    3: (3, 1, (1, 3, 1)),
+    4: (3, 2, (1, 1, 1)),
+    5: (4, 1, (1, 1, 3, 3)),
+    6: (4, 4, (1, 3, 5, 13)),
+}
 """Per dimension after the first: degree s, coefficients a, initial m of Joe and Kuo's table."""
 
 

@@ -145,6 +145,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         extent=need(prim, "plen:truth:extent"),
         delivers_rays=need(prim, "plen:truth:rays"),
         f_numbers=tuple(need(prim, "plen:image:fNumbers")),
+        diffraction=need(prim, "plen:image:diffraction"),
         channels=read_channels(prim),
         response=read_response(sensor) if has_response(sensor) else None,
         irradiation=read_irradiation(prim),

@@ -17,6 +17,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
 from pipeline.files.npy import StackedRows
 from pipeline.records.plain import from_plain, to_plain
+from pipeline.tasks.params.images import Exposure
 from pipeline.truth.grid.ray_grid import image_from_fine
 
 Inputs = dict[str, dict[str, Path]]
@@ -44,6 +45,12 @@ def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
 def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
     """Tracer of the focused camera."""
     return _tracer(json.dumps(to_plain(focused_camera(inputs))), seed)
+
+
+def imaged_rig(inputs: Inputs, exposure: Exposure) -> Rig:
+    """The focused camera made ready for images."""
+    rig = rig_of(inputs, exposure.seed)
+    return dataclasses.replace(rig, diffraction_nm=exposure.wavelength_nm) if exposure.diffraction else rig
 
 
 def rig_of(inputs: Inputs, seed: int, square_px: float = 0.0) -> Rig:

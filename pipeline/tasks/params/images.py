@@ -8,13 +8,15 @@ from pipeline.tasks.params.placed import PaintedView
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """The rays of an image: samples of a pixel, their random numbers, measure and wavelength, or channel."""
+    """The rays of an image: samples of a pixel, their random numbers, measure and wavelength, or channel; whether they
+    are diffracted."""
 
     samples: int
     seed: int
     weight: str
     wavelength_nm: float
     channel: ChannelLabel | None = None
+    diffraction: bool = False
 
     @property
     def wavelengths_nm(self) -> tuple[float, ...]:

@@ -1,0 +1,190 @@
+"""Images of points by diffraction at a few places of a camera: how sharp it can be, and how sharp it is."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
+from pipeline.camera.pupil.image_circle import lit_share
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.camera.wave.corner import saddle_of_light, saddle_of_rays
+from pipeline.camera.wave.spread import intensity, strehl_ratio, transfer, transfer_of_rays
+from pipeline.camera.wave.wavefront import View, Wavefront, wavefront
+from pipeline.records.shapes import Float64
+
+FIELDS = (0.0, 0.7, 1.0)
+"""Places of a conventional camera: shares of the way from the axis to the farthest corner."""
+_RIM = 0.98
+"""Share of the image circle that stands for the corner where that is dark: at the rim itself the pupil vanishes."""
+FREQUENCIES = 49
+"""Spatial frequencies of a curve, from 0 to the limit of the aperture or twice that of the pixels: steps too fine to
+see."""
+_CELLS, _RADII = 97, 4.0
+"""Points of a picture along an axis, and half its edge over the radius of the Airy disc: three dark rings are seen."""
+_SPOT = 1.2
+"""Half the edge of a picture over the reach of the rays where that is more."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointImage:
+    """The image of one point.
+
+    Attributes
+    ----------
+    place : str
+        In words.
+    x_px : (2,) float64
+        Image position that the point has by geometry: the mean of its rays.
+    object_mm, wavelength_nm : float
+        Vision z of the point; inf: infinitely far.
+    numerical_aperture : float
+        Of the circle with the pupil's area in direction cosines, at the sensor.
+    airy_radius_um : float
+        First dark ring of that circle: 0.61 wavelength / numerical aperture.
+    rms_waves, extent_waves : float
+        Wavefront error without piston and tilt: root mean square, highest less lowest.
+    strehl_ratio : float
+    saddle_shift_px : (2,) float64
+        Saddle of an infinite corner, with edges along x and y, by diffraction less that by geometry.
+    per_mm : (n,) float64
+        Spatial frequencies of the curves.
+    tangential, sagittal, perfect, geometric : (n,) float64
+        Modulation transfer along the radius of the field (lines across it) and across the radius; along the radius
+        also that of the same pupil without errors, and that of the rays. Behind microlenses along x and along y.
+    picture : (m, m) float64
+        Light per area, 1 at the largest; rows and columns as in the image.
+    picture_um : float
+        Its edge.
+    """
+
+    place: str
+    x_px: Float64[np.ndarray, "2"]
+    object_mm: float
+    wavelength_nm: float
+    numerical_aperture: float
+    airy_radius_um: float
+    rms_waves: float
+    extent_waves: float
+    strehl_ratio: float
+    saddle_shift_px: Float64[np.ndarray, "2"]
+    per_mm: Float64[np.ndarray, "n"]
+    tangential: Float64[np.ndarray, "n"]
+    sagittal: Float64[np.ndarray, "n"]
+    perfect: Float64[np.ndarray, "n"]
+    geometric: Float64[np.ndarray, "n"]
+    picture: Float64[np.ndarray, "m m"]
+    picture_um: float
+
+    def to_plain(self) -> dict[str, Any]:
+        """The figures, without the picture."""
+        names = [name for name in self.__slots__ if name not in ("picture", "picture_um")]
+        values = {name: getattr(self, name) for name in names}
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
+
+    def at(self, per_mm: float) -> tuple[float, float]:
+        """Tangential and sagittal transfer at a frequency, between those of the curves."""
+        tangential, sagittal = (
+            np.interp(per_mm, self.per_mm, one, right=0.0) for one in (self.tangential, self.sagittal)
+        )
+        return float(tangential), float(sagittal)
+
+
+def point_images(
+    camera: Camera, wavelength_nm: float, at_px: tuple[float, float] | None = None, object_mm: float | None = None
+) -> list[PointImage]:
+    """Images of points in light of one wavelength, whose indices the camera has.
+
+    Parameters
+    ----------
+    at_px : (float, float), optional
+        Image position; by default the middle, 0.7 of the way to the farthest corner and the corner, or the middle
+        microlens of each type.
+    object_mm : float, optional
+        Vision z of the points; by default what is in focus, of the type of the microlens.
+
+    Raises
+    ------
+    CameraError
+        No light arrives at the position, or blur is far wider than diffraction.
+    """
+    rig = Rig.of(Tracer(camera if not camera.spectrum else replace(camera, spectrum=())))
+    places = _places(rig) if at_px is None else [_named(rig, at_px)]
+    return [_point_image(rig, place, _seen(camera, view, rig, object_mm), wavelength_nm) for place, view in places]
+
+
+def _seen(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View:
+    """The view with its object: the one in focus unless one is given."""
+    if object_mm is None:
+        lattice = rig.tracer.lattice
+        object_mm = foci(camera)[0 if lattice is None else int(lattice.type[view.microlens])].focus_distance_mm
+    return View(view.position_mm, view.microlens, object_mm)
+
+
+def _named(rig: Rig, at_px: tuple[float, float]) -> tuple[str, View]:
+    position = rig.tracer.positions_mm(*at_px)
+    if not rig.in_image(np.array([at_px]))[0]:
+        raise CameraError(f"({at_px[0]:g}, {at_px[1]:g}) px lies outside of the image")
+    return "as asked", View(position, int(rig.microlens_at(position[None])[0]), math.nan)
+
+
+def _places(rig: Rig) -> list[tuple[str, View]]:
+    """The places that are shown by default."""
+    if rig.images is not None:
+        return [
+            (f"microlens type {kind}", View(np.array([x, y]), row, math.nan))
+            for kind, (x, y, row) in enumerate(rig.middles)
+        ]
+    tracer, corner = rig.tracer, rig.tracer.camera.sensor.farthest_corner_mm
+    ends = tracer.on_film(np.stack([np.zeros(2), corner]))
+    reach = lit_share(tracer.table, tracer.stop_row, *ends)
+    words = ("on the axis", "0.7 of the field", "corner" if reach == 1 else "rim of the image circle")
+    share = 1.0 if reach == 1 else _RIM * reach
+    return [
+        (name, View(field * share * corner, NO_MICROLENS, math.nan)) for name, field in zip(words, FIELDS, strict=True)
+    ]
+
+
+def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> PointImage:
+    front = wavefront(rig.tracer, view, wavelength_nm)
+    pitch_mm, radius_mm = rig.tracer.camera.sensor.pitch_mm, 0.61 * front.wavelength_mm / front.numerical_aperture
+    length = float(np.hypot(*view.position_mm))
+    radial = view.position_mm / length if length > 0 and rig.images is None else np.array([1.0, 0.0])
+    across = np.array([-radial[1], radial[0]])
+    limit = 2 * front.semi_axes[0, 0] / front.wavelength_mm
+    per_mm = np.linspace(0, min(limit, 1 / pitch_mm), FREQUENCIES)
+    moved_mm = saddle_of_light(front, pitch_mm) - saddle_of_rays(front, pitch_mm)
+    picture, edge_mm = _picture(front, radius_mm)
+    return PointImage(
+        place=place,
+        x_px=rig.tracer.pixels_at(view.position_mm),
+        object_mm=view.object_mm,
+        wavelength_nm=wavelength_nm,
+        numerical_aperture=front.numerical_aperture,
+        airy_radius_um=1e3 * radius_mm,
+        rms_waves=front.error_waves[0],
+        extent_waves=front.error_waves[1],
+        strehl_ratio=strehl_ratio(front),
+        saddle_shift_px=-moved_mm / pitch_mm + 0.0,
+        per_mm=per_mm,
+        tangential=np.abs(transfer(front, per_mm, radial)),
+        sagittal=np.abs(transfer(front, per_mm, across)),
+        perfect=np.abs(transfer(front.perfect(), per_mm, radial)),
+        geometric=np.abs(transfer_of_rays(front, per_mm, radial)),
+        picture=picture,
+        picture_um=1e3 * edge_mm,
+    )
+
+
+def _picture(front: Wavefront, radius_mm: float) -> tuple[np.ndarray, float]:
+    """The light around the image position as it is seen in the image, and the edge of the picture [mm]."""
+    reach_mm = float(np.hypot(*front.crossings_mm[front.share > 0].T).max())
+    half = max(_RADII * radius_mm, _SPOT * reach_mm)
+    places = np.linspace(half, -half, _CELLS)  # the image is the vision frame turned by 180 degrees
+    light = intensity(front, places, places)
+    return light / light.max(), 2 * half

@@ -1,0 +1,232 @@
+"""Claim: the image of a point by diffraction is that of the traced wavefront: Airy's pattern where rays are perfect,
+Maréchal's Strehl ratio near there, and Huygens's sum over rays everywhere.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from laws import rigs
+from laws.ideal_lens import F_MM, thin
+from laws.surfaces import BENT
+from naive import huygens
+from naive.kinds import KINDS, camera_with
+from scipy.interpolate import RegularGridInterpolator
+from scipy.ndimage import uniform_filter
+from scipy.special import j1
+from tolerances import AIRY, HUYGENS, MALUS_MM, MARECHAL, SPOT_MM, SPREAD_ENERGY, TWO_PLANE_MM
+
+from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.micro_images.centres import micro_images
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.camera.wave import wavefront as wavefronts
+from pipeline.camera.wave.paths import sent
+from pipeline.camera.wave.spread import intensity, strehl_ratio, transfer, whole_image
+from pipeline.camera.wave.wavefront import View, Wavefront, wavefront
+from pipeline.optics.prescription import Prescription, Surface
+
+GREEN_NM, GREEN_MM = 550.0, 550e-6
+INDEX = 1.5168
+HYPERBOLA = Prescription(
+    surfaces=(
+        Surface(semi_diameter_mm=5.0, is_stop=True),
+        Surface(semi_diameter_mm=20.0, thickness_mm=6.0, index=INDEX),
+        Surface(radius_mm=-30.0, conic=-(INDEX**2), semi_diameter_mm=20.0),
+    )
+)
+"""A plane and a hyperboloid: light along the axis meets in one point, to all orders (Descartes)."""
+SENSOR = Sensor(width_px=64, height_px=64, pitch_mm=0.005)
+
+
+def on_axis(prescription: Prescription, distance_mm: float, object_mm: float = math.inf) -> Wavefront:
+    camera = Camera(prescription=prescription, sensor=SENSOR, sensor_distance_mm=distance_mm)
+    return wavefront(Tracer(camera), View(np.zeros(2), NO_MICROLENS, object_mm), GREEN_NM)
+
+
+def perfect_lenses() -> list[tuple[Wavefront, float]]:
+    """Wavefronts of two lenses without any error, and their numerical apertures by the sine of the marginal ray."""
+    radius, focal = 30.0, 30.0 / (INDEX - 1)
+    # The rim ray leaves parallel to the axis at 5 mm: its slope behind the hyperboloid from that point to the focus.
+    sag = radius_to_sag(5.0, -radius, -(INDEX**2))
+    return [
+        (on_axis(thin(F_MM, 3.0), F_MM), math.sin(math.atan(3.0 / F_MM))),
+        (on_axis(HYPERBOLA, 6.0 + focal), math.sin(math.atan(5.0 / (focal - sag)))),
+    ]
+
+
+def radius_to_sag(height: float, radius: float, conic: float) -> float:
+    c = 1 / radius
+    return c * height**2 / (1 + math.sqrt(1 - (1 + conic) * c**2 * height**2))
+
+
+@pytest.mark.parametrize(("front", "aperture"), perfect_lenses(), ids=["ideal", "hyperboloid"])
+def test_a_perfect_lens_makes_airys_pattern(front: Wavefront, aperture: float) -> None:
+    """[2 J1(v) / v]^2 pi NA^2 / lambda^2 with v = 2 pi NA r / lambda, its first dark ring at 0.61 lambda / NA."""
+    assert front.error_waves[1] < 1e-6
+    radius_mm = np.linspace(0.01, 3, 40) * GREEN_MM / aperture
+    v = 2 * np.pi * aperture * radius_mm / GREEN_MM
+    peak = np.pi * aperture**2 / GREEN_MM**2
+    light = intensity(front, radius_mm, np.zeros(1))[0]
+    np.testing.assert_allclose(light / peak, (2 * j1(v) / v) ** 2, rtol=0, atol=AIRY)
+    near = np.linspace(0.59, 0.63, 401) * GREEN_MM / aperture
+    dark = near[np.argmin(intensity(front, np.zeros(1), near)[:, 0])]
+    assert dark == pytest.approx(0.6098 * GREEN_MM / aperture, rel=2e-3)
+    assert strehl_ratio(front) == pytest.approx(1, abs=AIRY)
+
+
+@pytest.mark.parametrize("along", [(1.0, 0.0), (0.6, 0.8)])
+def test_a_circle_has_the_transfer_function_of_two_shifted_circles(along: tuple[float, float]) -> None:
+    front, aperture = perfect_lenses()[0]
+    s = np.linspace(0, 1.1, 23)
+    shifted = np.minimum(s, 1)
+    expected = 2 / np.pi * (np.arccos(shifted) - shifted * np.sqrt(1 - shifted**2))
+    found = transfer(front, s * 2 * aperture / GREEN_MM, np.array(along))
+    np.testing.assert_allclose(np.abs(found), expected, rtol=0, atol=AIRY)
+
+
+def test_no_light_is_lost() -> None:
+    """The integral over the sensor is 1 for a lens with aberrations, too (Parseval)."""
+    tracer = Tracer(rigs.conventional(9.0))
+    x_mm, image = whole_image(wavefront(tracer, View(np.array([1.5, 1.0]), NO_MICROLENS, 434.0), GREEN_NM))
+    assert image.sum() * (x_mm[1] - x_mm[0]) ** 2 == pytest.approx(1, abs=SPREAD_ENERGY)
+
+
+@pytest.mark.parametrize("waves", [0.25, 1.0])
+def test_defocus_dims_the_middle_by_sinc_squared(waves: float) -> None:
+    """With W waves of defocus at the rim the light on the axis is (sin(pi W) / (pi W))^2: dark at one wave."""
+    # The light of a point at z lags behind that of infinity by semi^2 / (2 z) at the rim.
+    semi_mm = 1.0
+    front = on_axis(thin(F_MM, semi_mm), F_MM, semi_mm**2 / (2 * waves * GREEN_MM))
+    light = intensity(front, np.zeros(1), np.zeros(1)) / intensity(front.perfect(), np.zeros(1), np.zeros(1))
+    assert light[0, 0] == pytest.approx((math.sin(math.pi * waves) / (math.pi * waves)) ** 2, abs=1e-3)
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0), (2.0, 1.2)])
+def test_the_strehl_ratio_is_marechals(position: tuple[float, float]) -> None:
+    """exp(-(2 pi rms)^2), up to the third moment of the phase."""
+    camera = rigs.conventional(4.5)
+    front = wavefront(Tracer(camera), View(np.array(position), NO_MICROLENS, middle_focus(camera)), 587.56)
+    variance = (2 * math.pi * front.error_waves[0]) ** 2
+    assert variance > 0.03
+    assert strehl_ratio(front) == pytest.approx(math.exp(-variance), abs=MARECHAL)
+
+
+@pytest.mark.parametrize(
+    ("semi_mm", "position", "object_mm"),
+    [(4.5, (0.0, 0.0), 434.36), (9.0, (4.0, 3.0), 433.0), (9.0, (0.0, 5.0), 440.0)],
+)
+def test_rays_backwards_and_huygens_forwards_agree(
+    semi_mm: float, position: tuple[float, float], object_mm: float
+) -> None:
+    """Reciprocity: a slow twin traces from the object point and adds spherical waves."""
+    camera = rigs.conventional(semi_mm)
+    tracer, view = Tracer(camera), View(np.array(position), NO_MICROLENS, object_mm)
+    front = wavefront(tracer, view, GREEN_NM)
+    # The object point of the view: the mean of the crossings of its rays, whose gradient the wavefront is.
+    reach = 3 * 0.61 * GREEN_MM / front.numerical_aperture
+    x_mm, y_mm = np.linspace(-reach, reach, 7), np.linspace(-reach, reach, 5)
+    found = intensity(front, x_mm, y_mm) / (np.pi * front.numerical_aperture**2 / GREEN_MM**2)
+    point = object_point(tracer, view, front)
+    places = [(position[0] + x, -(position[1] + y), camera.sensor_distance_mm) for y in y_mm for x in x_mm]
+    prescription = camera.prescription
+    vision = np.array([point[0], -point[1], -object_mm])
+    expected = huygens.image(prescription, vision, GREEN_MM, np.array([places[17], *places]), 501)[1:]
+    np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=HUYGENS)
+
+
+def object_point(tracer: Tracer, view: View, front: Wavefront) -> np.ndarray:
+    """Mean crossing of the rays of a view with the plane of its object, (2,)."""
+    a, b = np.meshgrid(*front.cosines)
+    way = np.column_stack([a.ravel(), b.ravel(), np.sqrt(1 - a.ravel() ** 2 - b.ravel() ** 2)])
+    rays = sent(tracer, view.microlens, view.position_mm, way)
+    crossing = rays.position_mm[:, :2] + (view.object_mm - rays.position_mm[:, 2:]) * rays.slope
+    lit = front.share.ravel() > 0
+    return np.average(crossing[lit], axis=0, weights=front.share.ravel()[lit])
+
+
+def lenses() -> dict[str, Camera]:
+    """Cameras with every kind of surface and of microlens."""
+    bent = Camera(prescription=BENT, sensor=SENSOR, sensor_distance_mm=60.0)
+    ideal = thin(60.0, 6.0).surfaces[0]
+    behind = dataclasses.replace(ideal, focal_length_mm=40.0, is_stop=False, tilt_deg=(2.0, 1.0), decentre_mm=(0.3, 0))
+    two = Prescription(surfaces=(dataclasses.replace(ideal, thickness_mm=5.0), behind))
+    return {
+        "aspheres": bent,
+        "displaced": rigs.displaced(rigs.conventional(4.5)),
+        "ideal": Camera(prescription=two, sensor=SENSOR, sensor_distance_mm=45.0),
+        **{f"microlens {name}": camera_with(name) for name in KINDS if "c" not in name[:1] or "convex" in name},
+    }
+
+
+@pytest.mark.parametrize("name", lenses())
+def test_paths_obey_malus(name: str) -> None:
+    """Rays are normals of their wavefronts: where the end of a ray moves, its path grows by the way along the ray.
+
+    Between ends P and Q of two rays of one point, with directions p and q, the paths differ by (p + q) (Q - P) / 2, up
+    to the cube of their distance.
+    """
+    camera = lenses()[name]
+    tracer = Tracer(camera)
+    row, position = NO_MICROLENS, np.array([0.05, -0.08])
+    if camera.microlenses:
+        row = int(np.argmin(np.hypot(*tracer.vertices_mm.T)))
+        position = micro_images(tracer).centre_mm[row] + [0.01, -0.02]
+    centre, width = wavefronts._pupil(tracer, View(position, row, math.inf))
+    errors = []
+    for parts in (40, 80):
+        a = centre[0] + np.linspace(-0.4, 0.4, parts + 1) * width
+        b = centre[1] + 0.2 * width * np.cos(np.linspace(0, 3, parts + 1))
+        rays = sent(tracer, row, position, np.column_stack([a, b, np.sqrt(1 - a * a - b * b)]))
+        step = np.diff(rays.position_mm, axis=0)
+        along = np.sum(step * (rays.direction[1:] + rays.direction[:-1]) / 2, axis=1)
+        errors.append(np.abs(np.diff(rays.path_mm) - along).sum())
+    assert errors[1] < max(errors[0] / 3.8, TWO_PLANE_MM if "two-plane" in name else MALUS_MM)
+    assert errors[1] < 1e-5
+
+
+def test_the_gradient_of_the_error_is_where_rays_go() -> None:
+    """Spots of rays traced forwards from the object point lie where the derivatives of the wavefront say."""
+    camera, object_mm = rigs.conventional(9.0), 433.0
+    tracer, view = Tracer(camera), View(np.array([4.0, 3.0]), NO_MICROLENS, object_mm)
+    front = wavefront(tracer, view, GREEN_NM)
+    point = object_point(tracer, view, front)
+    aims = np.column_stack([np.random.default_rng(1).uniform(-6, 6, (400, 2)), np.full(400, -50.0)])
+    start = np.array([point[0], -point[1], -object_mm])
+    position, direction, _, passes = huygens.forward(camera.prescription, start, aims)
+    spot = position + ((camera.sensor_distance_mm - position[:, 2]) / direction[:, 2])[:, None] * direction
+    a, b = front.cosines
+    # From the sensor to the scene, vision frame: the lens frame with y and z turned round, backwards.
+    place = np.column_stack([direction[:, 1], -direction[:, 0]])
+    crossing = RegularGridInterpolator((b, a), front.crossings_mm, bounds_error=False)(place)
+    share = RegularGridInterpolator((b, a), uniform_filter(front.share, 9), bounds_error=False)(place)
+    inner = passes & (share > 0.999)
+    assert inner.sum() > 100
+    found = crossing[inner]
+    expected = np.column_stack([spot[inner, 0] - 4.0, -spot[inner, 1] - 3.0])
+    assert np.abs(expected).max() > 0.005
+    np.testing.assert_allclose(found, expected, rtol=0, atol=SPOT_MM)
+
+
+def test_behind_a_microlens_its_own_aperture_counts() -> None:
+    """A disc of 0.12 mm, 0.9 mm before the sensor: the first dark ring is at 0.61 wavelength over its sine."""
+    array = MicrolensArray(
+        pitch_mm=0.15,
+        focal_lengths_mm=(0.9,),
+        width_mm=1.5,
+        height_mm=1.5,
+        distance_mm=0.9,
+        aperture="disc",
+        disc_diameter_mm=0.12,
+    )
+    camera = Camera(prescription=thin(F_MM, 6.0), sensor=SENSOR, sensor_distance_mm=52.0, microlenses=array)
+    tracer = Tracer(camera)
+    row = int(np.argmin(np.hypot(*tracer.vertices_mm.T)))
+    front = wavefront(tracer, View(micro_images(tracer).centre_mm[row], row, math.inf), GREEN_NM)
+    aperture = math.sin(math.atan(0.06 / 0.9))
+    near = np.linspace(0.57, 0.65, 401) * GREEN_MM / aperture
+    dark = near[np.argmin(intensity(front, near, np.zeros(1))[0])]
+    assert dark == pytest.approx(0.6098 * GREEN_MM / aperture, rel=5e-3)

@@ -1,0 +1,68 @@
+"""Claim: optiland, a lens-design program, computes the same contrast and Strehl ratio from the same prescription.
+
+It is installed by `pip install optiland`; without it there is nothing to compare with.
+"""
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+from laws import rigs
+from tolerances import OPTILAND_CONTRAST, OPTILAND_STREHL
+
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.camera.wave.spread import strehl_ratio, transfer
+from pipeline.camera.wave.wavefront import View, wavefront
+from pipeline.optics.first_order import first_order
+
+WAVELENGTH_NM, FIELD_DEG = 550.0, 3.0
+PER_MM = np.array([50.0, 100.0, 200.0])
+
+
+def optic(stop_semi_mm: float, back_mm: float) -> Any:
+    """The double Gauss as optiland's, for objects at infinity, with the sensor in its rear focus."""
+    from optiland.materials import IdealMaterial
+    from optiland.optic import Optic
+
+    lens, prescription = Optic(), rigs.tronnier(stop_semi_mm)
+    lens.surfaces.add(index=0, thickness=np.inf)
+    vertices = [*prescription.vertices_from_stop_mm, back_mm]
+    for i, surface in enumerate(prescription.surfaces):
+        gap, glass = vertices[i + 1] - vertices[i], IdealMaterial(n=surface.index)
+        lens.surfaces.add(index=i + 1, radius=surface.radius_mm, thickness=gap, material=glass, is_stop=surface.is_stop)
+    lens.surfaces.add(index=len(vertices))
+    lens.set_aperture("float_by_stop_size", 2 * stop_semi_mm)
+    lens.fields.set_type("angle")
+    for angle in (0, FIELD_DEG):
+        lens.fields.add(y=angle)
+    lens.wavelengths.add(value=WAVELENGTH_NM / 1e3, is_primary=True)
+    return lens
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("field", [0.0, 1.0])
+@pytest.mark.parametrize("stop_semi_mm", [4.5, 9.0])
+def test_optiland_finds_the_same_image_of_a_point(stop_semi_mm: float, field: float) -> None:
+    pytest.importorskip("optiland")
+    from optiland.mtf import FFTMTF
+    from optiland.psf import FFTPSF
+
+    lens = first_order(rigs.tronnier(stop_semi_mm))
+    back_mm, sensor = -lens.rear_focus_mm, Sensor(width_px=64, height_px=64, pitch_mm=0.3)
+    camera = Camera(prescription=rigs.tronnier(stop_semi_mm), sensor=sensor, sensor_distance_mm=back_mm)
+    height = lens.efl_mm * np.tan(np.deg2rad(FIELD_DEG * field))
+    front = wavefront(Tracer(camera), View(np.array([0.0, height]), NO_MICROLENS, np.inf), WAVELENGTH_NM)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        theirs, at = optic(stop_semi_mm, back_mm), ((0.0, field), WAVELENGTH_NM / 1e3)
+        strehl = FFTPSF(theirs, *at, num_rays=256, grid_size=1024).strehl_ratio()
+        curves = FFTMTF(theirs, [at[0]], at[1], num_rays=256, grid_size=1024)
+    assert strehl_ratio(front) == pytest.approx(strehl, abs=OPTILAND_STREHL)
+    for along, curve in zip(((0.0, 1.0), (1.0, 0.0)), curves.mtf[0], strict=True):
+        expected = np.interp(PER_MM, np.asarray(curves.freq_tang).ravel(), curve)
+        np.testing.assert_allclose(
+            np.abs(transfer(front, PER_MM, np.array(along))), expected, rtol=0, atol=OPTILAND_CONTRAST
+        )
