@@ -12,6 +12,7 @@ import numpy as np
 
 from pipeline.jit.decorators import buffers, inline, kernel, unit
 from pipeline.optics.aspheres import cross_asphere
+from pipeline.optics.brown import turned_with_distortion
 from pipeline.optics.crossing import (
     Ray,
     behind_edge,
@@ -35,6 +36,7 @@ from pipeline.optics.table import (
     CURVATURE,
     EDGES,
     FIRST_EDGE,
+    IDEAL,
     INDEX_RATIO,
     INNER_SQUARED,
     POSE,
@@ -127,7 +129,10 @@ def _through_rest(row, packet, count):
     vertex = row[VERTEX]
     for i in range(count):
         put_point(packet, i, to_vertex_plane(vertex, ray_of(packet, i)))
-    if row[TERMS] < 0.0:
+    if row[TERMS] < IDEAL:
+        for i in range(count):
+            put(packet, i, turned_with_distortion(row, ray_of(packet, i)))
+    elif row[TERMS] < 0.0:
         power, limit = row[COEFFICIENTS], row[SEMI_DIAMETER_SQUARED]
         for i in range(count):
             put(packet, i, turned_ideally(vertex, power, limit, ray_of(packet, i)))

@@ -5,6 +5,7 @@ The same functions in the same order, so that a ray has the same bits wherever b
 
 from pipeline.jit.decorators import inline
 from pipeline.optics.aspheres import through_conic_or_asphere
+from pipeline.optics.brown import turned_with_distortion
 from pipeline.optics.crossing import (
     Ray,
     behind_edge,
@@ -25,6 +26,7 @@ from pipeline.optics.table import (
     CURVATURE,
     EDGES,
     FIRST_EDGE,
+    IDEAL,
     INDEX_RATIO,
     INNER_SQUARED,
     POSE,
@@ -51,7 +53,9 @@ def _through(row, ray):
     """The ray moved to a surface in its place, bent there, and clipped."""
     if row[TERMS] != 0.0 or row[CONIC] != 0.0:
         ray = to_vertex_plane(row[VERTEX], ray)
-        if row[TERMS] < 0.0:
+        if row[TERMS] < IDEAL:
+            ray = turned_with_distortion(row, ray)
+        elif row[TERMS] < 0.0:
             ray = turned_ideally(row[VERTEX], row[COEFFICIENTS], row[SEMI_DIAMETER_SQUARED], ray)
         else:
             ray = through_conic_or_asphere(row, ray)

@@ -53,6 +53,11 @@ class Surface:
     focal_length_mm : float or None
         Of an ideal thin lens in place of the surface, None for a surface. It is a plane in air that adds -height over
         focal length to the slope of a ray: a collineation, so every object plane has a sharp, undistorted image.
+    distortion : tuple of float
+        k1, k2, p1, p2, k3 of OpenCV, in the vision frame, by which an ideal thin lens that is the stop distorts its
+        image (see `optics.brown`); empty: it does not.
+    image_distance_mm : float
+        Distance behind that lens of the plane whose image is distorted; without distortion it has no meaning.
     decentre_mm : (float, float)
         How far the vertex stands off the axis along x and y of the lens frame, or of the group it belongs to.
     tilt_deg : (float, float)
@@ -74,6 +79,8 @@ class Surface:
     blades: int = 0
     aperture_rotation_deg: float = 0.0
     focal_length_mm: float | None = None
+    distortion: tuple[float, ...] = ()
+    image_distance_mm: float = 1.0
     decentre_mm: tuple[float, float] = (0.0, 0.0)
     tilt_deg: tuple[float, float] = (0.0, 0.0)
 
@@ -106,6 +113,8 @@ class Surface:
             raise PrescriptionError(f"refractive index {self.index} is below 1")
         if self.focal_length_mm is not None:
             self._check_ideal()
+        elif self.distortion:
+            raise PrescriptionError("only an ideal thin lens has a distortion of its own", code="ideal-lens")
         _check_displacement("a surface", self.decentre_mm, self.tilt_deg)
 
     def _check_ideal(self) -> None:
@@ -116,6 +125,12 @@ class Surface:
         if not math.isinf(self.radius_mm) or any(self.even_coefficients + self.odd_coefficients) or self.index != 1:
             raise PrescriptionError(
                 "an ideal thin lens has a shape or an index", hint="it is a plane in air", code="ideal-lens"
+            )
+        if self.distortion and (len(self.distortion) != 5 or not (self.is_stop and self.image_distance_mm > 0)):
+            raise PrescriptionError(
+                f"a distortion {self.distortion} of an image {self.image_distance_mm:g} mm behind a lens",
+                hint="k1, k2, p1, p2, k3 of a lens that is the stop, with its image behind it",
+                code="ideal-lens",
             )
 
     def power_per_mm(self, index_in_front: float) -> float:
@@ -288,6 +303,11 @@ class Prescription:
     def stop_index(self) -> int:
         """Number of the surface that is the aperture stop, counted from 0."""
         return next(i for i, surface in enumerate(self.surfaces) if surface.is_stop)
+
+    @property
+    def ideal(self) -> Surface | None:
+        """The ideal thin lens that is the stop and the whole lens, None if the lens is any other."""
+        return self.stop if len(self.surfaces) == 1 and self.stop.focal_length_mm is not None else None
 
     @property
     def stop(self) -> Surface:

@@ -21,6 +21,9 @@ its place, 0 for a surface in it. Zeros behind the first four make a circle of a
 columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows of its matrix."""
 IDEAL = -1.0
 """Mark in place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
+TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
+"""Marks of one whose image is distorted, by the way of the light; its coefficients are power, 1 / image distance [1/mm]
+and k1, k2, p1, p2, k3, see `optics.brown`."""
 LOW_TERMS = 5
 """Least number of coefficients in the row of an asphere; zeros fill up."""
 COEFFICIENTS = 11
@@ -97,7 +100,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
     """One surface; `sign` is that of the frame's z against the lens frame's."""
     coefficients, odd = _polynomial(surface)
     if surface.focal_length_mm is not None:
-        coefficients = [sign / surface.focal_length_mm]  # without the sign that coefficients get below
+        coefficients = [sign * value for value in _ideal(surface, sign)]  # without the sign that they get below
     elif coefficients:
         coefficients += [0.0] * (LOW_TERMS - len(coefficients))
     # The vision frame is the lens frame turned about x: y changes its sign, as z does.
@@ -108,7 +111,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         index_ratio,
         surface.semi_diameter_mm**2,
         0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0,
-        len(coefficients) if surface.focal_length_mm is None else IDEAL,
+        len(coefficients) if surface.focal_length_mm is None else _mark(surface, sign),
         float(odd),
         surface.inner_semi_diameter_mm**2,
         len(edges) / 3,
@@ -117,6 +120,21 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         *(sign * a + 0.0 for a in coefficients),
         *edges,
     ]
+
+
+def _ideal(surface: Surface, sign: float) -> list[float]:
+    """Power of an ideal thin lens, and what distorts its image; the lens frame has y up, which turns p2 round."""
+    assert surface.focal_length_mm is not None
+    if not surface.distortion:
+        return [1 / surface.focal_length_mm]
+    k1, k2, p1, p2, k3 = surface.distortion
+    return [1 / surface.focal_length_mm, 1 / surface.image_distance_mm, k1, k2, p1, -sign * p2, k3]
+
+
+def _mark(surface: Surface, sign: float) -> float:
+    if not surface.distortion:
+        return IDEAL
+    return TOWARDS_SENSOR if sign > 0 else TOWARDS_SCENE
 
 
 def _moved(row: list[float], motion: np.ndarray) -> list[float]:

@@ -29,6 +29,18 @@ LENSES = {
     "high powers": one(conic=-0.8, even_coefficients=POWERS),
     "odd powers": one(even_coefficients=POWERS[:4], odd_coefficients=(1e-6, 1e-8)),
     "obstruction": one(stop={"inner_semi_diameter_mm": 2.0}),
+    "thin lens": Prescription(surfaces=(Surface(focal_length_mm=80.0, semi_diameter_mm=7.0, is_stop=True),)),
+    "distorting lens": Prescription(
+        surfaces=(
+            Surface(
+                focal_length_mm=80.0,
+                semi_diameter_mm=7.0,
+                is_stop=True,
+                distortion=(-0.2, 0.05, 0.002, -0.003, 0.01),
+                image_distance_mm=60.0,
+            ),
+        )
+    ),
     "rectangle": one(stop={"half_widths_mm": (5.0, 3.0)}),
 }
 

@@ -237,6 +237,7 @@ SCENES: dict[str, Scene] = {
         | {("Camera", "plen:camera:sensorDistance"): None}
         | _of("Camera", camera__focusDistance=500.0, camera__stopMatch="microlenses", camera__focusType=0)
     ),
+    "model": Scene(_of("Camera", camera__model="thinLens", camera__distortion=[0.1, 0.0, 0.01, 0.0, 0.0])),
     "planes": Scene(_of("Camera", camera__near=400.0, camera__far=600.0, truth__columns=["chief", "saddle"])),
     "two-plane method": Scene(_of("Camera", truth__method="two-plane", truth__search="nearest")),
     "direct method": Scene(_of("Camera", truth__method="direct", truth__accuracy=0.01)),

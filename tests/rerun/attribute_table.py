@@ -56,6 +56,7 @@ FOCUSED = {(B, "plen:camera:focusDistance"): 420.0, (B, "plen:camera:sensorDista
 CATALOGUE = {(LENS, "plen:indexSource"): "catalogue"}
 SWAPPED = ["S3", "S2", "S1", "S4", "S5", "Stop", "S7", "S8", "S9", "S10", "S11"]
 MOMENTS = {(A, "plen:truth:method"): "moments"}
+PINHOLE_MODEL = {(A, "plen:camera:model"): "pinhole"}
 TWO_PLANE = {(A, "plen:truth:method"): "two-plane"}
 NEAREST = MOMENTS | {(A, "plen:truth:search"): "nearest"}
 DELIVERED = {(A, "plen:truth:rays"): True}
@@ -351,6 +352,8 @@ CAMERAS = {
     "plen:camera:focusType": [Case(B, 2, CAMERA, given=FOCUSED)],
     "plen:camera:focusGroups": [Case(A, ["Rear"], CAMERA, along={(A, "plen:camera:focusDistance"): 434.0})],
     "plen:camera:stopMatch": [Case(B, "microlenses", CAMERA)],
+    "plen:camera:model": [Case(A, "pinhole", CAMERA), Case(B, "thinLens", CAMERA)],
+    "plen:camera:distortion": [Case(A, [-1.0, 0.0, 0.0, 0.0, 0.0], CAMERA, given=PINHOLE_MODEL)],
     "plen:camera:microlensDistance": [Case(B, 1.71, CAMERA)],
     "plen:camera:wavelength": [Case(A, 600.0, CAMERA, given=CATALOGUE)],
     "plen:camera:weight": [Case(A, "area", CAMERA), Case(B, "area", CAMERA)],

@@ -24,7 +24,7 @@ def name_of(path):
 
 
 def test_there_is_a_library_and_examples():
-    assert len(LIBRARY) == 54
+    assert len(LIBRARY) == 59
     assert [path.parent.name for path in EXAMPLES] == [
         "01_conventional",
         "02_plenoptic",

@@ -95,8 +95,9 @@ def pinhole(camera: Camera) -> Pinhole | None:
     """Fit a pinhole to the main lens and the sensor of a focused camera, microlenses left out.
 
     A radial coefficient is used, up to the third, where it lowers the rms of what is left by a tenth; tangential ones
-    are for lenses with displaced surfaces. The centre of any other lens lies on its axis. None: no pinhole fits,
-    because the field is too wide, or because light reaches too little of the sensor.
+    are for lenses with displaced surfaces. The centre of any other lens lies on its axis. An ideal thin lens in its
+    stop is not fitted: the pinhole is its centre, with its own distortion. None: no pinhole fits, because the field is
+    too wide, or because light reaches too little of the sensor.
     """
     if camera.near_mm is None or camera.far_mm is None:
         raise CameraError("near and far plane are not settled", hint="camera.focus.focused")
@@ -109,10 +110,11 @@ def pinhole(camera: Camera) -> Pinhole | None:
     free = (_F, _CENTRE[2]) if centred else (_F, *_CENTRE, *_POINT, *_TANGENTIAL)
     if len(rays.x_px) <= len(free):
         return None
-    found = _with_radial(rays, rays.fitted(_paraxial(camera), free), free)
+    ideal = camera.prescription.ideal
+    found = _paraxial(camera) if ideal else _with_radial(rays, rays.fitted(_paraxial(camera), free), free)
     bare = found.copy()
     bare[[*_RADIAL, *_TANGENTIAL]] = 0.0
-    plain = rays.fitted(bare, (_F,) if centred else (_F, *_POINT))
+    plain = bare if ideal and not ideal.distortion else rays.fitted(bare, (_F,) if centred else (_F, *_POINT))
     if not (np.isfinite(found).all() and np.isfinite(plain).all() and found[_F] > 0):
         return None
     x, y, z = (found[list(_CENTRE)] + 0.0).tolist()
@@ -137,9 +139,12 @@ def _with_radial(rays: "_Rays", found: np.ndarray, free: tuple[int, ...]) -> np.
 
 
 def _paraxial(camera: Camera) -> np.ndarray:
-    """Parameters of the pinhole at the paraxial entrance pupil."""
+    """Parameters of the pinhole at the paraxial entrance pupil, with the distortion that an ideal lens has."""
     parameters = np.zeros(11)
     parameters[[_F, *_POINT, _CENTRE[2]]] = paraxial_pinhole(camera)
+    if camera.prescription.ideal and camera.prescription.ideal.distortion:
+        k1, k2, p1, p2, k3 = camera.prescription.ideal.distortion
+        parameters[[*_RADIAL, *_TANGENTIAL]] = k1, k2, k3, p1, p2
     return parameters
 
 

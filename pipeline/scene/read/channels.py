@@ -79,10 +79,11 @@ def read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
 def _node(camera: Usd.Prim, wavelength_nm: float, weight: float) -> SpectralNode:
     lens = target(camera, "plen:camera:lens", "PlenLens")
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
+    is_ideal = need(camera, "plen:camera:model") != "prescription"  # a plane in air, which no wavelength tells apart
     has_index = array and need(array, "plen:model") != "thin"
     return SpectralNode(
         wavelength_nm=wavelength_nm,
         weight=weight,
-        indices=indices(lens, ordered_surfaces(lens), wavelength_nm),
+        indices=(1.0,) if is_ideal else indices(lens, ordered_surfaces(lens), wavelength_nm),
         microlens_index=microlens_index(array, wavelength_nm) if has_index else None,
     )

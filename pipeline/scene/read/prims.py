@@ -7,6 +7,7 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.camera.focusing.focus_request import FocusRequest
+from pipeline.camera.focusing.ideal_lens import PRESCRIPTION, with_ideal_lens
 from pipeline.camera.parts.camera import Camera, Sampling, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.frames import VISION_FROM_CAMERA
@@ -46,6 +47,9 @@ APERTURE_VALUES = {
     "polygonal": {"blades": "plen:blades"},
 }
 """Attributes that set the size of an aperture, by shape and field of `Surface`."""
+
+_MODELS = {"pinhole": "a pinhole", "thinLens": "a thin lens"}
+"""Models of a lens in words, by the value of `plen:camera:model`."""
 
 ACCEPTANCE_VALUES: dict[str, dict[str, str]] = {
     "all": {},
@@ -129,7 +133,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     return CameraEntry(
         name=camera_name(prim, root),
         prim_path=str(prim.GetPath()),
-        lens_name=need(lens, "plen:name") or lens.GetName(),
+        lens_name=_lens_name(prim, lens),
         index_source=index_source(lens, ordered_surfaces(lens)),
         wavelength_nm=need(prim, "plen:camera:wavelength"),
         weight=need(prim, "plen:camera:weight"),
@@ -154,8 +158,23 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     )
 
 
+def _lens_name(prim: Usd.Prim, lens: Usd.Prim) -> str:
+    """Name of the lens of a camera, with the model that stands for it."""
+    name, model = need(lens, "plen:name") or lens.GetName(), need(prim, "plen:camera:model")
+    return str(name) if model == PRESCRIPTION else f"{name}, as {_MODELS[model]}"
+
+
 def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
-    """The record of a Camera with PlenCameraAPI; a request if it states an object in focus or a stop to be matched."""
+    """The record of a Camera with PlenCameraAPI, with the model of its lens that it asks for; a request if it states an
+    object in focus or a stop to be matched.
+    """
+    return with_ideal_lens(
+        _read_camera(prim), need(prim, "plen:camera:model"), tuple(need(prim, "plen:camera:distortion"))
+    )
+
+
+def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
+    """The record with the lens as it is prescribed."""
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     parts: dict[str, Any] = {
         "prescription": read_prescription(

@@ -8,6 +8,7 @@ from pxr import Usd
 from pipeline.camera.figures.first_order_figures import gaps_mm
 from pipeline.camera.focusing.depth_of_field import foci, focused
 from pipeline.camera.focusing.focus_request import FocusRequest, group_shift, sensor_distance, solved
+from pipeline.camera.focusing.ideal_lens import PINHOLE
 from pipeline.camera.focusing.stop import stopped_down
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
@@ -22,6 +23,7 @@ from pipeline.scene.usd.values import read, target
 _SENSOR, _FOCUS = "plen:camera:sensorDistance", "plen:camera:focusDistance"
 _GROUPS = "plen:camera:focusGroups"
 _TYPE, _MATCH = "plen:camera:focusType", "plen:camera:stopMatch"
+_MODEL, _DISTORTION = "plen:camera:model", "plen:camera:distortion"
 _F_NUMBERS = "plen:image:fNumbers"
 
 
@@ -64,7 +66,7 @@ def check_focus(camera: Usd.Prim) -> Iterator[Problem]:
     try:
         record = read_camera(camera)
     except PipelineError as error:
-        yield of_reader(camera, error)
+        yield of_reader(camera.GetAttribute(_DISTORTION) if error.code == "distortion" else camera, error)
         return
     both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
     if both != bool(read(camera, _GROUPS)):
@@ -121,6 +123,10 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
     """Problems of F-numbers of white images that are stated twice, or for which the lens cannot open far enough."""
     attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
+    if f_numbers and read(camera, _MODEL) == PINHOLE:
+        message = f'"{_F_NUMBERS}" asks a pinhole to open to F/{f_numbers[0]:g}'
+        yield problem(attribute, "out-of-reach", message, hint=f'write {_MODEL} = "thinLens", or no F-numbers')
+        return
     for f_number in dict.fromkeys(f_numbers):
         try:
             stopped_down(record, f_number)
