@@ -16,6 +16,7 @@ from pipeline.exports.writers.maps.omni_lut import write_tables
 from pipeline.files.drawings import write_drawing
 from pipeline.files.jsonfile import json_bytes
 from pipeline.fits.drawing import picture
+from pipeline.fits.errors import FitError
 from pipeline.fits.field import main_lens
 from pipeline.fits.omniverse import Lut, seen_by_omniverse
 from pipeline.fits.page import page
@@ -26,14 +27,18 @@ from pipeline.sight.opening import Opened, opened
 from pipeline.sight.ready_camera import ReadyCamera
 from pipeline.tasks.first_order import document as first_order_document
 
+_DEFAULT = "brown"
+"""Model that is fitted where none is named: what OpenCV fits by default."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """A fitted camera, and where it comes from."""
+    """A fitted camera, where it comes from, and why a model that is fitted by default is missing, if one is."""
 
     opened: Opened
     camera: FittedCamera
     ready: ReadyCamera
+    left_out: str | None = None
 
     def page(self) -> list[str]:
         """Lines for a terminal."""
@@ -111,5 +116,10 @@ def fit(place: Path, name: str | None, models: Iterable[str] = (), allow_roots: 
     """Fit models to a camera; by default OpenCV's five coefficients, and to a plenoptic camera a thin lens, too."""
     there = opened(place, name, allow_roots)
     camera = there.ready()
-    wanted = list(models) or ["brown", *([THIN_LENS] if camera.is_plenoptic else [])]
-    return Found(opened=there, camera=fit_camera(camera, wanted), ready=camera)
+    wanted = list(models)
+    if wanted or not camera.is_plenoptic:
+        return Found(opened=there, camera=fit_camera(camera, wanted or [_DEFAULT]), ready=camera)
+    try:
+        return Found(opened=there, camera=fit_camera(camera, [_DEFAULT, THIN_LENS]), ready=camera)
+    except FitError as error:
+        return Found(opened=there, camera=fit_camera(camera, [_DEFAULT]), ready=camera, left_out=error.what)

@@ -172,3 +172,17 @@ def test_the_list_loads_no_numpy():
     code += "try:\n cli.main()\nexcept SystemExit: print('scipy' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
     assert said.endswith("False\n") and "brown" in said and "thin-lens-plenoptic" in said
+
+
+def test_a_plenoptic_camera_without_a_thin_lens_still_has_a_pinhole(command, monkeypatch):
+    from pipeline.fits import result
+    from pipeline.fits.errors import FitError
+
+    def fails(camera):
+        raise FitError("too few positions")
+
+    monkeypatch.setattr(result, "thin_plenoptic", fails)
+    code, said, told = command(DATA / "tiny_plenoptic/dataset.usda")
+    assert code == 0 and "brown " in said and "no thin lens before pinholes: too few positions" in told
+    code, _, told = command(DATA / "tiny_plenoptic/dataset.usda", "-m", "thin-lens-plenoptic")
+    assert code == 2 and "error: too few positions" in told

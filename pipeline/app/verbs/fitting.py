@@ -79,6 +79,8 @@ def fit(
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
     found = fitted(place, camera, names, tuple(allow_root or ()))
     say(found.json().rstrip("\n") if as_json else "\n".join(found.page()))
+    if found.left_out is not None:
+        note(f"no thin lens before pinholes: {found.left_out}")
     if plot is not None:
         found.plot(plot)
         note(f"wrote {plot}")
