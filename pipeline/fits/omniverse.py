@@ -6,6 +6,7 @@ radius in px by the angle; f-theta the angle by the radius, as the schema's defa
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,27 @@ from pipeline.fits.errors import FitError
 from pipeline.fits.fitting import Fit
 from pipeline.fits.result import FittedCamera
 from pipeline.scene.write.lens_distortion import AppliedSchema, SeenCamera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lut:
+    """Lookup tables that were written.
+
+    Attributes
+    ----------
+    ray_enter, ray_exit : str
+        Names of the files, beside the layer.
+    centre_mm : (3,) float64
+        Centre of projection, vision frame.
+    z_mm : float
+        Vision z of the plane on which they hold.
+    """
+
+    ray_enter: str
+    ray_exit: str
+    centre_mm: np.ndarray
+    z_mm: float
+
 
 _PREFIX = "omni:lensdistortion"
 _NAMES = {
@@ -38,8 +60,8 @@ _DECIMALS = 9
 """Decimals of the centre of projection [mm]: what symmetry makes 0 is written as 0."""
 
 
-def seen_by_omniverse(found: FittedCamera, prim_path: str, pitch_mm: float) -> SeenCamera:
-    """The camera as schemas of Omniverse state it; the model with the smallest rms is the one that counts.
+def seen_by_omniverse(found: FittedCamera, prim_path: str, pitch_mm: float, lut: Lut | None = None) -> SeenCamera:
+    """The camera as schemas of Omniverse state it; what counts are its tables, or else the model with the smallest rms.
 
     Raises
     ------
@@ -55,17 +77,32 @@ def seen_by_omniverse(found: FittedCamera, prim_path: str, pitch_mm: float) -> S
             "no schema of Omniverse has these models", hint=f"it has {', '.join(_NAMES)}; choose with --model"
         )
     best = min(known.values(), key=lambda fit: fit.rms_px)
-    x, y, z = (np.round(best.parameters[:3], _DECIMALS) + 0.0).tolist()
+    x, y, z = (np.round(best.parameters[:3] if lut is None else lut.centre_mm, _DECIMALS) + 0.0).tolist()
     width, height = found.field.size_px
+    tables = () if lut is None else (_lut_schema(lut, found),)
     return SeenCamera(
         prim_path=prim_path,
-        schemas=tuple(_schema(fit, found) for fit in known.values()),
-        model=_NAMES[best.model.name][1],
+        schemas=(*(_schema(fit, found) for fit in known.values()), *tables),
+        model=_NAMES[best.model.name][1] if lut is None else "lut",
         centre_mm=(x, y, z),
         principal_mm=float(found.field.start[0]) * pitch_mm,
         size_mm=(width * pitch_mm, height * pitch_mm),
-        about=_about(best, found),
+        about=(*_about(best, found), *(() if lut is None else (f"Its tables hold on the plane {lut.z_mm:.6g} mm.",))),
     )
+
+
+def _lut_schema(lut: Lut, found: FittedCamera) -> AppliedSchema:
+    """Lookup tables; the place of the axis is in them, so the optical centre is the middle of the image."""
+    width, height = found.field.size_px
+    own = (
+        ("nominalHeight", "float", float(height)),
+        ("nominalWidth", "float", float(width)),
+        ("opticalCenter", "float2", (width / 2, height / 2)),
+        ("rayEnterDirectionTexture", "asset", (f"./{lut.ray_enter}",)),
+        ("rayExitPositionTexture", "asset", (f"./{lut.ray_exit}",)),
+    )
+    attributes = tuple((f"{_PREFIX}:lut:{name}", kind, value) for name, kind, value in own)
+    return AppliedSchema(name="OmniLensDistortionLutAPI", model="lut", attributes=attributes)
 
 
 def _schema(fit: Fit, found: FittedCamera) -> AppliedSchema:

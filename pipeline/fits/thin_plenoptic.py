@@ -36,14 +36,14 @@ PARAMETERS = (
     "a2",
 )
 """F, L, D, d; turn and shift of the array; shift of the sensor; radial distortion."""
-_EVERY, _POINTS = 137, 10
+_EVERY, _POINTS = 137, (10, 40, 160)
 """Step through the rays of the field that choose scene points, and points at each distance [1]: a prime, so that they
-lie all over the image; some fifty points have some thousand positions.
+lie all over the image; more points where few positions are in full light.
 """
 _FULL = 0.9
 """Hit fraction from which a position counts as in full light [1]."""
-_LEAST_ROWS = 64
-"""Fewest positions that are fitted."""
+_LEAST_ROWS = 100
+"""Fewest positions that are fitted: twelve parameters are determined many times."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,10 +99,13 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
     lattice = camera.rig.tracer.lattice
     if lattice is None:
         raise FitError(f"{camera.name or 'the camera'} has no microlenses", hint="choose a model of a pinhole")
-    points = _scene_points(camera)
-    found = camera.project(points)
-    is_full = found.hit_fraction >= _FULL
-    if is_full.sum() < _LEAST_ROWS:
+    for count in _POINTS:
+        points = _scene_points(camera, count)
+        found = camera.project(points)
+        is_full = found.hit_fraction >= _FULL
+        if is_full.sum() >= _LEAST_ROWS:
+            break
+    else:
         raise FitError(
             f"{is_full.sum()} positions in full light of {len(points)} points are too few to fit a thin lens"
         )
@@ -144,11 +147,11 @@ def _pixels(camera: ReadyCamera, p: np.ndarray, places_mm: np.ndarray) -> np.nda
     return np.asarray(origin - (places_mm - p[7:9]) / camera.camera.sensor.pitch_mm)
 
 
-def _scene_points(camera: ReadyCamera) -> np.ndarray:
-    """Points on rays of the main lens all over the image, (m, 3); each distance has others."""
+def _scene_points(camera: ReadyCamera, count: int) -> np.ndarray:
+    """Points on rays of the main lens all over the image, (5 count, 3); each distance has others."""
     field = field_rays(camera)
     distances = field.between_mm
-    chosen = [(np.arange(_POINTS) * _EVERY + number) % len(field.x_px) for number in range(len(distances))]
+    chosen = [(np.arange(count) * _EVERY + number) % len(field.x_px) for number in range(len(distances))]
     return np.concatenate([field.points(z_mm)[rows] for z_mm, rows in zip(distances, chosen, strict=True)])
 
 

@@ -6,10 +6,12 @@ import sys
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 from builds import DATA
 from pxr import Usd, UsdGeom
 
+import pipeline
 from pipeline import cli
 from pipeline.frames import apply
 from pipeline.scene.load import load
@@ -96,6 +98,32 @@ def test_through_the_child_camera_points_fall_where_the_truth_has_them(layer):
     assert aperture * found.camera.field.start[0] == pytest.approx(32, rel=SINGLE)
 
 
+def test_lookup_tables_stand_beside_the_layer_and_count(command, tmp_path):
+    """Each pixel's direction leads from the child camera to the point of its ray on the plane of the tables."""
+    code, _, _ = command(STAGE, "--lut", "-o", "seen.usda")
+    assert code == 0 and command(STAGE, "--lut", "-o", "seen.usda")[0] == 2
+    stage = Usd.Stage.Open(str(tmp_path / "seen.usda"))
+    camera = stage.GetPrimAtPath("/TinyConventional/Rig/Camera")
+    child = stage.GetPrimAtPath("/TinyConventional/Rig/Camera/Pinhole")
+    for prim in (camera, child):
+        assert prim.GetAttribute("omni:lensdistortion:model").Get() == "lut"
+        held = attributes(prim, "lut")
+        assert tuple(held["opticalCenter"]) == (16, 12) and (held["nominalWidth"], held["nominalHeight"]) == (32, 24)
+    with OpenEXR.File(held["rayEnterDirectionTexture"].resolvedPath, separate_channels=True) as file:
+        table = np.stack([file.parts[0].channels[name].pixels for name in "RGB"], axis=-1)
+        z_mm = float(file.header()["plane_mm"])
+    y, x = np.mgrid[0:24, 0:32].reshape(2, -1)
+    points = pipeline.ready(STAGE).rays(x, y).at_distance(z_mm) * [1, -1, -1]
+    ahead = points - np.array(UsdGeom.Xformable(child).GetLocalTransformation(0).ExtractTranslation())
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    np.testing.assert_allclose(table.reshape(-1, 3), ahead, rtol=0, atol=2e-7)
+    told = load(tmp_path / "seen.usda", [DATA.parents[1]]).errors
+    assert {(error.code, error.at.rpartition(":")[2]) for error in told} == {  # no stage may name files but layers
+        ("not-yet-supported", "rayEnterDirectionTexture"),
+        ("not-yet-supported", "rayExitPositionTexture"),
+    }
+
+
 def test_nothing_of_ours_changes(layer):
     path, _ = layer
     over = load(path, [DATA.parents[1]])
@@ -130,6 +158,7 @@ def test_the_command_prints_the_largest_residual_of_the_field(command):
         ([STAGE, "-o", "seen.usd"], "must end in .usda"),
         ([STAGE, "--plot", "seen.png"], "is not an .svg file"),
         ([STAGE, "-m", "tilted", "-o", "seen.usda"], "no schema of Omniverse has these models"),
+        ([STAGE, "--lut"], "--lut writes tables beside a layer"),
         (["."], "it has no manifest.json"),
     ],
 )
@@ -143,3 +172,17 @@ def test_the_list_loads_no_numpy():
     code += "try:\n cli.main()\nexcept SystemExit: print('scipy' in sys.modules)"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
     assert said.endswith("False\n") and "brown" in said and "thin-lens-plenoptic" in said
+
+
+def test_a_plenoptic_camera_without_a_thin_lens_still_has_a_pinhole(command, monkeypatch):
+    from pipeline.fits import result
+    from pipeline.fits.errors import FitError
+
+    def fails(camera):
+        raise FitError("too few positions")
+
+    monkeypatch.setattr(result, "thin_plenoptic", fails)
+    code, said, told = command(DATA / "tiny_plenoptic/dataset.usda")
+    assert code == 0 and "brown " in said and "no thin lens before pinholes: too few positions" in told
+    code, _, told = command(DATA / "tiny_plenoptic/dataset.usda", "-m", "thin-lens-plenoptic")
+    assert code == 2 and "error: too few positions" in told

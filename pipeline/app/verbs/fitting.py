@@ -53,6 +53,10 @@ def fit(
             help="Write a layer on top of STAGE with the schemas OmniLensDistortion…API on the camera.",
         ),
     ] = None,
+    lut: Annotated[
+        bool,
+        typer.Option("--lut", rich_help_panel=OUTPUT, help="With -o: write lookup tables beside it, and use them."),
+    ] = False,
     as_json: Json = False,
     allow_root: Roots = None,
     listed: Annotated[
@@ -70,12 +74,16 @@ def fit(
     if layer is not None and (layer.suffix != ".usda" or layer.exists()):
         wrong = "exists" if layer.exists() else "must end in .usda"
         raise UsageError(f"{layer} {wrong}", hint="choose another name")
+    if lut and layer is None:
+        raise UsageError("--lut writes tables beside a layer", hint="name one with -o FILE.usda")
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
     found = fitted(place, camera, names, tuple(allow_root or ()))
     say(found.json().rstrip("\n") if as_json else "\n".join(found.page()))
+    if found.left_out is not None:
+        note(f"no thin lens before pinholes: {found.left_out}")
     if plot is not None:
         found.plot(plot)
         note(f"wrote {plot}")
     if layer is not None:
-        found.layer(layer)
+        found.layer(layer, with_tables=lut)
         note(f"wrote {layer}")

@@ -27,6 +27,8 @@ _TYPES = {
     "int2": Sdf.ValueTypeNames.Int2,
     "asset": Sdf.ValueTypeNames.Asset,
 }
+_HELD = {"float2": Gf.Vec2f, "int2": Gf.Vec2i, "asset": lambda *path: Sdf.AssetPath("".join(path))}
+"""Types whose values USD holds in types of its own."""
 _TENTHS = 10.0
 """Factor for film backs and focal lengths of a Camera, which USD counts in tenths of the stage's unit."""
 
@@ -119,7 +121,7 @@ def _apply(prim: Sdf.PrimSpec, schemas: Sequence[AppliedSchema], model: str) -> 
     _author(prim, "omni:lensdistortion:model", Sdf.ValueTypeNames.Token, model, is_custom=True)
     for schema in schemas:
         for name, kind, value in schema.attributes:
-            held = {"float2": Gf.Vec2f, "int2": Gf.Vec2i}.get(kind)
+            held = _HELD.get(kind)
             _author(prim, name, _TYPES[kind], held(*value) if held else value, is_custom=True)
 
 

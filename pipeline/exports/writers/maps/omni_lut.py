@@ -5,12 +5,14 @@ sphere unfolded to an octahedron, with the view ahead in its middle. Positions a
 top left. A direction that falls into no pixel has (-1, -1).
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
+from pipeline.exports.seen.stated_sight import StatedSight
 from pipeline.files.exr_bands import BandedPart, write_bands
 
 _EXIT_PX = 1024
@@ -30,48 +32,56 @@ def write(material: Material, folder: Path) -> None:
         No pinhole fits, or light does not reach all of the image.
     """
     for camera in material.cameras:
-        width, height = camera.size_px
-        about: dict[str, str | float | int] = {f"remark{number}": line for number, line in enumerate(material.remarks)}
-        about |= {"plane_mm": camera.rays.ideal.z_mm, "error_px": camera.rays.ideal.error_px}
-        for name, shape, rows in (
-            ("ray_enter", (height, width), _Enter(camera).rows),
-            ("ray_exit", (_EXIT_PX, _EXIT_PX), _Exit(camera).rows),
-        ):
-            part = BandedPart(name=name, shape=shape, channels=("R", "G", "B"), rows=rows, attributes=about)
-            write_bands(folder / f"{camera.name}.{name}.exr", [part])
+        about = {f"remark{number}": line for number, line in enumerate(material.remarks)}
+        write_tables(camera.rays, folder / camera.name, about)
         (folder / f"{camera.name}.usda").write_text(_layer(material, camera), encoding="utf-8")
+
+
+def write_tables(rays: StatedSight, stem: Path, about: Mapping[str, str]) -> tuple[Path, Path]:
+    """Write both tables beside each other, and return their paths: `stem` with .ray_enter.exr and .ray_exit.exr."""
+    width, height = rays.built.size_px
+    said: dict[str, str | float | int] = {**about, "plane_mm": rays.ideal.z_mm, "error_px": rays.ideal.error_px}
+    paths = []
+    for name, shape, rows in (
+        ("ray_enter", (height, width), _Enter(rays).rows),
+        ("ray_exit", (_EXIT_PX, _EXIT_PX), _Exit(rays).rows),
+    ):
+        part = BandedPart(name=name, shape=shape, channels=("R", "G", "B"), rows=rows, attributes=said)
+        paths.append(stem.with_name(f"{stem.name}.{name}.exr"))
+        write_bands(paths[-1], [part])
+    return paths[0], paths[1]
 
 
 class _Enter:
     """Direction of each pixel."""
 
-    def __init__(self, camera: ExportCamera) -> None:
-        self.camera = camera
+    def __init__(self, rays: StatedSight) -> None:
+        self.rays = rays
 
     def rows(self, first: int, end: int) -> dict[str, np.ndarray]:
-        width, _ = self.camera.size_px
+        width, _ = self.rays.built.size_px
         y, x = np.mgrid[first:end, 0:width].reshape(2, -1)
-        ideal = self.camera.rays.ideal
+        ideal = self.rays.ideal
         slopes = ideal.slopes(ideal.ideal(np.stack([x, y], axis=1).astype(float)))
         ahead = np.column_stack([slopes, np.ones(len(slopes))])
-        found = self.camera.rays.vectors(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
+        found = self.rays.vectors(ahead / np.linalg.norm(ahead, axis=1, keepdims=True))
         return dict(zip("RGB", found.T.reshape(3, end - first, width), strict=True))
 
 
 class _Exit:
     """Image position of each direction of an octahedron."""
 
-    def __init__(self, camera: ExportCamera) -> None:
-        self.camera = camera
+    def __init__(self, rays: StatedSight) -> None:
+        self.rays = rays
 
     def rows(self, first: int, end: int) -> dict[str, np.ndarray]:
         row, column = np.mgrid[first:end, 0:_EXIT_PX].reshape(2, -1)
-        x, y, z = self.camera.rays.vectors(octahedral(column, row, _EXIT_PX)).T
-        ideal, places = self.camera.rays.ideal, np.full((len(x), 2), np.nan)
+        x, y, z = self.rays.vectors(octahedral(column, row, _EXIT_PX)).T
+        ideal, places = self.rays.ideal, np.full((len(x), 2), np.nan)
         ahead = np.flatnonzero(z > 0)
         u = ideal.seen_at(np.stack([x[ahead] / z[ahead], y[ahead] / z[ahead]], axis=1))
         near = ideal.may_see(u)
-        places[ahead[near]] = self.camera.rays.positions(ideal.real(u[near]))
+        places[ahead[near]] = self.rays.positions(ideal.real(u[near]))
         found = np.where(np.isnan(places), _NOWHERE, places)
         shape = (end - first, _EXIT_PX)
         r, g = found.T.reshape(2, *shape)
