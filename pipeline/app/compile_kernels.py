@@ -27,8 +27,11 @@ from pipeline.confine.kernel import END_WITH_PARENT, prctl
 from pipeline.machine.another_python import command
 from pipeline.machine.processor import settings
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.records.plain import to_plain
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.render.light import TargetLight
+from pipeline.render.lighting.lit_scene import LitView
+from pipeline.render.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.targets.mesh import MeshTarget
@@ -132,6 +135,26 @@ def _pictures_behind_microlenses() -> None:
     _pictures(_plenoptic(0.0))
 
 
+def _paths_of_light() -> None:
+    card = Occluder(vertices_mm=((-9.0, -9.0, 50.0), (9.0, -9.0, 50.0), (0.0, 9.0, 50.0)), triangles=((0, 1, 2),))
+    hole = Material(opacity_threshold=0.5, opacity=Input(value=(0.0,)))
+    sky = PlacedLamp(
+        lamp=to_plain(Lamp(kind="dome", radiance=(1.0, 1.0, 1.0), texture="sky")), vision_from_lamp=np.eye(4).tolist()
+    )
+    view = LitView(
+        targets=[],
+        occluders=[(card, np.eye(4)), (card, np.diag([1.0, 1.0, 2.0, 1.0]))],
+        lighting=Lighting(
+            lamps=(sky,), finishes=tuple(to_plain(Finish(materials=(one,))) for one in (hole, Material()))
+        ),
+        pictures={"sky": np.ones((2, 4, 4), np.float32)},
+        background=0.0,
+        wavelengths_nm=(550.0,),
+    )
+    rays = np.tile([0.0, 0.0, 1.0], (4, 1))
+    view.in_light(0, 4).radiance(np.zeros((4, 3)), rays, np.zeros(4, np.int64))
+
+
 def _board() -> None:
     _shine(Target(Checkerboard(columns=2, rows=1, square_mm=1.0)))
 
@@ -170,6 +193,7 @@ _RUN = {
     "micro_images": (_micro_images,),
     "images": (_pictures_of_a_lens, _pictures_behind_microlenses, _board),
     "shapes": (_shapes,),
+    "lighting": (_paths_of_light,),
     "search": (_search,),
     "sensor": (_sensor,),
 }

@@ -8,9 +8,9 @@ from typing import Any
 
 from pipeline.engine.planning.graph import Task
 
-STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "search", "sensor")
+STEPS = ("lens", "microlenses", "micro_images", "images", "shapes", "lighting", "search", "sensor")
 """Steps: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images; images; curved
-targets; the search in position images; the noise of raw images.
+targets; paths of light; the search in position images; the noise of raw images.
 """
 _OF_KIND = {
     "image": "images",
@@ -33,6 +33,8 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
         if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":
             found.add("search")
         view = task.params.get("view") or {}
+        if view.get("lighting"):
+            found.add("lighting")
         if any(_kind_of(placed["target"]) in _NOT_FLAT for placed in view.get("targets", ())):
             found.add("shapes")
     return tuple(step for step in STEPS if step in found)

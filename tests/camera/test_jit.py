@@ -339,6 +339,8 @@ def test_tilted_microlenses_and_bent_targets_have_steps_of_their_own():
     image = task("image", {"view": {"targets": [{"target": {"kind": "mesh"}}]}})
     assert steps_of([focus]) == ("lens", "microlenses")
     assert steps_of([image, focus]) == ("lens", "microlenses", "images", "shapes")
+    lit = task("image", {"view": {"targets": [], "lighting": {"lamps": []}}})
+    assert steps_of([lit]) == ("lens", "images", "lighting")
 
 
 def task(kind, params):

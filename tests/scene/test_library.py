@@ -30,6 +30,7 @@ def test_there_is_a_library_and_examples():
         "02_plenoptic",
         "03_paper_evaluation",
         "04_stereo_colour",
+        "05_scene",
     ]
 
 
