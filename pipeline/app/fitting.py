@@ -108,7 +108,7 @@ def _as_built(there: Opened, camera: Camera) -> BuiltCamera:
         views=(),
         white_path=None,
         rays_path=None,
-        _folder=BuiltFolder(path=there.stage.parent, stage=str(there.stage), files=frozenset()),
+        _folder=BuiltFolder(path=there.stage.parent, stage=str(there.stage), digests={}),
     )
 
 
