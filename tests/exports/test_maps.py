@@ -64,29 +64,35 @@ def test_the_same_build_gives_the_same_bytes(output, tmp_path):
             assert path.read_bytes() == (other / path.relative_to(one)).read_bytes(), path.name
 
 
+def some_pixels(output) -> np.ndarray:
+    """Row and column of every seventh pixel."""
+    width, height = output.camera.size_px
+    return np.stack(np.divmod(np.arange(0, width * height, 7), width))
+
+
 @pytest.mark.parametrize("kind", ["conventional", "plenoptic"])
 def test_rays_are_those_of_the_camera_made_ready(kind, request, tmp_path):
     output = request.getfixturevalue(kind)
     (folder,) = export(output, ["rays"], tmp_path)
     data, camera = np.load(folder / "Rig.Camera.rays.npz"), pipeline.ready(output.path)
     width, height = output.camera.size_px
-    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    y, x = some_pixels(output)
     rays = camera.rays(x, y)
-    np.testing.assert_array_equal(data["origin"].reshape(-1, 3), rays.origin_mm)
-    np.testing.assert_array_equal(data["direction"].reshape(-1, 3), rays.direction)
+    np.testing.assert_array_equal(data["origin"][y, x], rays.origin_mm)
+    np.testing.assert_array_equal(data["direction"][y, x], rays.direction)
     assert "microlenses" not in data if kind == "conventional" else data["microlenses"].shape == (height, width, 2)
     if kind == "plenoptic":
-        assert data["microlenses"].reshape(-1, 2).tolist() == rays.microlens.tolist()
+        assert data["microlenses"][y, x].tolist() == rays.microlens.tolist()
         numbers = channels(folder / "Rig.Camera.rays.exr", "microlens.k", "microlens.l")
         assert (numbers == data["microlenses"]).all()
 
 
-def test_bands_do_not_show(conventional, tmp_path, monkeypatch):
+def test_bands_do_not_show(output, tmp_path, monkeypatch):
     from pipeline.exports.writers.maps import rays
 
-    (whole,) = export(conventional, ["rays"], tmp_path / "a")
+    (whole,) = export(output, ["rays"], tmp_path / "a")
     monkeypatch.setattr(rays, "_AT_ONCE", 100)
-    (bands,) = export(conventional, ["rays"], tmp_path / "b")
+    (bands,) = export(output, ["rays"], tmp_path / "b")
     for path in whole.iterdir():
         assert path.read_bytes() == (bands / path.name).read_bytes(), path.name
 
@@ -96,11 +102,10 @@ def test_depth_of_a_board_is_that_of_its_plane(kind, request, tmp_path):
     """By the pose of the board and the ray of each pixel; beyond its margin there is nothing."""
     output = request.getfixturevalue(kind)
     (folder,) = export(output, ["depth"], tmp_path)
-    camera, (width, height) = pipeline.ready(output.path), output.camera.size_px
-    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
+    camera, (y, x) = pipeline.ready(output.path), some_pixels(output)
     rays = camera.rays(x, y)
     for view in output.camera.views:
-        depth = channels(folder / f"Rig.Camera/{view.frame:04d}.depth.exr", "Z").ravel()
+        depth = channels(folder / f"Rig.Camera/{view.frame:04d}.depth.exr", "Z")[y, x, 0]
         pose = view.poses.camera_from_target["Board"]
         normal, place = pose[:3, 2], pose[:3, 3]
         points = (
@@ -109,7 +114,7 @@ def test_depth_of_a_board_is_that_of_its_plane(kind, request, tmp_path):
         on_board = (points - place) @ pose[:3, :3]
         square = output.targets["Board"].parameters["square_mm"]
         inside = (np.abs(on_board[:, :2]) < (np.array([4, 3]) / 2 + 1) * square).all(axis=1)
-        assert inside.sum() > 50
+        assert inside.sum() > 10
         np.testing.assert_allclose(depth[inside], points[inside, 2], rtol=0, atol=1e-4)
         assert np.isnan(depth[~inside]).all()
 
@@ -124,10 +129,10 @@ def test_st_maps_of_a_real_lens_undo_each_other_and_are_its_rays(conventional, t
     points = pipeline.ready(conventional.path).rays(x, y).at_distance(2 / (1 / near + 1 / far)) - model.centre_mm
     ideal = model.principal_distance_px * points[:, :2] / points[:, 2:] + model.principal_point_px
     shares = np.stack([(ideal[:, 0] + 0.5) / width, 1 - (ideal[:, 1] + 0.5) / height], axis=1)
-    np.testing.assert_allclose(distort.reshape(-1, 2), shares, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(distort[y, x], shares, rtol=0, atol=1e-6)
     identity = np.stack([(x + 0.5) / width, 1 - (y + 0.5) / height], axis=1)
-    np.testing.assert_allclose(undistort.reshape(-1, 2) + distort.reshape(-1, 2), 2 * identity, rtol=0, atol=1e-5)
-    assert np.abs(distort.reshape(-1, 2) - identity).max() > 1e-6
+    np.testing.assert_allclose(undistort[y, x] + distort[y, x], 2 * identity, rtol=0, atol=1e-5)
+    assert np.abs(distort[y, x] - identity).max() > 1e-6
 
 
 def test_plenoptic_cameras_have_no_map_to_a_pinhole(plenoptic, tmp_path):

@@ -13,6 +13,7 @@ from pxr import Usd, UsdGeom
 
 import pipeline
 from pipeline import cli
+from pipeline.exports.writers.maps import omni_lut
 from pipeline.frames import apply
 from pipeline.scene.load import load
 from pipeline.scene.write.lens_distortion import LENS_DISTORTION
@@ -98,8 +99,9 @@ def test_through_the_child_camera_points_fall_where_the_truth_has_them(layer):
     assert aperture * found.camera.field.start[0] == pytest.approx(32, rel=SINGLE)
 
 
-def test_lookup_tables_stand_beside_the_layer_and_count(command, tmp_path):
+def test_lookup_tables_stand_beside_the_layer_and_count(command, tmp_path, monkeypatch):
     """Each pixel's direction leads from the child camera to the point of its ray on the plane of the tables."""
+    monkeypatch.setattr(omni_lut, "_EXIT_PX", 64)
     code, _, _ = command(STAGE, "--lut", "-o", "seen.usda")
     assert code == 0 and command(STAGE, "--lut", "-o", "seen.usda")[0] == 2
     stage = Usd.Stage.Open(str(tmp_path / "seen.usda"))
