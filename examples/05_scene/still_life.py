@@ -108,7 +108,7 @@ def add_things(stage: Usd.Stage) -> None:
     turn = np.linspace(0, math.pi, 19)
     ball = np.stack([np.sin(turn), -np.cos(turn)], axis=1)
     add_turned(stage, "GoldBall", 8.5 * ball, (21.5, low + 8.5, -424), "Gold")
-    add_turned(stage, "RedBall", 5.0 * ball, (1.5, low + 5.0, -404), "Red")
+    add_turned(stage, "RedBall", 7.5 * ball, (4.5, low + 7.5, -408), "Red")
     around = np.linspace(0, 2 * math.pi, 25)
     ring = np.stack([6.4 + 2.1 * np.cos(around), 2.1 * np.sin(around)], axis=1)
     add_turned(stage, "Ring", ring, (-21.5, low + 2.1, -410), "Blue")

@@ -96,6 +96,14 @@ def PlenDataset "Scene"
         double3 xformOp:translate = (0, 0, -300)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
+
+    def RectLight "Lamp"
+    {
+        float inputs:height = 100
+        float inputs:width = 100
+        double3 xformOp:translate = (0, 200, -100)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
 }
 """
 )
@@ -143,12 +151,14 @@ class Scene:
         return stage
 
     def _leave_out_what_nobody_asks_for(self, layer: Sdf.Layer) -> None:
-        """Checks of thousands of stages take minutes: those without microlenses, channel or occluder have none."""
+        """Checks of thousands of stages take minutes: most have no microlenses, channel, lamp or occluder."""
         root = layer.GetPrimAtPath("/Scene")
         if not any(at == "Sensor/Red" for at, _ in self.edits):
             del layer.GetPrimAtPath("/Scene/Sensor").nameChildren["Red"]
         if ("Camera", "plen:camera:microlenses") not in self.edits:
             del root.nameChildren["Array"]
+        if "Lamp" not in self.whole:
+            del root.nameChildren["Lamp"]
         if "Screen" not in self.whole:
             del root.nameChildren["Screen"]
             del root.properties["plen:occluders"]
@@ -158,7 +168,10 @@ class Scene:
         stage, found = self.stage(), dict.fromkeys(self.edits)
         for at in self.whole:
             prim = path_of(stage, at)
-            names, is_read = prim.GetPrimDefinition().GetPropertyNames(), prim.GetTypeName() in ("Camera", "Mesh")
+            names, is_read = (
+                prim.GetPrimDefinition().GetPropertyNames(),
+                prim.GetTypeName() in ("Camera", "Mesh", "RectLight"),
+            )
             found |= dict.fromkeys((at, name) for name in names if is_read or name.startswith("plen:"))
         return list(found)
 
@@ -256,6 +269,9 @@ SCENES: dict[str, Scene] = {
     ),
     "known camera": Scene(_SINGLET | _of("Sensor/Red", sensitivity="Nikon 5100 (NPL)", component="green", nodes=1)),
     "raw images": Scene(_RAW, responds=True),
+    "lit": Scene(
+        _of("Board", coat__roughness=0.2, coat__ior=1.4) | _of("Camera", image__bounces=1), whole=("Lamp", "Screen")
+    ),
     "photons": Scene(_PHOTONS, responds=True),
     "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),
     "three types": Scene(_PLENOPTIC | _THREE | _of("Array", typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))),

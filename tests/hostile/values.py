@@ -14,6 +14,7 @@ FLOATS = (0.0, -0.0, 5e-324, 1e-30, -1.0, -1e-9, 1e9, 1e155, -1e155, 1.7e308, ma
 INTS = (0, -1, 1, 7, 65536, 2**31 - 1, -(2**31))
 LONG = "n" * 100_000
 TEXTS = ("", "bogus", LONG, "a\x1b[31m\x07\r\nb", "\u202eabc", "Ünïcode", "../../x", "%s{}")
+FILES = ("", "./nowhere.png", "./dataset.usda", "/dev/zero")
 LENGTHS = (0, 1, 2, 1_000, 100_000)
 BACK = "/Scene/Back.custom:rel"
 """A relationship that points at whatever points at it."""
@@ -112,6 +113,8 @@ def _of_scene(scene: str) -> Iterator[Attempt]:
             yield from (Attempt(scene, at, name, "rel", link) for link in links)
             continue
         kind = str(attribute.GetTypeName())
+        if kind in ("opaque", "pathExpression"):  # values that Python has no type for
+            continue
         doc = definition.GetPropertyMetadata(name, "documentation") or ""
         tokens = definition.GetPropertyMetadata(name, "allowedTokens") or ()
         for value in [*values(kind, doc, prim.GetAttribute(name).Get(1)), *_tokens(kind, tokens)]:
@@ -138,6 +141,8 @@ def values(kind: str, doc: str = "", usual: Any = None) -> list[Any]:
 def _numbers(scalar: str) -> tuple[Any, ...]:
     if scalar in ("token", "string"):
         return TEXTS
+    if scalar == "asset":
+        return FILES
     return (False, True) if scalar == "bool" else INTS if scalar.startswith("int") else FLOATS
 
 
@@ -156,6 +161,8 @@ def _item(scalar: str, number: Any) -> Any:
     """A value whose every number is the one given."""
     if scalar in ("token", "string", "bool", "int", "double", "float", "half"):
         return number
+    if scalar == "asset":
+        return Sdf.AssetPath(number)
     kind = _type(scalar).type.pythonClass
     if scalar.startswith("quat"):
         return kind(number, number, number, number)

@@ -30,9 +30,9 @@ from pipeline.render.spectra import weights_of_rgb
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 
-_GAP_MM, _GAP = 1e-3, 4e-6
-"""Gap between a surface and the rays that leave it: at least [mm], and as a part of the largest coordinate [1].
-Embree's single precision moves points by 6e-8 of it.
+_GAP_MM, _GAP = 1e-3, 2e-7
+"""Least gap between a surface and the rays that leave it [mm], and the same as a part of the largest coordinate [1]:
+Embree's single precision moves corners by 6e-8 of that.
 """
 _MOST_HOLES = 64
 """Most holes that a ray passes one after the other [1]: leaves of a tree; the next one is opaque."""

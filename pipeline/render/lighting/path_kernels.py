@@ -30,6 +30,10 @@ from pipeline.render.lighting.reflection import Paint, reflected, scattered
 from pipeline.render.lighting.shape_kernels import path_to, shading_normal, st_at, weights
 from pipeline.render.lighting.vectors import across, along, dot, local, row, times, unit, world
 
+_GAP = 2e-6
+"""Gap between a surface and the rays that leave it, as a part of the coordinates there [1]: single precision
+moves points by 6e-8 of them.
+"""
 _LEAST = 0.05
 """Least probability with which a path goes on [1]: it bounds what one path can add."""
 
@@ -190,8 +194,14 @@ def _paint(hits, i):
 @inline
 def _start(hits, i, way, gap_mm):
     """Start of a ray that leaves a surface: a gap off it, because Embree works in single precision."""
-    flat = row(hits.flat, i)
-    return along(row(hits.point, i), math.copysign(gap_mm, dot(way, flat)), flat)
+    flat, point = row(hits.flat, i), row(hits.point, i)
+    return along(point, math.copysign(_gap(point, gap_mm), dot(way, flat)), flat)
+
+
+@inline
+def _gap(point, least_mm):
+    """Gap between a surface at a point and rays that leave it [mm]."""
+    return max(least_mm, _GAP * (abs(point[0]) + abs(point[1]) + abs(point[2])))
 
 
 @kernel
@@ -241,7 +251,7 @@ def arrive(corners, triangle, shadows, ray, gap_mm, light):
     for i in range(triangle.size):
         if triangle[i] >= 0:
             path, _ = path_to(corners[triangle[i]], row(shadows.origin, i), row(shadows.direction, i))
-            if path < shadows.end[i] - 2.0 * gap_mm:
+            if path < shadows.end[i] - 2.0 * _gap(row(shadows.origin, i), gap_mm):
                 continue
         light[ray[i]] += shadows.light[i]
 
