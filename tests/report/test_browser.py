@@ -1,15 +1,23 @@
 """A real browser opens the report from disk: it switches overlays, zooms, reads a row, and misses nothing."""
 
 import csv
+import json
 import os
+import shutil
 import warnings
 from pathlib import Path
 
 import chromium
+import numpy as np
 import pytest
 from builds import tiny
+from PIL import Image
 
 from pipeline.app.reporting import report
+from pipeline.built.folder import BuiltFolder
+from pipeline.files.png import write_png
+from pipeline.records.plain import to_plain
+from pipeline.report.page.images import picture_of
 
 pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
 
@@ -127,3 +135,40 @@ def test_everything_that_can_be_pressed_has_a_name(tab):
       .filter(one => !one.closest('[aria-hidden], .viewer-stage, .scene-box, .u-wrap')
         && !(one.ariaLabel || one.textContent.trim() || one.labels?.length)).map(one => one.outerHTML.slice(0, 90))"""
     assert tab.run(nameless) == []
+
+
+@pytest.fixture
+def large(page, tmp_path) -> tuple[Path, np.ndarray]:
+    """The page with a frame of 12 megapixels, as tiles, and its grey values."""
+    place = tmp_path / "large.report"
+    shutil.copytree(page[1].parent, place)
+    grey = np.random.default_rng(5).integers(0, 256, (3000, 4000), dtype=np.uint8)
+    write_png(place / "frame.png", grey)
+    folder = BuiltFolder(path=place, stage="", digests={"frame.png": "cd" * 32})
+    picture = to_plain(picture_of(folder, "frame.png", "image", place))
+    head, _, rest = (place / "data/page.js").read_text().partition(",")
+    content = json.loads(rest.rstrip(";\n").removesuffix(")"))
+    content["cameras"][0]["views"][0]["pictures"] = [picture]
+    (place / "data/page.js").write_text(f"{head},{json.dumps(content)});\n")
+    return place / "index.html", grey
+
+
+def test_every_pixel_of_a_large_frame_is_where_its_position_says(program, large, tmp_path):
+    """(0, 0) is the centre of the first pixel: colours on the screen are those of the image."""
+    with chromium.browser(program) as tab:
+        tab.look_as(1400, 900)
+        tab.open(large[0])
+        tab.run("document.documentElement.style.scrollBehavior = 'auto'")
+        tab.run("document.querySelector('#images').scrollIntoView()")
+        tab.wait("(one => one.scale && one.rows > 0)(document.querySelector('.viewer-stage').dataset)")
+        tab.press("1")  # no crosses over the pixels
+        tab.run("[...document.querySelectorAll('.zoom button')].find(one => one.textContent === '1:1').click()")
+        corner = [float(one) for one in tab.settle("document.querySelector('.viewer-stage').dataset.corner").split()]
+        scale = tab.run(SCALE)
+        box = tab.run("(({left, top}) => [left, top])(document.querySelector('.viewer-stage').getBoundingClientRect())")
+        shown = np.array(Image.open(tab.picture(tmp_path / "large.png")).convert("L"))
+        assert tab.errors == []
+    assert scale == pytest.approx(16, rel=1e-3)
+    columns, rows = np.meshgrid(np.arange(1975, 2012), np.arange(1485, 1515))
+    x, y = (np.floor(box[i] + corner[i] + place * scale).astype(int) for i, place in enumerate((columns, rows)))
+    assert (shown[y, x] == large[1][rows, columns]).mean() > 0.99

@@ -29,6 +29,7 @@ export class ImageViewer {
   private images: MicroImageData | null = null;
   private chosen: number | null = null;
   private waiting = 0;
+  private smooth = true;
 
   constructor(private state: State) {
     const layers = LAYERS.map((layer) => {
@@ -70,7 +71,7 @@ export class ImageViewer {
     this.viewer = OpenSeadragon({
       element: this.stage, drawer: "canvas", showNavigationControl: false, showNavigator: true, navigatorPosition: "BOTTOM_RIGHT",
       navigatorSizeRatio: 0.16, maxZoomPixelRatio: 96, minZoomImageRatio: 0.7, visibilityRatio: 0.4, animationTime: 0.35,
-      imageSmoothingEnabled: true, preserveImageSizeOnResize: true, immediateRender: true, keyboardNavEnabled: false,
+      smoothTileEdgesMinZoom: Infinity, preserveImageSizeOnResize: true, immediateRender: true, keyboardNavEnabled: false,
       gestureSettingsMouse: { clickToZoom: false, dblClickToZoom: true }, gestureSettingsTouch: { clickToZoom: false },
     } as unknown as OpenSeadragon.Options);
     this.stage.append(this.canvas);
@@ -208,7 +209,7 @@ export class ImageViewer {
     const pen = this.canvas.getContext("2d")!;
     pen.setTransform(dense, 0, 0, dense, 0, 0);
     pen.clearRect(0, 0, place.width, place.height);
-    this.viewer!.drawer.setImageSmoothingEnabled(place.scale < 2);
+    if (this.smooth !== place.scale < 2) this.viewer!.drawer.setImageSmoothingEnabled((this.smooth = place.scale < 2)); // draws anew
     draw(pen, place, this.on, this.rows, this.images, this.chosen);
     this.stage.dataset.scale = String(place.scale);
     this.stage.dataset.corner = `${place.x} ${place.y}`;
