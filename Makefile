@@ -76,6 +76,8 @@ picture: $(STAMP)
 	$(BIN)/pipeline build examples/04_stereo_colour/dataset.usda
 	$(BIN)/python docs/picture.py examples/04_stereo_colour/picture.png --preview raw.png \
 		$(patsubst %,build/04_stereo_colour/frames/0003/%.Camera,Left Right) --window 60 60 300 260
+	$(BIN)/pipeline build examples/05_scene/dataset.usda
+	$(BIN)/python examples/05_scene/draw.py
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \
