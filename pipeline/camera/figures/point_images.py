@@ -162,7 +162,7 @@ def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> Poin
     picture, edge_mm = _picture(front, radius_mm)
     return PointImage(
         place=place,
-        x_px=rig.tracer.pixels_at(view.position_mm),
+        x_px=rig.tracer.pixels_at(view.position_mm[None])[0],
         object_mm=view.object_mm,
         wavelength_nm=wavelength_nm,
         numerical_aperture=front.numerical_aperture,
