@@ -140,7 +140,7 @@ def show(
     ] = None,
     at: Annotated[
         tuple[float, float] | None,
-        typer.Option("--at", metavar="X Y", help="Image position of --psf [px]; default: a few over the field."),
+        typer.Option("--at", metavar="X Y", help="Image position of --psf in pixels; default: a few over the field."),
     ] = None,
     distance: Annotated[
         float | None,

@@ -176,7 +176,7 @@ class AskedPoints:
 
 def _points_of(entry: CameraEntry, asked: AskedPoints) -> list[PointImage]:
     camera = entry.camera if entry.channel is None else entry.camera.at(entry.channel.middle)
-    return point_images(camera, entry.wavelength_nm, asked.at_px, asked.distance_mm)
+    return point_images(camera, entry.wavelength_nm, asked.at_px, asked.distance_mm, entry.camera)
 
 
 def draw_points(shown: list[Shown | ShownLens], asked: AskedPoints) -> list[str]:

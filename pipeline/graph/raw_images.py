@@ -22,7 +22,8 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
             irradiation=irradiation,
         )
         image = f"{kind}/{name}/{frame.number:04d}"
-        raw = add(graph, f"expose/{name}/{frame.number:04d}", params, {"image": image})
+        reads = {"image": image} | ({"camera": f"focus/{name}"} if irradiation.radiance else {})
+        raw = add(graph, f"expose/{name}/{frame.number:04d}", params, reads)
         files |= {f"frames/{frame.number:04d}/{name}/{file}": (raw, file) for file in (TIFF, DNG, PREVIEW)}
     pattern = FixedPattern(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)
     files[f"cameras/{name}/{MAPS}"] = (add(graph, f"fixed_pattern/{name}", pattern), MAPS)

@@ -9,11 +9,12 @@ from pipeline.files.dng import Negative, write_dng
 from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.png import write_png
 from pipeline.files.tiff import mapped, write_tiff
+from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.demosaic import has_colours, in_colour
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectra import srgb_preview
-from pipeline.tasks.artefacts.cameras import Inputs
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.colour_image import LETTERS
 from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF
 from pipeline.tasks.params.exposing import Expose as Params
@@ -30,7 +31,9 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write raw.tiff, raw.dng and raw.png."""
     image = ExrWindows(inputs["image"]["image.exr"])
     shape, response = image.headers[_PART].shape, params.response
-    at_one = params.irradiation.photons_at_one(response)
+    radiance = params.irradiation.radiance
+    rate = None if radiance is None else photon_rate(focused_camera(inputs), radiance)
+    at_one = params.irradiation.photons_at_one(response, rate)
     shot = Shot(
         seed=params.seed,
         camera=params.camera,

@@ -152,3 +152,16 @@ def test_a_rig_that_asks_for_focus_and_a_matched_stop_shows_what_solves_it(pipel
 def test_what_cannot_be_shown_ends_with_2_and_a_word(pipeline, arguments, message):
     code, page, log = pipeline("show", *arguments)
     assert (code, page) == (2, "") and message in log and "Traceback" not in log
+
+
+def test_images_of_points_are_printed_and_drawn(pipeline, tmp_path):
+    """The diffraction limit of the paper's microlenses: 0.61 wavelengths over their aperture, on the page and drawn."""
+    code, page, log = pipeline("show", PAPER, "--psf", "points.svg")
+    assert code == 0 and "wrote points.svg" in log
+    rows = re.findall(r"^microlens type (\d) .* ([\d.]+)  0\.54   0\.000  0\.00  1\.000 ", page, re.MULTILINE)
+    assert rows == [("0", "5.35"), ("1", "5.35"), ("2", "5.35")]
+    drawing = (tmp_path / "points.svg").read_text(encoding="utf-8")
+    assert len(list(ElementTree.fromstring(drawing).iter(f"{SVG}image"))) == 3
+    assert drawing.count("Airy radius 5.35") == 3
+    code, _, log = pipeline("show", PAPER, "--at", "10", "10")
+    assert code == 2 and "--psf" in log

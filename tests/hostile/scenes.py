@@ -234,6 +234,12 @@ _RAW = _of("Camera", image__exposure="level", image__whiteLevel=0.8, image__expo
 _PHOTONS = _of("Camera", image__exposure="photons", image__photonRate=1e6, image__exposureTime=0.01) | _of(
     "Sensor", response__fullWell=9000.0, response__gain=0.4, response__bitDepth=12
 )
+_RADIANCE = (
+    _of("Camera", image__exposure="radiance", image__radiance=2.0, image__exposureTime=0.01)
+    | _of("Sensor", response__fullWell=9000.0, response__gain=0.4, response__bitDepth=12)
+    | _of("Lens", transmission="surfaces")
+    | _of("Lens/Front", internalTransmittance=0.99, coatingWavelengths=[500.0, 600.0], coatingReflectance=[0.01, 0.02])
+)
 
 SCENES: dict[str, Scene] = {
     "conventional": Scene(
@@ -273,6 +279,7 @@ SCENES: dict[str, Scene] = {
         _of("Board", coat__roughness=0.2, coat__ior=1.4) | _of("Camera", image__bounces=1), whole=("Lamp", "Screen")
     ),
     "photons": Scene(_PHOTONS, responds=True),
+    "radiance": Scene(_RADIANCE, responds=True),
     "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),
     "three types": Scene(_PLENOPTIC | _THREE | _of("Array", typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))),
     "plates": Scene(_PLENOPTIC | _of("Array", model="two-plane", index=1.5, thickness=0.1)),

@@ -230,6 +230,13 @@ PHOTONS = LEVEL | {
     (A, "plen:image:whiteLevel"): None,
     (A, "plen:image:photonRate"): 1e6,
 }
+RADIANCE = LEVEL | {
+    (A, "plen:image:exposure"): "radiance",
+    (A, "plen:image:whiteLevel"): None,
+    (A, "plen:image:radiance"): 2.0,
+}
+LOSSY = RADIANCE | {(LENS, "plen:transmission"): "surfaces"}
+COATED = LOSSY | {(GLASS, "plen:coatingWavelengths"): [500.0, 600.0], (GLASS, "plen:coatingReflectance"): [0.01, 0.02]}
 HOT = LEVEL | {(SENSOR, "plen:response:hotShare"): 0.01, (SENSOR, "plen:response:hotCurrent"): 900.0}
 WARM = LEVEL | {
     (SENSOR, f"plen:response:{name}"): value
@@ -260,6 +267,11 @@ RAW_IMAGES = {
     ],
     "plen:image:exposureTime": [Case(A, 0.02, RAW, given=LEVEL), Case(A, 0.02, RAW, given=PHOTONS)],
     "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
+    "plen:image:radiance": [Case(A, 3.0, RAW, given=RADIANCE)],
+    "plen:transmission": [Case(LENS, "surfaces", RAW, given=RADIANCE)],
+    "plen:internalTransmittance": [Case(GLASS, 0.99, RAW, given=LOSSY)],
+    "plen:coatingWavelengths": [Case(GLASS, [500.0, 620.0], RAW, given=COATED)],
+    "plen:coatingReflectance": [Case(GLASS, [0.01, 0.03], RAW, given=COATED)],
     "plen:image:photonRate": [Case(A, 2e6, RAW, given=PHOTONS)],
     "plen:response:filters": [Case(SENSOR, ["red", "green", "green", "blue"], given=LEVEL, refused=True)],
     **_response("quantumEfficiency", [0.6]),

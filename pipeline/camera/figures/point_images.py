@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -81,12 +80,6 @@ class PointImage:
     picture: Float64[np.ndarray, "m m"]
     picture_um: float
 
-    def to_plain(self) -> dict[str, Any]:
-        """The figures, without the picture."""
-        names = [name for name in self.__slots__ if name not in ("picture", "picture_um")]
-        values = {name: getattr(self, name) for name in names}
-        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
-
     def at(self, per_mm: float) -> tuple[float, float]:
         """Tangential and sagittal transfer at a frequency, between those of the curves."""
         tangential, sagittal = (
@@ -96,7 +89,11 @@ class PointImage:
 
 
 def point_images(
-    camera: Camera, wavelength_nm: float, at_px: tuple[float, float] | None = None, object_mm: float | None = None
+    camera: Camera,
+    wavelength_nm: float,
+    at_px: tuple[float, float] | None = None,
+    object_mm: float | None = None,
+    focused: Camera | None = None,
 ) -> list[PointImage]:
     """Images of points in light of one wavelength, whose indices the camera has.
 
@@ -107,6 +104,8 @@ def point_images(
         microlens of each type.
     object_mm : float, optional
         Vision z of the points; by default what is in focus, of the type of the microlens.
+    focused : Camera, optional
+        The camera whose focus that is, where its light is another.
 
     Raises
     ------
@@ -115,7 +114,10 @@ def point_images(
     """
     rig = Rig.of(Tracer(camera if not camera.spectrum else replace(camera, spectrum=())))
     places = _places(rig) if at_px is None else [_named(rig, at_px)]
-    return [_point_image(rig, place, _seen(camera, view, rig, object_mm), wavelength_nm) for place, view in places]
+    return [
+        _point_image(rig, place, _seen(focused or camera, view, rig, object_mm), wavelength_nm)
+        for place, view in places
+    ]
 
 
 def _seen(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View:
@@ -162,7 +164,7 @@ def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> Poin
     picture, edge_mm = _picture(front, radius_mm)
     return PointImage(
         place=place,
-        x_px=rig.tracer.pixels_at(view.position_mm),
+        x_px=rig.tracer.pixels_at(view.position_mm[None])[0],
         object_mm=view.object_mm,
         wavelength_nm=wavelength_nm,
         numerical_aperture=front.numerical_aperture,

@@ -22,7 +22,7 @@ from pipeline.camera.tracing.microlens_kernels import (
     Z,
 )
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
-from pipeline.optics.optical_path import PathRays, ideal_path, with_path
+from pipeline.camera.wave.optical_path import PathRays, ideal_path, with_path
 from pipeline.records.shapes import Float64
 
 

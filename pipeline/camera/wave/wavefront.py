@@ -16,8 +16,8 @@ import numpy as np
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outlines_at
+from pipeline.camera.wave.optical_path import PathRays
 from pipeline.camera.wave.paths import sent
-from pipeline.optics.optical_path import PathRays
 from pipeline.records.shapes import Float64
 
 _COARSE = 65

@@ -2,14 +2,38 @@
 
 from dataclasses import dataclass
 
+from pipeline.optics.transmission import Losses
 from pipeline.records.declared import settle
 from pipeline.render.sensor.errors import SensorError
 from pipeline.render.sensor.response import SensorResponse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Radiance:
+    """Light before a lens, of one wavelength.
+
+    Attributes
+    ----------
+    w_per_m2_sr : float
+        Radiance of what the linear image calls 1 [W m^-2 sr^-1].
+    wavelength_nm : float
+    losses : Losses or None
+        None: the lens takes no light but what its apertures stop.
+    """
+
+    w_per_m2_sr: float
+    wavelength_nm: float
+    losses: Losses | None = None
+
+    def __post_init__(self) -> None:
+        settle(self, SensorError)
+        if not (self.w_per_m2_sr > 0 and self.wavelength_nm > 0):
+            raise SensorError(f"a radiance of {self.w_per_m2_sr} W m^-2 sr^-1 at {self.wavelength_nm} nm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Irradiation:
-    """Exposure of a frame, either by its result or by its photons.
+    """Exposure of a frame: by its result, by its photons, or by the radiance of the scene.
 
     Attributes
     ----------
@@ -20,21 +44,31 @@ class Irradiation:
         efficiency, without dark signal.
     photon_rate : float or None
         Photons that hit a pixel in a second at relative irradiance 1 [1/s].
+    radiance : Radiance or None
+        Of what has the relative irradiance 1; the camera then determines the photon rate.
     """
 
     exposure_time_s: float
     white_level: float | None = None
     photon_rate: float | None = None
+    radiance: Radiance | None = None
 
     def __post_init__(self) -> None:
         settle(self, SensorError)
-        if (self.white_level is None) == (self.photon_rate is None):
-            raise SensorError("an exposure has a white level or a photon rate, one of the two")
+        if [self.white_level, self.photon_rate, self.radiance].count(None) != 2:
+            raise SensorError("an exposure has a white level, a photon rate or a radiance, one of the three")
         if self.exposure_time_s < 0 or (self.white_level or 0.0) < 0 or (self.photon_rate or 0.0) < 0:
             raise SensorError("an exposure with a negative time, level or rate")
 
-    def photons_at_one(self, response: SensorResponse) -> float:
-        """Mean number of photons in a pixel at relative irradiance 1."""
+    def photons_at_one(self, response: SensorResponse, rate: float | None = None) -> float:
+        """Mean number of photons in a pixel at relative irradiance 1.
+
+        `rate` is that of `render.radiometry.photon_rate` where the exposure is one by radiance.
+        """
+        if self.radiance is not None:
+            if rate is None:
+                raise SensorError("an exposure by radiance needs the photon rate of a camera")
+            return rate * self.exposure_time_s
         if self.photon_rate is not None:
             return self.photon_rate * self.exposure_time_s
         assert self.white_level is not None

@@ -2,9 +2,14 @@
 
 from pxr import Usd
 
-from pipeline.render.sensor.irradiation import Irradiation
+from pipeline.optics.transmission import Losses, reflectance_at
+from pipeline.render.sensor.irradiation import Irradiation, Radiance
 from pipeline.render.sensor.response import SensorResponse
-from pipeline.scene.usd.values import need, read
+from pipeline.scene.read.media import ordered_surfaces
+from pipeline.scene.usd.values import need, read, target
+
+_CATALOGUE_MM = 10.0
+"""Thickness for which glass catalogues state internal transmittances [mm]."""
 
 _NUMBERS = {
     "quantum_efficiency": "quantumEfficiency",
@@ -58,4 +63,30 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
         exposure_time_s=need(camera, "plen:image:exposureTime"),
         white_level=read(camera, "plen:image:whiteLevel"),
         photon_rate=read(camera, "plen:image:photonRate"),
+        radiance=_read_radiance(camera),
+    )
+
+
+def _read_radiance(camera: Usd.Prim) -> Radiance | None:
+    """The light before the lens of a camera that is exposed by it."""
+    if need(camera, "plen:image:exposure") != "radiance":
+        return None
+    wavelength_nm, lens = need(camera, "plen:camera:wavelength"), target(camera, "plen:camera:lens", "PlenLens")
+    losses = None if need(lens, "plen:transmission") == "ideal" else read_losses(lens, wavelength_nm)
+    return Radiance(w_per_m2_sr=need(camera, "plen:image:radiance"), wavelength_nm=wavelength_nm, losses=losses)
+
+
+def read_losses(lens: Usd.Prim, wavelength_nm: float) -> Losses:
+    """Coatings and glasses of a lens at a wavelength.
+
+    Raises
+    ------
+    PrescriptionError
+        A coating has no table.
+    """
+    surfaces = ordered_surfaces(lens)
+    coats = [tuple(need(one, f"plen:coating{what}")) for one in surfaces for what in ("Wavelengths", "Reflectance")]
+    return Losses(
+        reflectance=tuple(reflectance_at(wavelength_nm, *pair) for pair in zip(coats[::2], coats[1::2], strict=True)),
+        per_mm=tuple(need(one, "plen:internalTransmittance") ** (1 / _CATALOGUE_MM) for one in surfaces),
     )

@@ -5,11 +5,13 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.errors import PipelineError
+from pipeline.optics.transmission import reflectance_at
 from pipeline.scene.read.channels import channel_prims
+from pipeline.scene.read.media import ordered_surfaces
 from pipeline.scene.read.response import has_response, read_response
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read
+from pipeline.scene.usd.values import UnreadableValue, read, target
 
 MONO = "mono"
 """The channel of a sensor that has no channels."""
@@ -39,10 +41,30 @@ def _check_filters(sensor: Usd.Prim) -> Iterator[Problem]:
 
 def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
     """A camera that asks for raw images, although its sensor does not say how it responds to light."""
-    if read(camera, "plen:image:exposure") in ("level", "photons") and not has_response(sensor):
+    if read(camera, "plen:image:exposure") in ("level", "photons", "radiance") and not has_response(sensor):
         message = f"raw images need a sensor that responds to light, and <{sensor.GetPath()}> does not say how it does"
         hint = (
             "reference one of sensors/ in the library, or apply PlenSensorResponseAPI to it:"
             ' prepend apiSchemas = ["PlenSensorResponseAPI"]'
         )
         yield problem(camera.GetAttribute("plen:image:exposure"), "no-response", message, hint=hint)
+    if read(camera, "plen:image:exposure") == "radiance":
+        yield from _check_radiance(camera, sensor)
+
+
+def _check_radiance(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
+    """An exposure by radiance of a camera for which it is not defined, or through a coating that is none."""
+    exposure = camera.GetAttribute("plen:image:exposure")
+    if channel_prims(sensor):
+        message = "an exposure by radiance is built for one wavelength, and the sensor has channels"
+        yield problem(exposure, "not-yet-supported", message, hint="take level or photons")
+    if read(camera, "plen:camera:weight") == "area":
+        message = "radiance gives photons only where rays weigh irradiance, not area"
+        yield problem(exposure, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    for surface in ordered_surfaces(lens) if lens else ():
+        table = (tuple(read(surface, f"plen:coating{what}") or ()) for what in ("Wavelengths", "Reflectance"))
+        try:
+            reflectance_at(1.0, *table)
+        except PipelineError as error:
+            yield problem(surface.GetAttribute("plen:coatingReflectance"), error.code, error.what, hint=error.hint)
