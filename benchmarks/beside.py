@@ -50,7 +50,11 @@ class Side:
         return said.stdout.splitlines()
 
     def _environment(self, store: str, kernels: str) -> dict[str, str]:
-        places = {"PIPELINE_CACHE": str(self.home / store), "PIPELINE_JIT_CACHE": str(self.home / kernels)}
+        places = {
+            "PIPELINE_REPORT": "no",
+            "PIPELINE_CACHE": str(self.home / store),
+            "PIPELINE_JIT_CACHE": str(self.home / kernels),
+        }
         environment = {**os.environ, **places, "PYTHONPATH": str(self.tree)}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         return environment

@@ -88,7 +88,7 @@ def many_frames(folder: Path, frames: int) -> None:
     """Times of `plan` and `build` when there is nothing to do, and after edits, each in a process of its own."""
     stage = folder / "dataset.usda"
     stage.write_text(stage_of(frames), encoding="utf-8")
-    environment = {**os.environ, "PIPELINE_CACHE": str(folder / "store")}
+    environment = {**os.environ, "PIPELINE_REPORT": "no", "PIPELINE_CACHE": str(folder / "store")}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else every process compiles all modules anew
 
     def command_line(*arguments: str) -> tuple[float, float, str]:

@@ -131,7 +131,7 @@ def _program(text: str) -> str:
 @contextlib.contextmanager
 def _inside(folder: Path) -> Iterator[Path]:
     """Work in a folder, with a store of results of its own."""
-    store = {"PIPELINE_CACHE": str(folder / "store"), "COLUMNS": "120"}
+    store = {"PIPELINE_CACHE": str(folder / "store"), "PIPELINE_REPORT": "no", "COLUMNS": "120"}
     folder.mkdir()
     with contextlib.chdir(folder), mock.patch.dict(os.environ, store):
         yield folder

@@ -83,7 +83,7 @@ def _results(bench: Workbench, where: Elsewhere, stages: tuple[Path, ...]) -> di
     """Digests of the outputs of every key; empty if a build failed."""
     place = bench.new_place()
     for stage in stages:
-        settings = {**os.environ, "PIPELINE_CACHE": str(place / "store"), **where.environment}
+        settings = {**os.environ, "PIPELINE_REPORT": "no", "PIPELINE_CACHE": str(place / "store"), **where.environment}
         out = place / stage.parent.name
         command = [sys.executable, "-c", where.program, "build", str(stage), "-j1", "-o", str(out)]
         done = subprocess.run(command, env=settings, capture_output=True, text=True, check=False)

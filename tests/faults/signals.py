@@ -77,7 +77,7 @@ def signals_at_any_moment(bench: Workbench) -> Row:
 
 
 def _command(bench: Workbench, place: Path, *, cold: bool) -> subprocess.Popen:
-    settings = {**os.environ, "PIPELINE_CACHE": str(place / "store")}
+    settings = {**os.environ, "PIPELINE_REPORT": "no", "PIPELINE_CACHE": str(place / "store")}
     if cold:
         settings["PIPELINE_JIT_CACHE"] = str(place / "jit")
     command = [sys.executable, "-m", "pipeline", "build", str(STAGE), "-o", str(place / "out")]

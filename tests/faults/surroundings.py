@@ -104,7 +104,7 @@ def _homeless(bench: Workbench, place: Path) -> Iterator[tuple[str, Callable[[],
 
 
 def _done(case: Case, place: Path) -> "subprocess.CompletedProcess[str]":
-    settings = {**os.environ, "PIPELINE_CACHE": str(place / "cache"), **case.settings}
+    settings = {**os.environ, "PIPELINE_REPORT": "no", "PIPELINE_CACHE": str(place / "cache"), **case.settings}
     command = [sys.executable, "-c", _MAIN, "pipeline", *case.verb]
     limit = case.limit
 

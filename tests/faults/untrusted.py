@@ -75,7 +75,12 @@ def _called(bench: Workbench) -> list[str]:
 def _command(bench: Workbench, kernels: Path, damaged: Path, is_said: bool) -> int:
     """A cold build by a process that has loaded nothing; 0 if it is right, and says what was damaged just this once."""
     place = bench.new_place()
-    settings = {**os.environ, "PIPELINE_JIT_CACHE": str(kernels), "PIPELINE_CACHE": str(place / "store")}
+    settings = {
+        **os.environ,
+        "PIPELINE_REPORT": "no",
+        "PIPELINE_JIT_CACHE": str(kernels),
+        "PIPELINE_CACHE": str(place / "store"),
+    }
     command = [sys.executable, "-m", "pipeline.cli", "build", str(STAGE), "-j1", "-o", str(place / "out")]
     done = subprocess.run(command, env=settings, capture_output=True, text=True, check=False)
     right = (damaged.name in done.stderr) == is_said and "Traceback" not in done.stderr

@@ -5,6 +5,7 @@ wherever it was made. What an earlier report holds and is still true is not made
 optical part of a camera by the digest of the camera.
 """
 
+import functools
 import hashlib
 import json
 import shutil
@@ -31,6 +32,7 @@ ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
 GUIDES = "preview.usdc"
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
+_OPTICS = ("optics.py", "spots.py", "shapes.py", "../drawing.py")
 _NAME = 12
 """Digits of a digest in the name of a script."""
 
@@ -165,9 +167,16 @@ def _optics(source: Source, entry: CameraEntry | None, record: dict[str, Any]) -
     if entry is None:
         return None
     camera = entry.camera if entry.channel is None else entry.camera.in_light(entry.channel)
-    plain = json.dumps([to_plain(camera), record["lens"]["name"], entry.full_name], sort_keys=True)
+    plain = json.dumps([to_plain(camera), record["lens"]["name"], entry.full_name, _optics_code()], sort_keys=True)
     name = f"optics.{entry.full_name}.{hashlib.sha256(plain.encode()).hexdigest()[:_NAME]}"
     return source.scripts.keep(name) or source.scripts.write(name, optics(camera, entry.full_name, record))
+
+
+@functools.cache
+def _optics_code() -> str:
+    """Digest of the modules that make the optical part: other code, another script."""
+    here = resources.files("pipeline.report.page")
+    return hashlib.sha256(b"".join((here / name).read_bytes() for name in _OPTICS)).hexdigest()
 
 
 def _targets(source: Source, loaded: Loaded | None) -> tuple[Any, ...]:
