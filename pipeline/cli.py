@@ -8,14 +8,13 @@ import json
 import os
 import sys
 import traceback
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from pipeline.app.verbs import building, doctor, exporting, fitting, graph, library, planning, reporting, tasks, watch
-from pipeline.app.verbs.authoring import new
+from pipeline.app.verbs.authoring import imports, new
 from pipeline.app.verbs.cache import cache
 from pipeline.app.verbs.terminal import (
     CHECKING,
@@ -41,24 +40,8 @@ app = new_family(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
 )
 
-imports = new_family(help="Turn files of other programs into stages.")
-
 WRITE, BUILD, LOOK, USE, CARE = "Before a build", "Build", "What was done, and why", "After a build", "Care"
 """Panels of `pipeline --help`, in this order."""
-
-
-class Spacing(StrEnum):
-    """Place of the thicknesses in a pbrt table: before or after the surface of their row."""
-
-    BEFORE = "before"
-    AFTER = "after"
-
-
-class Apertures(StrEnum):
-    """Meaning of the apertures in a FlareSim lens: whole diameters or half of them."""
-
-    DIAMETER = "diameter"
-    SEMI_DIAMETER = "semi-diameter"
 
 
 @app.callback(invoke_without_command=True)
@@ -241,87 +224,6 @@ def plugin_path() -> None:
 
     say(str(share("schemas")))
     say(str(share("stages")))
-
-
-@imports.command("lens", cls=Verb)
-def import_lens(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="Zemax .zmx, CODE V .seq, pbrt .dat, FlareSim .lens; a text of the Optical Bench; a table .csv, .tsv,"
-            " .txt, also of the Blender add-on.",
-        ),
-    ],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
-    ] = None,
-    spacing: Annotated[
-        Spacing | None, typer.Option(metavar="before|after", help="Position of thicknesses in a pbrt table.")
-    ] = None,
-    apertures: Annotated[
-        Apertures | None,
-        typer.Option(metavar="diameter|semi-diameter", help="Meaning of the column semi_ap of a FlareSim lens."),
-    ] = None,
-    scenario: Annotated[
-        int | None,
-        typer.Option("--scenario", metavar="N", help="Focal length and focus of an Optical Bench text, from 1."),
-    ] = None,
-    f_number: Annotated[
-        float | None,
-        typer.Option("--f-number", metavar="N", help="For a table without semi-diameters: F-number at infinity."),
-    ] = None,
-    half_field: Annotated[
-        float | None,
-        typer.Option(
-            "--half-field", metavar="DEGREES", help="For a table without semi-diameters: largest field angle."
-        ),
-    ] = None,
-) -> None:
-    """Write the lens of another program's file, or of a table, as a stage, and report what could not be kept.
-
-    A table has a header and a row per surface, from the scene to the sensor, separated by commas, semicolons or tabs:
-    surface, radius, thickness, nd (or glass), vd, semi_diameter (or diameter), conic, A4, A6 … One row says "stop".
-    Missing semi-diameters are computed from --f-number and --half-field. All names are in docs/lenses.md.
-    """
-    from pipeline.app.importing import import_lens
-
-    beam = {"f_number": f_number, "half_field_deg": half_field}
-    meaning = apertures.value if apertures else None
-    told = spacing.value if spacing else None
-    _deliver(import_lens(file, told, apertures=meaning, scenario=scenario, **beam), out)
-
-
-@imports.command("camera", cls=Verb)
-def import_camera(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blender add-on .csv, libpleno .js.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
-    ] = None,
-    lens: Annotated[
-        Path | None, typer.Option("--lens", metavar="FILE.csv", help="Lens table for a camera of the Blender add-on.")
-    ] = None,
-) -> None:
-    """Write the camera of another program's file as a rig, and report what could not be kept."""
-    from pipeline.app.importing import import_camera
-
-    _deliver(import_camera(file, lens), out)
-
-
-def _deliver(imported: Any, out: Path | None) -> None:
-    """Print warnings to stderr; print the stage to stdout, or write it to a new file and check it."""
-    from pipeline.app.importing import write_stage
-
-    for line in imported.warnings:
-        note(line)
-    if out is None:
-        say(imported.text.rstrip("\n"))
-        return
-    problems = write_stage(imported.text, out)
-    for problem in problems:
-        note(str(problem))
-    say(str(out))
-    raise typer.Exit(Exit.USAGE if any(problem.is_error for problem in problems) else Exit.DONE)
 
 
 _VERBS = (

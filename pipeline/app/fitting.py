@@ -94,7 +94,7 @@ class Found:
 
 
 def _as_built(there: Opened, camera: Camera) -> BuiltCamera:
-    """What a build would say of a camera, as far as maps need it."""
+    """The record of a camera that a build would write, as far as maps need it."""
     record = first_order_document(labels_of(there.entry), camera, pinhole(camera))
     plain, with_distortion = pinholes(record)
     return BuiltCamera(

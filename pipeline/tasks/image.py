@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.camera.tracer import Tracer
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.png import write_png
-from pipeline.render.spectra import srgb_preview
+from pipeline.render.spectral.spectra import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.image_tile import PIXELS, image_rows
 from pipeline.tasks.params.images import Exposure

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from pipeline.render.spectra import eotf_inverse_sRGB, srgb_preview
+from pipeline.render.spectral.spectra import eotf_inverse_sRGB, srgb_preview
 
 
 def published_srgb(linear: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_white_must_be_light(white: float) -> None:
 
 def test_the_import_is_silent() -> None:
     """A user must not meet advice about packages that nobody asked for, not even with every warning on."""
-    command = [sys.executable, "-W", "always", "-c", "import pipeline.render.spectra"]
+    command = [sys.executable, "-W", "always", "-c", "import pipeline.render.spectral.spectra"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "colour" not in done.stderr.lower()
     assert done.stdout == ""

@@ -1,5 +1,6 @@
-"""The verbs `new dataset` and `new rig`: stages to begin with."""
+"""The verbs that write stages to begin with: `new dataset`, `new rig`, `import lens` and `import camera`."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,9 +10,24 @@ from pipeline.app.verbs.terminal import Verb, new_family, note, say
 from pipeline.errors import Exit
 
 new = new_family(help="Write stages to begin with: a dataset of poses, a rig of parts.")
+imports = new_family(help="Turn files of other programs into stages.")
 
 NewFile = Annotated[Path, typer.Argument(metavar="OUT.usda", help="The new file.")]
 _LIBRARY = "a file, or a name of the library such as"
+
+
+class Spacing(StrEnum):
+    """Place of the thicknesses in a pbrt table: before or after the surface of their row."""
+
+    BEFORE = "before"
+    AFTER = "after"
+
+
+class Apertures(StrEnum):
+    """Meaning of the apertures in a FlareSim lens: whole diameters or half of them."""
+
+    DIAMETER = "diameter"
+    SEMI_DIAMETER = "semi-diameter"
 
 
 @new.command("dataset", cls=Verb)
@@ -75,6 +91,87 @@ def rig(
 
 def _end(out: Path, problems: list[Any]) -> None:
     """Say what the new stage lacks, and where it is."""
+    for problem in problems:
+        note(str(problem))
+    say(str(out))
+    raise typer.Exit(Exit.USAGE if any(problem.is_error for problem in problems) else Exit.DONE)
+
+
+@imports.command("lens", cls=Verb)
+def import_lens(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="Zemax .zmx, CODE V .seq, pbrt .dat, FlareSim .lens; a text of the Optical Bench; a table .csv, .tsv,"
+            " .txt, also of the Blender add-on.",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
+    ] = None,
+    spacing: Annotated[
+        Spacing | None, typer.Option(metavar="before|after", help="Position of thicknesses in a pbrt table.")
+    ] = None,
+    apertures: Annotated[
+        Apertures | None,
+        typer.Option(metavar="diameter|semi-diameter", help="Meaning of the column semi_ap of a FlareSim lens."),
+    ] = None,
+    scenario: Annotated[
+        int | None,
+        typer.Option("--scenario", metavar="N", help="Focal length and focus of an Optical Bench text, from 1."),
+    ] = None,
+    f_number: Annotated[
+        float | None,
+        typer.Option("--f-number", metavar="N", help="For a table without semi-diameters: F-number at infinity."),
+    ] = None,
+    half_field: Annotated[
+        float | None,
+        typer.Option(
+            "--half-field", metavar="DEGREES", help="For a table without semi-diameters: largest field angle."
+        ),
+    ] = None,
+) -> None:
+    """Write the lens of another program's file, or of a table, as a stage, and report what could not be kept.
+
+    A table has a header and a row per surface, from the scene to the sensor, separated by commas, semicolons or tabs:
+    surface, radius, thickness, nd (or glass), vd, semi_diameter (or diameter), conic, A4, A6 … One row says "stop".
+    Missing semi-diameters are computed from --f-number and --half-field. All names are in docs/lenses.md.
+    """
+    from pipeline.app.importing import import_lens
+
+    beam = {"f_number": f_number, "half_field_deg": half_field}
+    meaning = apertures.value if apertures else None
+    told = spacing.value if spacing else None
+    _deliver(import_lens(file, told, apertures=meaning, scenario=scenario, **beam), out)
+
+
+@imports.command("camera", cls=Verb)
+def import_camera(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blender add-on .csv, libpleno .js.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="OUT.usda", help="Write here; else to stdout.")
+    ] = None,
+    lens: Annotated[
+        Path | None, typer.Option("--lens", metavar="FILE.csv", help="Lens table for a camera of the Blender add-on.")
+    ] = None,
+) -> None:
+    """Write the camera of another program's file as a rig, and report what could not be kept."""
+    from pipeline.app.importing import import_camera
+
+    _deliver(import_camera(file, lens), out)
+
+
+def _deliver(imported: Any, out: Path | None) -> None:
+    """Print warnings to stderr; print the stage to stdout, or write it to a new file and check it."""
+    from pipeline.app.importing import write_stage
+
+    for line in imported.warnings:
+        note(line)
+    if out is None:
+        say(imported.text.rstrip("\n"))
+        return
+    problems = write_stage(imported.text, out)
     for problem in problems:
         note(str(problem))
     say(str(out))

@@ -26,7 +26,7 @@ from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.shape_kernels import find_holes
 from pipeline.render.patch_light import PatchLight
-from pipeline.render.spectra import weights_of_rgb
+from pipeline.render.spectral.spectra import weights_of_rgb
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 

@@ -6,7 +6,7 @@ import numpy as np
 from pxr import Usd
 
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
-from pipeline.optics.spectral_nodes import gauss_nodes
+from pipeline.render.spectral.nodes import gauss_nodes
 from pipeline.scene.read.media import indices, ordered_surfaces
 from pipeline.scene.read.microlenses import microlens_index
 from pipeline.scene.usd.values import need, target
@@ -54,7 +54,7 @@ def wavelengths_of(channel: Usd.Prim, illuminant: str) -> tuple[np.ndarray, np.n
 # stages with channels pay for it.
 @cache
 def _known_nodes(camera: str, component: str, illuminant: str, count: int) -> tuple[np.ndarray, np.ndarray]:
-    from pipeline.render import spectra
+    from pipeline.render.spectral import spectra
 
     return gauss_nodes(*spectra.product(spectra.sensitivity(camera, component), spectra.illuminant(illuminant)), count)
 
@@ -63,7 +63,7 @@ def _known_nodes(camera: str, component: str, illuminant: str, count: int) -> tu
 def _table_nodes(
     wavelengths_nm: tuple[float, ...], response: tuple[float, ...], illuminant: str, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    from pipeline.render import spectra
+    from pipeline.render.spectral import spectra
 
     table = np.array(wavelengths_nm), np.array(response)
     return gauss_nodes(*spectra.product(table, spectra.illuminant(illuminant)), count)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.optics.glass.errors import GlassError
-from pipeline.optics.spectral_nodes import SpectrumError
+from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.read.channels import channel_prims, illuminant_of, read_channel, wavelengths_of
 from pipeline.scene.read.media import ordered_surfaces, uses_catalogue
 from pipeline.scene.usd.problems import Problem
@@ -18,7 +18,7 @@ def check_illuminant(root: Usd.Prim) -> Iterator[Problem]:
     name = read(root, "plen:illuminant")
     if name in (None, "E"):
         return
-    from pipeline.render.spectra import illuminant  # colour-science takes half a second to import
+    from pipeline.render.spectral.spectra import illuminant  # colour-science takes half a second to import
 
     try:
         illuminant(name)

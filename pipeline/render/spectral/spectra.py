@@ -5,8 +5,8 @@ import warnings
 
 import numpy as np
 
-from pipeline.optics.spectral_nodes import SpectrumError, require_spectrum
 from pipeline.records.shapes import Num
+from pipeline.render.spectral.nodes import SpectrumError, require_spectrum
 from pipeline.spelling import nearest
 
 with warnings.catch_warnings():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.optics.spectral_nodes import SpectrumError, gauss_nodes
+from pipeline.render.spectral.nodes import SpectrumError, gauss_nodes
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 9])
