@@ -15,9 +15,9 @@ from naive.kinds import KINDS, camera_with
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import uniform_filter
 from scipy.special import j1
-from tolerances import AIRY, HUYGENS, MALUS_MM, MARECHAL, SPOT_MM, SPREAD_ENERGY, TWO_PLANE_MM
+from tolerances import AIRY, HEXAGON, HUYGENS, MALUS_MM, MARECHAL, SPOT_MM, SPREAD_ENERGY, TWO_PLANE_MM
 
-from pipeline.camera.focusing.depth_of_field import middle_focus
+from pipeline.camera.focusing.depth_of_field import foci, middle_focus
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
@@ -27,6 +27,7 @@ from pipeline.camera.wave import wavefront as wavefronts
 from pipeline.camera.wave.paths import sent
 from pipeline.camera.wave.spread import intensity, strehl_ratio, transfer, whole_image
 from pipeline.camera.wave.wavefront import View, Wavefront, wavefront
+from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription, Surface
 
 GREEN_NM, GREEN_MM = 550.0, 550e-6
@@ -117,7 +118,7 @@ def test_the_strehl_ratio_is_marechals(position: tuple[float, float]) -> None:
 
 @pytest.mark.parametrize(
     ("semi_mm", "position", "object_mm"),
-    [(4.5, (0.0, 0.0), 434.36), (9.0, (4.0, 3.0), 433.0), (9.0, (0.0, 5.0), 440.0)],
+    [(1.2, (1.0, 0.5), 350.0), (4.5, (0.0, 0.0), 434.36), (9.0, (4.0, 3.0), 433.0), (9.0, (0.0, 5.0), 440.0)],
 )
 def test_rays_backwards_and_huygens_forwards_agree(
     semi_mm: float, position: tuple[float, float], object_mm: float
@@ -230,3 +231,17 @@ def test_behind_a_microlens_its_own_aperture_counts() -> None:
     near = np.linspace(0.57, 0.65, 401) * GREEN_MM / aperture
     dark = near[np.argmin(intensity(front, near, np.zeros(1))[0])]
     assert dark == pytest.approx(0.6098 * GREEN_MM / aperture, rel=5e-3)
+
+
+@pytest.mark.parametrize("object_mm", [430.0, 600.0])
+def test_defocus_behind_a_microlens_is_that_of_vergences(object_mm: float) -> None:
+    """r^2 / 2 (1 / a - 1 / a0), a the distance of the image from the array; rms over a circle: 1 / sqrt(12) of it."""
+    camera = rigs.plenoptic(2.0)
+    tracer, lens = Tracer(camera), first_order(camera.prescription)
+    row = int(np.argmin(np.hypot(*tracer.vertices_mm.T)))
+    focus_mm = foci(camera)[int(tracer.lattice.type[row])].focus_distance_mm
+    front = wavefront(tracer, View(micro_images(tracer).centre_mm[row], row, object_mm), GREEN_NM)
+    radius_mm = front.numerical_aperture * camera.microlenses.distance_mm
+    ahead = [1 / (lens.image_mm(z) - tracer.film_z_mm) for z in (object_mm, focus_mm)]
+    waves = abs(radius_mm**2 / 2 * (ahead[0] - ahead[1])) / GREEN_MM / math.sqrt(12)
+    assert front.error_waves[0] == pytest.approx(waves, rel=HEXAGON)

@@ -55,10 +55,10 @@ def image(
         part = np.abs(axx * ayy - axy * ayx).ravel()  # each ray stands for its part of the direction cosines
     kept = passes & np.isfinite(part)
     wave_number, amplitude = 2 * np.pi / wavelength_mm, []
-    # Waves start from a sphere about the first place, where all that is left of them is the error of the wavefront.
-    ahead = np.sum((places_mm[0] - position[kept]) * direction[kept], axis=1)
-    foot = position[kept] + (ahead - 20.0)[:, None] * direction[kept]
-    phase = path[kept] + ahead - 20.0
+    # Waves start where the aperture is seen from the sensor, about as far from it as the stop.
+    ahead = np.sum((places_mm[0] - position[kept]) * direction[kept], axis=1) - np.linalg.norm(places_mm[0])
+    foot = position[kept] + ahead[:, None] * direction[kept]
+    phase = path[kept] + ahead
     for place in places_mm:
         distance = np.linalg.norm(place - foot, axis=1)
         amplitude.append(np.sum(part[kept] * np.exp(1j * wave_number * (phase + distance - phase[0]))))

@@ -18,6 +18,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outlines_at
 from pipeline.camera.wave.optical_path import PathRays
 from pipeline.camera.wave.paths import sent
+from pipeline.optics.first_order import first_order
 from pipeline.records.shapes import Float64
 
 _COARSE = 65
@@ -167,7 +168,7 @@ def _wavefront_of(tracer: Tracer, view: View, wavelength_mm: float, grid: tuple[
     share = _shares(tracer, view, grid, _PARTS)
     known = np.isfinite(rays.path_mm).reshape(size, size)
     share = np.where(known, share, 0.0)
-    path = _to_object(rays, share.ravel(), view.object_mm).reshape(size, size)
+    path = _to_object(rays, share.ravel(), view.object_mm, _aperture_mm(tracer, view)).reshape(size, size)
     path -= np.sum(np.where(known, path, 0.0) * share) / share.sum()
     return Wavefront(wavelength_mm, centre, step, np.where(known, path, 0.0), share)
 
@@ -235,18 +236,27 @@ def _shares(tracer: Tracer, view: View, grid: tuple[np.ndarray, float, int], par
     return share
 
 
-def _to_object(rays: PathRays, weight: np.ndarray, object_mm: float) -> np.ndarray:
-    """Path from the sensor to a sphere around the object point through the middle of the front of the bundle, (n,)."""
+def _to_object(rays: PathRays, weight: np.ndarray, object_mm: float, aperture_mm: float) -> np.ndarray:
+    """Path from the sensor to a sphere around the object point through the image of the aperture, (n,).
+
+    Rays that miss the point by m come from it by another way through the aperture, whose image is at the distance R:
+    longer by m^2 / (2 R).
+    """
     lit = weight > 0
     position, direction, weight = rays.position_mm, rays.direction, weight[lit] / weight.sum()
-    middle = weight @ position[lit]
+    mean = weight @ direction[lit]
     if math.isinf(object_mm):
-        mean = weight @ direction[lit]
-        return rays.path_mm - (position - middle) @ (mean / np.linalg.norm(mean))
+        return rays.path_mm - (position - weight @ position[lit]) @ (mean / np.linalg.norm(mean))
     along = (object_mm - position[:, 2]) / direction[:, 2]
     crossing = position + along[:, None] * direction
     point = weight @ crossing[lit]
     ahead = np.sum((point - position) * direction, axis=1)
     missed = np.sum((point - position - ahead[:, None] * direction) ** 2, axis=1)
-    radius = float(np.linalg.norm(point - middle))
-    return rays.path_mm + ahead + missed / (radius + np.sqrt(radius**2 - missed))
+    radius = (object_mm - aperture_mm) / mean[2]
+    return rays.path_mm + ahead + missed / (2 * radius)
+
+
+def _aperture_mm(tracer: Tracer, view: View) -> float:
+    """Vision z of the image of the limiting aperture: the entrance pupil, or that of the microlenses."""
+    lens = first_order(tracer.camera.prescription)
+    return lens.entrance_pupil.z_mm if view.microlens == NO_MICROLENS else lens.object_mm(tracer.film_z_mm)
