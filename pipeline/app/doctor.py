@@ -66,7 +66,7 @@ def findings() -> Iterator[Finding]:
 
 def _python() -> Iterator[Finding]:
     yield Finding(name="pipeline", value=f"{installed_version('plenoptic-pipeline')}, {share('stages').parent}")
-    yield Finding(name="python", value=f"{platform.python_version()}, {sys.executable}")
+    yield Finding(name="python", value=f"{platform.python_version()}, {sys.prefix}")
 
 
 def _libraries() -> Iterator[Finding]:
