@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-
 STAGES_NUMERICS_AND_FOLDERS = ["--only", "13", "25", "26"]
 """Rows of hostile stages, other libraries and doctored folders, which take seconds each."""
 
