@@ -8,6 +8,8 @@ from pipeline.render.sensor.errors import SensorError
 
 MOST_BITS = 16
 """Bits of a digital number at most [bit]: raw files hold 16 of them."""
+LEAST_EFFICIENCY = 1e-6
+"""Least quantum efficiency [electrons per photon]: the photons of a full well, its quotient, stay finite."""
 MOST_ELECTRONS = 1e8
 """Largest full well [e-]: a hundred times that of any sensor, and small enough for counts to be exact."""
 _SUM_OF_KERNEL = 1e-6
@@ -143,7 +145,8 @@ class SensorResponse:
         _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
         what = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
         _require(len(given) == channels, what, f"one for each of: {', '.join(self.channels)}")
-        _require(all(0 < one <= 1 for one in given), f"quantum efficiencies of {given}, not in (0, 1]")
+        is_usual = all(LEAST_EFFICIENCY <= one <= 1 for one in given)
+        _require(is_usual, f"quantum efficiencies of {given}, not in [{LEAST_EFFICIENCY:g}, 1]")
 
     def _settle_tables(self) -> None:
         shares = [share for share, _ in self.nonlinearity]
