@@ -71,7 +71,8 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
 
 def _radiance(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> Rgb:
     """Radiance of a lamp in linear sRGB, as UsdLux defines it."""
-    scalar = need(prim, "inputs:intensity") * float(np.exp2(need(prim, "inputs:exposure")))
+    with np.errstate(over="ignore"):  # what is infinite is refused below
+        scalar = need(prim, "inputs:intensity") * float(np.exp2(need(prim, "inputs:exposure")))
     if need(prim, "inputs:normalize"):
         scalar /= _size_factor(prim, kind, area, unit_mm)
     colour = np.array(need(prim, "inputs:color")) * scalar
