@@ -69,13 +69,7 @@ def fit(
     """
     from pipeline.app.fitting import fit as fitted
 
-    if plot is not None and plot.suffix != ".svg":
-        raise UsageError(f"{plot} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
-    if layer is not None and (layer.suffix != ".usda" or layer.exists()):
-        wrong = "exists" if layer.exists() else "must end in .usda"
-        raise UsageError(f"{layer} {wrong}", hint="choose another name")
-    if lut and layer is None:
-        raise UsageError("--lut writes tables beside a layer", hint="name one with -o FILE.usda")
+    _require_usable(plot, layer, lut)
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
     found = fitted(place, camera, names, tuple(allow_root or ()))
     say(found.json().rstrip("\n") if as_json else "\n".join(found.page()))
@@ -87,3 +81,14 @@ def fit(
     if layer is not None:
         found.layer(layer, with_tables=lut)
         note(f"wrote {layer}")
+
+
+def _require_usable(plot: Path | None, layer: Path | None, lut: bool) -> None:
+    """Refuse files that cannot be written, before anything is computed."""
+    if plot is not None and plot.suffix != ".svg":
+        raise UsageError(f"{plot} is not an .svg file", hint="drawings are SVG, which browsers and Inkscape open")
+    if layer is not None and (layer.suffix != ".usda" or layer.exists()):
+        wrong = "exists" if layer.exists() else "must end in .usda"
+        raise UsageError(f"{layer} {wrong}", hint="choose another name")
+    if lut and layer is None:
+        raise UsageError("--lut writes tables beside a layer", hint="name one with -o FILE.usda")
