@@ -70,7 +70,7 @@ def _checked(function: FunctionType, record: str = "") -> Any:
     if not notes:
         return function
     CHECKED.add(f"{function.__module__}.{record or function.__qualname__}")
-    # A twin with these annotations alone: what else is annotated is the business of mypy.
+    # A twin with these annotations alone: mypy checks the other annotations.
     parts = function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
     twin = functools.wraps(function)(FunctionType(*parts))
     del twin.__wrapped__  # where the others would be found

@@ -39,7 +39,7 @@ def test_every_height_that_is_lit_has_a_chief_ray(name: str) -> None:
     trace_rays(unbounded(table[: stop_row + 1]), start, way / np.linalg.norm(way, axis=1, keepdims=True), alive)
     assert alive.all() and np.abs(start[:, 0]).max() < 1e-9
     steps = np.diff(crossings)
-    assert (steps[1:] / steps[:-1] > 2 / 3).all() and (steps[1:] / steps[:-1] < 3 / 2).all()  # no leap to another ray
+    assert (steps[1:] / steps[:-1] > 2 / 3).all() and (steps[1:] / steps[:-1] < 3 / 2).all()  # no jump to another ray
 
 
 def test_a_height_without_one_is_refused_with_a_number_and_a_hint() -> None:

@@ -88,7 +88,7 @@ def test_a_record_holds_what_it_declares_or_says_what_it_was_given(record: Any) 
         for value in HOSTILE:
             found = answer(lambda field=field, value=value: dataclasses.replace(record, **{field.name: value}))
             if not isinstance(found, PipelineError):
-                hash(found)  # no list, no array is left in it
+                hash(found)  # no list and no array is inside: those have no hash
                 answer(lambda found=found: traced(found))
 
 

@@ -214,7 +214,7 @@ def test_ctrl_c_twice_and_sigterm_stop_at_once(command, pipeline, stage, tmp_pat
     started(tmp_path)
     if signals == 2:
         process.send_signal(signal.SIGINT)
-        assert any("press Ctrl-C again" in line for line in process.stderr)  # two at once would count as one
+        assert any("press Ctrl-C again" in line for line in process.stderr)  # two signals at once would count as one
     process.send_signal(signal.SIGINT if code == 130 else signal.SIGTERM)
     process.communicate(timeout=10)
     assert process.returncode == code
@@ -282,7 +282,7 @@ def test_logs_print_what_a_task_said_and_took(pipeline, stage, tmp_path):
         r"== image/cam/0001: executed, key [0-9a-f]{12}, [\d.]+ s on \S+, \d{4}-.*, [\d.]+ [kMG]B\n", output
     )
     pipeline("build", "s.json", "-j1")
-    assert pipeline("logs", "s.json", "image")[1] == output  # hits say nothing new
+    assert pipeline("logs", "s.json", "image")[1] == output  # tasks taken from the cache say nothing new
     pipeline("build", stage(project=failing(tmp_path)), "-k", "-j1")
     code, output, _ = pipeline("logs", "s.json", "fail")
     assert "== fail: failed" in output and "about to look" in output and "again: pipeline run-task" in output

@@ -36,7 +36,7 @@ def test_a_preview_has_a_quarter_of_the_size_and_the_same_view(tmp_path, common_
     fine, coarse = (light(tmp_path / name / "frames/0001/Rig.Camera/image.png") for name in ("whole", "small"))
     assert (fine.shape, coarse.shape) == ((24, 32), (6, 8))
     means = fine.reshape(6, 4, 8, 4).mean(axis=(1, 3))
-    # Of 16 independent rays, half of them dark, the standard deviation is an eighth; Sobol points do better.
+    # The mean of 16 independent rays, half of them dark, scatters by one eighth; Sobol points do better.
     assert np.abs(means - coarse).max() < 2 / 8
     assert np.sqrt(((means - coarse) ** 2).mean()) < 0.5 / 8
     assert abs((means - coarse).mean()) < 2 / 8 / np.sqrt(means.size)

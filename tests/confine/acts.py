@@ -62,7 +62,7 @@ def write_or_start(question: dict[str, Any], guards: Any = None) -> dict[str, st
         "signal": lambda: os.kill(os.getppid(), 0),
         "limits": lambda: resource.setrlimit(resource.RLIMIT_CPU, (10**6, 10**6)),
     }
-    if question.get("execute", True):  # else it would be the end of this process
+    if question.get("execute", True):  # otherwise this process would end
         acts["execute"] = lambda: os.execv(sys.executable, [sys.executable, "-c", ""])
     return _outcomes(acts)
 
@@ -110,5 +110,5 @@ def _outcomes(acts: dict[str, Callable[[], Any]]) -> dict[str, str]:
         except OSError as error:
             found[name] = type(error).__name__
         except ValueError:
-            found[name] = "PermissionError"  # what resource makes of one
+            found[name] = "PermissionError"  # `resource` turns every refusal into a ValueError
     return found

@@ -341,7 +341,7 @@ def test_files_of_a_delivery_that_took_its_time_are_not_read_again(tmp_path, mon
 def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, monkeypatch):
     out, codes = tmp_path / "out", []
     builds = [(toy.project(out, power=power), Store(tmp_path / f"store{power}")) for power in (4.0, 9.0)]
-    build(builds[1][0], ALONE, store=builds[1][1])  # so that the other builder only delivers
+    build(builds[1][0], ALONE, store=builds[1][1])  # so that the other build only delivers files
     (project, store), other = builds
     second = threading.Thread(target=lambda: codes.append(build(other[0], ALONE, store=other[1]).exit_code))
     place = Folder.place

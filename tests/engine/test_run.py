@@ -131,7 +131,7 @@ def test_no_more_tasks_start_than_fit_into_memory(tmp_path, store, monkeypatch):
     outcome = run(hungry(tmp_path, 3, greedy=False), store, BuildOptions(jobs=3), known=Known(peaks={"hungry": 600}))
     assert {result.state for result in outcome.results.values()} == {"executed"}
     assert len(list(tmp_path.glob("beside0-*"))) == 3
-    assert outcome.peaks["hungry"] > 1 << 20  # measured: an interpreter takes some megabytes
+    assert outcome.peaks["hungry"] > 1 << 20  # bytes, measured: an interpreter takes some megabytes
 
 
 def test_kinds_that_fit_run_together(tmp_path, store, monkeypatch):

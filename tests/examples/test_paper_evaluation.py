@@ -70,7 +70,7 @@ def test_independent_rays_have_the_same_mean(plenoptic_tracer, starts, width_mm)
         bundles(half, 0.0)[:, :2] - bundles(-half, 0.0)[:, :2],
         bundles(0.0, half)[:, :2] - bundles(0.0, -half)[:, :2],
     )
-    # A ray scatters by its bundle's width and by where on the square it starts, uniformly.
+    # A ray scatters by the width of its bundle and by its start, which is uniform on the square.
     variance = here[:, [COVARIANCE, COVARIANCE + 4]] + (across[0] ** 2 + across[1] ** 2) / 12
     through = samples * here[:, WEIGHT] / here[:, FREE_WEIGHT]
     sigmas = (plain - ours) / np.sqrt(variance / through[:, None])

@@ -14,9 +14,9 @@ from pipeline.engine.store.store import Store
 PLENOPTIC = STAGE.parents[1] / "tiny_plenoptic/dataset.usda"
 
 _COMMAND = "from pipeline.cli import main; main()"
-# NumPy is loaded before us, so that it is too late to tell it anything; its builds run in workers, which were told.
+# NumPy is loaded before our settings can reach it; builds run in workers, which get the settings at their start.
 _PROGRAM = "import numpy; from pipeline.cli import main; main()"
-# The same, and it computes nevertheless, as a worker of a cluster does: only what is measured can tell it apart.
+# The same, and this process computes itself, as a worker of a cluster does: only a measurement can tell it apart.
 _UNTOLD = """
 import numpy
 from pipeline.machine import facts
@@ -50,7 +50,7 @@ def other_numerics(bench: Workbench) -> Row:
         row.wrong += place.alike and found.keys() != right.keys()
         equal += len(found.keys() & right.keys())
         other += len(found.keys() - right.keys())
-    row.wrong += other == 0  # then nothing was told apart
+    row.wrong += other == 0  # then the two machines were taken for one
     row.notes.append(f"{equal} tasks equal, {other} under other keys")
     return row
 

@@ -14,7 +14,7 @@ if __name__ == "__main__":
 
 from pipeline.machine.processor import pin
 
-pin()  # before anybody imports NumPy: else every build starts workers
+pin()  # before NumPy is imported: otherwise every build starts workers
 
 from faults.catalogue import FAULTS, SHORT  # noqa: E402
 from faults.workbench import Row, Workbench  # noqa: E402

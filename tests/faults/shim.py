@@ -25,7 +25,7 @@ class Shim:
 
     def __init__(self) -> None:
         self.steps, self._root, self._act = 0, None, None
-        sys.addaudithook(self._hook)  # cannot be taken away again: it does nothing unless armed
+        sys.addaudithook(self._hook)  # a hook cannot be removed: this one does nothing unless armed
 
     def arm(self, root: Path, act: Callable[[int], None] | None = None) -> None:
         """Count from now on, and call `act` with the number of each step before it happens."""

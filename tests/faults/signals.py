@@ -63,7 +63,7 @@ def signals_at_any_moment(bench: Workbench) -> Row:
             time.sleep(bench.chance.uniform(0.1, 12.0 if cold else 5.0))
             code, log, seconds = ended(process, *numbers)
             row.tried += 1
-            if process.returncode == 0:  # it was faster
+            if process.returncode == 0:  # the build ended before the signal came
                 bench.judge(row, place)
                 continue
             row.failed += 1

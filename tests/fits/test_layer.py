@@ -120,7 +120,7 @@ def test_lookup_tables_stand_beside_the_layer_and_count(command, tmp_path, monke
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     np.testing.assert_allclose(table.reshape(-1, 3), ahead, rtol=0, atol=2e-7)
     told = load(tmp_path / "seen.usda", [DATA.parents[1]]).errors
-    assert {(error.code, error.at.rpartition(":")[2]) for error in told} == {  # no stage may name files but layers
+    assert {(error.code, error.at.rpartition(":")[2]) for error in told} == {  # a stage names no files except layers
         ("not-yet-supported", "rayEnterDirectionTexture"),
         ("not-yet-supported", "rayExitPositionTexture"),
     }

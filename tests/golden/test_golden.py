@@ -108,7 +108,7 @@ def test_the_image(built, golden):
         return
     known = read_exr(file)["image"].channels
     variance = known["variance"] * (1 + 1 / len(SEEDS))
-    # A ray that one seed in a hundred sends past an edge is not in the variance over 16: a quarter of its share.
+    # The variance over 16 seeds misses a ray that passes an edge once in a hundred: allow a quarter of its share.
     spread = np.hypot(np.sqrt(variance), 0.25 / SAMPLES)
     z = (new - known["mean"]) / spread
     assert np.abs(z).max() < LARGEST_Z

@@ -76,7 +76,7 @@ def check(attempt: Attempt, folder: Path, tally: Tally) -> Loaded | None:
             warnings.simplefilter("always")
             loaded = load(path, look=True)
         texts = [str(one) for one in loaded.problems]
-    except Exception:  # whatever it is: counted as wrong, and the others go on
+    except Exception:  # any error is counted as wrong, and the other attempts go on
         tally.blame("traceback", attempt, traceback.format_exc(limit=-4))
         return None
     for warning in said:

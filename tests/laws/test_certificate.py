@@ -112,10 +112,10 @@ def test_a_build_judges_one_row_in_eight(of: int, rows: int) -> None:
         ([0.5] * 20, [0.1] * 20, True),
         ([0.5] * 18 + [1.5] * 2, [0.1] * 20, False),  # a tenth of the rows lies beyond the claim
         ([0.5] * 19 + [6.0], [0.1] * 20, False),  # one lies beyond five
-        ([0.5] * 20, [0.4] * 20, None),  # all lie within, but three errors more would not
+        ([0.5] * 20, [0.4] * 20, None),  # all lie within, but with three errors more they would not
         ([0.1] * 19 + [2.0], [0.1] * 19 + [9.0], None),  # one row is known so badly that it may lie anywhere
-        ([0.1] * 19 + [2.0], [0.1] * 19 + [0.9], True),  # it may not: 2 + 3 * 0.9 claims are fewer than 5
-        ([3.0] * 20, [0.5] * 20, False),  # a blunt judge, but three errors less are still too many
+        ([0.1] * 19 + [2.0], [0.1] * 19 + [0.9], True),  # it is known well enough: 2 + 3 * 0.9 claims are fewer than 5
+        ([3.0] * 20, [0.5] * 20, False),  # a coarse judge, but even three errors less are too many
         ([np.nan] + [0.1] * 19, [0.1] * 20, False),
         ([], [], None),
     ],

@@ -138,7 +138,7 @@ def test_the_centroid_of_a_channel_is_that_of_the_light_of_its_wavelengths() -> 
     alone = np.array([found(Rig.of(light.tracer)) for light in whole.rig.tracer.lights])
     joined = found(whole.rig)
     shares = np.array(list(RED.values()))
-    assert np.abs(alone - joined).max() > 20 * CENTROID_PX  # else nothing would be shown
+    assert np.abs(alone - joined).max() > 20 * CENTROID_PX  # else the test would show nothing
     # Transmission and magnification change by a few per mille from wavelength to wavelength.
     assert joined == pytest.approx(shares @ alone / shares.sum(), abs=0.01 * np.ptp(alone, axis=0).max())
 
@@ -204,5 +204,5 @@ def test_the_visibility_of_a_channel_is_that_of_its_wavelengths_by_their_light()
     joined = shares(rig, around, 0, points, 1 << 12)[0]
     alone = np.array([shares(Rig.of(light.tracer), around, 0, points, 1 << 12)[0] for light in rig.tracer.lights])
     weight = [light.share * integrals(light.tracer, bundle, 2).moments[:, WEIGHT] for light in rig.tracer.lights]
-    assert np.ptp(alone) > 5e-4  # else nothing would be shown
+    assert np.ptp(alone) > 5e-4  # else the test would show nothing
     assert joined == pytest.approx(np.average(alone, axis=0, weights=weight), abs=2e-5)

@@ -157,7 +157,7 @@ def test_at_the_edge_of_a_micro_image_the_saddle_is_that_of_a_rendered_corner() 
     apart = np.nan_to_num(np.hypot(*(saddles(case) - case.j_px).T))
     for i in np.argsort(-apart)[[0, 3]]:
         assert apart[i] > 10 * DENSE_SADDLE_PX
-        found, dense = dense_saddle(case, int(i), 2, 0.5, 1 << 20)  # few of them pass there
+        found, dense = dense_saddle(case, int(i), 2, 0.5, 1 << 20)  # few rays pass near the edge
         assert found == pytest.approx(dense, abs=DENSE_SADDLE_PX)
 
 

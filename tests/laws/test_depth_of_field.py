@@ -79,7 +79,7 @@ def test_at_the_ends_a_micro_image_has_the_circle_of_confusion(kind: int) -> Non
 
     def blur_px(object_mm: float) -> float:
         height, slope = behind_lens(camera, object_mm)
-        before = slope / (height + (camera.sensor_distance_mm - array.distance_mm) * slope)  # slope per height there
+        before = slope / (height + (camera.sensor_distance_mm - array.distance_mm) * slope)  # slope per height
         return array.pitch_mm * abs(1 + array.distance_mm * (before - 1 / array.focal_lengths_mm[kind])) / PITCH_MM
 
     assert near < far

@@ -108,7 +108,7 @@ def test_behind_microlenses_the_edge_has_many_corners(count: int) -> None:
         if found.moments[i, WEIGHT] < 0.05 * tracer.reference_weight_sr:
             continue
         mean, weight = polar.mean_hit(camera, start, pose, (tracer.vertices_mm[owner[i]], focal), 4096, 8)
-        assert np.abs(found.moments[i, :2] - mean).max() < 0.02 * DIRECT_PX  # 0.15 to 0.25 mm on the target are a px
+        assert np.abs(found.moments[i, :2] - mean).max() < 0.02 * DIRECT_PX  # a pixel covers 0.15 to 0.25 mm
         assert found.moments[i, WEIGHT] == pytest.approx(weight, rel=2e-6)
         checked += 1
     assert checked > 0.6 * count

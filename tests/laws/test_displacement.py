@@ -381,7 +381,7 @@ def test_a_grid_on_any_plane_gives_the_outlines_of_its_points() -> None:
         count = outline_at(tilted.step_mm, tilted.vertices_mm, u, v, polygon)
         near = grid_outlines(table, stop, FilmPlane(plane.points(np.array([u, v])), np.eye(2, 3)), (0.1, 0.1), 0.0, 0.0)
         outline_at(near.step_mm, near.vertices_mm, 0.0, 0.0, other)
-        # The grid may be wider, by what it knows of its own interpolation, and never narrower.
+        # The bound of the grid may be wider, by its error of interpolation, and never narrower.
         reach, exact = ((p[:count] @ directions_of(count).T).max(axis=0) for p in (polygon, other))
         assert np.all(reach > exact - 1e-3)
         assert np.all(reach < exact + 0.35)
@@ -553,7 +553,7 @@ def test_the_truth_of_a_displaced_lens_is_where_brute_force_sees_the_points(kind
     else:
         camera = rigs.displaced(rigs.plenoptic(1.6, 96, 72))
         grid, board = rigs.ray_grid(tmp_path, camera, 2, 1024), Checkerboard(columns=2, rows=3, square_mm=0.6)
-    # Before the camera, which looks aside.
+    # In front of the camera, which looks to the side.
     middle = tuple(np.array(grid.near.shape[:2]) // 2)
     seen = on_target(grid.near[middle], grid.far[middle], grid.near_mm, grid.far_mm, rigs.facing(434.0))
     pose = rigs.facing(434.0, 0.0, float(seen[0]), float(-seen[1]))

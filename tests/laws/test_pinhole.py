@@ -108,7 +108,7 @@ def test_random_mean_rays_lie_off_its_images_by_no_more_than_it_says(kind: str) 
     points = np.column_stack([mean_rays(asked, places, distances), distances])
     for projection in (found.plain, found.distorted):
         off = np.hypot(*(projected(found, projection, points) - places).T)
-        assert off.max() < 1.1 * projection.max_px + 0.01  # a grid of positions; sampling
+        assert off.max() < 1.1 * projection.max_px + 0.01  # the grid of positions, and sampling
         assert math.sqrt(np.mean(off**2)) > projection.rms_px / 3
     in_stop = dataclasses.replace(found, centre_mm=(0.0, 0.0, 0.0))
     assert np.hypot(*(projected(in_stop, found.distorted, points) - places).T).max() > 1
@@ -144,7 +144,7 @@ def test_the_documents_state_what_the_pupil_and_the_pinhole_of_example_01_leave(
 def test_a_sensor_beyond_the_image_circle_says_how_much_of_it_is_lit() -> None:
     """A tube of 2 mm, 20 mm behind the stop, shades all that lies farther than 6 mm from the axis."""
     found = of(camera(*TUBE))
-    beyond_mm2 = 6**2 * math.acos(4.8 / 6) - 4.8 * math.sqrt(6**2 - 4.8**2)  # of the circle, above the sensor or below
+    beyond_mm2 = 6**2 * math.acos(4.8 / 6) - 4.8 * math.sqrt(6**2 - 4.8**2)  # circle beyond the sensor's edge
     assert found.lit_share == pytest.approx((math.pi * 6**2 - 2 * beyond_mm2) / (12.8 * 9.6), abs=0.01)
     assert found.plain.principal_distance_px == pytest.approx(FILM_MM / SENSOR.pitch_mm, rel=FINE)
 

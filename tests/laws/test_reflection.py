@@ -95,7 +95,7 @@ def test_light_between_two_endless_plates_is_a_geometric_series(bounces):
     shining = Material(diffuse_color=Input(value=(a,) * 3), ior=1.0, emissive_color=Input(value=(1.0, 1.0, 1.0)))
     lit = scene([(plate(500.0, 1e6), matt(b)), (plate(-500.0, 1e6), shining)], [], bounces=bounces)
     found, error = looked(lit, ALONE)
-    # The first plate is one vertex; light that its own shine needs is met by the path itself.
+    # The first plate is one vertex of the path. The path itself meets the light that its gloss reflects.
     expected = sum(b * (a * b) ** (k // 2) for k in range(0, bounces + 1, 2))
     assert abs(found - expected) <= LIT_ERRORS * error + 2e-3 * expected
 

@@ -71,7 +71,7 @@ def brute(region: str, x_px: np.ndarray) -> tuple[np.ndarray, float]:
     squared = (x - start[0]) ** 2 + (y - start[1]) ** 2 + SENSOR_MM**2
     weight = np.where(passes, SENSOR_MM**2 / squared**2 * area, 0.0)
     middle = np.array([np.sum(weight * x), np.sum(weight * y)]) / weight.sum()
-    slope = (middle - start) / SENSOR_MM  # all is linear: the mean ray hits where the rays do in the mean
+    slope = (middle - start) / SENSOR_MM  # the map is linear: the mean ray hits at the mean of the hits
     at_lens = middle + LENS_MM * slope
     return at_lens + (TARGET_MM - LENS_MM) * (slope - at_lens / FOCAL_MM), float(weight.sum())
 

@@ -350,7 +350,7 @@ def test_a_fully_hidden_row_goes_and_is_counted() -> None:
     assert found.counts["dropped_hidden"] == np.sum(~left) == 6
     assert found.counts["partly_hidden"] == 0 and found.counts["rows"] == 6 == len(share)
     before = {name: count for name, count in rows.counts.items() if name != "rows"}
-    assert before and before.items() <= found.counts.items()  # what became of others stays known
+    assert before and before.items() <= found.counts.items()  # the fate of the other points stays known
     dark = dataclasses.replace(rows, found=dataclasses.replace(rows.found, x_px=rows.found.x_px + 1e4))
     unknown, share = seen(rig, Surroundings([(board, pose)], [(wall, HERE)]), 0, dark, planes)
     assert np.isnan(share).all() and len(share) == 12 and unknown.counts["dropped_hidden"] == 0

@@ -110,7 +110,7 @@ def main() -> int:
     verdicts += judge_all([site for site in sites if _key(site) not in known], options.jobs, options.nearest)
     survivors = [verdict for verdict in verdicts if not verdict.noticed_by]
     minutes = (time.monotonic() - start) / 60
-    late = sum(verdict.noticed_by.startswith(TOO_LATE) for verdict in verdicts)  # on a busy machine that says nothing
+    late = sum(verdict.noticed_by.startswith(TOO_LATE) for verdict in verdicts)  # a busy machine may be late, too
     noticed = len(verdicts) - len(survivors) - late
     print(
         f"\n{len(verdicts)} mistakes, {noticed} noticed, {late} not judged in time, {len(survivors)} survived;", end=" "

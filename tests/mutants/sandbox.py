@@ -192,7 +192,7 @@ class Sandbox:
 
     def tests(self, files: list[str], kernels: Path) -> str:
         """The first test that fails, or the reason why tests could not run; empty where all pass, or there are none."""
-        if not files:  # pytest would run all that there are
+        if not files:  # without files pytest would run all tests
             return ""
         found = self._pytest(["-x", *files], {"PIPELINE_JIT_CACHE": str(kernels)})
         if found is None:

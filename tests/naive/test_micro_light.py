@@ -91,7 +91,7 @@ def test_the_centroid_is_that_of_many_pinholes(name: str, directions: int) -> No
     node, share = np.polynomial.legendre.leggauss(6)
     total, moment = 0.0, np.zeros(2)
     for point, weight in zip(*pinholes(camera), strict=True):
-        # The centroid, as it moves with the pinhole: an inner point of the image that this throws.
+        # The centroid, moved with the pinhole: an inner point of the image that the pinhole projects.
         base = found.centroid_mm[0] + 0.2 * point
         low, high = np.zeros(directions), np.full(directions, 1.0)
         for _ in range(20):

@@ -162,7 +162,7 @@ def test_rows_are_where_a_brute_force_bundle_meets_the_tangent_plane(build, file
     found, error = deviations_px(built, min(ROWS, len(built.column("x_px"))))
     assert np.abs(found).max() < 0.05
     assert (np.abs(found) < SIGMAS * error + COARSE_GRID_PX).all()
-    # Every point that faces the camera and lies within the image has its row, and no other.
+    # Every point that faces the camera and lies within the image has a row, and no other point has one.
     facing = set(np.flatnonzero(built.facing() > 0))
     assert built.seen() <= facing
     assert len(built.seen()) > 0.5 * len(facing)

@@ -110,7 +110,8 @@ def test_the_referee_recovers_the_nonuniformities(found):
     electrons = RATE * HALF_S * REPORTED.quantum_efficiency[0]
     of_dark = REPORTED.dsnu_e**2, REPORTED.dsnu_row_e**2, REPORTED.dsnu_column_e**2
     of_response = REPORTED.prnu**2, REPORTED.prnu_row**2, REPORTED.prnu_column**2
-    # What the stack leaves of the temporal noise is part of what pixels differ by; of a PRNU also what DSNU differs by.
+    # The mean of the stack keeps a part of the temporal noise, which counts as a difference of pixels.
+    # To the differences of a PRNU the DSNU adds, too.
     cases = (
         ("DSNU", of_dark, dark / STACKED, 1.0, of_gain),
         ("PRNU", of_response, (2 * of_dark[0] + (light + dark) / STACKED) / electrons**2, 100.0, 0.0),

@@ -55,6 +55,6 @@ def test_indices_are_those_of_a_commercial_program(name: str) -> None:
     assert red == pytest.approx(listed["n_656.3nm"], rel=0, abs=CODEV_INDEX)
     assert yellow == pytest.approx(listed["n_587.6nm"], rel=0, abs=CODEV_INDEX)
     assert blue == pytest.approx(listed["n_486.1nm"], rel=0, abs=CODEV_INDEX)
-    # Half a unit of both listed indices, of their difference: V was computed from these.
+    # Rounding: half a unit of the last digit of both listed indices, from whose difference V was computed.
     rounding = 2 * 0.5e-6 / (blue - red)
     assert (yellow - 1) / (blue - red) == pytest.approx(listed["Vd"], rel=rounding, abs=0)

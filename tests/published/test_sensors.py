@@ -38,4 +38,5 @@ def test_a_sensor_of_the_library_has_the_printed_figures(name, snr_db, range_db)
     dark = math.sqrt(response.dark_noise_e**2 + 1 / 12 / response.gain_dn_per_e**2)
     assert abs(10 * math.log10(electrons) - snr_db) < HALF_A_UNIT_DB
     assert abs(20 * math.log10(electrons / (dark + 0.5)) - range_db) < HALF_A_UNIT_DB
-    assert response.white_dn <= response.most_dn < response.white_dn + 3  # the gain chosen: a full well is the largest
+    # The gain is chosen so that a full well gives the largest number.
+    assert response.white_dn <= response.most_dn < response.white_dn + 3

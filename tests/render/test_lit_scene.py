@@ -96,7 +96,7 @@ def test_holes_let_light_and_sight_pass():
     bare, holes, solid = lights
     assert bare == pytest.approx(0.5 / math.pi / math.hypot(0.6, 1.0))
     assert holes == bare
-    assert solid == pytest.approx(2 * bare)  # the veil itself is seen
+    assert solid == pytest.approx(2 * bare)  # the veil itself is visible
 
 
 def sky(place: tuple[int, int]) -> dict[str, np.ndarray]:

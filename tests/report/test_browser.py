@@ -70,7 +70,7 @@ def test_overlays_switch_by_keys_and_buttons(tab):
         tab.press(key)
         tab.wait(f"{pressed} !== '{before}'")
         inks[name] = tab.run(INK)
-    assert inks["Points"] == 0  # they were on
+    assert inks["Points"] == 0  # they were switched on at first
     assert 0 < inks["Outlines"] < inks["Lattice"] < inks["Blur"]
     tab.run("document.querySelector('[data-name=Outlines]').click()")
     assert tab.run(INK) < inks["Blur"]

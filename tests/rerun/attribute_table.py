@@ -104,7 +104,7 @@ STAIRS = _shaped("stairs", steps=2, depth=1.0)
 DATASET = {
     "plen:cameras": [Case("", ["A/Camera"])],
     "plen:targets": [Case("", ["One"], TARGET | {"frame_poses"})],
-    # J and position images know nothing of what stands in between.
+    # J and position images do not depend on what stands between camera and target.
     "plen:occluders": [Case("", [], TARGET), Case("", [], TARGET, given=IMAGE)],
     # Certificate and poses of a camera are one task for all frames.
     "plen:frames": [Case("", [2], {"certificate"} | POSES)],
@@ -406,7 +406,7 @@ METHOD = {
         Case(A, "moments", TRUTH | RAYS),
         Case(A, "moments", TRUTH, given=DELIVERED),
     ],
-    # A product more: what is there needs it not.
+    # One more product: the others do not need it.
     "plen:truth:rays": [Case(A, True, RAYS), Case(A, True, given=MOMENTS)],
     "plen:truth:extent": [Case(A, "full"), Case(A, "full", POSITIONS, given=IMAGE)],
     "plen:truth:search": [

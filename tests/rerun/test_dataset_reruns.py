@@ -338,7 +338,7 @@ def test_tiles_of_position_images_give_the_rows_of_full_ones(tiny, request):
         filled.append(np.isfinite(part.channels["X"]).mean())
     body = [[table.split(b"\nframe,")[1] for table in pair] for pair in tables]
     assert body[0] == body[1]
-    assert filled[0] < filled[1] or tiny == "plenoptic"  # its micro-images are as small as tiles
+    assert filled[0] < filled[1] or tiny == "plenoptic"  # its micro-images are tiles already
 
 
 def test_a_frame_that_is_dropped_leaves_no_file(conventional):

@@ -42,17 +42,17 @@ def test_small_tiles_give_the_same_bytes(
     for name in ("whole", "tiles"):
         if name == "tiles":
             in_small_tiles(monkeypatch)
-        # Keys know the text of the code, not what a test makes of it.
+        # Keys hold the text of the code, not what a test replaces in memory.
         monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / f"store of {name}"))
         result = pipeline.build(stage, tmp_path / name, jobs=1)
         assert result.exit_code == 0, [task.error for task in result.failures]
         counts.append(Counter(task.kind for task in result.tasks))
         files = [path for path in sorted((tmp_path / name).rglob("*")) if path.is_file()]
         outs.append({path.relative_to(tmp_path / name).as_posix(): path.read_bytes() for path in files})
-        outs[-1].pop("manifest.json")  # it has the keys, and they the tiles
+        outs[-1].pop("manifest.json")  # the manifest holds keys, which depend on the tiles
     assert outs[0].keys() == outs[1].keys()
     assert [name for name in outs[0] if outs[0][name] != outs[1][name]] == []
-    assert not TILED & counts[0].keys()  # what is one tile has no tasks for it
+    assert not TILED & counts[0].keys()  # a result of one tile has no tasks for tiles
     assert all(counts[1][kind] >= 2 for kind in kinds), counts[1]
 
 

@@ -77,7 +77,7 @@ def test_a_camera_of_ones_own_gets_its_view_among_comments_and_odd_layout(tmp_pa
     """121.7263 mm from a sensor 125 mm behind the stop, published; the exit pupil stands 5.233 mm before the stop."""
     path = written(tmp_path, OWN)
     assert load(path).errors == []
-    assert fix(path).count == 4 + 5  # types but that of the dataset; three lengths and two offsets
+    assert fix(path).count == 4 + 5  # all types except that of the dataset; three lengths and two offsets
     text = path.read_text(encoding="utf-8")
     kept = iter(text)
     assert all(character in kept for character in OWN)  # in this order

@@ -77,7 +77,7 @@ def test_the_tronnier_lens_is_the_printed_one():
         (38.55, 8.05, 1.67, 23.0),
         (81.54, 6.55, 1.699, 23.0),
         (25.5, 11.41, 1.0, 18.0),
-        (math.inf, 9.0, 1.0, 4.5),  # stopped down by the rig; 17.1 as printed
+        (math.inf, 9.0, 1.0, 4.5),  # stopped down by the rig; the listing prints 17.1
         (-28.99, 2.36, 1.603, 17.0),
         (81.54, 12.13, 1.658, 20.0),
         (-40.77, 0.38, 1.0, 20.0),

@@ -34,7 +34,7 @@ def check(tmp_path):
             assert old in text
             text = text.replace(old, new)
         (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
-        assert load(tmp_path / "dataset.usda").problems == []  # a plan need not ask
+        assert load(tmp_path / "dataset.usda").problems == []  # a plan need not ask for it
         return [
             str(problem).split(": ", 3)[3].split(" [blank]")[0]
             for problem in load(tmp_path / "dataset.usda", look=True).problems

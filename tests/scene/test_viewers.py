@@ -107,7 +107,7 @@ def test_the_frustum_is_the_field_that_real_rays_leave_the_camera_in(stage, tmp_
     assert viewed["focus"] == pytest.approx(429.52, abs=0.01)  # of the middle type, see tests/cli/test_show.py
     pupil = pipeline.bundle(main, 399.5, 299.5, samples=4096).at_distance(
         -6.123
-    )  # where the library's lens has it, published
+    )  # the published value of this lens of the library
     assert viewed["lens_radius"] == pytest.approx(np.hypot(*np.array(pupil)[:, :2].T).max(), rel=0.01)
     assert viewed["clipping"][0] < 350 and viewed["clipping"][1] > 1000
 

@@ -25,7 +25,7 @@ def test_a_box_of_one_colour_has_no_other(pattern) -> None:
             assert np.all(values == found)
         told, plain = told + (found != MIXED), plain + (np.ptp(values) == 0)
     assert told > 0
-    if not isinstance(pattern, (Stars, SiemensStar)):  # between spokes everything is doubted
+    if not isinstance(pattern, (Stars, SiemensStar)):  # between spokes no box is plain
         assert told > 0.95 * plain
 
 
