@@ -168,13 +168,13 @@ def test_what_blocks_a_ray_is_the_same_alone_and_among_the_rays_of_others(kind: 
     assert PASSES in alone and np.max(alone) >= len(tracer.table) and len(set(alone)) > 3
 
 
-def test_chords_are_as_far_from_the_middle_in_any_direction_as_where_a_ray_meets_them() -> None:
+def test_chords_hold_the_points_before_the_place_where_a_ray_from_the_middle_meets_them() -> None:
     """Three outlines about a point, their corners in any order and their angles in any turn."""
     rng, corners = np.random.default_rng(5), 12
     owner = np.repeat(np.arange(3), corners)
     angle = np.tile(np.arange(corners) * 2 * np.pi / corners, 3) + rng.uniform(-0.2, 0.2, 36)
     radius, order = rng.uniform(0.5, 2.0, 36), rng.permutation(36)
-    chords = flux._chords(owner[order], angle[order] + 2 * np.pi * rng.integers(-1, 2, 36), radius[order])
+    chords = flux._chords(owner[order], angle[order] + 2 * np.pi * rng.integers(-1, 2, 36), radius[order], 3)
     corner = (radius * np.exp(1j * angle)).reshape(3, corners)
     side = np.roll(corner, -1, axis=1) - corner
     for number, way in [(number, way) for number in range(3) for way in np.linspace(-3.1, 6.2, 25)]:
@@ -182,8 +182,9 @@ def test_chords_are_as_far_from_the_middle_in_any_direction_as_where_a_ray_meets
         share = cross(corner[number], np.exp(1j * way)) / across
         distance = cross(corner[number], side[number]) / across
         met = (share >= 0) & (share <= 1) & (distance > 0)
-        np.testing.assert_allclose(chords.at(np.array([number]), np.array([way])), distance[met][0], rtol=1e-9)
-    np.testing.assert_allclose(chords.area(3), 0.5 * cross(corner, side).sum(axis=1), rtol=1e-12)
+        x, y = (distance[met][0] * np.array([1 - 1e-9, 1 + 1e-9])) * np.array([[np.cos(way)], [np.sin(way)]])
+        assert chords.hold(np.full(2, number), np.full(2, way), x, y).tolist() == [True, False]
+    np.testing.assert_allclose(chords.area(), 0.5 * cross(corner, side).sum(axis=1), rtol=1e-12)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -40,18 +40,19 @@ def holds_all(
     live = np.flatnonzero(np.bincount(owner, minlength=n))
     if not len(live):
         return np.ones(n, bool), 0
-    chords = _chords(owner, angle, radius)
+    chords = _chords(owner, angle, radius, n)
     who, points = np.repeat(live, count), ways.spread(live, count).reshape(-1, 2)
     passed = ways.probe(who, points) == PASSES
-    away = points - ways.centres[who]
-    towards, far = np.arctan2(away[:, 1], away[:, 0]), np.hypot(*away.T)
-    surprise = np.flatnonzero(passed != (far < chords.at(who, towards)))
+    x, y = (points - ways.centres[who]).T
+    towards = np.arctan2(y, x)
+    surprise = np.flatnonzero(passed != chords.hold(who, towards, x, y))
+    far = np.hypot(x[surprise], y[surprise])
     edge, _, limit, rays = ways.find(who[surprise], towards[surprise], _STEPS)
-    off = np.where(passed[surprise], far[surprise] - edge, edge - far[surprise])
+    off = np.where(passed[surprise], far - edge, edge - far)
     whole = np.ones(n, bool)
     whole[who[surprise][off > limit * 0.5**_STEPS]] = False
 
-    outside = np.bincount(owner, 0.5 * share * radius**2, n) - chords.area(n)
+    outside = np.bincount(owner, 0.5 * share * radius**2, n) - chords.area()
     expected = count * np.maximum(outside[live], 0.0) / _areas(ways, live)
     beyond = np.bincount(who[surprise][passed[surprise]], minlength=n)[live]
     whole[live[beyond > expected + _CHANCE + _ERRORS * np.sqrt(expected)]] = False
@@ -60,43 +61,44 @@ def holds_all(
 
 @dataclass(frozen=True, slots=True)
 class _Chords:
-    """Polygons through the ends of directions: owner, angle from 0 to 2 pi and radius, sorted; the direction that
-    follows each, and the angle to it."""
+    """Polygons through the ends of directions: keys that sort them by owner and angle, the first direction of each
+    owner, the ends about the inner point, and the next direction."""
 
-    owner: np.ndarray
-    angle: np.ndarray
-    radius: np.ndarray
+    key: np.ndarray
+    first: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
     following: np.ndarray
-    turn: np.ndarray
 
-    def at(self, owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """Distance of the chord in some directions, (k,)."""
-        angle = angle % (2 * np.pi)
-        left = np.searchsorted(_key(self.owner, self.angle), _key(owner, angle), side="right") - 1
-        bounds = np.searchsorted(self.owner, np.arange(int(self.owner[-1]) + 2))
-        left = np.where(left < bounds[owner], bounds[owner + 1] - 1, left)
-        after = (angle - self.angle[left]) % (2 * np.pi)
-        a, b, turn = self.radius[left], self.radius[self.following[left]], self.turn[left]
-        return a * b * np.sin(turn) / (a * np.sin(after) + b * np.sin(turn - after))
+    def hold(self, owner: np.ndarray, angle: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether points (x, y), about the inner points and in directions `angle`, lie before the chord, (k,) bool."""
+        a = np.searchsorted(self.key, _key(owner, angle), side="right") - 1
+        a = np.where(a < self.first[owner], self.first[owner + 1] - 1, a)
+        b = self.following[a]
+        ax, ay = self.x[a], self.y[a]
+        return (self.x[b] - ax) * (y - ay) > (self.y[b] - ay) * (x - ax)
 
-    def area(self, n: int) -> np.ndarray:
+    def area(self) -> np.ndarray:
         """Area that the chords enclose, (n,)."""
-        return np.bincount(self.owner, 0.5 * self.radius * self.radius[self.following] * np.sin(self.turn), n)
+        b, n = self.following, len(self.first) - 1
+        owner = np.repeat(np.arange(n), np.diff(self.first))
+        return np.bincount(owner, 0.5 * (self.x * self.y[b] - self.x[b] * self.y), n)
 
 
-def _chords(owner: np.ndarray, angle: np.ndarray, radius: np.ndarray) -> _Chords:
-    angle = angle % (2 * np.pi)
-    order = np.lexsort((angle, owner))
+def _chords(owner: np.ndarray, angle: np.ndarray, radius: np.ndarray, n: int) -> _Chords:
+    key = _key(owner, angle)
+    order = np.argsort(key, kind="stable")  # nearly sorted already
     owner, angle, radius = owner[order], angle[order], radius[order]
+    first = np.searchsorted(owner, np.arange(n + 1))
     following = np.arange(1, len(owner) + 1)
     last = np.append(owner[1:] != owner[:-1], True)
-    following[last] = np.searchsorted(owner, owner[last])
-    return _Chords(owner, angle, radius, following, (angle[following] - angle) % (2 * np.pi))
+    following[last] = first[owner[last]]
+    return _Chords(key[order], first, radius * np.cos(angle), radius * np.sin(angle), following)
 
 
 def _key(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """One number to sort by."""
-    return owner * 8.0 + angle
+    """Numbers that sort directions by their owner, then by their angle from 0 to 2 pi."""
+    return owner * 8.0 + angle % (2 * np.pi)
 
 
 def _areas(ways: Ways, rows: np.ndarray) -> np.ndarray:

@@ -109,7 +109,10 @@ class Edges(Ways):
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
             start, length = self._pieces(owner, along, radius)
             r = (start[..., None] + length[..., None] * node).reshape(len(owner), -1)
-            points = (self.centres[owner, None] + r[..., None] * along[:, None]).reshape(-1, 2)
+            points = np.empty((*r.shape, 2))
+            for axis in (0, 1):  # one by one: NumPy is slow where the innermost axis has two elements
+                points[..., axis] = self.centres[owner, axis, None] + r * along[:, axis, None]
+            points = points.reshape(-1, 2)
             measure = (r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)).ravel()
             whole, who, some = np.zeros(n, bool), np.repeat(owner, r.shape[1]), measure > 0
             if not some.all():  # parts may be empty

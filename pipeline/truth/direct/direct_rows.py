@@ -13,13 +13,11 @@ from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates
-from pipeline.truth.direct.newton import Search
+from pipeline.truth.direct.newton import NEARLY_PX, Search
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences, Found, which_exist
 
-_GRACE_PX = 1.0
-"""Rough solutions this far outside their cell or the image [px] may still turn out to lie inside."""
 _APART_MM = 10.0
 """Distance of the second upright plane behind the point's own [mm]. Rays are straight, so any distance far above
 rounding would do.
@@ -70,8 +68,8 @@ def solve(
     where = guess.x_px, rig.home_px(guess.cell)
     search = Search(rig.tracer, rig.microlens(guess.cell), planes[guess.point], *where, rig.square_px)
 
-    def may_exist(x_px: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        return rig.in_image(x_px, _GRACE_PX) & rig.in_cell(x_px, guess.cell[rows], _GRACE_PX)
+    def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
+        return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
 
     if jacobian is None:
         search.approach(may_exist)
@@ -79,7 +77,7 @@ def solve(
         search.begin_at(jacobian)
     known = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.inverse).all(axis=(1, 2))
     somewhere = np.where(known[:, None], search.x_px, 0.0)
-    near = known & may_exist(somewhere, np.arange(len(known)))
+    near = known & may_exist(somewhere, np.arange(len(known)), NEARLY_PX)
     search.refine(np.flatnonzero(near), accuracy_px)
     rows = np.flatnonzero(near & np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1))
     counts = {"candidates": len(known), "unsolved": int(np.sum(~known)) + int(near.sum()) - len(rows)}

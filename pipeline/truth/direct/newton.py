@@ -35,9 +35,15 @@ error.
 """
 
 
-MayExist = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Function of image positions (m, 2) and their row indices (m,) that returns whether a solution may exist there,
-(m,) bool.
+GRACE_PX, NEARLY_PX = 1.0, 0.25
+"""Distance outside a cell or the image [px] up to which a search goes on, because its next step may lead back: on the
+way, and once steps are shorter than `_ROUGH_PX`, when five more would have to add up.
+"""
+
+
+MayExist = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+"""Function of image positions (m, 2), their row indices (m,) and a grace in px that returns whether a solution may
+exist at most so far from there, (m,) bool.
 """
 
 
@@ -108,11 +114,11 @@ class Search:
         for _ in range(_STEPS):
             step = self._newton_step(rows)
             rows = rows[np.hypot(*step.T) > _ROUGH_PX]
-            rows = rows[may_exist(self.x_px[rows], rows)]
+            rows = rows[may_exist(self.x_px[rows], rows, GRACE_PX)]
             if not len(rows):
                 break
         rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
-        rows = rows[may_exist(self.x_px[rows], rows)]
+        rows = rows[may_exist(self.x_px[rows], rows, NEARLY_PX)]
         self._derive(rows)
 
     def look(self) -> None:
