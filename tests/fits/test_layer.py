@@ -119,11 +119,27 @@ def test_lookup_tables_stand_beside_the_layer_and_count(command, tmp_path, monke
     ahead = points - np.array(UsdGeom.Xformable(child).GetLocalTransformation(0).ExtractTranslation())
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     np.testing.assert_allclose(table.reshape(-1, 3), ahead, rtol=0, atol=2e-7)
-    told = load(tmp_path / "seen.usda", [DATA.parents[1]]).errors
-    assert {(error.code, error.at.rpartition(":")[2]) for error in told} == {  # a stage names no files except layers
-        ("not-yet-supported", "rayEnterDirectionTexture"),
-        ("not-yet-supported", "rayExitPositionTexture"),
+    over = load(tmp_path / "seen.usda", [DATA.parents[1]])
+    assert over.problems == [] and over.dataset == load(STAGE).dataset
+    assert "OmniLensDistortionLutAPI" in over.flattened and "@" not in over.flattened  # it names no file
+
+
+def test_tables_are_accepted_of_the_schemas_of_a_camera_alone(tmp_path):
+    """As Omniverse writes them, without "custom"; a missing table, another prim and a lone attribute are told."""
+    (tmp_path / "enter.exr").write_bytes(b"")
+    table = "asset omni:lensdistortion:lut:rayEnterDirectionTexture = @./{}@"
+    applied = '(prepend apiSchemas = ["OmniLensDistortionLutAPI"])'
+    prims = {
+        f'Camera "Good" {applied}': table.format("enter.exr"),
+        f'Camera "Missing" {applied}': table.format("enterr.exr"),
+        'Camera "Lone"': table.format("enter.exr"),
+        'Xform "Other"': f"custom {table.format('enter.exr')}",
     }
+    text = '#usda 1.0\n(\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)\n'
+    text += "".join(f"def {prim}\n{{\n    {attribute}\n}}\n" for prim, attribute in prims.items())
+    (tmp_path / "stage.usda").write_text(text)
+    told = {(error.code, error.at.partition(".")[0]) for error in load(tmp_path / "stage.usda").errors}
+    assert told == {("asset-missing", "/Missing"), ("unknown-property", "/Lone"), ("not-yet-supported", "/Other")}
 
 
 def test_nothing_of_ours_changes(layer):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pxr import Plug, Tf, Usd, Vt
 
 from pipeline.scene.usd.problems import Problem, did_you_mean
-from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.source_locations import authored_apis, problem
 from pipeline.scene.write.lens_distortion import LENS_DISTORTION
 
 _MOST_OPS = 100
@@ -63,7 +63,7 @@ def _check_type(prim: Usd.Prim) -> Iterator[Problem]:
 
 def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
     registry = Usd.SchemaRegistry()
-    for full in _authored_apis(prim):
+    for full in authored_apis(prim):
         name, instance = registry.GetTypeNameAndInstance(full)
         if name in LENS_DISTORTION and prim.GetTypeName() == "Camera":
             continue
@@ -75,12 +75,6 @@ def _check_apis(prim: Usd.Prim) -> Iterator[Problem]:
         can = prim.CanApplyAPI(*([name, instance] if instance else [name]))
         if not can:
             yield problem(prim, "api-not-applicable", can.whyNot)
-
-
-def _authored_apis(prim: Usd.Prim) -> list[str]:
-    """Names of API schemas that are written in a file; `GetAppliedSchemas` would add those that they include."""
-    edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
-    return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))
 
 
 def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:

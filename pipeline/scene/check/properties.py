@@ -7,8 +7,9 @@ from pxr import Sdf, Usd, UsdGeom
 from pipeline.scene.check.values import authored_values, check_attribute, check_value
 from pipeline.scene.usd.conditions import Condition, conditions_of, is_written
 from pipeline.scene.usd.problems import Problem, did_you_mean
-from pipeline.scene.usd.source_locations import problem, specs
+from pipeline.scene.usd.source_locations import authored_apis, problem, specs
 from pipeline.scene.usd.values import FOREIGN, Rule, read, schema_facts, target_paths
+from pipeline.scene.write.lens_distortion import LENS_DISTORTION, LENS_DISTORTION_NAMES
 from pipeline.spelling import nearest
 
 _MOVES = Rule(span=FOREIGN["xformOp"])
@@ -61,12 +62,21 @@ def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem |
 def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
     prim, name = prop.GetPrim(), prop.GetName()
     is_ours = name.startswith("plen:")  # plen: names are never extra data
-    if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES)):
+    if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES) or _is_of_others(prop)):
         return
     type_name = prim.GetPrimTypeInfo().GetSchemaTypeName()
     if type_name or is_ours:
         hint = did_you_mean(name, known) or _hint(prop, is_ours, known)
         yield problem(prop, "unknown-property", f'{type_name or "this prim"} has no property "{name}"', hint=hint)
+
+
+def _is_of_others(prop: Usd.Property) -> bool:
+    """Whether a property belongs to a schema of Omniverse that is applied to its camera: programs that know the
+    schema do not write "custom".
+    """
+    prim = prop.GetPrim()
+    is_named = str(prop.GetName()).startswith(LENS_DISTORTION_NAMES)
+    return is_named and prim.GetTypeName() == "Camera" and not LENS_DISTORTION.isdisjoint(authored_apis(prim))
 
 
 def _hint(prop: Usd.Property, is_ours: bool, known: set[str]) -> str | None:

@@ -14,6 +14,7 @@ from pipeline.scene.usd.problems import Problem, shown_path
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.usd.used_layers import used_layers
+from pipeline.scene.write.lens_distortion import LENS_DISTORTION_NAMES
 
 HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 
@@ -54,7 +55,9 @@ def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
 
 
 def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Problems of asset values: those outside all roots, and any others but pictures, because nothing reads these."""
+    """Problems of asset values: those outside all roots, those that are missing, and those that nothing reads, but
+    pictures and tables of other renderers.
+    """
     prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
     return [problem for prim in prims for problem in _check_asset_values(prim, roots)]
 
@@ -69,7 +72,7 @@ def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
             elif asset.path and not asset.resolvedPath:
                 slashes = "asset paths use forward slashes" if "\\" in asset.path else None
                 yield problem(attribute, "asset-missing", f"cannot find file @{asset.path}@", hint=slashes)
-            elif asset.path and not _is_of_picture(attribute):
+            elif asset.path and not (_is_of_picture(attribute) or _is_of_others(attribute)):
                 message = f"@{asset.path}@: files other than layers are not supported yet"
                 yield problem(attribute, "not-yet-supported", message)
 
@@ -77,6 +80,12 @@ def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
 def _is_of_picture(attribute: Usd.Attribute) -> bool:
     """Whether an attribute names a picture: of a texture, or in a sky."""
     return attribute.GetName() in ("inputs:file", "inputs:texture:file")
+
+
+def _is_of_others(attribute: Usd.Attribute) -> bool:
+    """Whether an attribute names a table by which other renderers project: nothing of ours reads it."""
+    is_camera = attribute.GetPrim().GetTypeName() == "Camera"
+    return is_camera and str(attribute.GetName()).startswith(LENS_DISTORTION_NAMES)
 
 
 def _assets(value: object) -> list[Sdf.AssetPath]:

@@ -50,3 +50,9 @@ def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:
     if isinstance(thing, Usd.Prim):
         return list(thing.GetPrimStack())
     return list(thing.GetPropertyStack(Usd.TimeCode.Default()))
+
+
+def authored_apis(prim: Usd.Prim) -> list[str]:
+    """Names of API schemas that are written in a file; `GetAppliedSchemas` would add those that they include."""
+    edits = [spec.GetInfo("apiSchemas") for spec in prim.GetPrimStack() if spec.HasInfo("apiSchemas")]
+    return list(dict.fromkeys(name for edit in edits for name in edit.GetAddedOrExplicitItems()))

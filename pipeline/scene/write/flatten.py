@@ -6,20 +6,33 @@ from pxr import Sdf, Usd, UsdUtils
 
 from pipeline.scene.dataset import CameraEntry, TargetEntry
 from pipeline.scene.write.for_viewers import show_in_viewers
+from pipeline.scene.write.lens_distortion import LENS_DISTORTION_NAMES
 
 
 def flattened(stage: Usd.Stage) -> Sdf.Layer:
     """The composed stage in one layer.
 
-    It names no other file and no folder of the machine: references are composed, and asset values, whose paths
-    flattening would make absolute, do not pass the checks. Instances must have been written out (`instances`),
+    References are composed. Tables of other renderers are left out: they do not travel with a build, and flattening
+    would write their paths on this machine. Instances must have been written out (`instances`),
     because flattening would leave their prototypes beside the root.
     """
     # Flattening prints warnings about unknown metadata, which it leaves out.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     layer = stage.Flatten(addSourceFileComment=False)
     delegate.TakeUncoalescedDiagnostics()
+    _leave_out_tables(layer)
     return layer
+
+
+def _leave_out_tables(layer: Sdf.Layer) -> None:
+    """Remove attributes of schemas of other renderers that name files."""
+    found = list[Sdf.Path]()
+    layer.Traverse(Sdf.Path.absoluteRootPath, found.append)
+    for path in found:
+        if path.IsPropertyPath() and path.name.startswith(LENS_DISTORTION_NAMES):
+            attribute = layer.GetAttributeAtPath(path)
+            if attribute and attribute.typeName in (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray):
+                attribute.owner.RemoveProperty(attribute)
 
 
 def text_for_viewers(

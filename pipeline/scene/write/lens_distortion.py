@@ -16,6 +16,8 @@ LENS_DISTORTION = frozenset(
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
 )
 """Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
+LENS_DISTORTION_NAMES = "omni:lensdistortion:"
+"""Beginning of the names of their attributes."""
 _KEPT = ("defaultPrim", "metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode")
 """Metadata that USD takes from the root layer alone, so that a layer on top of a stage has to repeat them."""
 CHILD = "Pinhole"
