@@ -91,7 +91,8 @@ class Lines:
         elif event["event"] == "started" and self._verbosity > 0:
             self._say(f"{self._tally.line()} {event['task']} started")
         elif event["event"] == "done" and self._is_shown(event["state"]):
-            self._say(f"{self._tally.line()} {event['task']} {event['state']} {event['seconds']:.1f} s")
+            news = f": {event['news']}" if "news" in event else ""
+            self._say(f"{self._tally.line()} {event['task']} {event['state']} {event['seconds']:.1f} s{news}")
 
     def _is_shown(self, state: str) -> bool:
         return state == "failed" or self._verbosity > 0 or (state == "executed" and self._verbosity == 0)
@@ -101,13 +102,15 @@ class Lines:
 
 
 class Bar:
-    """A bar with the counts, the last finished task and the estimate. Warnings and failures remain above it."""
+    """A bar with the counts, the last finished task, the estimate, and the last news of a task. Warnings and failures
+    remain above it.
+    """
 
     def __init__(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        self._tally = Tally()
+        self._tally, self._news = Tally(), ""
         columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
         # The original stream: while a task runs in this process, sys.stderr is a log file.
         console = Console(file=sys.stderr)
@@ -133,9 +136,11 @@ class Bar:
             self._progress.console.print(text, markup=False, highlight=False)
         elif event["event"] == "done" and event["state"] == "failed":
             self._progress.console.print(f"{event['task']} failed", markup=False, highlight=False)
+        if "news" in event:
+            self._news = f"  ({event['task']}: {event['news']})"
         done, left = self._tally.counts.total(), self._tally.seconds_left()
         eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
-        text = f"{self._tally.line()} {event.get('task', '')}{eta}"
+        text = f"{self._tally.line()} {event.get('task', '')}{eta}{self._news}"
         self._progress.update(self._bar, total=self._tally.total, completed=done, description=text)
 
 

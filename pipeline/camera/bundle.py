@@ -95,7 +95,7 @@ def bundle_behind(tracer: Tracer, x_px: float, y_px: float, microlens: int, samp
     """
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     pixel = np.array([[round(x_px), round(y_px)]])
-    squares = Squares(pixel, position, np.array([[microlens]]), np.array([[samples]]))
+    squares = Squares(pixel, position, np.array([[microlens]]), np.array([[samples]]), np.array([[0]]))
     parts = [_leaving(light, squares, samples) for light in tracer.lights]
     return Bundle(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 

@@ -1,7 +1,7 @@
 """Events of a build, as a stream of plain dicts; progress, event files and reports read nothing else.
 
 `{"event": "begin", "tasks": {name: kind}}`, then per task `started` and `done` (with the fields of a task's result
-and `usual_seconds`), `warning` with a text, and `end` with the summary of the build.
+`usual_seconds`, and `news` if it has any), `warning` with a text, and `end` with the summary of the build.
 """
 
 import contextlib

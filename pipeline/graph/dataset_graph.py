@@ -11,11 +11,13 @@ from pipeline.camera.focusing.stop import shown_f_number
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
+from pipeline.graph.adding import add, add_tiles
 from pipeline.graph.frame_contents import Things, matrix
-from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, channel_label, exposure_of, light_of
+from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
+from pipeline.graph.pass_tasks import add_passes
 from pipeline.graph.poses import target_poses, targets_json
 from pipeline.graph.raw_images import add_raw
-from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles
+from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
 from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
@@ -23,7 +25,7 @@ from pipeline.tasks.baselines import BASELINES
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
 from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
-from pipeline.tasks.params.images import ColourImage, White, WhiteTile
+from pipeline.tasks.params.images import ColourImage, White, WhitePass, WhiteTile
 from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
 from pipeline.tasks.params.pictures import Picture
 from pipeline.tasks.params.placed import Matrix
@@ -137,10 +139,16 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
 
 def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:
     """Add the tasks of a camera's white image and, if any, of its tables of micro-images, for the stop as set."""
-    exposure, bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
-    parts = [WhiteTile(exposure=exposure, rows=rows) for rows in bands]
-    tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
-    white = add(graph, f"white/{name}", White(exposure=exposure, tiles=len(tiles)), {**reads, **tiles})
+    exposure, noise, sensor = exposure_of(entry), entry.image_noise, entry.asked.sensor
+    if noise is None:
+        parts = [WhiteTile(exposure=exposure, rows=rows) for rows in image_bands(sensor, entry.image_samples)]
+        tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
+        params = White(exposure=exposure, tiles=len(tiles))
+    else:
+        first = [WhitePass(exposure=exposure, rows=rows, number=0) for rows in strips(sensor)]
+        tiles = add_passes(graph, f"white_pass/{name}", first, reads, noise)
+        params = White(exposure=exposure, tiles=len(first), noise=noise)
+    white = add(graph, f"white/{name}", params, {**reads, **tiles})
     return white, _add_micro_images(graph, entry, reads, name) if entry.asked.microlenses else None
 
 

@@ -2,36 +2,27 @@
 
 import dataclasses
 import re
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.frames import apply
+from pipeline.graph.adding import add, add_tiles
 from pipeline.graph.frame_contents import Things, matrix
+from pipeline.graph.pass_tasks import add_passes, pass_name, passes_of
 from pipeline.graph.poses import target_poses
-from pipeline.graph.tiles import image_bands, point_tiles
-from pipeline.records.plain import from_plain, to_plain
+from pipeline.graph.tiles import image_bands, point_tiles, strips
+from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
 from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.certificate import Certificate, JudgedFrame
-from pipeline.tasks.params.images import Exposure, Image, ImageTile
+from pipeline.tasks.params.images import Exposure, Image, ImagePass, ImageTile
 from pipeline.tasks.params.placed import PaintedView, View
 from pipeline.tasks.params.rays import Light
 from pipeline.tasks.params.truth import PlaneAsked, Positions, TableLabels, Truth, TruthTable, TruthTile
 from pipeline.truth.grid.per_plane import plane_name
 from pipeline.truth.settings import OF_SEARCH, TruthSettings
-
-KIND = "pipeline.tasks."
-
-
-def add(
-    graph: TaskGraph, name: str, params: Any, reads: dict[str, str] | None = None, together: str | None = None
-) -> str:
-    """Add a task whose name begins with its kind, and return its name."""
-    return graph.add(name, f"{KIND}{name.partition('/')[0]}", to_plain(params), reads, together)
 
 
 def exposure_of(entry: CameraEntry) -> Exposure:
@@ -63,30 +54,12 @@ def light_of(entry: CameraEntry) -> Light:
     return Light(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
 
 
-def add_tiles(
-    graph: TaskGraph, name: str, params: Sequence[Any], reads: dict[str, str], together: str | None = None
-) -> dict[str, str]:
-    """Add tile tasks, one for each of the params; role and name of each. A single tile needs no task.
-
-    Tiles with the same number share work with those of other calls with the same `together`. A name in `reads` that
-    ends with a slash stands for tiles: each tile reads the one with its own number.
-    """
-    return {
-        f"tile{number}": add(
-            graph,
-            f"{name}/{number:04d}",
-            tile,
-            {role: f"{source}{number:04d}" if source.endswith("/") else source for role, source in reads.items()},
-            f"{together}/{number}" if together else None,
-        )
-        for number, tile in enumerate(params if len(params) > 1 else [])
-    }
-
-
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
-    of_frames = task.short_kind.removesuffix("_tile") in ("image", "truth", "positions", "colour_image", "expose")
-    if of_frames and len(parts := task.name.split("/")) > 2:  # white images belong to no frame
+    kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
+    of_frames = kind in ("image", "truth", "positions", "colour_image", "expose", "noise_level", "noise_check")
+    parts = task.name.split("/")
+    if of_frames and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame
         return int(parts[2])
     match = re.match(r"params\.frames\[(\d+)\]", field or "")
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
@@ -147,6 +120,8 @@ class FrameTasks:
 
     def _add_image(self, name: str, view: PaintedView) -> str:
         camera, exposure = self.entry.full_name, exposure_of(self.entry)
+        if self.entry.image_noise is not None:
+            return self._add_image_in_passes(name, view, self.entry.image_noise)
         bands = image_bands(self.entry.asked.sensor, self.entry.image_samples)
         parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
         # The rays that leave the camera are the same in every frame: frames share them.
@@ -155,6 +130,18 @@ class FrameTasks:
         params = Image(exposure=exposure, tiles=len(tiles), view=None if tiles else view)
         reads = {**self._reads, **(tiles or {"white": f"white/{camera}", **self._pictures})}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
+
+    def _add_image_in_passes(self, name: str, view: PaintedView, noise: float) -> str:
+        exposure, white = exposure_of(self.entry), f"white_pass/{self.entry.full_name}"
+        parts = [
+            ImagePass(exposure=exposure, view=view, rows=rows, number=0) for rows in strips(self.entry.asked.sensor)
+        ]
+        reads = {**self._reads, "white": f"{white}/", **self._pictures}
+        passes = add_passes(self.graph, f"image_pass/{name}", parts, reads, noise)
+        last = passes_of(exposure.samples) - 1
+        whites = {f"white{strip}": pass_name(white, strip, last) for strip in range(len(parts))}
+        params = Image(exposure=exposure, tiles=len(parts), view=None, noise=noise)
+        return add(self.graph, f"image/{name}", params, {**self._reads, **whites, **passes})
 
     def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
         return PaintedView(

@@ -21,7 +21,9 @@ def preview_of(dataset: Dataset) -> Dataset:
 
 def _small(entry: CameraEntry) -> CameraEntry:
     asked = dataclasses.replace(entry.asked, sensor=_coarse(entry.asked.sensor))
-    return dataclasses.replace(entry, asked=asked, image_samples=min(SAMPLES, entry.image_samples), f_numbers=())
+    return dataclasses.replace(
+        entry, asked=asked, image_samples=min(SAMPLES, entry.image_samples), image_noise=None, f_numbers=()
+    )
 
 
 def _coarse(sensor: Sensor) -> Sensor:

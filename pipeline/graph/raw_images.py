@@ -2,7 +2,7 @@
 
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.graph.frame_tasks import add
+from pipeline.graph.adding import add
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.tasks.params.exposing import DNG, MAPS, PREVIEW, TIFF, Expose, FixedPattern
 

@@ -10,4 +10,6 @@ def size(_: str, params: dict[str, Any]) -> float:
     """
     rows = params["end_row"] - params["first_row"] if "end_row" in params else 1
     rays = params.get("sampling") or params.get("exposure") or {}
+    # Passes double the samples; how many rows a strip has is forgotten as a tile's is.
+    rows *= 1 << max(0, params.get("number", 0) - 1)
     return float(rows * rays.get("supersampling", 1) ** 2 * rays.get("samples", 0))

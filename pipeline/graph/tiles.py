@@ -22,6 +22,10 @@ _IMAGE_RAYS, _MOST_OF_IMAGES = 5_000_000, 128
 """Samples of pixels in a tile of an image, 100 ns each, and the most tiles: behind microlenses a pixel takes 1.4
 times as many.
 """
+_STRIP_PX = 1 << 16
+"""Pixels of an image that take passes together: enough that pooled estimates of noise bias none, few enough that
+what is calm is left alone. Strips decide bytes, so that neither samples nor workers count.
+"""
 _MICROLENSES = 1024
 """Microlenses in a tile, a millisecond each."""
 _ROWS = 480
@@ -49,6 +53,11 @@ def image_bands(sensor: Sensor, samples: int) -> Bands:
     """Rows of the image in each of its tiles."""
     rays = sensor.width_px * sensor.height_px * samples
     return bands(sensor.height_px, min(_MOST_OF_IMAGES, rays / _IMAGE_RAYS))
+
+
+def strips(sensor: Sensor) -> Bands:
+    """Rows of an image that take passes together until their noise is low enough."""
+    return bands(sensor.height_px, min(_MOST_OF_IMAGES, sensor.width_px * sensor.height_px / _STRIP_PX))
 
 
 def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:

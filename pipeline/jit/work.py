@@ -51,11 +51,14 @@ class Work:
         `KernelWork` by name of the kernel.
     loading_s : float
         Processor time for loading compiled code, or for compiling [s].
+    news : str
+        What a task tells to whoever watches the build, in a few words.
     """
 
     def __init__(self) -> None:
         self.kernels: defaultdict[str, KernelWork] = defaultdict(KernelWork)
         self.loading_s = 0.0
+        self.news = ""
 
     def copy(self) -> "Work":
         """The work so far, as it stays while more is done."""

@@ -19,6 +19,7 @@ from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Sight
 from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitScene
+from pipeline.render.passes import Batch, batch_of
 
 Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(n, 3) origins and directions, vision frame, to (n,) radiances."""
@@ -51,18 +52,23 @@ def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | N
 
 
 def irradiance_and_crosstalk(
-    rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | None = None
+    rig: Rig, samples: int | Batch, radiance: Radiance | None, rows: Rows | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, and its part that came through other microlenses than that of the pixel's cell.
+
+    Parameters
+    ----------
+    samples : int or Batch
+        See `irradiance`; or which of them.
 
     Returns
     -------
     (height, width) float64, (height, width) float64
         See `irradiance`.
     """
-    band = Band.of(rig, rows)
+    band, batch = Band.of(rig, rows), batch_of(samples)
     result, foreign = np.zeros((2, len(band.strata)))
-    for rays in _rays(band, samples, np.where(band.strata == SKIP, 0, samples)):
+    for rays in _rays(band, batch, np.where(band.strata == SKIP, 0, batch.samples)):
         origin, direction, share, _ = rays.leaving
         value = share if radiance is None else share * radiance(origin, direction)
         other = rays.way > 0
@@ -88,19 +94,40 @@ def pictures(
     white : (2, height, width) float64
         The white image of the same rows in these two parts, relative; a conventional camera has no second one.
     """
-    band = Band.of(rig, rows)
-    sight, count = Sight(band), len(band.strata)
-    parts = white.reshape(2, -1)
-    colour = np.array([scene.seen(sight) for scene in scenes])
-    wanted = np.isnan(colour)
-    counts = _counts(samples, parts, wanted.any(axis=0), band.strata)
-    result = np.zeros((len(scenes), 2 * count))
-    for rays in _rays(band, samples, counts):
-        part = rays.pixels[rays.row] + count * (rays.way > 0)
-        for scene, sampled, image in zip(scenes, wanted, result, strict=True):
-            scene.add(rays.leaving, part, sampled.ravel(), image)
-    image = np.where(wanted, _relative(rig, result).reshape(wanted.shape), colour * parts)
+    band, parts = Band.of(rig, rows), white.reshape(2, -1)
+    colour = colours(band, scenes)
+    image = np.where(np.isnan(colour), sampled(band, Batch(samples), scenes, parts, colour), colour * parts)
     return image.sum(axis=1).reshape(-1, *white.shape[1:])
+
+
+def colours(band: Band, scenes: Sequence[TargetLight | LitScene]) -> np.ndarray:
+    """Colour of both parts of each pixel, (scenes, 2, n); NaN where it must be sampled."""
+    sight = Sight(band)
+    return np.array([scene.seen(sight) for scene in scenes])
+
+
+def sampled(
+    band: Band,
+    batch: Batch,
+    scenes: Sequence[TargetLight | LitScene],
+    white: Float64[np.ndarray, "2 n"],
+    colour: Float64[np.ndarray, "scenes 2 n"],
+) -> np.ndarray:
+    """Sampled light of both parts of each pixel, relative, (scenes, 2, n); 0 where `colour` is known.
+
+    Parameters
+    ----------
+    white : (2, n) float64
+        The white image in these two parts, by whose light rays are shared out.
+    """
+    count, wanted = len(band.strata), np.isnan(colour)
+    counts = _counts(batch.first, white, wanted.any(axis=0), band.strata) * (batch.samples // batch.first)
+    result = np.zeros((len(scenes), 2 * count))
+    for rays in _rays(band, batch, counts):
+        part = rays.pixels[rays.row] + count * (rays.way > 0)
+        for scene, own, image in zip(scenes, wanted, result, strict=True):
+            scene.add(rays.leaving, part, own.ravel(), image)
+    return _relative(band.rig, result).reshape(wanted.shape)
 
 
 def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:
@@ -151,12 +178,12 @@ def _relative(rig: Rig, flux: np.ndarray) -> np.ndarray:
     return flux / rig.tracer.reference_weight_sr
 
 
-def _rays(band: Band, samples: int, counts: np.ndarray) -> Iterator[_Rays]:
+def _rays(band: Band, batch: Batch, counts: np.ndarray) -> Iterator[_Rays]:
     """Rays of all pixels, so many through each microlens (n, s); the next stretch takes the arrays of the last."""
     tracer = band.rig.tracer
     width = tracer.camera.sensor.width_px
-    random = Samples(sobol_bits(samples), tracer.seed, tracer.camera.sensor.pitch_mm)
-    of_pixel = counts.sum(axis=1)
+    random = Samples(sobol_bits(batch.end), batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
+    of_pixel, skipped = counts.sum(axis=1), counts * (batch.number > 0)
     pixels = np.flatnonzero(of_pixel)
     room = room_for(0)
     for first, end in _stretches(of_pixel[pixels]):
@@ -166,7 +193,7 @@ def _rays(band: Band, samples: int, counts: np.ndarray) -> Iterator[_Rays]:
             room = room_for(most)
         y_px, x_px = np.divmod(some + band.rows[0] * width, width)
         strata = np.where(counts[some] > 0, band.strata[some], SKIP)
-        squares = Squares(np.stack([x_px, y_px], axis=1), band.positions_mm[some], strata, counts[some])
+        squares = Squares(np.stack([x_px, y_px], axis=1), band.positions_mm[some], strata, counts[some], skipped[some])
         count = bundle_kernels.image_rays(tracer.arrays, random, squares, band.rig.diffraction, room)
         bundle_kernels.image_rays.count(most, len(tracer.table))
         leaving = room.first(count)

@@ -1,26 +1,34 @@
 """Images in light of several wavelengths: the sum of those in each, all relative to the white scene on the axis."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
-from pipeline.render.imaging import Rows, irradiance_and_crosstalk, pictures
+from pipeline.render.band import Band
+from pipeline.render.imaging import Rows, colours, irradiance_and_crosstalk, pictures, sampled
 from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
+from pipeline.render.passes import Batch, batch_of
 
 
-def white_parts(rig: Rig, samples: int, rows: Rows | None = None) -> np.ndarray:
+def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.ndarray:
     """The white image and its part through other microlenses than that of the pixel's cell, by wavelength.
+
+    Parameters
+    ----------
+    samples : int or Batch
+        As in `imaging.irradiance_and_crosstalk`, of all wavelengths together.
 
     Returns
     -------
     (2, height, width, wavelengths) float64
         Each relative to the white scene on the axis in the same light; `in_all` sums them up.
     """
-    shared = rig.tracer.samples_of_each(samples)
+    shared = _shared(rig.tracer, batch_of(samples))
     parts = [irradiance_and_crosstalk(one, shared, None, rows) for one in rig.in_each_light]
     return np.stack([np.stack(part) for part in parts], axis=-1)
 
@@ -39,13 +47,57 @@ def pictures_in_lights(
     white : (2, height, width, wavelengths) float64
         Of `white_parts`, for the same rows.
     """
-    shared, images = rig.tracer.samples_of_each(samples), []
+    shared, parts, images = rig.tracer.samples_of_each(samples), own_and_foreign(white), []
     for number, one in enumerate(rig.in_each_light):
-        all_of_it, foreign = np.ascontiguousarray(white[..., number])
-        parts = np.array([all_of_it - foreign, foreign])
         seen = [scene.in_light(number, shared) for scene in scenes]
-        images.append(pictures(one, shared, seen, parts, rows))
+        images.append(pictures(one, shared, seen, np.ascontiguousarray(parts[..., number]), rows))
     return in_all(rig.tracer, np.stack(images, axis=-1))
+
+
+def colours_in_lights(rig: Rig, scene: TargetLight | LitView, rows: Rows | None = None) -> np.ndarray:
+    """Colour of both parts of each pixel at each wavelength, (2, h, w, wavelengths); NaN where it must be sampled."""
+    found = []
+    for number, one in enumerate(rig.in_each_light):
+        band = Band.of(one, rows)
+        found.append(colours(band, [scene.in_light(number, 1)])[0].reshape(2, *band.shape))
+    return np.stack(found, axis=-1)
+
+
+def sampled_in_lights(
+    rig: Rig,
+    batch: Batch,
+    scene: TargetLight | LitView,
+    white: Float64[np.ndarray, "2 height width wavelengths"],
+    colour: Float64[np.ndarray, "2 height width wavelengths"],
+    rows: Rows | None = None,
+) -> np.ndarray:
+    """The part of an image that a batch samples, (h, w), relative; `white` and `colour` as of the functions above."""
+    shared, found = _shared(rig.tracer, batch), []
+    for number, one in enumerate(rig.in_each_light):
+        band = Band.of(one, rows)
+        parts, known = (values[..., number].reshape(2, -1) for values in (own_and_foreign(white), colour))
+        light = sampled(band, shared, [scene.in_light(number, shared.samples)], parts, known[None])
+        found.append(light[0].sum(axis=0).reshape(band.shape))
+    return in_all(rig.tracer, np.stack(found, axis=-1))
+
+
+def known_in_lights(
+    tracer: Tracer,
+    white: Float64[np.ndarray, "2 height width wavelengths"],
+    colour: Float64[np.ndarray, "2 height width wavelengths"],
+) -> np.ndarray:
+    """The part of an image that is colour times white, (h, w); 0 where it is sampled."""
+    return in_all(tracer, np.nansum(colour * own_and_foreign(white), axis=0))
+
+
+def own_and_foreign(white: Float64[np.ndarray, "2 height width wavelengths"]) -> np.ndarray:
+    """White images, of all light and of that through other microlenses, as the two parts that make up all light."""
+    return np.array([white[0] - white[1], white[1]])
+
+
+def _shared(tracer: Tracer, batch: Batch) -> Batch:
+    """The batch of each wavelength."""
+    return replace(batch, first=tracer.samples_of_each(batch.first))
 
 
 def in_all(tracer: Tracer, by_wavelength: Float64[np.ndarray, "... wavelengths"]) -> np.ndarray:

@@ -52,7 +52,9 @@ class CameraEntry:
     truth : dict
         Fields of `truth.TruthSettings` (a dict, because scene and truth do not import each other).
     image_samples : int
-        Rays per pixel of the image.
+        Rays per pixel of the image, or of the first pass over it.
+    image_noise : float or None
+        Standard error of pixels until which passes follow, relative to the mean of the image; None: there is one pass.
     bounces : int
         Reflections between surfaces in images of a lit dataset.
     extent : str
@@ -84,6 +86,7 @@ class CameraEntry:
     sampling: Sampling
     truth: dict[str, str | float | None]
     image_samples: int
+    image_noise: float | None = None
     bounces: int = 2
     extent: str = "tiles"
     delivers_rays: bool = False

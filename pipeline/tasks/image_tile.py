@@ -38,11 +38,12 @@ def image_rows(
     """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
     rig = imaged_rig(inputs, exposure)
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
-    scenes = [_scene(view, exposure, inputs) for view in views]
+    scenes = [scene_of(view, exposure, inputs) for view in views]
     return pictures_in_lights(rig, exposure.samples, scenes, white, rows)
 
 
-def _scene(view: PaintedView, exposure: Exposure, inputs: Inputs) -> TargetLight | LitView:
+def scene_of(view: PaintedView, exposure: Exposure, inputs: Inputs) -> TargetLight | LitView:
+    """The view as the rooms of light take it."""
     targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
     if view.lighting is None:
         return TargetLight(targets, view.background, occluders)

@@ -139,7 +139,7 @@ def _sent(tracer: Tracer, square_px: float, bundles: PointBundles, rays: int) ->
     strata, bits = np.repeat(bundles.microlens[:, None], REPLICAS, axis=1), sobol_bits(rays // REPLICAS)
     samples = Samples(bits, tracer.seed ^ _STREAM, square_px * tracer.camera.sensor.pitch_mm)
     x_px, counts = bundles.x_px, np.full_like(strata, rays // REPLICAS)
-    squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts)
+    squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts, 0 * counts)
     room = room_for(len(x_px) * rays)
     count = bundle_kernels.image_rays(tracer.arrays, samples, squares, no_diffraction(), room)
     bundle_kernels.image_rays.count(len(x_px) * rays, len(tracer.table))

@@ -7,6 +7,7 @@ from pxr import Gf
 
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
+IN_PASSES = {"image_pass", "white_pass", "noise_level", "noise_check"} | IMAGES
 POSES = {"frame_poses", "baselines"}
 """Where cameras and targets stand; to the pinhole, which is fitted between the near and the far plane."""
 PINHOLE = {"pinhole"} | POSES
@@ -390,6 +391,11 @@ CAMERAS = {
         Case(A, 500.0, PLANES | RAYS | POSITIONS - {"positions"}, given=IMAGE),
     ],
     "plen:image:samples": [Case(A, 128, IMAGES)],
+    "plen:image:noise": [
+        Case(A, 0.1, IN_PASSES),
+        Case(A, 0.05, IN_PASSES - {"noise_level"}, given={(A, "plen:image:noise"): 0.1}),
+        Case(B, 0.1, IN_PASSES),
+    ],
     "plen:image:diffraction": [Case(A, True, IMAGES), Case(B, True, IMAGES)],
     "plen:image:fNumbers": [
         Case(A, [8.0], FURTHER),

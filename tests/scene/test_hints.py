@@ -102,7 +102,7 @@ def test_operations_in_no_order_are_one_problem_with_one_order_that_holds_all(tm
     ("name", "choices", "meant"),
     [
         ("plen:image:bits", ["plen:image:fNumbers", "plen:image:samples"], None),
-        ("plen:image:noise", ["plen:image:samples", "plen:image:fNumbers"], None),
+        ("plen:image:grain", ["plen:image:samples", "plen:image:fNumbers"], None),
         ("plen:camera:wavelengths", ["plen:camera:wavelength"], "plen:camera:wavelength"),
         ("radius", ["plen:radius", "plen:radii"], "plen:radius"),
         ("plen:raduis", ["plen:radius", "plen:rows"], "plen:radius"),

@@ -141,7 +141,7 @@ def image_rays(camera, samples, squares, diffraction, rays):
             fan = bound(camera, microlens, sx, sy, reach, region)
             if not fan.area > 0.0:
                 continue
-            count = squares.counts[n, j]
+            count, skipped = squares.counts[n, j], squares.skipped[n, j]
             for first in range(0, count, PACKET):
                 size = min(PACKET, count - first)
                 if held + size > PACKET:
@@ -149,18 +149,18 @@ def image_rays(camera, samples, squares, diffraction, rays):
                     written = _release(packet, held, held_by, area, rays, written)
                     held = 0
                 here = slice(held, held + size)
-                draw(bits[0], first, size, hash32(base, stream), start_x[here])
-                draw(bits[1], first, size, hash32(base, stream + 1), start_y[here])
-                draw(bits[2], first, size, hash32(base, stream + 2), x[here])
-                draw(bits[3], first, size, hash32(base, stream + 3), y[here])
+                draw(bits[0], skipped + first, size, hash32(base, stream), start_x[here])
+                draw(bits[1], skipped + first, size, hash32(base, stream + 1), start_y[here])
+                draw(bits[2], skipped + first, size, hash32(base, stream + 2), x[here])
+                draw(bits[3], skipped + first, size, hash32(base, stream + 3), y[here])
                 for i in range(held, held + size):
                     held_by[i], area[i] = n * places + j, fan.area / count
                     start_x[i] = sx + edge * (start_x[i] - 0.5)
                     start_y[i] = sy + edge * (start_y[i] - 0.5)
                 if spreads:
-                    draw(bits[4], first, size, hash32(base, _SPREAD_STREAM + 3 * j), choice)
-                    draw(bits[5], first, size, hash32(base, _SPREAD_STREAM + 3 * j + 1), along_x)
-                    draw(bits[6], first, size, hash32(base, _SPREAD_STREAM + 3 * j + 2), along_y)
+                    draw(bits[4], skipped + first, size, hash32(base, _SPREAD_STREAM + 3 * j), choice)
+                    draw(bits[5], skipped + first, size, hash32(base, _SPREAD_STREAM + 3 * j + 1), along_x)
+                    draw(bits[6], skipped + first, size, hash32(base, _SPREAD_STREAM + 3 * j + 2), along_y)
                     spread(diffraction, microlens, start_x[here], start_y[here], choice, along_x, along_y)
                 anchor = Anchor(sx, sy, region_drift(camera, microlens))
                 aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here])

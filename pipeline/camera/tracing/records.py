@@ -167,13 +167,16 @@ class Squares(NamedTuple):
     strata : (n, s) int64
         Microlenses that light may pass, or `NO_MICROLENS`; `SKIP` fills up.
     counts : (n, s) int64
-        Rays through each, a power of two: so many of the samples, the first ones.
+        Rays through each, a power of two: so many of the samples.
+    skipped : (n, s) int64
+        Samples before these; 0: they are the first ones.
     """
 
     pixels: np.ndarray
     positions: np.ndarray
     strata: np.ndarray
     counts: np.ndarray
+    skipped: np.ndarray
 
 
 class Leaving(NamedTuple):

@@ -312,6 +312,8 @@ class _Driver:
         self.outcome.results[result.name] = result
         usual = record["made_by"].get("seconds") if record else None  # for estimates
         facts = {**result.to_dict(), "usual_seconds": usual, "peak_bytes": result.peak_bytes}
+        if record is not None and "news" in record["made_by"]:
+            facts["news"] = record["made_by"]["news"]
         self.on_event({"event": "done", "task": result.name, **facts})
         if record is not None:
             self.outcome.records[result.name] = record

@@ -166,6 +166,7 @@ def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> lis
         plain = [json.loads(json.dumps(spec["components"]["params"], sort_keys=True)) for spec in specs]
         module = importlib.import_module(kind)
         params = [from_plain(module.Params, one) if hasattr(module, "Params") else one for one in plain]
+        work().news = ""
         if count > 1:
             module.run_together(params, inputs, outs)
         else:
@@ -174,7 +175,7 @@ def _compute(specs: list[Plain], store: Store, packages: tuple[str, ...]) -> lis
         store.confirm(read.values())  # the task has read the verified bytes
         made_by: Plain = {"seconds": round((time.perf_counter() - start) / count, 4), "peak_bytes": meter.read_bytes()}
         made_by["cpu_seconds"] = round((time.process_time() - cpu_s) / count, 4)
-        made_by |= work().since(before).to_plain(1 / count)
+        made_by |= work().since(before).to_plain(1 / count) | ({"news": work().news} if work().news else {})
         return [_keep(spec, out, made_by, store) for spec, out in zip(specs, outs, strict=True)]
 
 

@@ -145,6 +145,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         truth={field: need(prim, name) for field, name in _TRUTH.items()}
         | {"accuracy_px": read(prim, "plen:truth:accuracy")},
         image_samples=need(prim, "plen:image:samples"),
+        image_noise=read(prim, "plen:image:noise"),
         bounces=need(prim, "plen:image:bounces"),
         extent=need(prim, "plen:truth:extent"),
         delivers_rays=need(prim, "plen:truth:rays"),

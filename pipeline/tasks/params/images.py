@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.placed import PaintedView
 
+BEFORE, CHECK, STRIP = "before", "check", "tile"
+"""Roles of the pass before, of the verdict about it, and, with a number, of a pass over some rows."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
@@ -26,10 +29,11 @@ class Exposure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class White:
-    """The image of a white scene."""
+    """The image of a white scene; with `noise`, the standard error that was asked for, from the last passes."""
 
     exposure: Exposure
     tiles: int
+    noise: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,11 +55,38 @@ class ImageTile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Image:
-    """An image from a number of tiles; 0: the task renders the view itself."""
+    """An image from a number of tiles; 0: the task renders the view itself. `noise` as of `White`."""
 
     exposure: Exposure
     tiles: int
     view: PaintedView | None
+    noise: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WhitePass:
+    """A pass over some rows, first and end, of the image of a white scene; passes count from 0."""
+
+    exposure: Exposure
+    rows: tuple[int, int]
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImagePass:
+    """A pass over some rows, first and end, of an image; passes count from 0."""
+
+    exposure: Exposure
+    view: PaintedView
+    rows: tuple[int, int]
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseCheck:
+    """Standard error that was asked for, relative to the mean of the image."""
+
+    noise: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
