@@ -45,6 +45,9 @@ TEXTBOOK_MM = 1e-11
 HALF_PIXEL_PX = 1e-9
 """A linear position image is solved exactly [px]: roundings of values near 100 mm over steps of 0.01 mm."""
 
+SAME_GEOMETRY_PX = 1e-9
+"""The same scene in another world [px]: roundings of poses of 500 mm, over at least 0.02 mm per px."""
+
 STORED_PX = 2e-4
 """Position images are kept in single precision [px]: half a unit of 64 mm is 4e-6 mm, over at least 0.02 mm per px."""
 

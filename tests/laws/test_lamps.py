@@ -9,6 +9,9 @@ import pytest
 from laws.lit import lamp, looked, matt, plate, scene, towards
 from tolerances import LIT_ERRORS
 
+from pipeline.render.lighting.records import Input, Material, Texture
+from pipeline.targets.occluder import Occluder
+
 SPOT = (30.0, -20.0, 500.0)
 """The point that is looked at [mm]."""
 EYE = (15.0, -10.0, 495.0)
@@ -135,3 +138,46 @@ def test_half_a_lamp_lights_half():
     found, error = looked(scene([(plate(500.0), matt(0.5)), (wall, matt(0.0))], [one]), SPOT, EYE)
     assert abs(2 * math.pi * found - whole[0] / 2) <= LIT_ERRORS * (2 * math.pi * error + whole[1])
     assert found > 0
+
+
+def glowing_square(half_mm: float) -> Occluder:
+    """A square across the axis, 100 mm before the spot."""
+    x, y, z = SPOT[0], SPOT[1], SPOT[2] - 100.0
+    corners = tuple((x + a * half_mm, y + b * half_mm, z) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    return Occluder(vertices_mm=corners, triangles=((0, 1, 2), (0, 2, 3)))
+
+
+def shining(emission: Input) -> Material:
+    """A material that shines and reflects nothing."""
+    return Material(diffuse_color=Input(value=(0.0,) * 3), emissive_color=emission, ior=1.0)
+
+
+def test_small_bright_surfaces_light_as_a_lamp_does_and_with_as_little_noise():
+    """A glowing square of 4 mm and a rect of that size: the same light, and errors alike.
+
+    Asked by chance alone, one path of 2,000 would meet the square, and its error would be 40 times as large.
+    """
+    things = [(plate(500.0), matt(0.5)), (glowing_square(2.0), shining(Input(value=(1.0,) * 3)))]
+    mean, error = looked(scene(things, []), SPOT, EYE)
+    rect = lamp("rect", (2.0, 2.0), towards(DOWN, (SPOT[0], SPOT[1], SPOT[2] - 100.0)))
+    expected, usual = looked(scene(things[:1], [rect]), SPOT, EYE)
+    assert abs(mean - expected) <= LIT_ERRORS * math.hypot(error, usual)
+    assert error < 2.0 * usual
+    beam, noise = looked(scene(things, [lamp("distant", (0.0, 0.0), towards((1.0, 0.0, -1.0)))]), SPOT, EYE)
+    assert abs(beam - expected - math.sqrt(0.5) * 0.5 / math.pi) <= LIT_ERRORS * math.hypot(noise, usual)
+
+
+def test_a_surface_that_shines_by_its_picture_lights_by_what_is_there_and_not_by_its_mean():
+    """A picture whose mean is 1, on a square where all of it is the texel of 2."""
+    picture = np.zeros((1, 2, 4), np.float32)
+    picture[0, 0] = 2.0
+    glow = [Input(value=(0.0,) * 3, texture=Texture(name="half", wrap=("clamp", "clamp"))), Input(value=(2.0,) * 3)]
+    found = [
+        looked(
+            scene([(plate(500.0), matt(0.5)), (glowing_square(2.0), shining(one))], [], pictures={"half": picture}),
+            SPOT,
+            EYE,
+        )
+        for one in glow
+    ]
+    assert abs(found[0][0] - found[1][0]) <= LIT_ERRORS * math.hypot(found[0][1], found[1][1])

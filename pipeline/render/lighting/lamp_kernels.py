@@ -11,6 +11,7 @@ import numpy as np
 
 from pipeline.jit.decorators import inline
 from pipeline.render.lighting.dome_kernels import Dome, dome_density, dome_sample, dome_texel
+from pipeline.render.lighting.shape_kernels import Glow
 from pipeline.render.lighting.vectors import across, along, dot, minus, times, unit, world
 
 KINDS = ("rect", "disk", "sphere", "cylinder", "distant", "dome")
@@ -38,11 +39,14 @@ class Lamps(NamedTuple):
         The picture of the textured dome; without texels there is none.
     background : float
         Radiance that the camera sees where nothing is, if there is no dome.
+    glow : Glow
+        Surfaces that shine by themselves.
     """
 
     table: np.ndarray
     dome: Dome
     background: float
+    glow: Glow
 
 
 @inline

@@ -9,6 +9,7 @@ from pipeline.records.shapes import Float64, Num
 from pipeline.render.lighting.dome_kernels import Dome
 from pipeline.render.lighting.lamp_kernels import AXIS_X, CENTRE, COLUMNS, KINDS, Lamps
 from pipeline.render.lighting.records import Lamp, PlacedLamp
+from pipeline.render.lighting.shape_kernels import Glow
 
 _EVEN = 0.5
 """Part of the choices of a lamp that does not ask how bright it is [1]: estimates may be wrong behind walls."""
@@ -20,7 +21,7 @@ def lamps_of(
     placed: Sequence[PlacedLamp],
     pictures: Mapping[str, Num[np.ndarray, "h w c"]],
     raised: Float64[np.ndarray, "3"],
-    middle_mm: Float64[np.ndarray, "3"],
+    shining: tuple[Glow, float],
     background: float,
 ) -> Lamps:
     """The lamps of a view.
@@ -31,9 +32,12 @@ def lamps_of(
         Linear pictures of domes, by name.
     raised : (3,) float64
         Weights of red, green and blue at the wavelength, from `spectra.weights_of_rgb`.
-    middle_mm : (3,) float64
-        Middle of what is lit, vision frame: it decides how often each lamp is asked.
+    shining : Glow, float
+        Surfaces that shine, as `shapes.glow_of` finds them.
     """
+    corners = shining[0].shapes.corners.reshape(-1, 3)
+    # The middle of what is lit decides how often each lamp is asked.
+    middle_mm = 0.5 * (corners.min(axis=0) + corners.max(axis=0)) if len(corners) else np.zeros(3)
     table, light, dome = np.zeros((len(placed), COLUMNS)), np.zeros(len(placed)), _sky(np.zeros((0, 0)))
     for k, entry in enumerate(placed):
         lamp, pose = from_plain(Lamp, entry.lamp), np.array(entry.vision_from_lamp, float)
@@ -44,9 +48,27 @@ def lamps_of(
         if lamp.texture:
             dome = _sky(np.asarray(pictures[lamp.texture], float)[..., :3] @ raised)
         light[k] = radiance * _seen(lamp.kind, area, float(np.linalg.norm(pose[:3, 3] - middle_mm)))
+    chance = _chances(np.append(light, _of_glow(*shining, middle_mm)) if shining[1] > 0 else light)
+    table[:, 2] = chance[: len(table)]
+    return Lamps(table, dome, background, _asked(shining[0], float(chance[len(table) :].sum())))
+
+
+def _chances(light: Float64[np.ndarray, "k"]) -> np.ndarray:
+    """Probabilities with which sources of light are asked, (k,), by the irradiance that each may give."""
     known = light / light.sum() if light.sum() > 0 else np.full(len(light), 1 / max(1, len(light)))
-    table[:, 2] = _EVEN / max(1, len(light)) + (1 - _EVEN) * known
-    return Lamps(table, dome, background)
+    return np.asarray(_EVEN / max(1, len(light)) + (1 - _EVEN) * known)
+
+
+def _of_glow(glow: Glow, power_mm2: float, middle_mm: np.ndarray) -> float:
+    """Irradiance that surfaces which shine may give, about, as `_seen` says it of lamps."""
+    places = glow.shapes.corners[glow.triangle].mean(axis=(0, 1))
+    area = float(1.0 / glow.per_mm2[glow.triangle].mean())
+    return power_mm2 / (4 * float(np.sum((places - middle_mm) ** 2)) + area)
+
+
+def _asked(glow: Glow, chance: float) -> Glow:
+    """The same surfaces, asked with a probability."""
+    return glow._replace(chance=chance, per_mm2=chance * glow.per_mm2)
 
 
 def _seen(kind: str, area: float, distance_mm: float) -> float:

@@ -4,7 +4,7 @@ Embree names the triangle that a ray meets, for whole batches; everything else i
 artwork of targets is evaluated by its formula at the exact hit, as in scenes without lamps.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,8 +95,8 @@ class LitScene:
         self._shapes, self._materials = shapes.joined(pieces), table.arrays
         self._embree = MeshScene([self._shapes.corners])
         corners = self._shapes.corners.reshape(-1, 3)
-        middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0)) if len(corners) else np.zeros(3)
-        self._lamps = lamps_of(lighting.lamps, view.pictures, raised, middle, view.background)
+        shining = shapes.glow_of(self._shapes, self._materials)
+        self._lamps = lamps_of(lighting.lamps, view.pictures, raised, shining, view.background)
         self._has_holes = bool((self._materials.flags[:, THRESHOLD] > 0).any())
         self._gap_mm = max(_GAP_MM, _GAP * float(np.abs(corners).max(initial=0.0)))
         self._scene = layers(), points_of(samples), self._gap_mm
@@ -114,8 +114,8 @@ class LitScene:
         image: Float64[np.ndarray, "m"],
     ) -> None:
         """Add the light of rays to their pixels, as `light.TargetLight.add`."""
-        some = np.flatnonzero(wanted[pixels])
-        rays, pixels = Leaving(*(np.ascontiguousarray(values[some]) for values in rays)), pixels[some]
+        some = wanted[pixels]
+        rays, pixels = Leaving(*_those(rays, some)), pixels if some.all() else pixels[some]
         sheet_image.add_values(rays.share, self.radiance(rays.origin, rays.direction, rays.owner), pixels, image)
 
     def radiance(
@@ -127,43 +127,51 @@ class LitScene:
         """Radiance that arrives along each ray, (n,); rays of one owner follow one another."""
         light, paths = np.zeros(len(owner)), _first(origin_mm, direction, owner)
         for vertex in range(self._bounces + 2):
+            if vertex > self._bounces and self._lamps.glow.chance == 0.0:
+                paths = self._reaching(paths)
             if not len(paths.power):
                 break
             hits = self._meet(paths)
             kernels.gather(self._lamps, paths, hits, light)
-            lit = np.flatnonzero(np.isfinite(hits.distance))
-            if vertex > self._bounces or not len(lit):
+            lit = np.isfinite(hits.distance)
+            if vertex > self._bounces or not lit.any():
                 break
-            paths, hits = Paths(*(values[lit] for values in paths)), Hits(*(values[lit] for values in hits))
-            if len(self._lamps.table):
+            paths, hits = Paths(*_those(paths, lit)), Hits(*_those(hits, lit))
+            if len(self._lamps.table) or self._lamps.glow.chance > 0.0:
                 self._ask_lamps(vertex, paths, hits, light)
-            goes_on = np.zeros(len(lit), bool)
+            goes_on = np.zeros(len(paths.power), bool)
             kernels.scatter(self._scene, vertex, paths, hits, goes_on)
-            paths = Paths(*(values[goes_on] for values in paths))
+            paths = Paths(*_those(paths, goes_on))
         return light
+
+    def _reaching(self, paths: Paths) -> Paths:
+        """The paths that meet a lamp unless something is in their way: nothing else counts after the last surface."""
+        reaches = np.zeros(len(paths.power), bool)
+        kernels.reach_lamps(self._lamps, paths, reaches)
+        return Paths(*_those(paths, reaches))
 
     def _ask_lamps(self, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
         """Add the light that lamps send to some surfaces directly."""
         count = len(paths.power)
         shadows = Shadows(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count))
         kernels.send_to_lamps(self._lamps, self._scene, vertex, paths, hits, shadows)
-        some = np.flatnonzero(shadows.light)
-        shadows = Shadows(*(values[some] for values in shadows))
+        some = shadows.light > 0.0
+        shadows = Shadows(*_those(shadows, some))
         triangle = self._first_triangle(shadows.origin, shadows.direction)
         kernels.arrive(self._shapes.corners, triangle, shadows, paths.ray[some], self._gap_mm, light)
 
     def _meet(self, paths: Paths) -> Hits:
         count = len(paths.power)
         places = [np.empty((count, 3)) for _ in range(4)]
-        hits = Hits(np.empty(count), places[0], places[1], places[2], places[3], np.empty(count))
         triangle = self._first_triangle(paths.origin, paths.direction)
+        hits = Hits(np.empty(count), triangle, places[0], places[1], places[2], places[3], np.empty(count))
         albedo = np.full(count, np.nan)
         for art, first, end in zip(self._art, self._ends, self._ends[1:], strict=False):
             own = (triangle >= first) & (triangle < end)
             if own.any():
                 albedo[own] = 0.0
                 art.shine(np.where(own, triangle - first, -1), paths.origin, paths.direction, albedo)
-        kernels.meet(self._shapes, self._materials, triangle, albedo, paths, hits)
+        kernels.meet(self._shapes, self._materials, albedo, paths, hits)
         return hits
 
     def _first_triangle(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -182,6 +190,14 @@ class LitScene:
             start = start[through] + (past[through] + self._gap_mm)[:, None] * direction[left]
             triangle[left] = self._embree.first_hit(start, direction[left])
         return triangle
+
+
+def _those(arrays: Iterable[np.ndarray], some: np.ndarray) -> list[np.ndarray]:
+    """Rows of arrays with True, contiguous; the arrays themselves if that is all."""
+    if some.all():
+        return [np.ascontiguousarray(values) for values in arrays]
+    rows = np.flatnonzero(some)
+    return [values.take(rows, axis=0) for values in arrays]
 
 
 def _first(origin: np.ndarray, direction: np.ndarray, owner: np.ndarray) -> Paths:

@@ -27,7 +27,14 @@ from pipeline.render.lighting.lamp_kernels import (
 from pipeline.render.lighting.lamp_kernels import RADIANCE as OF_LAMP
 from pipeline.render.lighting.material_kernels import EMISSION, input_at, paint_at
 from pipeline.render.lighting.reflection import Paint, reflected, scattered
-from pipeline.render.lighting.shape_kernels import path_to, shading_normal, st_at, weights
+from pipeline.render.lighting.shape_kernels import (
+    glow_density,
+    path_to,
+    sample_glow,
+    shading_normal,
+    st_at,
+    weights,
+)
 from pipeline.render.lighting.vectors import across, along, dot, local, row, times, unit, world
 
 _GAP = 2e-6
@@ -72,6 +79,7 @@ class Hits(NamedTuple):
     ----------
     distance : (n,) float64
         Infinite: nothing.
+    triangle : (n,) int64
     point, flat, normal : (n, 3) float64
         Place, and unit normals of the triangle and for shading, on the side that the ray comes from.
     paint : (n, 3) float64
@@ -80,6 +88,7 @@ class Hits(NamedTuple):
     """
 
     distance: np.ndarray
+    triangle: np.ndarray
     point: np.ndarray
     flat: np.ndarray
     normal: np.ndarray
@@ -106,18 +115,26 @@ class Shadows(NamedTuple):
 
 
 @kernel
-def meet(shapes, materials, triangle, albedo, paths, hits):
-    """Say what each path meets.
+def reach_lamps(lamps, paths, reaches):
+    """Whether each path meets a lamp or the light of the sky, (n,) bool, written, if nothing else is in its way."""
+    for i in range(reaches.size):
+        start, way, reaches[i] = row(paths.origin, i), row(paths.direction, i), False
+        for k in range(lamps.table.shape[0]):
+            reaches[i] = reaches[i] or meet_lamp(lamps.table, k, start, way)[0] < math.inf
+            reaches[i] = reaches[i] or far_light(lamps, k, way, paths.cosine[i])[0] > 0.0
+
+
+@kernel
+def meet(shapes, materials, albedo, paths, hits):
+    """Say what each path meets: `hits.triangle` is the first triangle of each ray, -1: none.
 
     Parameters
     ----------
-    triangle : (n,) int64
-        First triangle of each ray, -1: none.
     albedo : (n,) float64
         Reflectance of the artwork of targets there, whose back is black; NaN elsewhere.
     """
-    for i in range(triangle.size):
-        t = triangle[i]
+    for i in range(hits.triangle.size):
+        t = hits.triangle[i]
         hits.distance[i] = math.inf
         if t < 0:
             continue
@@ -164,7 +181,9 @@ def gather(lamps, paths, hits, light):
                 chance = lamps.table[own, CHANCE] * density(lamps.table, own, start, nearest, bright)
                 light[paths.ray[i]] += paths.power[i] * lamps.table[own, OF_LAMP] * _share(paths.density[i], chance)
         elif nearest < math.inf:
-            light[paths.ray[i]] += paths.power[i] * hits.emission[i]
+            if hits.emission[i] != 0.0:
+                chance = glow_density(lamps.glow, hits.triangle[i], way, nearest)
+                light[paths.ray[i]] += paths.power[i] * hits.emission[i] * _share(paths.density[i], chance)
         else:
             light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, way)
 
@@ -206,20 +225,25 @@ def _gap(point, least_mm):
 
 @kernel
 def send_to_lamps(lamps, scene, vertex, paths, hits, shadows):
-    """Make a ray from each surface to a point of one lamp."""
+    """Make a ray from each surface to a point of one lamp, or of a surface that shines."""
     layers, points, gap_mm = scene
     count = lamps.table.shape[0]
+    last = count if lamps.glow.chance > 0.0 else count - 1
     for i in range(paths.power.size):
         shadows.light[i] = 0.0
         pair = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.LAMP)
         k, u = 0, pair[0]
-        while k < count - 1 and u >= lamps.table[k, CHANCE]:
+        while k < last and u >= lamps.table[k, CHANCE]:
             u -= lamps.table[k, CHANCE]
             k += 1
-        chance = lamps.table[k, CHANCE]
-        u = min(u / chance, 1.0 - 1e-16)
         normal, flat, point = row(hits.normal, i), row(hits.flat, i), row(hits.point, i)
-        way, end, radiance, by_lamp = sample_lamp(lamps, k, point, normal, (u, pair[1]))
+        if k == count:
+            chance, spot = 1.0, (min(u / lamps.glow.chance, 1.0 - 1e-16), pair[1])
+            way, end, radiance, by_lamp = sample_glow(lamps.glow, point, spot)
+        else:
+            chance = lamps.table[k, CHANCE]
+            spot = min(u / chance, 1.0 - 1e-16), pair[1]
+            way, end, radiance, by_lamp = sample_lamp(lamps, k, point, normal, spot)
         if not (radiance > 0.0 and by_lamp > 0.0 and dot(way, flat) > 0.0):
             continue
         x, y = across(normal)

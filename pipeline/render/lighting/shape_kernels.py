@@ -1,4 +1,6 @@
-"""Points where rays meet triangles: place, normals and texture coordinates in double precision. Kernels only; mm."""
+"""Points on triangles: where rays meet them, and where those that shine are asked for light. In double precision, with
+normals and texture coordinates. Kernels only; mm.
+"""
 
 import math
 from typing import NamedTuple
@@ -6,7 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import inline, kernel
-from pipeline.render.lighting.material_kernels import BUMPY, NORMAL_X, NORMAL_Y, NORMAL_Z, input_at, is_hole
+from pipeline.render.lighting.material_kernels import (
+    BUMPY,
+    EMISSION,
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    Materials,
+    input_at,
+    is_hole,
+)
 from pipeline.render.lighting.vectors import along, cross, dot, minus, row, times, unit
 
 
@@ -26,6 +37,63 @@ class Shapes(NamedTuple):
     normals: np.ndarray
     st: np.ndarray
     material: np.ndarray
+
+
+class Glow(NamedTuple):
+    """Triangles that shine by themselves, as one more lamp beside those of the table.
+
+    Attributes
+    ----------
+    chance : float
+        Probability with which they are asked for light, and not a lamp.
+    triangle : (k,) int64
+        Those that shine.
+    cumulated : (k,) float64
+        Cumulated probability of each among them.
+    per_mm2 : (t,) float64
+        Density with which a point of any triangle is asked, the chance included [1/mm^2]; 0 where it does not shine.
+    shapes, materials : Shapes, Materials
+        Of all triangles.
+    """
+
+    chance: float
+    triangle: np.ndarray
+    cumulated: np.ndarray
+    per_mm2: np.ndarray
+    shapes: Shapes
+    materials: Materials
+
+
+@inline
+def sample_glow(glow, origin, pair):
+    """A point of a triangle that shines: unit direction to it, path, radiance, and density over directions [1/sr], the
+    chance of `Glow` included.
+    """
+    low, high = 0, glow.cumulated.size - 1
+    while low < high:
+        middle = (low + high) // 2
+        if glow.cumulated[middle] > pair[0]:
+            high = middle
+        else:
+            low = middle + 1
+    below = glow.cumulated[low - 1] if low > 0 else 0.0
+    part = min(max((pair[0] - below) / (glow.cumulated[low] - below), 0.0), 1.0)
+    t, side = glow.triangle[low], math.sqrt(part)
+    w, corners = (1.0 - side, side * (1.0 - pair[1]), side * pair[1]), glow.shapes.corners[t]
+    off = minus(along(along(times(w[0], row(corners, 0)), w[1], row(corners, 1)), w[2], row(corners, 2)), origin)
+    length = math.sqrt(dot(off, off))
+    way = times(1.0 / length, off)
+    radiance = input_at(glow.materials, glow.shapes.material[t], EMISSION, st_at(glow.shapes, t, w))
+    return way, length, radiance, glow_density(glow, t, way, length)
+
+
+@inline
+def glow_density(glow, t, way, length):
+    """Density with which `sample_glow` finds a direction that meets a triangle after a path [1/sr]."""
+    corners = glow.shapes.corners[t]
+    normal = cross(minus(row(corners, 1), row(corners, 0)), minus(row(corners, 2), row(corners, 0)))
+    cosine = abs(dot(normal, way)) / math.sqrt(dot(normal, normal))
+    return glow.per_mm2[t] * length * length / cosine if cosine > 0.0 else 0.0
 
 
 @inline

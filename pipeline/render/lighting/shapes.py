@@ -4,8 +4,9 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.records.shapes import Float64
+from pipeline.render.lighting.material_kernels import COEFFICIENTS, CONSTANT, EMISSION, MAP, TEXTURE, Materials
 from pipeline.render.lighting.records import Finish
-from pipeline.render.lighting.shape_kernels import Shapes
+from pipeline.render.lighting.shape_kernels import Glow, Shapes
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patches import CYLINDER, HEIGHTS, Patch
 
@@ -52,3 +53,27 @@ def _flat(corners: Float64[np.ndarray, "m 3 3"]) -> np.ndarray:
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return np.repeat((normal / np.where(length > 0, length, 1.0))[:, None], 3, axis=1)
+
+
+def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
+    """Triangles that shine by themselves, by area and emission, still without a chance; and the sum of both products
+    [mm^2 of radiance].
+    """
+    one, other = (shapes.corners[:, k] - shapes.corners[:, 0] for k in (1, 2))
+    area = 0.5 * np.linalg.norm(np.cross(one, other), axis=1)
+    power = area * _emission(materials)[shapes.material] if len(area) else area
+    found = np.flatnonzero(power > 0)
+    share = power / power.sum() if len(found) else power
+    per_mm2 = np.divide(share, area, out=np.zeros(len(area)), where=area > 0)
+    return Glow(0.0, found, np.cumsum(share[found]), per_mm2, shapes, materials), float(power.sum())
+
+
+def _emission(materials: Materials) -> np.ndarray:
+    """Radiance of each material, (m,), the mean of its picture if it has one."""
+    inputs = materials.inputs[:, EMISSION]
+    result = inputs[:, CONSTANT].copy()
+    for m in np.flatnonzero(inputs[:, TEXTURE] >= 0):
+        first, width, height = materials.pictures[int(inputs[m, TEXTURE])]
+        texels = materials.texels[first : first + width * height]
+        result[m] += texels.mean(axis=0, dtype=float) @ inputs[m, COEFFICIENTS:MAP]
+    return np.maximum(result, 0.0)

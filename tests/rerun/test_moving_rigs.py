@@ -1,0 +1,118 @@
+"""A rig that moves over a standing board: moving it by T is moving the board by the inverse of T."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tolerances import SAME_GEOMETRY_PX
+
+import pipeline
+from pipeline.exports.export import export
+from pipeline.files.exr import read_exr
+from pipeline.files.tables import read_table
+from pipeline.frames import inverse, rigid
+
+TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
+PLACES = {
+    1: ((0.3, -0.2, -434.4), (0, 0, 5)),
+    2: ((0.6, 0.4, -432.0), (3, 25, 10)),
+    3: ((-1.0, 0.5, -436.0), (-20, 0, 40)),
+}
+"""Poses of the board before the camera in each frame [mm, deg]."""
+STOOD = rigid(Rotation.from_euler("xyz", [20, 60, -35], degrees=True).as_matrix(), np.array([400.0, -30.0, 150.0]))
+"""world_from_board where the rig moves."""
+
+
+def moves(poses: dict[int, np.ndarray]) -> str:
+    """Time samples of a prim."""
+    turns = {
+        frame: Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True).tolist() for frame, pose in poses.items()
+    }
+    turn = "\n".join(f"            {frame}: {tuple(quat)}," for frame, quat in turns.items())
+    shift = "\n".join(f"            {frame}: {tuple(pose[:3, 3].tolist())}," for frame, pose in poses.items())
+    return (
+        f"        quatd xformOp:orient.timeSamples = {{\n{turn}\n        }}\n"
+        f"        double3 xformOp:translate.timeSamples = {{\n{shift}\n        }}\n"
+        '        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]\n'
+    )
+
+
+def stage_of(rig: dict[int, np.ndarray], board: dict[int, np.ndarray]) -> str:
+    """The tiny dataset with three frames and poses in the world of the rig and of the board."""
+    text = (
+        TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@").replace("endTimeCode = 2", "endTimeCode = 3")
+    )
+    text = text.replace('"moments"', '"direct"').replace("plen:image:samples = 64", "plen:image:samples = 16")
+    before, _, rest = text.partition("        quatd xformOp:orient.timeSamples")
+    end = rest.partition('["xformOp:translate", "xformOp:orient"]\n')[2]
+    text = before + moves(board) + end
+    return text.replace('    {\n        over "Camera"', "    {\n" + moves(rig) + '\n        over "Camera"', 1)
+
+
+@pytest.fixture(scope="module")
+def builds(tmp_path_factory, common_store):
+    """Output folders, and what ran: of a rig that stands, and then of a rig that moves."""
+    camera_from_board = {
+        frame: rigid(Rotation.from_euler("xyz", turn, degrees=True).as_matrix(), np.array(place))
+        for frame, (place, turn) in PLACES.items()
+    }
+    still = dict.fromkeys(PLACES, np.eye(4)), camera_from_board
+    # camera_from_board = camera_from_world world_from_board
+    moved = {frame: STOOD @ inverse(pose) for frame, pose in camera_from_board.items()}, dict.fromkeys(PLACES, STOOD)
+    folder, found = tmp_path_factory.mktemp("moving"), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PIPELINE_CACHE", str(common_store))
+        for name, poses in (("still", still), ("moved", moved)):
+            stage = folder / f"{name}.usda"
+            stage.write_text(stage_of(*poses), encoding="utf-8")
+            result = pipeline.build(stage, folder / name, jobs=1)
+            assert result.exit_code == 0, [task.error for task in result.failures]
+            found.append(
+                (folder / name, {task.key for task in result.tasks if task.kind in ("focus", "white", "planes")})
+            )
+    return found
+
+
+def test_rows_and_images_are_those_of_a_board_that_moves_the_other_way(builds):
+    (still, _), (moved, _) = builds
+    for frame in PLACES:
+        one, other = (folder / f"frames/{frame:04d}/Rig.Camera" for folder in (still, moved))
+        tables = [read_table(place / "correspondences.csv") for place in (one, other)]
+        for column in ("x_px", "y_px"):
+            rows = [table.numbers(column) for table in tables]
+            assert len(rows[0]) == 6
+            np.testing.assert_allclose(rows[1], rows[0], rtol=0, atol=SAME_GEOMETRY_PX)
+        pixels = [read_exr(place / "image.exr")["image"].channels["Y"] for place in (one, other)]
+        # A ray in sixteen that meets an edge may fall to its other side by rounding.
+        assert np.mean(pixels[0] != pixels[1]) < 0.01
+
+
+def test_nothing_that_belongs_to_the_rig_alone_runs_again(builds):
+    (_, still), (_, moved) = builds
+    assert still == moved
+
+
+def test_every_frame_says_where_the_camera_was(builds):
+    _, (folder, _) = builds
+    for frame, (place, turn) in PLACES.items():
+        plain = json.loads((folder / f"frames/{frame:04d}/Rig.Camera/poses.json").read_text())
+        pose = np.array(plain["camera_from_world"]) @ STOOD
+        expected = np.diag([1.0, -1.0, -1.0, 1.0]) @ rigid(
+            Rotation.from_euler("xyz", turn, degrees=True).as_matrix(), np.array(place)
+        )
+        np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(plain["targets"]["Board"]["camera_from_target"], expected, rtol=0, atol=1e-9)
+        through = np.array(plain["pinhole"]["pinhole_from_world"])
+        assert np.abs(inverse(through) - np.array(plain["pinhole"]["world_from_pinhole"])).max() < 1e-9
+
+
+def test_exports_follow_the_rig(builds, tmp_path):
+    """Poses of frames differ in COLMAP's list of images."""
+    _, (folder, _) = builds
+    export(pipeline.open_output(folder), ["colmap"], tmp_path)
+    lines = [
+        one.split() for one in next((tmp_path / "colmap").rglob("images.txt")).read_text().splitlines() if ".png" in one
+    ]
+    assert len({tuple(line[1:8]) for line in lines}) == len(PLACES)
