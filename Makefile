@@ -8,7 +8,7 @@ SLOWEST := --durations=15 --durations-min=2
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs lint warm faults mutants bench evaluation picture web wheel clean
+.PHONY: demo test proofs first-hour lint warm faults mutants bench evaluation picture web wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -40,6 +40,10 @@ lint: $(STAMP)
 # Kills, cuts, flips, full disks and more, at every place of a build: ten to twenty minutes.
 faults: $(STAMP)
 	$(BIN)/python tests/faults/run.py
+
+# What a newcomer does, in a clone of the last commit, each step beside what it should give; FRESH=1 installs anew, too.
+first-hour: $(STAMP)
+	$(BIN)/python docs/first_hour.py $(if $(FRESH),,--venv $(VENV))
 
 # Small mistakes made on purpose, N of them: which do the tests notice? Forty should take two cores less than an hour.
 N ?= 40

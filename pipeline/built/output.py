@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.built.correspondences import CorrespondenceRows, all_of
 from pipeline.built.folder import BuiltFolder, finished_folder
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView, pinholes, target
 from pipeline.built.rows import as_pandas, joined, rows_of
 from pipeline.channel_names import body_and_channel, folder_of, name_with
 from pipeline.errors import UsageError
+from pipeline.notebook.markup import table
 from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -74,7 +76,7 @@ class Output:
         raise UsageError(f"{self.path} has no frame {frame}", hint=f"its frames: {', '.join(map(str, self.frames))}")
 
     @cached_property
-    def correspondences(self) -> np.recarray:
+    def correspondences(self) -> CorrespondenceRows:
         """The ground truth of all cameras and frames.
 
         Raises
@@ -82,7 +84,8 @@ class Output:
         UsageError
             Some cameras are plenoptic and others are not: their columns differ.
         """
-        return joined([camera.correspondences for camera in self.cameras.values()])
+        parts = [camera.correspondences for camera in self.cameras.values()]
+        return all_of(joined(parts), parts)
 
     @cached_property
     def baselines(self) -> np.recarray | None:
@@ -93,6 +96,19 @@ class Output:
     def pandas(self) -> "pandas.DataFrame":
         """The correspondences as a data frame."""
         return as_pandas(self.correspondences)
+
+    def _repr_html_(self) -> str:
+        """Cameras and targets, for a notebook."""
+        facts = self._folder.record("manifest.json")["points"]
+        cameras = []
+        for name, camera in self.cameras.items():
+            width, height = camera.size_px
+            rows = sum(frame["rows"] for frame in facts[name]["frames"]) if name in facts else "-"
+            kind = "plenoptic" if camera.is_plenoptic else "conventional"
+            cameras.append((name, kind, camera.record["lens"]["name"], f"{width} x {height}", len(self.frames), rows))
+        targets = [(one.name, one.kind, len(one.points_mm)) for one in self.targets.values()]
+        names = ("camera", "kind", "lens", "image [px]", "frames", "rows of truth")
+        return table(names, cameras, str(self.path)) + table(("target", "kind", "points"), targets)
 
 
 def open_output(out: str | Path) -> Output:
@@ -153,19 +169,20 @@ def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...]) -> BuiltCam
         record=record,
         pinhole=plain,
         pinhole_with_distortion=with_distortion,
-        views=tuple(_view(folder, name, frame, is_plenoptic) for frame in frames),
+        views=tuple(_view(folder, name, frame, is_plenoptic, (width, height)) for frame in frames),
         white_path=folder.file(f"{place}/white.exr"),
         rays_path=folder.file(f"{place}/rays.exr"),
         _folder=folder,
     )
 
 
-def _view(folder: BuiltFolder, camera: str, frame: int, is_plenoptic: bool) -> BuiltView:
+def _view(folder: BuiltFolder, camera: str, frame: int, is_plenoptic: bool, size_px: tuple[int, int]) -> BuiltView:
     place = f"frames/{frame:04d}/{folder_of(camera)}"
     return BuiltView(
         camera=camera,
         frame=frame,
         is_plenoptic=is_plenoptic,
+        size_px=size_px,
         image_path=folder.file(f"{place}/image.exr"),
         preview_path=folder.file(f"{place}/image.png"),
         positions_path=folder.file(f"{place}/positions.exr"),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pipeline.built.correspondences import Backdrop, CorrespondenceRows, all_of, with_backdrop
 from pipeline.built.folder import BuiltFolder
 from pipeline.built.rows import MICROLENS, as_pandas, joined, rows_of
 from pipeline.channel_names import body_and_channel, folder_of
@@ -74,6 +75,8 @@ class BuiltView:
     camera : str
     frame : int
     is_plenoptic : bool
+    size_px : tuple of int
+        Width and height of its image.
     image_path, preview_path, positions_path : Path or None
         image.exr, image.png and positions.exr; None where the build made none.
     """
@@ -81,24 +84,31 @@ class BuiltView:
     camera: str
     frame: int
     is_plenoptic: bool
+    size_px: tuple[int, int]
     image_path: Path | None
     preview_path: Path | None
     positions_path: Path | None
     _folder: BuiltFolder = field(repr=False, compare=False)
 
     @cached_property
-    def correspondences(self) -> np.recarray:
+    def correspondences(self) -> CorrespondenceRows:
         """Rows of correspondences.csv, without the columns of microlenses where there are none.
 
         docs/outputs.md says what the columns mean.
         """
         table = self._folder.table(f"frames/{self.frame:04d}/{folder_of(self.camera)}/correspondences.csv")
-        return rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
+        rows = rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
+        pictures = {(self.camera, self.frame): self.preview_path} if self.preview_path else {}
+        return with_backdrop(rows, Backdrop({self.camera: self.size_px}, pictures))
 
     @cached_property
     def poses(self) -> BuiltPoses:
         """Poses of the view, from poses.json."""
         return _poses(self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json"))
+
+    def _repr_png_(self) -> bytes | None:
+        """The preview, for a notebook; None where the build made none."""
+        return None if self.preview_path is None else self.preview_path.read_bytes()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +147,10 @@ class BuiltCamera:
     _folder: BuiltFolder = field(repr=False, compare=False)
 
     @cached_property
-    def correspondences(self) -> np.recarray:
+    def correspondences(self) -> CorrespondenceRows:
         """Rows of all frames."""
-        return joined([view.correspondences for view in self.views])
+        parts = [view.correspondences for view in self.views]
+        return all_of(joined(parts), parts)
 
     @cached_property
     def micro_images(self) -> np.recarray | None:

@@ -25,7 +25,8 @@ from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
 from pipeline.report import svg as svg_file
 
-_FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
+FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
+"""Places on the sensor of the bundles, 0 its centre and 1 its farther edge, and their colours."""
 _RIM = 0.99
 """Share of the image circle at which a bundle of its rim is drawn: at the rim itself it has no width."""
 _STEEPEST = math.tan(math.radians(86))
@@ -36,7 +37,7 @@ _RAYS = 7
 """Rays of a bundle in the drawing of the whole camera: odd, so that one is in the middle; more would fill the lens."""
 _FAN = 2001
 """Rays that are tried across the lens to find those that pass: finer than pixels of the drawing, odd for the middle."""
-_AHEAD = 0.35
+AHEAD = 0.35
 """Length drawn before the lens over the length from the first vertex to the sensor."""
 _WIDTH_PX, _MARGIN_PX = 1200, 40
 """Width of the drawing and its blank edge [px]: a page of a browser, and room for the words at the edge."""
@@ -49,18 +50,18 @@ Points = list[svg_file.Point]
 def svg(camera: Camera, title: str, film: str = "sensor") -> str:
     """The drawing as the text of an SVG file; `film` is what its last plane is called."""
     first = camera.prescription.vertices_from_stop_mm[0]
-    left = first - _AHEAD * (camera.sensor_distance_mm - first)
+    left = first - AHEAD * (camera.sensor_distance_mm - first)
     half = _half_height(camera)
     scale = (_WIDTH_PX - 2 * _MARGIN_PX) / (camera.sensor_distance_mm + 4 - left)
     height = 2 * half * scale + 3 * _MARGIN_PX
     sheet = _Sheet(left, scale, _MARGIN_PX + half * scale + _MARGIN_PX / 2)
     sheet.line([(left, 0.0), (camera.sensor_distance_mm + 4, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
-    for points in _glass(camera.prescription):
+    for points in elements(camera.prescription):
         sheet.area(points, "#cfe3f2")
-    for field, colour in _FIELDS:
+    for field, colour in FIELDS:
         for ray in bundle(camera, field, left):
             sheet.line(ray, colour, 0.7)
-    for surface, profile in zip(camera.prescription.surfaces, _profiles(camera.prescription), strict=True):
+    for surface, profile in zip(camera.prescription.surfaces, profiles(camera.prescription), strict=True):
         if not surface.is_stop:
             sheet.line(profile, "#24506e", 1.2)
     _draw_stop(sheet, camera.prescription, half)
@@ -99,7 +100,7 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     sheet.area([(start, low), (end + width, low), (end + width, high), (start, high)], "#fbfbfb")
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for ray in bundle(camera, 0.0, left, _INSET_RAYS):
-        sheet.line(ray[-3:], _FIELDS[0][1], 0.7)
+        sheet.line(ray[-3:], FIELDS[0][1], 0.7)
     half, vertices = float(cell(array)[:, 1].max()), lattice(array)
     if array.disc_diameter_mm is None and array.layout == "hexagonal":
         half = array.pitch_mm * math.sqrt(3) / 4
@@ -272,7 +273,7 @@ def _lit_height(camera: Camera, field: float) -> float:
     return centre + field * ((edge if share == 1 else _RIM * share * edge) - centre)
 
 
-def _profiles(prescription: Prescription) -> list[Points]:
+def profiles(prescription: Prescription) -> list[Points]:
     """Sections of all surfaces where they really stand, drawn as they look from the side."""
     found = []
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
@@ -284,9 +285,9 @@ def _profiles(prescription: Prescription) -> list[Points]:
     return found
 
 
-def _glass(prescription: Prescription) -> list[Points]:
+def elements(prescription: Prescription) -> list[Points]:
     """Outlines of the lens elements: what lies between two surfaces and is not air."""
-    placed = list(zip(prescription.surfaces, _profiles(prescription), strict=True))
+    placed = list(zip(prescription.surfaces, profiles(prescription), strict=True))
     outlines = []
     for (front, ahead), (_, behind) in pairwise(placed):
         if front.index != 1:
@@ -363,4 +364,5 @@ class _Sheet:
 
     def text(self, height: float) -> str:
         """The text of the SVG file."""
-        return svg_file.document((_WIDTH_PX, round(height)), *self.items)
+        narrower = "max-width: 100%; height: auto"  # on a page or in a notebook that has no room for all of it
+        return svg_file.document((_WIDTH_PX, round(height)), *self.items, style=narrower)

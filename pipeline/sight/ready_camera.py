@@ -5,7 +5,7 @@ point are the same number.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,9 @@ from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.direct.mean_rays import mean_rays
 from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences
+
+if TYPE_CHECKING:
+    from pipeline.report.spot_diagram import SpotDiagram
 
 _FACING = np.diag([1.0, -1.0, -1.0])
 """Axes of a plane that faces the camera, by rows: x right, y up, and its front towards the camera."""
@@ -125,6 +128,33 @@ class ReadyCamera:
             hit_fraction=found.hit_fraction,
             microlens=self.rig.axial[found.microlens] if self.is_plenoptic else None,
         )
+
+    def plot(self, *, axes: Any = None) -> Any:
+        """Plot lens, stop, sensor and real rays of three object points in focus, by matplotlib; returns the axes.
+
+        Raises
+        ------
+        UsageError
+            matplotlib is not installed.
+        """
+        from pipeline.report.lens_plot import plot  # what only projects points needs no pictures
+
+        return plot(self.camera, self.name or "camera", axes)
+
+    def spots(self) -> "SpotDiagram":
+        """Trace spots from the centre to the corner of the image, in focus and at the ends of the depth of field.
+
+        A notebook shows them as a picture; `plot()` of the answer needs matplotlib.
+        """
+        from pipeline.report.spot_diagram import spot_diagram
+
+        return spot_diagram(self.camera, self.name)
+
+    def _repr_html_(self) -> str:
+        """Key figures and the drawing with real rays, for a notebook."""
+        from pipeline.report.camera_card import card
+
+        return card(self.camera, self.name or "camera")
 
     @property
     def _front_mm(self) -> float:

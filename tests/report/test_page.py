@@ -79,6 +79,22 @@ def test_the_page_counts_what_the_manifest_counts(built):
     assert all(task["cpu_s"] >= 0 for task in history["tasks"]) and history["graph"].startswith("<svg")
 
 
+def test_the_histogram_of_the_certificate_counts_all_rows_that_it_solved_again(built):
+    out, place = built
+    judged = json.loads((out / "manifest.json").read_text())["certificate"]["Rig.Camera"]
+    apart = np.array(judged["differences_px"])
+    assert len(apart) == judged["rows"] > 10 and (np.diff(apart) >= 0).all()
+    assert [apart.mean(), math.sqrt((apart**2).mean()), apart.max()] == pytest.approx(
+        [judged["mean_px"], judged["rms_px"], judged["max_px"]], rel=1e-3
+    )
+    shown = data(place, "page")["cameras"][0]["residuals"]["histograms"][0]
+    assert "certificate" in shown["title"] and shown["mark"] == judged["claim_px"]
+    assert sum(shown["counts"]) == np.count_nonzero(apart)
+    assert shown["edges"][0] == pytest.approx(apart[apart > 0].min()) and shown["edges"][-1] == pytest.approx(
+        apart.max()
+    )
+
+
 def test_a_second_report_makes_nothing_again_and_another_build_leaves_nothing_behind(built):
     out, place = built
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}

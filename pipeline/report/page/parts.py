@@ -65,7 +65,7 @@ def camera_part(source: Source, camera: BuiltCamera, optics: str | None) -> Came
         micro_images=_micro_images(source, camera),
         pictures=_pictures(source, f"cameras/{folder_of(camera.name)}", ("white",)),
         views=tuple(_view(source, camera, view) for view in camera.views),
-        residuals=residuals(camera, certificate["claim_px"] if certificate else None),
+        residuals=residuals(camera, certificate),
     )
 
 

@@ -1,6 +1,8 @@
 """Statistics of the rows of a camera: errors, light, blur, and what a pinhole with distortion leaves."""
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +18,16 @@ _POINTS = 4000
 """Most points of a map: more are a blot, and bytes."""
 
 
-def residuals(camera: BuiltCamera, claim_px: float | None) -> Residuals:
-    """Statistics over all frames; maps show evenly taken rows."""
+def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Residuals:
+    """Statistics over all frames; maps show evenly taken rows.
+
+    Parameters
+    ----------
+    certificate : mapping or None
+        Of the camera, as the manifest has it.
+    """
+    claim_px = certificate["claim_px"] if certificate else None
+    apart = np.array(certificate["differences_px"] if certificate else (), float)
     rows = camera.correspondences
     empty = np.zeros(0)
     if len(rows) == 0:
@@ -25,6 +35,7 @@ def residuals(camera: BuiltCamera, claim_px: float | None) -> Residuals:
     off = _off_pinhole(camera)
     sigma = np.hypot(rows.sigma_x_px, rows.sigma_y_px)
     found = [
+        _logarithmic(f"Differences that the certificate found, {len(apart)} of {len(rows):,} rows", apart, claim_px),
         _logarithmic("Stated standard error of a row", sigma, claim_px),
         _linear("Signed blur radius", "px", rows.rho_px),
         _linear("Hit fraction", "", rows.hit_fraction),

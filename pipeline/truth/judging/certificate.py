@@ -51,6 +51,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> dict[str, 
         "by_random_rays": int(np.sum(rows.is_direct)),
         **_figures(length),
         "own_sigma_px": _plain(rms(own)) if len(own) else None,
+        "differences_px": [_plain(one) for one in np.sort(length).tolist()],
         "by_kind": [_of_kind(kind, rows.weights[here], length[here], claim_px) for kind, here in _kinds(rows)],
         "by_distance_from_cell_edge": [
             {

@@ -1,0 +1,150 @@
+"""Rows of correspondences.csv as arrays that can be looked at: a table in a notebook, a plot over the image."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import UsageError
+from pipeline.notebook.axes import axes as new_axes
+from pipeline.notebook.markup import table
+from pipeline.spelling import did_you_mean
+
+_SHOWN = 8
+"""Rows in a notebook: enough to see what a table holds."""
+_WIDTH_IN = 8.0
+"""Width of a plot [inch]: that of a notebook's page."""
+_SHAPE = 0.75
+"""Height over width of a plot of rows whose image is not known [1]."""
+_COLOURS = ("#f07818", "#2f7fe0", "#27a05a", "#c8489a", "#8f63e8", "#b8901a")
+"""Colours of the kinds of rows, told apart on grey images; more kinds begin again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Backdrop:
+    """Images behind the rows of some cameras.
+
+    Attributes
+    ----------
+    sizes_px : mapping of str to (int, int)
+        Width and height of the image of each camera.
+    pictures : mapping of (str, int) to Path
+        Preview of each camera and frame, where the build has one.
+    """
+
+    sizes_px: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    pictures: Mapping[tuple[str, int], Path] = field(default_factory=dict)
+
+
+class CorrespondenceRows(np.recarray):
+    """Rows of the ground truth; columns are attributes, and docs/outputs.md says what they mean.
+
+    Attributes
+    ----------
+    backdrop : Backdrop
+        What plots are drawn over.
+    """
+
+    backdrop: Backdrop
+
+    def __array_finalize__(self, parent: Any) -> None:
+        """Keep the backdrop in every selection of rows."""
+        super().__array_finalize__(parent)  # type: ignore[misc]  # NumPy states no type
+        self.backdrop = getattr(parent, "backdrop", None) or Backdrop()
+
+    def plot(self, frame: int | None = None, camera: str | None = None, *, axes: Any = None) -> Any:
+        """Plot positions over the image of their frame, one colour per target and type of microlens.
+
+        Parameters
+        ----------
+        frame : int, optional
+            By default all of the rows; those of several frames are drawn without an image.
+        camera : str, optional
+            Name of the camera, where rows are of several.
+        axes : matplotlib Axes, optional
+            By default a new figure.
+
+        Returns
+        -------
+        Axes
+            In pixels, (0, 0) the centre of the top-left one.
+
+        Raises
+        ------
+        UsageError
+            There are no such rows, or rows of several cameras, or matplotlib is not installed.
+        """
+        rows = self._of_camera(camera)._of_frame(frame)
+        name, frames = str(rows.camera[0]), np.unique(rows.frame).tolist()
+        size_px = rows.backdrop.sizes_px.get(name)
+        shape = size_px[1] / size_px[0] if size_px else _SHAPE
+        sheet = new_axes(_WIDTH_IN, _WIDTH_IN * shape) if axes is None else axes
+        picture = rows.backdrop.pictures.get((name, frames[0])) if len(frames) == 1 else None
+        if picture is not None:
+            from pipeline.files.png import read_png
+
+            sheet.imshow(read_png(picture), cmap="gray", vmin=0, vmax=255)
+        for number, (kind, here) in enumerate(rows._kinds()):
+            x, y, colour = rows.x_px[here], rows.y_px[here], _COLOURS[number % len(_COLOURS)]
+            sheet.plot(x, y, "+", color=colour, markersize=5, label=f"{kind}: {len(x)}")
+        if size_px:
+            sheet.set(xlim=(-0.5, size_px[0] - 0.5), ylim=(size_px[1] - 0.5, -0.5))
+        when = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
+        sheet.set(aspect="equal", xlabel="x [px]", ylabel="y [px]", title=f"{name}, {when}: {len(rows)} rows")
+        sheet.legend(loc="upper right", fontsize="small")
+        return sheet
+
+    def _repr_html_(self) -> str:
+        """The first rows, for a notebook."""
+        names = self.dtype.names or ()
+        more = f", the first {_SHOWN}" if len(self) > _SHOWN else ""
+        return table(names, (row.item() for row in self[:_SHOWN]), f"{len(self):,} rows of correspondences{more}")
+
+    def _of_camera(self, camera: str | None) -> "CorrespondenceRows":
+        if not len(self):
+            raise UsageError("there are no rows to plot", hint="no target point is seen: look at an image of the frame")
+        names = np.unique(self.camera).tolist()
+        if camera is None and len(names) == 1:
+            return self
+        if camera not in names:
+            said = "rows are of several cameras" if camera is None else f"no row is of a camera {camera!r}"
+            hint = (did_you_mean(camera, names) if camera else None) or f"choose: {', '.join(names)}"
+            raise UsageError(said, hint=hint)
+        return self[self.camera == camera]
+
+    def _of_frame(self, frame: int | None) -> "CorrespondenceRows":
+        if frame is None:
+            return self
+        rows = self[self.frame == frame]
+        if not len(rows):
+            numbers = ", ".join(map(str, np.unique(self.frame).tolist()))
+            raise UsageError(f"no row is of frame {frame}", hint=f"frames with rows: {numbers}")
+        return rows
+
+    def _kinds(self) -> Iterable[tuple[str, np.ndarray]]:
+        """Targets, and behind microlenses their types, with the rows of each."""
+        for target in np.unique(self.target).tolist():
+            here = self.target == target
+            if "microlens_type" not in (self.dtype.names or ()):
+                yield target, here
+                continue
+            for kind in np.unique(self.microlens_type[here]).tolist():
+                yield f"{target}, microlenses of type {kind}", here & (self.microlens_type == kind)
+
+
+def with_backdrop(rows: np.recarray, backdrop: Backdrop) -> CorrespondenceRows:
+    """The same rows, which know what they are drawn over."""
+    found = rows.view(CorrespondenceRows)
+    found.backdrop = backdrop
+    return found
+
+
+def all_of(rows: np.recarray, parts: Iterable[CorrespondenceRows]) -> CorrespondenceRows:
+    """Joined rows with the backdrops of their parts."""
+    sizes, pictures = dict[str, tuple[int, int]](), dict[tuple[str, int], Path]()
+    for part in parts:
+        sizes.update(part.backdrop.sizes_px)
+        pictures.update(part.backdrop.pictures)
+    return with_backdrop(rows, Backdrop(sizes, pictures))
