@@ -11,6 +11,7 @@ from pipeline.camera.focusing.stop import shown_f_number
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
+from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_contents import Things, matrix
 from pipeline.graph.frame_tasks import FrameTasks, add, add_tiles, channel_label, exposure_of, light_of
 from pipeline.graph.poses import target_poses, targets_json
@@ -55,6 +56,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
             add_raw(graph, files, camera, dataset)
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
+    add_exports(graph, files, dataset, bare)
     return graph, files, certificates
 
 
