@@ -7,6 +7,7 @@ from pathlib import Path
 
 from inserted import print_or_write
 
+from pipeline.export_formats import FORMATS
 from pipeline.exports.conventions import CONVENTIONS, Convention, Origin
 
 PAGE = Path(__file__).resolve().parent / "exports.md"
@@ -35,10 +36,10 @@ def table() -> str:
 def _row(name: str, one: Convention) -> tuple[str, ...]:
     first = str(one.origin) if one.origin is Origin.IMAGE_CENTRE else f"({one.origin}, {one.origin})"
     pose = str(one.pose) if one.pose.name == "NONE" else f"{one.pose}, by the {one.centre}; {one.rotation}"
-    files = one.files.replace("<", "\\<")
+    files = ", ".join(FORMATS[name].files).replace("<", "\\<") + (f"; {one.note}" if one.note else "")
     board = f"{one.board}; {one.unit}"
     numbers = (first, str(one.axes), board, pose, str(one.microlenses), str(one.rays))
-    return (f"`{name}`", one.consumer, files, str(one.cameras), *numbers)
+    return (f"`{name}`", one.consumer, files, str(FORMATS[name].cameras), *numbers)
 
 
 if __name__ == "__main__":

@@ -134,7 +134,11 @@ def open_output(out: str | Path) -> Output:
     >>> out = pipeline.open_output("build/01_conventional")  # doctest: +SKIP
     >>> out.camera.correspondences.x_px  # doctest: +SKIP
     """
-    folder = finished_folder(out)
+    return output_of(finished_folder(out))
+
+
+def output_of(folder: BuiltFolder) -> Output:
+    """The content of a folder; raises as `open_output`."""
     frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
     bodies = folder.folders("cameras", "camera.json")
     cameras = {name: _camera(folder, name, frames) for body in bodies for name in _in_channels(folder, body)}

@@ -91,29 +91,22 @@ class Microlenses(StrEnum):
     MICRO_IMAGE_GRID = "column, row of the micro-image from the top left; type ((row mod 2) + column) mod 3"
 
 
-class Cameras(StrEnum):
-    """Kind of cameras that a format can describe."""
-
-    CONVENTIONAL = "conventional"
-    PLENOPTIC = "plenoptic"
-    ANY = "any"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Convention:
     """Meaning of the numbers of a format.
 
     Attributes
     ----------
-    consumer, files : str
-        Who reads it, and what is written.
+    consumer : str
+        Who reads it.
+    note : str
+        What a reader has to know of its files, beside their names.
     source : str
         Where the consumer says so, in its code or documentation.
     """
 
     consumer: str
-    files: str
-    cameras: Cameras
+    note: str = ""
     origin: Origin
     axes: ImageAxes = ImageAxes.X_Y
     board: Board = Board.RIGHT_DOWN
@@ -129,8 +122,7 @@ class Convention:
 CONVENTIONS = {
     "opencv": Convention(
         consumer="OpenCV 4 and 5",
-        files="<camera>.npz, <camera>.yml; of pairs of cameras stereo-<a>-<b>.npz and .yml",
-        cameras=Cameras.CONVENTIONAL,
+        note="stereo- of pairs of cameras",
         origin=Origin.ZERO,
         pose=Pose.CAMERA_FROM_TARGET,
         rotation=Rotation.VECTOR,
@@ -139,8 +131,6 @@ CONVENTIONS = {
     ),
     "opencv-multiview": Convention(
         consumer="calibrateMultiview of OpenCV 5",
-        files="multiview.npz",
-        cameras=Cameras.CONVENTIONAL,
         origin=Origin.ZERO,
         pose=Pose.CAMERA_FROM_FIRST,
         rotation=Rotation.VECTOR,
@@ -149,8 +139,7 @@ CONVENTIONS = {
     ),
     "mrcal": Convention(
         consumer="mrcal",
-        files="corners.vnl, <camera>.cameramodel (LENSMODEL_OPENCV5)",
-        cameras=Cameras.CONVENTIONAL,
+        note="LENSMODEL_OPENCV5",
         origin=Origin.ZERO,
         board=Board.NONE,
         pose=Pose.CAMERA_FROM_FIRST,
@@ -160,8 +149,7 @@ CONVENTIONS = {
     ),
     "kalibr": Convention(
         consumer="Kalibr",
-        files="target.yaml, camchain.yaml; corners.csv, which Kalibr itself does not read",
-        cameras=Cameras.CONVENTIONAL,
+        note="Kalibr itself does not read corners.csv",
         origin=Origin.ZERO,
         board=Board.KALIBR,
         pose=Pose.CAMERA_FROM_PREVIOUS,
@@ -171,8 +159,7 @@ CONVENTIONS = {
     ),
     "colmap": Convention(
         consumer="COLMAP",
-        files="text/ and binary/: cameras, images and points3D; the world is the target",
-        cameras=Cameras.CONVENTIONAL,
+        note="the world is the target",
         origin=Origin.HALF,
         pose=Pose.CAMERA_FROM_TARGET,
         rotation=Rotation.QUATERNION,
@@ -181,8 +168,6 @@ CONVENTIONS = {
     ),
     "puzzlepaint": Convention(
         consumer="puzzlepaint camera_calibration",
-        files="dataset.bin",
-        cameras=Cameras.CONVENTIONAL,
         origin=Origin.HALF,
         board=Board.NONE,
         unit=Unit.M,
@@ -190,8 +175,6 @@ CONVENTIONS = {
     ),
     "mc-calib": Convention(
         consumer="MC-Calib: keypoints_path",
-        files="detected_keypoints_data.yml",
-        cameras=Cameras.CONVENTIONAL,
         origin=Origin.ZERO,
         board=Board.NONE,
         unit=Unit.NONE,
@@ -199,8 +182,6 @@ CONVENTIONS = {
     ),
     "deltille": Convention(
         consumer="Deltille, BabelCalib",
-        files="<camera>/<frame>.orpc, board.dsc",
-        cameras=Cameras.CONVENTIONAL,
         origin=Origin.ZERO,
         board=Board.RIGHT_UP,
         unit=Unit.CM,
@@ -208,9 +189,6 @@ CONVENTIONS = {
     ),
     "libpleno": Convention(
         consumer="libpleno, COMPOTE, BLADE",
-        files="<camera>/: observations.bin.gz, corners.bin.gz, centers.csv, features.csv; camera.js, params.js,"
-        " scene.js, poses.js",
-        cameras=Cameras.PLENOPTIC,
         origin=Origin.ZERO,
         pose=Pose.TARGET_FROM_CAMERA,
         centre=Centre.PRINCIPAL_POINT,
@@ -221,8 +199,6 @@ CONVENTIONS = {
     ),
     "raytrix": Convention(
         consumer="PlenopticToolbox 2.0, TLCT: calibration as RxLive writes it",
-        files="<camera>.xml",
-        cameras=Cameras.PLENOPTIC,
         origin=Origin.IMAGE_CENTRE,
         axes=ImageAxes.X_UP,
         board=Board.NONE,
@@ -232,8 +208,6 @@ CONVENTIONS = {
     ),
     "pip": Convention(
         consumer="PlenopticImageProcessing",
-        files="<camera>.MLAconfig.xml",
-        cameras=Cameras.PLENOPTIC,
         origin=Origin.ZERO,
         board=Board.NONE,
         unit=Unit.MM,
@@ -241,9 +215,6 @@ CONVENTIONS = {
     ),
     "bok": Convention(
         consumer="MATLAB code of Bok 2017 and Nousias 2017",
-        files="<camera>/: microlens_center_list.mat, lens_types.mat, correspondencesAll_<frame>.mat,"
-        " image_center.txt, pattern_size.txt",
-        cameras=Cameras.PLENOPTIC,
         origin=Origin.ONE,
         board=Board.NONE,
         unit=Unit.MM,
@@ -252,8 +223,7 @@ CONVENTIONS = {
     ),
     "lftoolbox": Convention(
         consumer="LFToolbox (MATLAB)",
-        files="<camera>.grid.json, the grid of micro-images that a white image would give",
-        cameras=Cameras.PLENOPTIC,
+        note="the grid of micro-images that a white image would give",
         origin=Origin.ONE,
         board=Board.NONE,
         unit=Unit.NONE,
@@ -262,8 +232,7 @@ CONVENTIONS = {
     ),
     "plenopticam": Convention(
         consumer="plenopticam",
-        files="<camera>.json, to stand beside the white image of the same name",
-        cameras=Cameras.PLENOPTIC,
+        note="to stand beside the white image of the same name",
         origin=Origin.ZERO,
         axes=ImageAxes.Y_X,
         board=Board.NONE,
@@ -273,8 +242,6 @@ CONVENTIONS = {
     ),
     "parquet": Convention(
         consumer="pandas, Polars, R and all else that reads Parquet",
-        files="<camera>.correspondences.parquet, <camera>.poses.parquet, <camera>.micro_images.parquet",
-        cameras=Cameras.ANY,
         origin=Origin.ZERO,
         board=Board.OURS,
         pose=Pose.CAMERA_FROM_TARGET,
@@ -285,8 +252,7 @@ CONVENTIONS = {
     ),
     "npz": Convention(
         consumer="NumPy",
-        files="<camera>.correspondences.npz, <camera>.poses.npz, <camera>.micro_images.npz: an array per column",
-        cameras=Cameras.ANY,
+        note="an array per column",
         origin=Origin.ZERO,
         board=Board.OURS,
         pose=Pose.CAMERA_FROM_TARGET,
@@ -297,8 +263,7 @@ CONVENTIONS = {
     ),
     "rays": Convention(
         consumer="ray tracers and robotics simulators; NumPy, OpenEXR",
-        files="<camera>.rays.npz, <camera>.rays.exr: origin and direction of the ray of each pixel, the top row first",
-        cameras=Cameras.ANY,
+        note="origin and direction of the ray of each pixel, the top row first",
         origin=Origin.ZERO,
         board=Board.NONE,
         unit=Unit.MM,
@@ -308,8 +273,7 @@ CONVENTIONS = {
     ),
     "stmap": Convention(
         consumer="Nuke and other compositors: STMap",
-        files="<camera>.undistort.exr, <camera>.distort.exr: s and t of each pixel in R and G, the top row first",
-        cameras=Cameras.CONVENTIONAL,
+        note="s and t of each pixel in R and G, the top row first",
         origin=Origin.SHARE,
         axes=ImageAxes.X_UP,
         board=Board.NONE,
@@ -318,8 +282,6 @@ CONVENTIONS = {
     ),
     "omni-lut": Convention(
         consumer="Omniverse RTX, Isaac Sim: OmniLensDistortionLutAPI",
-        files="<camera>.ray_enter.exr, <camera>.ray_exit.exr, <camera>.usda",
-        cameras=Cameras.CONVENTIONAL,
         origin=Origin.SHARE,
         board=Board.NONE,
         unit=Unit.NONE,
@@ -328,8 +290,7 @@ CONVENTIONS = {
     ),
     "depth": Convention(
         consumer="robotics, compositors; OpenEXR",
-        files="<camera>/<frame>.depth.exr: channel Z, how far the first surface is that the ray of a pixel meets",
-        cameras=Cameras.ANY,
+        note="channel Z, how far the first surface is that the ray of a pixel meets",
         origin=Origin.ZERO,
         board=Board.NONE,
         unit=Unit.MM,
@@ -338,8 +299,7 @@ CONVENTIONS = {
     ),
     "lightfield": Convention(
         consumer="light-field code in Python; NumPy",
-        files="<camera>/<frame>.lightfield.npz: views (v, u, row, column), the top row first",
-        cameras=Cameras.PLENOPTIC,
+        note="views (v, u, row, column), the top row first",
         origin=Origin.ZERO,
         board=Board.NONE,
         unit=Unit.NONE,
@@ -348,8 +308,7 @@ CONVENTIONS = {
     ),
     "puzzlepaint-rays": Convention(
         consumer="puzzlepaint camera_calibration: NoncentralGenericModel",
-        files="<camera>.yaml: control points of B-splines for points and directions of rays",
-        cameras=Cameras.CONVENTIONAL,
+        note="control points of B-splines for points and directions of rays",
         origin=Origin.HALF,
         board=Board.NONE,
         unit=Unit.M,
@@ -360,8 +319,6 @@ CONVENTIONS = {
 """Format -> convention, in the order of `pipeline export --list`."""
 OMNIVERSE = Convention(
     consumer="Omniverse RTX, Isaac Sim, Newton: schemas OmniLensDistortion…API",
-    files="a layer with applied schemas, see `pipeline fit`",
-    cameras=Cameras.ANY,
     origin=Origin.HALF,
     board=Board.NONE,
     unit=Unit.NONE,

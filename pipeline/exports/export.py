@@ -2,21 +2,19 @@
 
 import shutil
 import tempfile
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 
 from pipeline.built.output import Output
-from pipeline.exports.conventions import CONVENTIONS, Cameras, Convention
-from pipeline.exports.conversion import converted
+from pipeline.export_formats import EXACT, FORMATS, Cameras, Format, folder_of
 from pipeline.exports.errors import ExportError
-from pipeline.exports.formats import WRITERS
-from pipeline.exports.gathering import POSITIONS, chosen, gather
-from pipeline.exports.material import Material
+from pipeline.exports.gathering import POSITIONS, Around, chosen, gather
+from pipeline.exports.material import Material, Scene
 from pipeline.exports.noise import Noise, with_noise
-from pipeline.files.jsonfile import write_json
+from pipeline.exports.seen.stated_sight import Sight
+from pipeline.exports.writing import write_format
 from pipeline.spelling import did_you_mean
-
-SIDE_CAR = "export.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +31,7 @@ class Request:
     """
 
     only: tuple[str, ...] = ()
-    position: str = "exact"
+    position: str = EXACT
     noise: Noise = field(default_factory=Noise)
 
     def __post_init__(self) -> None:
@@ -42,18 +40,34 @@ class Request:
             raise ExportError(f"there is no position {self.position!r}", hint=hint)
 
 
-def convention_of(name: str) -> Convention:
-    """The convention of a format.
+@lru_cache(maxsize=4)
+def sight_of(out: Path, name: str) -> Sight:
+    """A camera of the stage that was built, made ready; the last four are kept, because formats share them."""
+    from pipeline.sight.opening import ready  # loads USD and the tracer, which few formats need
+
+    return ready(out, name)
+
+
+@lru_cache(maxsize=1)
+def scene_of(out: Path) -> Scene:
+    """Targets and other things before the cameras of a build."""
+    from pipeline.sight import scenes  # as above
+
+    return scenes.scene_of(out)
+
+
+def format_of(name: str) -> Format:
+    """The format of a name.
 
     Raises
     ------
     ExportError
-        There is no such format.
+        There is none.
     """
-    if name not in CONVENTIONS:
-        hint = did_you_mean(name, CONVENTIONS) or f"formats: {', '.join(CONVENTIONS)}"
+    if name not in FORMATS:
+        hint = did_you_mean(name, FORMATS) or f"formats: {', '.join(FORMATS)}"
         raise ExportError(f"there is no export format {name!r}", hint=hint)
-    return CONVENTIONS[name]
+    return FORMATS[name]
 
 
 def export(output: Output, formats: list[str], folder: Path, request: Request | None = None) -> list[Path]:
@@ -75,11 +89,12 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
         A format is unknown, or cannot hold this build, or its folder is there.
     """
     asked = _asked(formats, folder, request or Request())
+    around = Around(sight=lambda name: sight_of(output.path, name), scene=lambda: scene_of(output.path))
     materials = {
-        one: with_noise(chosen(gather(output, one.position), one.only), one.noise) for _, one in asked.values()
+        one: with_noise(chosen(gather(output, one.position, around), one.only), one.noise) for _, one in asked.values()
     }
     for place, (name, one) in asked.items():
-        _require_kind(name, convention_of(name), materials[one])
+        _require_kind(name, format_of(name), materials[one])
         if place.exists():
             raise ExportError(f"{place} exists", hint="remove it, or choose another folder with -o")
     for place, (name, one) in asked.items():
@@ -92,43 +107,32 @@ def _asked(formats: list[str], folder: Path, request: Request) -> dict[Path, tup
     found = {}
     for item in formats:
         name, _, position = item.partition(":")
-        convention_of(name)
+        format_of(name)
         one = replace(request, position=position) if position else request
-        found[folder / (name if one.position == "exact" else f"{name}-{one.position}")] = name, one
+        found[folder / folder_of(name, one.position)] = name, one
     return found
 
 
 def _write(name: str, material: Material, place: Path, request: Request) -> None:
     """Write a format aside, then put it into its place."""
-    convention = convention_of(name)
     place.parent.mkdir(parents=True, exist_ok=True)
     aside = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=place.parent))
     try:
         aside.chmod(0o755)
-        WRITERS[name](converted(material, convention), aside)
-        files = sorted(path.relative_to(aside).as_posix() for path in aside.rglob("*") if path.is_file())
-        noise = None if request.noise.is_none else request.noise.to_dict()
-        said = {"stage": material.stage, "format": name, "position": request.position, "noise": noise}
-        write_json(aside / SIDE_CAR, {**said, "conventions": _plain(convention), "files": files})
+        write_format(name, material, aside, request.position, request.noise)
         aside.rename(place)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def _plain(convention: Convention) -> dict[str, str]:
-    return {name: str(value) for name, value in asdict(convention).items()}
-
-
-def _require_kind(name: str, convention: Convention, material: Material) -> None:
+def _require_kind(name: str, wanted: Format, material: Material) -> None:
     """Refuse cameras that a format does not know."""
-    if convention.cameras is Cameras.ANY:
-        return
-    wants = convention.cameras is Cameras.PLENOPTIC
-    odd = [camera.name for camera in material.cameras if camera.built.is_plenoptic is not wants]
+    odd = [camera for camera in material.cameras if not wanted.takes(camera.built.is_plenoptic)]
     if odd:
-        others = [other for other, one in CONVENTIONS.items() if one.cameras not in (convention.cameras,)]
-        what = "a microlens array, and {} has none" if wants else "one position per point, and {} is plenoptic"
+        others = [other for other, one in FORMATS.items() if one.takes(odd[0].built.is_plenoptic)]
+        is_array = wanted.cameras is Cameras.PLENOPTIC
+        what = "a microlens array, and {} has none" if is_array else "one position per point, and {} is plenoptic"
         hint = f"formats for it: {', '.join(others)}"
         if len(odd) < len(material.cameras):
             hint += "; or choose cameras with --only"
-        raise ExportError(f"{name} expects {what.format(odd[0])}", hint=hint)
+        raise ExportError(f"{name} expects {what.format(odd[0].name)}", hint=hint)

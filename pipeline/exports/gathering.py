@@ -1,14 +1,15 @@
 """The content of a build, gathered from its records into what writers take, in our conventions."""
 
-from dataclasses import replace
-from functools import lru_cache, partial
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
 from pipeline.built.output import Output
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
+from pipeline.export_formats import EXACT
 from pipeline.exports.cameras import ExportCamera, ExportPinhole, MicroImages
 from pipeline.exports.errors import ExportError
 from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations, Scene
@@ -17,30 +18,30 @@ from pipeline.spelling import did_you_mean
 
 _REGULAR_MM = 1e-9
 """Deviation of nominal points from a grid [mm]: rounding of sums, nothing else."""
-POSITIONS = {"exact": "x_px", "chief": "chief_x_px", "saddle": "saddle_x_px", "centroid": "centroid_x_px"}
+POSITIONS = {EXACT: "x_px", "chief": "chief_x_px", "saddle": "saddle_x_px", "centroid": "centroid_x_px"}
 """Which position of a point is exported -> its column; CONVENTIONS.md, Other positions of the same point."""
 
 
-@lru_cache(maxsize=4)
-def sight_of(out: Path, name: str) -> Sight:
-    """A camera of the stage that was built, made ready; the last four are kept, because formats share them."""
-    from pipeline.sight.opening import ready  # loads USD and the tracer, which few formats need
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Around:
+    """Everything that formats ask for beside the files of a build: it is made when it is asked for.
 
-    return ready(out, name)
+    Attributes
+    ----------
+    sight : callable
+        Gives a camera made ready, by its name.
+    scene : callable
+        Gives what stands before the cameras.
+    """
 
-
-@lru_cache(maxsize=1)
-def scene_of(out: Path) -> Scene:
-    """Targets and other things before the cameras of a build."""
-    from pipeline.sight import scenes  # as above
-
-    return scenes.scene_of(out)
+    sight: Callable[[str], Sight]
+    scene: Callable[[], Scene]
 
 
 _Named = TypeVar("_Named", "ExportCamera", "ExportTarget")
 
 
-def gather(output: Output, position: str = "exact") -> Material:
+def gather(output: Output, position: str = EXACT, around: Around | None = None) -> Material:
     """The content of a build in our conventions, unit mm.
 
     Raises
@@ -55,16 +56,16 @@ def gather(output: Output, position: str = "exact") -> Material:
         for target in output.targets.values()
     ]
     remarks: tuple[str, ...] = (f"exported from a build of {output.stage} by plenoptic-pipeline",)
-    if position != "exact":
+    if position != EXACT:
         remarks = (*remarks, f"positions: {position}, not those of J")
     return Material(
         stage=output.stage,
         remarks=remarks,
-        cameras=tuple(_camera(output, camera) for camera in output.cameras.values()),
+        cameras=tuple(_camera(camera, around) for camera in output.cameras.values()),
         targets=tuple(map(_target, output.targets.values())),
         views=tuple(views),
         frames=output.frames,
-        scene=partial(scene_of, output.path),
+        scene=around.scene if around else None,
     )
 
 
@@ -108,7 +109,7 @@ def grid_of(nominal: np.ndarray) -> Grid | None:
     return Grid(columns=columns, rows=rows, column_step=across, row_step=down, step_mm=step_mm)
 
 
-def _camera(output: Output, camera: BuiltCamera) -> ExportCamera:
+def _camera(camera: BuiltCamera, around: Around | None) -> ExportCamera:
     model = camera.pinhole_with_distortion
     return ExportCamera(
         name=camera.name,
@@ -122,7 +123,7 @@ def _camera(output: Output, camera: BuiltCamera) -> ExportCamera:
             distortion=model.distortion,
         ),
         axis=np.array(camera.record["optical_axis_px"]),
-        sight=partial(sight_of, output.path, camera.name),
+        sight=partial(around.sight, camera.name) if around else None,
         micro_images=_micro_images(camera),
         built=camera,
     )

@@ -61,7 +61,10 @@ class ThinLens:
 
 
 def virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
-    """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d."""
+    """Depth of field of each type as virtual depths: distances of the main-lens image behind the array over d.
+
+    An end is inf where it reaches the front focal point of the main lens.
+    """
     record, images = camera.built.record, camera.micro_images
     assert images is not None
     model = thin_lens_of(camera)
@@ -69,10 +72,16 @@ def virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
     front, ends = lens["principal_planes_mm"][0], []
     for own in images.own_types.tolist():
         away = [float(end) - front for end in types[own]["depth_of_field_mm"]]
-        behind = [1 / (1 / model.focal_mm - 1 / one) - model.main_lens_mm for one in away]
+        behind = [_image_mm(model.focal_mm, one) - model.main_lens_mm for one in away]
         found = sorted(one / model.sensor_mm for one in behind)
         ends.append((found[0], found[-1]))
     return ends
+
+
+def _image_mm(focal_mm: float, away_mm: float) -> float:
+    """Distance of the image behind a thin lens; inf of objects at its focal point and nearer, which have none."""
+    is_beyond = away_mm > (1 + _SAME) * focal_mm
+    return 1 / (1 / focal_mm - 1 / away_mm) if is_beyond else float("inf")
 
 
 def thin_lens_of(camera: ExportCamera) -> ThinLens:

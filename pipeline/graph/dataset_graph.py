@@ -12,6 +12,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_tiles
+from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_contents import Things, matrix
 from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
 from pipeline.graph.pass_tasks import add_passes
@@ -57,6 +58,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
             add_raw(graph, files, camera, dataset)
     if len(dataset.cameras) > 1:
         files["baselines.csv"] = (_add_baselines(graph, dataset), BASELINES)
+    add_exports(graph, files, dataset, bare)
     return graph, files, certificates
 
 

@@ -8,6 +8,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
+from pipeline.export_formats import AskedExports
 from pipeline.optics.prescription import Prescription
 from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.irradiation import Irradiation
@@ -223,6 +224,8 @@ class Dataset:
         With any, everything is lit by them; without, targets glow.
     pictures : tuple of PictureEntry
         Of a lit dataset.
+    exports : AskedExports
+        Files of other programs that a build writes.
     """
 
     stage_name: str
@@ -234,6 +237,7 @@ class Dataset:
     occluders: tuple[OccluderEntry, ...] = ()
     lamps: tuple[LampEntry, ...] = ()
     pictures: tuple[PictureEntry, ...] = ()
+    exports: AskedExports = field(default_factory=AskedExports)
 
     def __repr__(self) -> str:
         numbers = ", ".join(str(frame.number) for frame in self.frames[:3]) + (", …" if len(self.frames) > 3 else "")

@@ -5,22 +5,22 @@ import json
 import pytest
 from exports.maps import PinholeSight, SlantedScene
 
-from pipeline.exports import gathering
+from pipeline.exports import export
 
 
 @pytest.fixture(autouse=True)
 def sights_of_pretended_builds(monkeypatch):
-    traced = gathering.sight_of
+    traced = export.sight_of
 
     def sight(out, name):
         stage = json.loads((out / "manifest.json").read_text())["stage"]
         return PinholeSight() if stage.startswith("pretended") else traced(out, name)
 
-    monkeypatch.setattr(gathering, "sight_of", sight)
-    beheld = gathering.scene_of
+    monkeypatch.setattr(export, "sight_of", sight)
+    beheld = export.scene_of
 
     def scene(out):
         stage = json.loads((out / "manifest.json").read_text())["stage"]
         return SlantedScene() if stage.startswith("pretended") else beheld(out)
 
-    monkeypatch.setattr(gathering, "scene_of", scene)
+    monkeypatch.setattr(export, "scene_of", scene)

@@ -8,7 +8,8 @@ from exports.pretended import CORNER_PX, Scene, write_build
 from exports.readers import CHECKS
 
 from pipeline.built.output import open_output
-from pipeline.exports.conventions import CONVENTIONS, Board, Cameras, ImageAxes, Origin, Pose, Rays, Rotation, Unit
+from pipeline.export_formats import FORMATS, Cameras
+from pipeline.exports.conventions import CONVENTIONS, Board, ImageAxes, Origin, Pose, Rays, Rotation, Unit
 from pipeline.exports.export import export
 from pipeline.exports.formats import WRITERS
 
@@ -54,5 +55,5 @@ def test_a_flip_of_a_convention_is_noticed(output, scene, name, field, other, tm
 def test_every_format_has_a_writer_and_a_check():
     assert list(WRITERS) == list(CONVENTIONS)
     assert CHECKS.keys() | MAPS.keys() == {
-        name for name, one in CONVENTIONS.items() if one.cameras is not Cameras.PLENOPTIC
+        name for name, one in FORMATS.items() if one.cameras is not Cameras.PLENOPTIC
     }

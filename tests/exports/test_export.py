@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from pipeline import cli
 from pipeline.built.output import open_output
+from pipeline.export_formats import FORMATS
 from pipeline.exports.conventions import CONVENTIONS
 from pipeline.exports.errors import ExportError
 from pipeline.exports.export import Request, export
@@ -67,7 +68,7 @@ def test_the_same_build_gives_the_same_bytes(out, tmp_path):
             assert path.is_dir() or path.read_bytes() == (other / path.relative_to(one)).read_bytes()
 
 
-PLENOPTIC = {name for name, one in CONVENTIONS.items() if one.cameras == "plenoptic"}
+PLENOPTIC = {name for name, one in FORMATS.items() if one.cameras == "plenoptic"}
 
 
 def test_one_camera_alone(out, tmp_path):
@@ -201,3 +202,7 @@ def test_the_page_holds_the_table():
     finally:
         sys.path.pop(0)
     assert export_table.table() in (ROOT / "docs/exports.md").read_text(encoding="utf-8")
+
+
+def test_the_table_of_formats_and_that_of_conventions_name_the_same():
+    assert list(FORMATS) == list(CONVENTIONS)

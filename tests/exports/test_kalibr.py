@@ -9,6 +9,7 @@ from exports.maps import CHECKS as MAPS
 from exports.pretended import Scene, write_build
 
 from pipeline.built.output import open_output
+from pipeline.export_formats import FORMATS
 from pipeline.exports.conventions import CONVENTIONS
 from pipeline.exports.conversion import converted
 from pipeline.exports.export import export
@@ -66,7 +67,7 @@ def test_a_frame_in_which_nothing_is_seen_is_exported(tmp_path):
         head = table.read_text().splitlines()[:2]
         table.write_text("\n".join([*head, ""]))
     write_manifest(out)
-    names = [name for name, one in CONVENTIONS.items() if one.cameras != "plenoptic" and name not in MAPS]
+    names = [name for name, one in FORMATS.items() if one.cameras != "plenoptic" and name not in MAPS]
     folders = export(open_output(out), names, tmp_path / "exports")
     assert len(folders) == len(names)
     corners = (tmp_path / "exports/mrcal/corners.vnl").read_text()

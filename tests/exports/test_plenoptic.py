@@ -19,10 +19,10 @@ from exports.plenoptic_readers import (
 from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.built.output import open_output
+from pipeline.export_formats import FORMATS, Cameras
 from pipeline.exports.conventions import (
     CONVENTIONS,
     Board,
-    Cameras,
     Centre,
     ImageAxes,
     Microlenses,
@@ -187,4 +187,10 @@ def test_a_conventional_camera_has_no_microlenses(tmp_path):
 
 
 def test_every_format_for_plenoptic_cameras_has_a_check():
-    assert CHECKS.keys() == {name for name, one in CONVENTIONS.items() if one.cameras is Cameras.PLENOPTIC}
+    assert CHECKS.keys() == {name for name, one in FORMATS.items() if one.cameras is Cameras.PLENOPTIC}
+
+
+def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path, common_store):
+    """There the main lens makes no image, so there is no virtual depth."""
+    with pytest.raises(ExportError, match="up to the focal point"):
+        export(open_output(tiny("plenoptic", tmp_path, common_store)), ["raytrix"], tmp_path / "exports")

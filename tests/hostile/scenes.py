@@ -262,6 +262,10 @@ SCENES: dict[str, Scene] = {
     "two-plane method": Scene(_of("Camera", truth__method="two-plane", truth__search="nearest")),
     "direct method": Scene(_of("Camera", truth__method="direct", truth__accuracy=0.01)),
     "image method": Scene(_of("Camera", truth__method="image", truth__extent="full", truth__footprint="pixel")),
+    "exports": Scene(
+        _of("", exports=["npz", "opencv"], exports__position="exact", exports__noise=0.1, exports__outliers=0.1)
+        | _of("", exports__outlierReach=9.0, exports__missed=0.1, exports__noiseSeed=2)
+    ),
     "white images": Scene(_PLENOPTIC | _of("Camera", image__fNumbers=[16.0], image__diffraction=True)),
     "catalogue": Scene(_SINGLET | {("Lens/Front", "plen:abbe"): 64.17}),
     "ideal": Scene(_of("Lens/Stop", focalLength=5000.0)),

@@ -69,6 +69,9 @@ IMAGE = BOARDS | {(A, "plen:truth:method"): "image"}
 
 
 COLOUR: dict[tuple[str, str], Any] = {("", "plen:cameras"): ["A/Camera", "C/Camera"]}
+EXPORTED: dict[tuple[str, str], Any] = {("", "plen:exports"): ["npz"]}
+RAYS_EXPORTED: dict[tuple[str, str], Any] = {("", "plen:exports"): ["rays"]}
+ONE_CAMERA: dict[tuple[str, str], Any] = {("", "plen:cameras"): ["A/Camera"]}
 IN_COLOUR = {"first_order", "channel", "colour_image"} | IMAGES | TRUTH
 RED = "C/Sensor/Red"
 NAMED = COLOUR | {
@@ -116,6 +119,16 @@ DATASET = {
         Case("", 9, RAYS | IMAGES | POSITIONS, given=IMAGE),
     ],
     "plen:background": [Case("", 0.5, {"image"})],
+    "plen:exports": [Case("", ["npz", "rays"], {"export"}, given=EXPORTED)],
+    # Points that have such a position; rays have no points.
+    "plen:exports:position": [
+        Case("", "chief", {"export"}, given=EXPORTED | {(A, "plen:truth:columns"): ["chief"]} | ONE_CAMERA)
+    ],
+    "plen:exports:noise": [Case("", 0.1, {"export"}, given=EXPORTED), Case("", 0.1, given=RAYS_EXPORTED)],
+    "plen:exports:outliers": [Case("", 0.1, {"export"}, given=EXPORTED)],
+    "plen:exports:outlierReach": [Case("", 9.0, {"export"}, given=EXPORTED | {("", "plen:exports:outliers"): 0.1})],
+    "plen:exports:missed": [Case("", 0.1, {"export"}, given=EXPORTED)],
+    "plen:exports:noiseSeed": [Case("", 2, {"export"}, given=EXPORTED | {("", "plen:exports:noise"): 0.1})],
     "plen:illuminant": [Case("", "A"), Case("", "A", IN_COLOUR, given=COLOUR)],
 }
 

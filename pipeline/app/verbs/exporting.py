@@ -10,21 +10,22 @@ from pipeline.app.verbs.terminal import OUTPUT, say
 
 def _names(incomplete: str) -> list[str]:
     """Formats, for completion in a shell; after a comma the next one."""
-    from pipeline.exports.conventions import CONVENTIONS
+    from pipeline.export_formats import FORMATS
 
     before, comma, begun = incomplete.rpartition(",")
-    return [f"{before}{comma}{name}" for name in CONVENTIONS if name.startswith(begun)]
+    return [f"{before}{comma}{name}" for name in FORMATS if name.startswith(begun)]
 
 
 def _print_list(wanted: bool) -> None:
     """Print the table of formats and end."""
     if not wanted:
         return
+    from pipeline.export_formats import FORMATS
     from pipeline.exports.conventions import CONVENTIONS
 
-    width = max(map(len, CONVENTIONS))
-    for name, convention in CONVENTIONS.items():
-        say(f"{name:{width}}  {convention.consumer}: {convention.files} [cameras: {convention.cameras}]")
+    width = max(map(len, FORMATS))
+    for name, one in FORMATS.items():
+        say(f"{name:{width}}  {CONVENTIONS[name].consumer}: {', '.join(one.files)} [cameras: {one.cameras}]")
     raise typer.Exit
 
 

@@ -26,6 +26,8 @@ _FILE_S, _SLOWEST_BYTES_PER_S = 60.0, 10e6
 """Time limit of a file: these seconds, plus its size over this rate [bytes/s], slower than any disk."""
 _TOO_LARGE = f"needs more than {MEMORY_BYTES // 2**30} GiB of memory"
 
+_OTHERS = "exports/"
+"""Folder of the files of other programs, whose readers are not ours: their digests are compared."""
 _ENDINGS = (".exr", ".png", ".json", ".csv", ".tiff", ".dng")
 
 Reader = Callable[[Path], Any]
@@ -33,7 +35,7 @@ Reader = Callable[[Path], Any]
 
 def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Files with damaged content, and files too large to be checked: name -> reason each."""
-    left = [name for name in sorted(names) if Path(name).suffix in _ENDINGS]
+    left = [name for name in sorted(names) if Path(name).suffix in _ENDINGS and not name.startswith(_OTHERS)]
     damaged, unknown = dict[str, str](), dict[str, str]()
     while left:
         answers, ended = _ask(root, left)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channel_names import body_and_channel
+from pipeline.export_formats import is_pair
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.conventions import Rotation
 from pipeline.exports.conversion import stated
@@ -34,19 +34,13 @@ def write(material: Material, folder: Path) -> None:
         text = yaml_text(material.remarks, {**_model(camera), **_extrinsics(material.of(camera))})
         (folder / f"{camera.name}.yml").write_text(text, encoding="utf-8")
     for first, second in combinations(material.cameras, 2):
-        if not _is_pair(first.name, second.name):
+        if not is_pair(first.name, second.name):
             continue
         name = f"stereo-{first.name}-{second.name}"
         arrays = stereo(material, first, second)
         _save(folder / f"{name}.npz", material, arrays)
         text = yaml_text(material.remarks, {key: arrays[key] for key in ("M1", "D1", "M2", "D2", "R", "T")})
         (folder / f"{name}.yml").write_text(text, encoding="utf-8")
-
-
-def _is_pair(first: str, second: str) -> bool:
-    """Whether two are different cameras, seen in the same channel of their sensors if these have channels."""
-    (body, channel), (other_body, other_channel) = body_and_channel(first), body_and_channel(second)
-    return body != other_body and channel == other_channel
 
 
 def write_multiview(material: Material, folder: Path) -> None:

@@ -4,6 +4,7 @@ One element per line in this order and without comments: a MATLAB reader counts 
 pairs (0, 0), (0, 1), (0, -1), which readers truncate to integers.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -47,6 +48,12 @@ def _elements(camera: ExportCamera, array: ArrayFit) -> Iterator[str]:
     depths = virtual_depths(camera)
     if min(near for near, _ in depths) <= 0:
         raise ExportError(f"raytrix knows main-lens images behind the array, and those of {camera.name} lie before it")
+    if not all(map(math.isfinite, [far for _, far in depths])):
+        raise ExportError(
+            f"raytrix states depths of field by the main-lens image, and a type of {camera.name} is sharp up to the"
+            " focal point of the main lens, which has none",
+            hint="a smaller plen:camera:circleOfConfusion ends the depth of field before it",
+        )
     assert camera.built.micro_images is not None
     border = max(array.pitch_px / 2 - float(camera.built.micro_images.radius_px[0]), 0)
     yield '<RayCalibData version="1.0">'

@@ -11,6 +11,7 @@ from pxr import Sdf, Usd
 
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.camera.channels import check_channel, check_illuminant
+from pipeline.scene.check.camera.exports import check_exports
 from pipeline.scene.check.camera.focus import check_planes
 from pipeline.scene.check.camera.glass import check_glass
 from pipeline.scene.check.camera.groups import check_groups, check_place
@@ -36,6 +37,7 @@ _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLensGroup", check_place),
     ("PlenChannel", check_channel),
     ("PlenDataset", check_illuminant),
+    ("PlenDataset", check_exports),
 )
 
 

@@ -14,6 +14,7 @@ from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
 from pipeline.scene.read.channels import read_channels
+from pipeline.scene.read.exports import read_exports
 from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.lamps import lamp_matrices, lamp_prims, read_lamp_entry
 from pipeline.scene.read.media import index_source, ordered_surfaces, with_indices
@@ -78,6 +79,7 @@ def read_dataset(root: Usd.Prim) -> Dataset:
         occluders=tuple(read_occluder_entry(prim, lit=bool(lamps)) for prim in occluders),
         lamps=tuple(read_lamp_entry(prim, frame_numbers(root)) for prim in lamps),
         pictures=read_pictures(root.GetStage()) if lamps else (),
+        exports=read_exports(root),
     )
 
 

@@ -1,0 +1,141 @@
+"""The tasks of exports that a stage asks for: one per format, reading results as `pipeline export` reads a folder."""
+
+import json
+
+from pipeline.channel_names import name_with
+from pipeline.engine.output.deliver import Source
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.export_formats import FORMATS, Format, NamedCamera, Reads, folder_of
+from pipeline.exports.noise import Noise
+from pipeline.graph.frame_contents import Things
+from pipeline.graph.frame_tasks import add
+from pipeline.graph.poses import target_poses
+from pipeline.records.plain import from_plain
+from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.tasks.params.exports import Export, SeenFrame, SightedCamera
+from pipeline.tasks.params.placed import View
+from pipeline.truth.settings import TruthSettings
+
+_ACCURACY_PX = 1e-3
+"""Error that rays may have where a stage claims nothing [px]: the default claim of tables."""
+
+
+def add_exports(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, bare: Things) -> None:
+    """Add the exports of a dataset, after all tasks that make the files of its build.
+
+    Parameters
+    ----------
+    files : dict
+        Sources of the files of the build; receives those of the exports.
+    bare : Things
+        All targets and occluders, without colours.
+    """
+    asked = dataset.exports
+    for name in asked.formats:
+        wanted = FORMATS[name]
+        cameras = [one for one in dataset.cameras if wanted.takes(_is_plenoptic(one))]
+        read = _Read(graph, files, cameras, wanted)
+        sights = read.sights() if Reads.RAYS in wanted.reads else {}
+        noisy = Reads.CORNERS in wanted.reads
+        params = Export(
+            format=name,
+            position=asked.position,
+            noise=Noise(**asked.noise) if noisy else Noise(),  # type: ignore[arg-type]  # scene knows no Noise
+            stage=f"</{dataset.stage_name}>",
+            files=read.places(dataset),
+            records=read.targets() if noisy else {},
+            numbers=tuple(frame.number for frame in dataset.frames),
+            sights=sights,
+            views=_views(dataset, cameras, bare) if Reads.SCENE in wanted.reads else (),
+        )
+        folder = folder_of(name, asked.position)
+        task = add(graph, f"export/{folder}", params, read.roles)
+        for path in wanted.paths(_named(cameras), params.numbers):
+            files[f"exports/{folder}/{path}"] = (task, path)
+
+
+class _Read:
+    """Results that a format reads of a build; `roles` has the task of each role."""
+
+    def __init__(self, graph: TaskGraph, files: dict[str, Source], cameras: list[CameraEntry], wanted: Format) -> None:
+        self.graph, self.files, self.cameras, self.wanted = graph, files, cameras, wanted
+        self.roles = dict[str, str]()
+        self._known = dict[str, str]()
+
+    def places(self, dataset: Dataset) -> dict[str, tuple[str, str]]:
+        """Path in the output folder -> role and output, of every file that the format reads."""
+        numbers = [frame.number for frame in dataset.frames]
+        found = dict[str, tuple[str, str]]()
+        for path in [path for camera in self.cameras for path in self._paths(camera, numbers)]:
+            source = self.files[path]
+            assert not isinstance(source, bytes)
+            found[path] = self._role(source[0]), source[1]
+        return found
+
+    def targets(self) -> dict[str, object]:
+        """Content of the files of all targets, which no task makes."""
+        named = {path: source for path, source in self.files.items() if path.startswith("targets/")}
+        return {path: json.loads(source) for path, source in named.items() if isinstance(source, bytes)}
+
+    def sights(self) -> dict[str, SightedCamera]:
+        """The cameras whose rays are read, as `pipeline.ready` makes them ready."""
+        return {seen.full_name: self._sighted(seen) for camera in self.cameras for seen in camera.in_channels}
+
+    def _sighted(self, seen: CameraEntry) -> SightedCamera:
+        settings = from_plain(TruthSettings, seen.truth)
+        return SightedCamera(
+            camera_role=self._role(f"{'channel' if seen.channel else 'focus'}/{seen.full_name}"),
+            planes_role=self._role(f"planes/{seen.name}"),
+            seed=seen.sampling.seed,
+            square_px=seen.square_px,
+            min_hit_fraction=settings.min_hit_fraction,
+            accuracy_px=settings.claim_px or _ACCURACY_PX,
+        )
+
+    def _paths(self, camera: CameraEntry, numbers: list[int]) -> list[str]:
+        reads, paths = self.wanted.reads, [f"cameras/{camera.name}/camera.json"]
+        if Reads.CORNERS in reads:
+            paths += [f"frames/{number:04d}/{camera.name}/poses.json" for number in numbers]
+        for seen in camera.in_channels:
+            paths += [f"cameras/{seen.folder}/micro_images.csv"] if _is_plenoptic(camera) else []
+            paths += [f"cameras/{seen.folder}/white.exr"] if Reads.IMAGES in reads else []
+            for number in numbers:
+                frame = f"frames/{number:04d}/{seen.folder}"
+                paths += [f"{frame}/correspondences.csv"] if Reads.CORNERS in reads else []
+                paths += [f"{frame}/image.exr"] if Reads.IMAGES in reads else []
+        return paths
+
+    def _role(self, task: str) -> str:
+        """Role of a task whose outputs are read; names are no part of the key."""
+        if task not in self._known:
+            self._known[task] = f"input{len(self._known)}"
+            self.roles[self._known[task]] = task
+        return self._known[task]
+
+
+def _is_plenoptic(camera: CameraEntry) -> bool:
+    return camera.asked.microlenses is not None
+
+
+def _named(cameras: list[CameraEntry]) -> list[NamedCamera]:
+    """The cameras as an opened build lists them."""
+    return [
+        NamedCamera(name=name_with(one.name, channel or None), is_plenoptic=_is_plenoptic(one))
+        for one in sorted(cameras, key=lambda one: one.name)
+        for channel in [channel.name for channel in one.channels] or [""]
+    ]
+
+
+def _views(dataset: Dataset, cameras: list[CameraEntry], bare: Things) -> tuple[SeenFrame, ...]:
+    return tuple(
+        SeenFrame(
+            camera=camera.name,
+            number=frame.number,
+            view=View(
+                targets=bare.targets(target_poses(dataset, frame, camera.name), named=False),
+                occluders=bare.occluders(frame, camera.name),
+            ),
+        )
+        for camera in cameras
+        for frame in dataset.frames
+    )

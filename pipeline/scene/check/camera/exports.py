@@ -1,0 +1,65 @@
+"""Checks of the exports of a dataset: whether its cameras and targets are such as the formats can describe."""
+
+from collections import Counter
+from collections.abc import Iterator
+
+from pxr import Usd
+
+from pipeline.export_formats import EXACT, FORMATS, Format, Targets
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import read, target_paths, targets
+
+_ASKED = "plen:exports"
+_GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
+"""Types of targets whose points may form a grid; of an asymmetric grid of circles they do not, and its task says so."""
+
+
+def check_exports(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the formats that a dataset names; the checks of values report unknown ones."""
+    asked = read(root, _ASKED) or ()
+    place = root.GetAttribute(_ASKED)
+    for name in [name for name, count in Counter(asked).items() if count > 1]:
+        yield problem(place, "repeated-export", f'"{_ASKED}" lists "{name}" more than once', hint="remove one")
+    cameras = targets(root, "plen:cameras", "Camera")
+    for name in dict.fromkeys(asked):
+        taken = [camera for camera in cameras if FORMATS[name].takes(_is_plenoptic(camera))]
+        if cameras and not taken:
+            kind = _kind(not _is_plenoptic(cameras[0]))
+            others = [other for other, one in FORMATS.items() if one.takes(_is_plenoptic(cameras[0]))]
+            message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
+            yield problem(place, "export-cameras", message, hint=f"formats for it: {', '.join(others)}")
+        yield from _check_targets(root, name, FORMATS[name])
+        yield from _check_position(root, name, taken)
+
+
+def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Problem]:
+    found, place = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
+    if wanted.targets is Targets.ANY:
+        return
+    if len(found) > 1:
+        message = f'"{name}" describes one target, and the dataset has {len(found)}'
+        yield problem(place, "export-targets", message, hint=f"`pipeline export {name} OUT --only TARGET` takes one")
+    elif wanted.targets is Targets.BOARD and found and found[0].GetTypeName() not in _GRIDS:
+        message = f'"{name}" describes boards whose points form a grid, and {found[0].GetName()} has none'
+        hint = "checkerboards, ChArUco boards and symmetric circle grids have one"
+        yield problem(place, "export-targets", message, hint=hint)
+
+
+def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    position = read(root, f"{_ASKED}:position")
+    if position in (None, EXACT):
+        return
+    lacking = [camera for camera in cameras if position not in (read(camera, "plen:truth:columns") or ())]
+    if lacking:
+        message = f'"{name}" is to take the positions "{position}", which <{lacking[0].GetPath()}> does not compute'
+        hint = f'write plen:truth:columns = ["{position}"] on the camera'
+        yield problem(root.GetAttribute(f"{_ASKED}:position"), "export-position", message, hint=hint)
+
+
+def _is_plenoptic(camera: Usd.Prim) -> bool:
+    return bool(target_paths(camera.GetRelationship("plen:camera:microlenses")))
+
+
+def _kind(is_plenoptic: bool) -> str:
+    return "plenoptic" if is_plenoptic else "conventional"

@@ -1,0 +1,61 @@
+"""Parameters of the task `export`."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.exports.noise import Noise
+from pipeline.tasks.params.placed import View
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SightedCamera:
+    """A camera whose rays are asked for: roles of its tasks `focus` (or `channel`) and `planes`, and its accuracy."""
+
+    camera_role: str
+    planes_role: str
+    seed: int
+    square_px: float
+    min_hit_fraction: float
+    accuracy_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenFrame:
+    """Everything before a camera in a frame."""
+
+    camera: str
+    number: int
+    view: View
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Export:
+    """An export of one format.
+
+    Attributes
+    ----------
+    format, position : str
+    noise : Noise
+    stage : str
+        Name of the dataset, which the files mention.
+    files : dict
+        Path in the output folder -> role and output of the task that makes the file.
+    records : dict
+        Path in the output folder -> content of a JSON file that is written from the stage itself.
+    numbers : tuple of int
+        The frames.
+    sights : dict
+        Name of each camera whose rays the format reads.
+    views : tuple of SeenFrame
+        Of formats that read the scene.
+    """
+
+    format: str
+    position: str
+    noise: Noise
+    stage: str
+    files: dict[str, tuple[str, str]]
+    records: dict[str, Any]
+    numbers: tuple[int, ...]
+    sights: dict[str, SightedCamera]
+    views: tuple[SeenFrame, ...]
