@@ -8,7 +8,7 @@ SLOWEST := --durations=15 --durations-min=2
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs first-hour lint warm faults mutants bench evaluation picture web wheel clean
+.PHONY: demo test proofs first-hour lint warm faults mutants bench evaluation picture web site wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -22,7 +22,7 @@ test: $(STAMP)
 
 # The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks, figures of documents.
 proofs: $(STAMP) warm
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba optiland
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba optiland -e '.[docs]'
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy $(SLOWEST)
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
@@ -94,6 +94,13 @@ picture: $(STAMP)
 web: $(STAMP)
 	$(BIN)/python web/record_types.py
 	cd web && npm ci --no-audit --no-fund && npm run check && npm run build
+
+# The documentation site: build/site/index.html.
+site: $(STAMP)
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python docs/schema_reference.py
+	$(BIN)/python -m sphinx -q -j auto -W --keep-going -b html -c docs . build/site
+	@echo "Open build/site/index.html"
 
 wheel: $(STAMP)
 	$(BIN)/python -m build --wheel --outdir dist

@@ -30,10 +30,19 @@ from quotes import Quote, Span, figures, places
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "docs/figures.toml"
 PRINTED = ROOT / "docs/printed"
-GENERATED = ROOT / "docs/when_something_is_wrong.md"  # whole, by when_wrong.py, with a test of its own
+GENERATED = {  # by when_wrong.py and public_numbers.py, with tests of their own
+    ROOT / "docs/when_something_is_wrong.md",
+    ROOT / "docs/public_numbers.md",
+}
 DOCUMENTS = sorted(
-    {ROOT / "README.md", ROOT / "benchmarks/README.md", *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*/README.md")}
-    - {GENERATED}
+    {
+        ROOT / "README.md",
+        ROOT / "benchmarks/README.md",
+        *ROOT.glob("docs/*.md"),
+        *ROOT.glob("docs/how_to/*.md"),
+        *ROOT.glob("examples/*/README.md"),
+    }
+    - GENERATED
 )
 COPIED = ("benchmarks", "docs", "examples", "stages", "pyproject.toml")
 

@@ -1,0 +1,50 @@
+"""Claim: the figures of OpticStudio, CODE V and optiland in docs/public_numbers.md are ours to their last digit."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import public_numbers
+import pytest
+from tolerances import OPTICSTUDIO_EXIT_PUPIL_MM, PRINTED_4_MM, PRINTED_6_MM, PRINTED_9, ROUNDING_OF_LENGTHS
+
+SYSTEMS = public_numbers.listed("optiland_systems")["systems"]
+CODEV = public_numbers.listed("codev_double_gauss")
+PAGE = (Path(__file__).resolve().parents[2] / "docs/public_numbers.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system["name"])
+def test_first_order_is_that_of_opticstudio_to_its_last_digit(system):
+    """The exit pupil of the triplet alone differs, where optiland has our digits."""
+    for row in public_numbers.public_first_order(system):
+        found_otherwise = system["name"] == "triplet" and row.quantity.startswith("Exit pupil")
+        allowed = OPTICSTUDIO_EXIT_PUPIL_MM if found_otherwise else max(row.half_unit, ROUNDING_OF_LENGTHS)
+        assert row.ours == pytest.approx(float(row.printed), rel=0, abs=1.0002 * allowed), row.quantity
+
+
+def test_the_exit_pupil_of_the_triplet_is_that_of_optiland():
+    """Diameter and place as optiland 0.6.3 prints them: `paraxial.XPD()` and `XPL()`."""
+    rows = {row.quantity: row.ours for row in public_numbers.public_first_order(SYSTEMS[0])}
+    assert rows["Exit pupil diameter"] == pytest.approx(10.233729452318345, rel=0, abs=ROUNDING_OF_LENGTHS)
+    place = rows["Exit pupil location (from image surface)"]
+    assert place == pytest.approx(-50.961347703805274, rel=0, abs=ROUNDING_OF_LENGTHS)
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system["name"])
+def test_real_rays_are_those_of_optiland(system):
+    theirs = np.array(system["rays"])[:, 3:]
+    np.testing.assert_allclose(public_numbers.public_rays(system), theirs, rtol=0, atol=PRINTED_9)
+
+
+def test_the_page_shows_rays_and_quantities_of_codev_that_agree():
+    """What test_codev.py asserts of the listing; diameters of pupils hang on the rounded stop."""
+    for row in public_numbers.codev_first_order(CODEV):
+        allowed = PRINTED_4_MM * (5 if "diameter" in row.quantity else 1)
+        assert abs(row.difference) <= allowed, row.quantity
+    for what, printed, ours in public_numbers.codev_rays(CODEV):
+        np.testing.assert_allclose(ours, printed, rtol=0, atol=PRINTED_6_MM, err_msg=what)
+
+
+def test_the_page_is_what_the_command_prints():
+    shown = re.search(r"--write -->\n(.*)<!-- end -->", PAGE, re.S)[1]
+    assert shown == public_numbers.tables(), "python docs/public_numbers.py --write"
