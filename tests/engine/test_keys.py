@@ -21,7 +21,7 @@ from pipeline.engine.planning.task_code import UnknownKind, code_of, fingerprint
 from pipeline.engine.planning.task_spec import Specs
 from pipeline.engine.store.store import Store
 from pipeline.errors import EnvironmentFault
-from pipeline.records.plain import Shared
+from pipeline.records.plain import Shared, to_plain
 
 TASKS = Path(pipeline.__file__).parent / "tasks"
 
@@ -55,6 +55,25 @@ def test_a_shared_part_counts_like_any_other():
     part = {"a": [1.5, {"b": None}], "c": "d"}
     assert canonical([{"x": Shared(part)}, 1]) == canonical([{"x": part}, 1])
     assert json.dumps(Shared(part)) == json.dumps(part)
+
+
+def test_shared_parts_are_equal_as_dicts_are_whatever_they_were_compared_with_before():
+    one, same, other = Shared(a=1), Shared(a=1), Shared(a=2)
+    for _ in range(2):
+        assert [one == same, one != same, one == {"a": 1}] == [True, False, True]
+        assert [one == other, one != other, other == {"a": 1}] == [False, True, False]
+    assert [one, other] == [{"a": 1}, {"a": 2}] != [other, one]
+
+
+def test_rows_of_numbers_have_the_bytes_of_their_numbers():
+    """Rows have a fast way, and a NaN must not slip through it; an infinite number beside another is no NaN."""
+    numbers = [1.5, -0.0, math.inf, -math.inf]
+    assert canonical(numbers) == b"l%d:" % (11 * 4) + b"".join(map(canonical, numbers))
+    assert canonical([1.0, 2]) != canonical([1.0, 2.0])
+    assert str(to_plain((*numbers, 1))) == "[1.5, 0.0, inf, -inf, 1]"
+    for make in (canonical, to_plain):
+        with pytest.raises(ValueError, match="NaN"):
+            make([1.0, math.nan])
 
 
 def test_a_tuple_is_refused():

@@ -1,5 +1,6 @@
 """The graph of tasks. The only module that knows networkx."""
 
+import functools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -16,7 +17,7 @@ from pipeline.errors import UsageError
 TASKS = ("pipeline.tasks",)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Task:
     """One piece of work.
 
@@ -28,7 +29,7 @@ class Task:
         Module whose function `run(params, inputs, out)` does the work; `params` is a record, if the module has one with
         the name `Params`.
     params : dict
-        Plain values, part of the key; `canonical` holds their bytes.
+        Plain values, part of the key.
     reads : dict
         Role -> name of the task whose outputs are read. Roles are part of the key, names are not.
     together : str or None
@@ -39,9 +40,19 @@ class Task:
     name: str
     kind: str
     params: dict[str, Any]
-    canonical: bytes
     reads: dict[str, str]
     together: str | None = None
+
+    @functools.cached_property
+    def canonical(self) -> bytes:
+        """Canonical bytes of the parameters; made when somebody asks, because graphs are also made to be compared.
+
+        Raises
+        ------
+        TypeError
+            A parameter is not a plain value.
+        """
+        return canonical(self.params)
 
     @property
     def short_kind(self) -> str:
@@ -78,8 +89,6 @@ class TaskGraph:
         ValueError
             The name exists already, a task that it reads has not been added, or `kind` is outside the accepted
             packages.
-        TypeError
-            A parameter is not a plain value.
         """
         reads = dict(reads or {})
         check_kind(kind, self.packages)
@@ -88,7 +97,7 @@ class TaskGraph:
         for role, source in reads.items():
             if source not in self._graph:
                 raise ValueError(f"task {name!r} reads {source!r} as {role!r}, which does not exist")
-        task = Task(name=name, kind=kind, params=params, canonical=canonical(params), reads=reads, together=together)
+        task = Task(name=name, kind=kind, params=params, reads=reads, together=together)
         self._graph.add_node(name, task=task)
         self._graph.add_edges_from((source, name) for source in reads.values())
         return name
