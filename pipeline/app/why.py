@@ -151,8 +151,7 @@ class _Search:
     def _differences(self, one: TaskGraph, other: TaskGraph, task: str) -> "_Changed":
         key = id(one), id(other), task
         if key not in self._changed:
-            now, then = one[task], other[task]
-            found = differences(then.params, now.params, "params") if then.canonical != now.canonical else ()
+            found = differences(other[task].params, one[task].params, "params")
             self._changed[key] = _Changed({str(reason.field): reason.old for reason in found})
         return self._changed[key]
 
@@ -197,7 +196,7 @@ def _is_same(one: TaskGraph, other: TaskGraph) -> bool:
     """Whether two graphs have the same tasks with the same parameters."""
     if set(one) != set(other):
         return False
-    return all((one[name].canonical, one[name].reads) == (other[name].canonical, other[name].reads) for name in one)
+    return all((one[name].params, one[name].reads) == (other[name].params, other[name].reads) for name in one)
 
 
 def _role(reason: Reason) -> str | None:

@@ -6,6 +6,7 @@ A type without a rule raises: a key must never fall back to pickle, repr() or st
 
 import functools
 import hashlib
+import math
 import re
 import struct
 from collections.abc import Callable, Mapping
@@ -66,13 +67,18 @@ class _ByType(dict[type, Callable[[Any], Any]]):
         raise TypeError(f"a key cannot be made from {kind.__name__}")
 
 
+_bits = struct.Struct(">d").pack
+
+
 def _float(value: float) -> bytes:
     if value != value:
         raise ValueError("a key cannot be made from NaN")
-    return b"d8:" + struct.pack(">d", value)
+    return b"d8:" + _bits(value)
 
 
 def _list(values: list[Any]) -> bytes:
+    if {*map(type, values)} == {float} and not math.isnan(sum(values)):  # rows of numbers, of which none is NaN
+        return _item(b"l", b"".join([b"d8:" + _bits(value) for value in values]))
     return _item(b"l", b"".join([_BYTES[type(value)](value) for value in values]))
 
 

@@ -88,7 +88,8 @@ class FrameTasks:
         self.graph, self.files, self.dataset, self.entry = graph, files, dataset, entry
         self.painted, self.bare = painted, bare
         self.settings = from_plain(TruthSettings, entry.truth)
-        self._labels = _labels_of(entry, self.settings)
+        self._labels, self._counts = _labels_of(entry, self.settings), _what_counts(self.settings)
+        self._exposure, self._bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
         self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
         self._reads = {"camera": f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
@@ -119,11 +120,10 @@ class FrameTasks:
         return add(self.graph, f"certificate/{self.entry.full_name}", params, {**self._reads, **truths})
 
     def _add_image(self, name: str, view: PaintedView) -> str:
-        camera, exposure = self.entry.full_name, exposure_of(self.entry)
         if self.entry.image_noise is not None:
             return self._add_image_in_passes(name, view, self.entry.image_noise)
-        bands = image_bands(self.entry.asked.sensor, self.entry.image_samples)
-        parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in bands]
+        camera, exposure = self.entry.full_name, self._exposure
+        parts = [ImageTile(exposure=exposure, view=view, rows=rows) for rows in self._bands]
         # The rays that leave the camera are the same in every frame: frames share them.
         together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
         tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white, **self._pictures}, together)
@@ -132,7 +132,7 @@ class FrameTasks:
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
     def _add_image_in_passes(self, name: str, view: PaintedView, noise: float) -> str:
-        exposure, white = exposure_of(self.entry), f"white_pass/{self.entry.full_name}"
+        exposure, white = self._exposure, f"white_pass/{self.entry.full_name}"
         parts = [
             ImagePass(exposure=exposure, view=view, rows=rows, number=0) for rows in strips(self.entry.asked.sensor)
         ]
@@ -158,9 +158,7 @@ class FrameTasks:
         if "saddle" in self.settings.column_sets:
             targets = self.painted.targets(poses)
         view = View(targets=targets, occluders=self.bare.occluders(frame, self.entry.name))
-        table = TruthTable(
-            frame=frame.number, camera=self.entry.name, settings=_what_counts(self.settings), labels=self._labels
-        )
+        table = TruthTable(frame=frame.number, camera=self.entry.name, settings=self._counts, labels=self._labels)
         reads = dict(self._reads)
         if self.settings.searches:
             reads["rays"] = f"rays/{self.entry.full_name}"

@@ -15,6 +15,18 @@ class Shared(dict[str, Any]):
     """A plain part of many records: it is not copied, and its encoding is made once. Nobody may change it."""
 
     made: bytes | None = None
+    compared: tuple[Any, bool] | None = None
+
+    def __eq__(self, other: object) -> bool:
+        """Whether another dict has the same items; the last answer is kept, because many records hold both."""
+        if self.compared is None or self.compared[0] is not other:
+            self.compared = other, self is other or dict.__eq__(self, other)
+        return self.compared[1]
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    __hash__ = None  # type: ignore[assignment]  # as of every dict
 
     def once(self, make: Callable[[dict[str, Any]], bytes]) -> bytes:
         """Bytes made from the dict, always by the same function, cached."""
@@ -25,7 +37,38 @@ class Shared(dict[str, Any]):
 
 def to_plain(record: Any) -> Any:
     """A record as dicts, lists, numbers, strings and None. -0.0 becomes 0.0; NaN is refused."""
-    if record is None or isinstance(record, bool | int | str | Shared):
+    kind = type(record)
+    if kind is float and record == record:
+        return record + 0.0
+    if kind in _PLAIN:
+        return record
+    if kind is tuple or kind is list:
+        return _list(record)
+    if names := _names(kind):  # type: ignore[arg-type]  # a type can be hashed
+        return {name: to_plain(getattr(record, name)) for name in names}
+    return _rare(record)
+
+
+_PLAIN = frozenset({type(None), bool, int, str, Shared})
+"""Types whose values are plain already."""
+
+
+def _list(items: list[Any] | tuple[Any, ...]) -> list[Any]:
+    """Items as plain values. Most are rows of numbers, which one loop converts; a sum is NaN if one of them is."""
+    if {*map(type, items)} == {float} and not math.isnan(sum(items)):
+        return [item + 0.0 for item in items]
+    return [to_plain(item) for item in items]
+
+
+@functools.cache
+def _names(kind: type) -> tuple[str, ...]:
+    """Names of the fields of a type of records; none for other types."""
+    return tuple(field.name for field in dataclasses.fields(kind)) if dataclasses.is_dataclass(kind) else ()
+
+
+def _rare(record: Any) -> Any:
+    """A value of a type derived from a plain one, a dict, or a record without fields."""
+    if isinstance(record, bool | int | str | Shared):
         return record
     if isinstance(record, float):
         if math.isnan(record):
@@ -36,7 +79,7 @@ def to_plain(record: Any) -> Any:
     if isinstance(record, dict):
         return {str(name): to_plain(item) for name, item in record.items()}
     if dataclasses.is_dataclass(record) and not isinstance(record, type):
-        return {f.name: to_plain(getattr(record, f.name)) for f in dataclasses.fields(record)}
+        return {}
     raise TypeError(f"a record cannot hold a {type(record).__name__}")
 
 

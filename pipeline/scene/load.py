@@ -30,7 +30,7 @@ from pipeline.scene.usd.problems import Problem, StageError, shortened, shown_pa
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import knowing
 from pipeline.scene.usd.used_layers import used_layers
-from pipeline.scene.usd.values import UnreadableValue
+from pipeline.scene.usd.values import UnreadableValue, unchanging
 from pipeline.scene.write.flatten import flattened, text_for_viewers
 
 
@@ -125,6 +125,12 @@ def _loaded(layers: Look, look: bool) -> Loaded:
         return _refused(new)
     if ignored:
         return _refused(problems + ignored)
+    with unchanging():
+        return _read(stage, layers, look, problems)
+
+
+def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -> Loaded:
+    """Check and read a composed stage, of which opening has told some problems."""
     problems = without_followers(problems + check(stage, layers.roots))
     loaded = _refused(problems)
     if loaded.errors:

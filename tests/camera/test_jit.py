@@ -345,7 +345,7 @@ def test_tilted_microlenses_and_bent_targets_have_steps_of_their_own():
 
 def task(kind, params):
     """A task of a graph."""
-    return Task(name="x", kind=f"pipeline.tasks.{kind}", params=params, canonical=b"", reads={})
+    return Task(name="x", kind=f"pipeline.tasks.{kind}", params=params, reads={})
 
 
 def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatch):

@@ -7,7 +7,6 @@ After an intended change of words:  python tests/scene/test_bad_files.py > tests
 import os
 import re
 import sys
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -41,37 +40,33 @@ def _at_the_root(monkeypatch):
     monkeypatch.chdir(ROOT)
 
 
-def test_a_bad_file_gives_exactly_the_problems_that_it_announces():
-    given = {file: [problem.code for problem in loaded_once(file).problems] for file in FILES}
-    mild = {problem.code for file in FILES for problem in loaded_once(file).problems if not problem.is_error}
+def test_bad_files_give_exactly_the_problems_that_they_announce_in_the_expected_words_and_nothing_else():
+    """One test, because two workers that share the tests of a file would each read all stages."""
+    stages = {file: load(file, look=True) for file in FILES}
+    problems = [problem for loaded in stages.values() for problem in loaded.problems]
 
-    assert given == {file: announced(file) for file in FILES}
-    assert mild <= WARNINGS
-
-
-def test_every_problem_names_a_file_and_a_line():
-    problems = [problem for file in FILES for problem in loaded_once(file).problems]
-
+    assert {file: [problem.code for problem in loaded.problems] for file, loaded in stages.items()} == {
+        file: announced(file) for file in FILES
+    }
+    assert {problem.code for problem in problems if not problem.is_error} <= WARNINGS
     assert [problem for problem in problems if not problem.file or not problem.line] == []
+    assert report(stages) == (ROOT / "tests/data/bad/EXPECTED.txt").read_text()
+    for file, loaded in stages.items():
+        if not set(announced(file)) <= WARNINGS:
+            require_nothing(file, loaded)
 
 
-def test_every_mistake_is_reported_in_the_expected_words():
-    assert report() == (ROOT / "tests/data/bad/EXPECTED.txt").read_text()
+def require_nothing(file: str, loaded: Loaded) -> None:
+    """Nothing is read from a stage with an error."""
+    assert (loaded.dataset, loaded.flattened) == (None, ""), file
+    with pytest.raises(StageError) as caught:
+        require_dataset(loaded, file)
+    assert (caught.value.exit_code, caught.value.problems) == (2, loaded.problems), file
 
 
 def announced(file: str) -> list[str]:
     """The codes that a file says it gives."""
     return re.search(r"^# expect: (.*)$", (ROOT / file).read_text(), re.MULTILINE)[1].split()
-
-
-def test_nothing_is_read_from_a_stage_with_an_error():
-    for file in (file for file in FILES if not set(announced(file)) <= WARNINGS):
-        loaded = loaded_once(file)
-
-        assert (loaded.dataset, loaded.flattened) == (None, ""), file
-        with pytest.raises(StageError) as caught:
-            require_dataset(loaded, file)
-        assert (caught.value.exit_code, caught.value.problems) == (2, loaded.problems), file
 
 
 def test_a_missing_file_is_a_problem_and_not_a_traceback():
@@ -93,20 +88,15 @@ def test_a_stage_that_lacks_any_one_line_is_read_or_refused_but_never_a_tracebac
         assert (loaded.dataset is None) == bool(loaded.errors)
 
 
-@cache
-def loaded_once(file: str) -> Loaded:
-    """Every test here asks about the same few stages."""
-    return load(file, look=True)
-
-
-def report() -> str:
+def report(stages: dict[str, Loaded]) -> str:
     """All messages, under the names of their files."""
     texts = [
-        f"## {Path(file).name}\n" + "".join(f"{problem}\n" for problem in loaded_once(file).problems) for file in FILES
+        f"## {Path(file).name}\n" + "".join(f"{problem}\n" for problem in loaded.problems)
+        for file, loaded in stages.items()
     ]
     return "".join(texts)
 
 
 if __name__ == "__main__":
     os.chdir(ROOT)
-    sys.stdout.write(report())
+    sys.stdout.write(report({file: load(file, look=True) for file in FILES}))

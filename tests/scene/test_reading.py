@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
-from pxr import Gf, Vt
+from pxr import Gf, Usd, Vt
 from stage_text import head
 
 import pipeline
@@ -19,7 +19,7 @@ from pipeline.scene.load import load, open_dataset
 from pipeline.scene.read.prims import read_prescription
 from pipeline.scene.usd.opening import open_stage
 from pipeline.scene.usd.problems import StageError
-from pipeline.scene.usd.values import plain
+from pipeline.scene.usd.values import UnreadableValue, need, plain, read, unchanging
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "tests/data/tiny_conventional/dataset.usda"
@@ -430,3 +430,16 @@ def test_groups_that_no_lens_can_have_are_refused_by_the_record(groups):
 def test_a_long_array_becomes_what_its_entries_become(array):
     """Their types, and 0.0 for -0.0, included."""
     assert repr(plain(array)) == repr(tuple(plain(item) for item in array))
+
+
+def test_answers_are_kept_while_no_stage_changes_and_no_longer():
+    stage, name = Usd.Stage.Open(str(TINY)), "plen:camera:wavelength"
+    camera = next(prim for prim in stage.Traverse() if prim.IsA("Camera"))
+    with unchanging():
+        with pytest.raises(UnreadableValue):
+            need(camera, "plen:none")
+        before = read(camera, name)
+        camera.GetAttribute(name).Set(before + 1)
+        assert read(camera, name) == before
+        assert read(stage.GetDefaultPrim(), "plen:seed") != before
+    assert read(camera, name) == before + 1

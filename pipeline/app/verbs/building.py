@@ -38,7 +38,6 @@ from pipeline.app.verbs.terminal import (
     say_json,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
-from pipeline.report.page.diary import Diary
 
 
 def build(
@@ -67,6 +66,7 @@ def build(
 ) -> None:
     """Run the missing tasks and fill the output folder; a second build runs nothing."""
     from pipeline.engine.options import BuildOptions
+    from pipeline.report.page.diary import Diary
 
     options = BuildOptions(
         jobs=jobs,
@@ -179,10 +179,10 @@ class Listeners(NamedTuple):
     """Listeners of a build besides the display: a file of events, if one was asked for, and a diary."""
 
     events: Path | None
-    diary: Diary
+    diary: Any
 
 
-def _write_report(result: Any, options: Any, diary: Diary, *, is_told: bool) -> None:
+def _write_report(result: Any, options: Any, diary: Any, *, is_told: bool) -> None:
     """Write the report of a whole build, and print where it is. An untrusted stage is not read outside its sandbox, so
     that its build has none.
     """

@@ -150,13 +150,15 @@ def _why_missing(
 
 def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
     """Components that differ, each with its dotted path."""
+    if old == new:
+        return
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(old.keys() | new.keys()):
             yield from differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for index, (one, other) in enumerate(zip(old, new, strict=True)):
             yield from differences(one, other, f"{where}[{index}]")
-    elif old != new:
+    else:
         yield Reason(type=ReasonType.CHANGED, field=where, old=old, new=new)
 
 

@@ -47,6 +47,8 @@ _BELOW = "below"
 _FORMAT = 1
 """Version of the records in the store: it rises when a field changes, and records of other versions are ignored."""
 _COSTS = ("seconds", "cpu_seconds", "loading_seconds", "peak_bytes", "calls", "rays", "crossings")
+_NUMBERS = frozenset({int, float, bool})
+"""Types of numbers as JSON has them."""
 
 Entry = dict[str, Any]
 
@@ -335,7 +337,7 @@ class Store(StoreFolder):
 
 def _tells_costs(facts: dict[str, Any]) -> bool:
     """Whether the facts about a run, or about one of its kernels, are numbers."""
-    return all(isinstance(facts.get(name, 0), int | float) for name in _COSTS)
+    return _NUMBERS.issuperset([type(facts[name]) for name in _COSTS if name in facts])
 
 
 def _parse_record(raw: bytes | None, key: str) -> dict[str, Any] | None:

@@ -43,8 +43,9 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             yield from check_attribute(prop, definition)
         else:
             yield from _check_relationship(prop)
-    yield from _check_required(prim, {nearest(name, known) for name in strange})
-    yield from _check_conditions(prim, {nearest(name, known) for name in strange})
+    meant = {nearest(name, known) for name in strange}
+    yield from _check_required(prim, meant)
+    yield from _check_conditions(prim, meant)
 
 
 def _wrong_kind(prop: Usd.Property, definition: Usd.PrimDefinition) -> Problem | None:

@@ -9,7 +9,7 @@ from pipeline.camera.parts.spectrum import Channel, SpectralNode
 from pipeline.render.spectral.nodes import gauss_nodes
 from pipeline.scene.read.media import indices, ordered_surfaces
 from pipeline.scene.read.microlenses import microlens_index
-from pipeline.scene.usd.values import need, target
+from pipeline.scene.usd.values import need, read_once, target
 
 
 def channel_prims(sensor: Usd.Prim) -> list[Usd.Prim]:
@@ -69,6 +69,7 @@ def _table_nodes(
     return gauss_nodes(*spectra.product(table, spectra.illuminant(illuminant)), count)
 
 
+@read_once
 def read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
     """One PlenChannel of a camera; raises as `read_channels`."""
     wavelengths_nm, shares = wavelengths_of(prim, illuminant)

@@ -12,7 +12,7 @@ from pipeline.scene.read.lamps import is_in_images, lamp_prims
 from pipeline.scene.read.materials import Shaded, read_material
 from pipeline.scene.read.targets import PREVIEW
 from pipeline.scene.usd.meshes import Fans, fans
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, plain, targets
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, plain, read_once, targets
 
 _GREY = (0.18, 0.18, 0.18)
 """Colour of what has none [1]: UsdPreviewSurface's."""
@@ -34,6 +34,7 @@ def is_preview(prim: Usd.Prim) -> bool:
     return bool(prim.GetName() == PREVIEW and prim.GetParent().IsA("PlenTarget"))
 
 
+@read_once
 def read_finish(prim: Usd.Prim) -> Finish:
     """The materials of a Mesh, with its normals and texture coordinates.
 

@@ -11,7 +11,7 @@ from pxr import Usd
 from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import Medium
 from pipeline.optics.prescription import Surface
-from pipeline.scene.usd.values import need, read
+from pipeline.scene.usd.values import need, read, read_once
 
 
 def ordered_surfaces(lens: Usd.Prim) -> list[Usd.Prim]:
@@ -25,6 +25,7 @@ def uses_catalogue(lens: Usd.Prim) -> bool:
     return bool(need(lens, "plen:indexSource") == "catalogue")
 
 
+@read_once
 def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
     """The medium behind a surface, from its glass and compared with the printed index.
 

@@ -5,7 +5,7 @@ from pxr import Usd, UsdGeom
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.read.finishes import read_finish
 from pipeline.scene.usd.meshes import fans
-from pipeline.scene.usd.values import read
+from pipeline.scene.usd.values import read, read_once
 from pipeline.targets.occluder import Occluder
 from pipeline.units import mm_per_unit
 
@@ -16,6 +16,7 @@ def read_occluder_entry(prim: Usd.Prim, *, lit: bool = False) -> OccluderEntry:
     return OccluderEntry(prim_path=str(prim.GetPath()), occluder=read_occluder(prim), finish=finish)
 
 
+@read_once
 def read_occluder(prim: Usd.Prim) -> Occluder:
     """A Mesh in its own frame, in millimetres; dark without PlenOccluderAPI.
 

@@ -25,7 +25,7 @@ from pipeline.scene.read.response import has_response, read_irradiation, read_re
 from pipeline.scene.read.targets import read_target_entry
 from pipeline.scene.usd.poses import inverse, product, world_from
 from pipeline.scene.usd.source_locations import place
-from pipeline.scene.usd.values import UnreadableValue, need, read, target, targets
+from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
 from pipeline.units import mm_per_unit
 
 LAST_FRAME = 1_000_000_000
@@ -127,6 +127,7 @@ def read_lens_entry(stage: Usd.Stage) -> LensEntry | None:
     )
 
 
+@read_once
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     """The entry of one camera with its settings."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
@@ -176,6 +177,7 @@ def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     )
 
 
+@read_once
 def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     """The record with the lens as it is prescribed."""
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
@@ -209,6 +211,7 @@ def lens_groups(lens: Usd.Prim) -> list[Usd.Prim]:
     return [prim for prim in lens.GetChildren() if prim.IsA("PlenLensGroup")]
 
 
+@read_once
 def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Prescription:
     """The prescription of a PlenLens at a wavelength, by default that of its printed indices."""
     prims = ordered_surfaces(lens)
@@ -233,6 +236,7 @@ def read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
     )
 
 
+@read_once
 def read_surface(prim: Usd.Prim) -> Surface:
     """The record of a PlenSurface, with its printed index."""
     return Surface(

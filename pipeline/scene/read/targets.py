@@ -10,7 +10,7 @@ from pipeline.render.lighting.records import Coat
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Fans, fans
 from pipeline.scene.usd.poses import product, world_from
-from pipeline.scene.usd.values import UnreadableValue, need, plain, read, target
+from pipeline.scene.usd.values import UnreadableValue, need, plain, read, read_once, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.aprilgrid import AprilGrid
 from pipeline.targets.patterns.charuco import Charuco
@@ -86,6 +86,7 @@ def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
     return tuple(read_target_entry(prim) for prim in stage.Traverse() if prim.IsA("PlenTarget"))
 
 
+@read_once
 def read_target_entry(prim: Usd.Prim) -> TargetEntry:
     """A target with its name."""
     roughness = read(prim, "plen:coat:roughness")
@@ -93,6 +94,7 @@ def read_target_entry(prim: Usd.Prim) -> TargetEntry:
     return TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_target(prim), coat=coat)
 
 
+@read_once
 def read_target(prim: Usd.Prim) -> AnyTarget:
     """A target of any type.
 

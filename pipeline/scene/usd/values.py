@@ -1,9 +1,13 @@
 """Values of prims as Python objects, and the rules of the schemas about them."""
 
+import functools
 import math
 import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
@@ -11,12 +15,41 @@ from pxr import Gf, Plug, Sdf, Tf, Usd, Vt
 from pipeline.errors import PipelineError
 from pipeline.scene.usd.register import PLUGIN_NAME
 
+F = TypeVar("F", bound=Callable[..., Any])
+_ANSWERS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("answers of readers of a stage", default=None)
+
 _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
 )
 _ENTRIES = re.compile(r"^\s*Entries: \[(\d+), (\d+)\]\s*$", re.MULTILINE)
 _ANY_TIME = 0.0
 """Time code at which values are read: our attributes are uniform, so every time has the same value."""
+
+
+@contextmanager
+def unchanging() -> Iterator[None]:
+    """Context in which no stage changes: a reader with `read_once` gives its first answer again."""
+    token = _ANSWERS.set({})
+    try:
+        yield
+    finally:
+        _ANSWERS.reset(token)
+
+
+def read_once(reader: F) -> F:
+    """Decorate a reader, a function of prims, names and numbers: checks and readers ask for the same prims again."""
+
+    @functools.wraps(reader)
+    def asked(*arguments: Any) -> Any:
+        answers = _ANSWERS.get()
+        if answers is None:
+            return reader(*arguments)
+        key = reader, *arguments
+        if key not in answers:
+            answers[key] = reader(*arguments)
+        return answers[key]
+
+    return cast(F, asked)
 
 
 class UnreadableValue(PipelineError):
@@ -230,6 +263,7 @@ def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
     return replace(rule, fallback=plain(fallback)) if fallback is not None and rule.holds(fallback) else rule
 
 
+@read_once
 def read(prim: Usd.Prim, name: str) -> Any:
     """Value of an attribute or its fallback; None if there is none, or if the rule of its schema excludes it.
 
