@@ -136,6 +136,8 @@ FORMATS = {
     "puzzlepaint": Format(cameras=_CONVENTIONAL, files=("dataset.bin",)),
     "mc-calib": Format(cameras=_CONVENTIONAL, files=("detected_keypoints_data.yml",)),
     "deltille": Format(cameras=_CONVENTIONAL, targets=Targets.BOARD, files=("<camera>/<frame>.orpc", "board.dsc")),
+    "lensboy": Format(cameras=_CONVENTIONAL, reads=_NOTHING, files=("<camera>.json",)),
+    "vision-calibration": Format(cameras=_CONVENTIONAL, files=("<camera>.json",)),
     "libpleno": Format(
         cameras=_PLENOPTIC,
         targets=Targets.BOARD,

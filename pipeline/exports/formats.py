@@ -9,6 +9,7 @@ from pipeline.exports.writers import (
     colmap,
     deltille,
     kalibr,
+    lensboy,
     lftoolbox,
     libpleno,
     mc_calib,
@@ -19,6 +20,7 @@ from pipeline.exports.writers import (
     puzzlepaint,
     raytrix,
     tables,
+    vision_calibration,
 )
 from pipeline.exports.writers.maps import depth, generic, lightfield, omni_lut, rays, stmap
 
@@ -32,6 +34,8 @@ WRITERS: dict[str, Writer] = {
     "puzzlepaint": puzzlepaint.write,
     "mc-calib": mc_calib.write,
     "deltille": deltille.write,
+    "lensboy": lensboy.write,
+    "vision-calibration": vision_calibration.write,
     "libpleno": libpleno.write,
     "raytrix": raytrix.write,
     "pip": pip.write,
