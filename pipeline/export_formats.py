@@ -112,7 +112,7 @@ _MODEL = ("cameras", "images", "points3D")
 """Files of COLMAP's sparse model, without their ending."""
 _LIBPLENO = (
     *("observations.bin.gz", "corners.bin.gz", "centers.csv", "features.csv"),
-    *("camera.js", "params.js", "scene.js", "poses.js"),
+    *("camera.js", "intrinsics.js", "params.js", "scene.js", "poses.js"),
 )
 _BOK = (
     *("microlens_center_list.mat", "lens_types.mat", "correspondencesAll_<frame>.mat"),
