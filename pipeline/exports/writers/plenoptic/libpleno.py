@@ -141,15 +141,12 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
 
 def _array_pose(mesh: GridMesh, axis: np.ndarray, per_px: float, distance_mm: float) -> dict[str, Any]:
     """The pose of the array, whose nodes are those of the micro-images seen from the main lens, turned by 180 deg."""
-    (columns, rows), (across, down) = _size(mesh), mesh.pitch_px
-    half_x, half_y = (0.5 * (mesh.layout == name) for name in ("hexagonal", "hexagonal-columns"))
-    closer = math.sqrt(3) / 2
-    x = across * (columns - 1 + half_x) * (closer if half_y else 1)
-    y = down * (rows - 1 + half_y) * (closer if half_x else 1)
+    (columns, rows), (across, down), (shift_x, shift_y) = _size(mesh), mesh.step_px, mesh.shift_px
+    x, y = across * (columns - 1) + shift_x, down * (rows - 1) + shift_y
     cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
     opposite = np.array([cos * x - sin * y, sin * x + cos * y])
     first = -(mesh.origin - axis + opposite) * per_px
-    turn = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]]
+    turn = [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
     return {"rotation": turn, "translation": [[*first.tolist(), -distance_mm]]}
 
 
