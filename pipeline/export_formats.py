@@ -112,7 +112,7 @@ _MODEL = ("cameras", "images", "points3D")
 """Files of COLMAP's sparse model, without their ending."""
 _LIBPLENO = (
     *("observations.bin.gz", "corners.bin.gz", "centers.csv", "features.csv"),
-    *("camera.js", "params.js", "scene.js", "poses.js"),
+    *("camera.js", "intrinsics.js", "params.js", "scene.js", "poses.js"),
 )
 _BOK = (
     *("microlens_center_list.mat", "lens_types.mat", "correspondencesAll_<frame>.mat"),
@@ -136,6 +136,8 @@ FORMATS = {
     "puzzlepaint": Format(cameras=_CONVENTIONAL, files=("dataset.bin",)),
     "mc-calib": Format(cameras=_CONVENTIONAL, files=("detected_keypoints_data.yml",)),
     "deltille": Format(cameras=_CONVENTIONAL, targets=Targets.BOARD, files=("<camera>/<frame>.orpc", "board.dsc")),
+    "lensboy": Format(cameras=_CONVENTIONAL, reads=_NOTHING, files=("<camera>.json",)),
+    "vision-calibration": Format(cameras=_CONVENTIONAL, files=("<camera>.json",)),
     "libpleno": Format(
         cameras=_PLENOPTIC,
         targets=Targets.BOARD,

@@ -130,6 +130,12 @@ class GridMesh:
         down = closer if self.layout == "hexagonal" else 1
         return self.pitch_px[0] * across, self.pitch_px[1] * down
 
+    @property
+    def shift_px(self) -> tuple[float, float]:
+        """Shift of lines 0, 2, …: of rows to the right, or of columns downwards, by half a pitch."""
+        across, down = self.pitch_px
+        return across / 2 * (self.layout == "hexagonal"), down / 2 * (self.layout == "hexagonal-columns")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportCamera:

@@ -187,6 +187,21 @@ CONVENTIONS = {
         unit=Unit.CM,
         source="deltille/detector: DeltilleDetector.cpp; ylochman/babelcalib: core/feature/get_corners_from_orpc.m",
     ),
+    "lensboy": Convention(
+        consumer="lensboy: OpenCV.load",
+        note="corners are arrays in its interface, as those of opencv",
+        origin=Origin.ZERO,
+        board=Board.NONE,
+        unit=Unit.NONE,
+        source="lensboy 4.0.3: camera_models/opencv.py, to_json and from_json",
+    ),
+    "vision-calibration": Convention(
+        consumer="vision-calibration (calibration-rs): run_planar_intrinsics, run_scheimpflug_intrinsics",
+        note="Observation.from_payload takes each entry obs of views",
+        origin=Origin.ZERO,
+        unit=Unit.M,
+        source="vision-calibration 0.9.0: models.py, PlanarDataset.to_payload",
+    ),
     "libpleno": Convention(
         consumer="libpleno, COMPOTE, BLADE",
         origin=Origin.ZERO,

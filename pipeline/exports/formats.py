@@ -5,22 +5,19 @@ from pathlib import Path
 
 from pipeline.exports.material import Material
 from pipeline.exports.writers import (
-    bok,
     colmap,
     deltille,
     kalibr,
-    lftoolbox,
-    libpleno,
+    lensboy,
     mc_calib,
     mrcal,
     opencv,
-    pip,
-    plenopticam,
     puzzlepaint,
-    raytrix,
     tables,
+    vision_calibration,
 )
 from pipeline.exports.writers.maps import depth, generic, lightfield, omni_lut, rays, stmap
+from pipeline.exports.writers.plenoptic import bok, lftoolbox, libpleno, pip, plenopticam, raytrix
 
 Writer = Callable[[Material, Path], None]
 WRITERS: dict[str, Writer] = {
@@ -32,6 +29,8 @@ WRITERS: dict[str, Writer] = {
     "puzzlepaint": puzzlepaint.write,
     "mc-calib": mc_calib.write,
     "deltille": deltille.write,
+    "lensboy": lensboy.write,
+    "vision-calibration": vision_calibration.write,
     "libpleno": libpleno.write,
     "raytrix": raytrix.write,
     "pip": pip.write,

@@ -1,6 +1,7 @@
 """Task `export`: results of a build as the files of another program, as `pipeline export` writes them."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from pipeline.channel_names import body_and_channel
 from pipeline.exports.gathering import Around, gather
 from pipeline.exports.noise import with_noise
 from pipeline.exports.writing import write_format
+from pipeline.render.surroundings import Surroundings
 from pipeline.sight.ready_camera import ReadyCamera
 from pipeline.tasks.artefacts.built_parts import parts_of
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of
@@ -38,7 +40,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     write_format(params.format, with_noise(material, params.noise), out, params.position, params.noise)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class SeenScene:
     """Targets and occluders before the cameras, as `sight.scenes.BuiltScene` has them."""
 
@@ -47,9 +49,14 @@ class SeenScene:
     def distance_mm(self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Way along rays (n, 3) of the vision frame to the first surface, (n,); NaN: there is none."""
         body = body_and_channel(camera)[0]
-        (view,) = [one.view for one in self.views if (one.number, one.camera) == (frame, body)]
-        around = surroundings_of(view.targets, view.occluders)
+        around = self._around(frame, body)
         found = np.full(len(origin_mm), np.nan)
         rows = np.flatnonzero(np.isfinite(direction).all(axis=1))
         found[rows] = around.distance_mm(origin_mm[rows], direction[rows])
         return found
+
+    @lru_cache(maxsize=1)  # noqa: B019 (a band of rows follows another, and there is one scene at a time)
+    def _around(self, frame: int, camera: str) -> Surroundings:
+        """Everything before a camera in a frame."""
+        (view,) = [one.view for one in self.views if (one.number, one.camera) == (frame, camera)]
+        return surroundings_of(view.targets, view.occluders)

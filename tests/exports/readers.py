@@ -5,6 +5,7 @@ comes from the table of conventions.
 """
 
 import ast
+import json
 import struct
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pycolmap
+import vision_calibration
 import yaml
 from exports.pretended import (
     CENTRE_PX,
@@ -26,6 +28,7 @@ from exports.pretended import (
     Scene,
     board_mm,
 )
+from vision_calibration import models as calibration
 
 from pipeline.frames import rigid, rotation_vector
 
@@ -307,6 +310,30 @@ def check_mc_calib(folder: Path, scene: Scene) -> None:
             same(points, scene.pixels(name, frame)[scene.ids(name, frame)], PRINTED_PX)
 
 
+def check_lensboy(folder: Path, scene: Scene) -> None:
+    """The keys that OpenCV.from_json of lensboy reads; lensboy itself needs an OpenCV beside ours."""
+    for name in scene.rig:
+        data = json.loads((folder / f"{name}.json").read_text())
+        assert data["type"] == "opencv" and (data["image_width"], data["image_height"]) == SIZE_PX
+        matrix = np.array([[data["fx"], 0, data["cx"]], [0, data["fy"], data["cy"]], [0, 0, 1]])
+        same(matrix, scene.matrix, 0)
+        assert data["distortion_coeffs"] == [*DISTORTION, *[0.0] * 9]
+
+
+def check_vision_calibration(folder: Path, scene: Scene) -> None:
+    """vision-calibration takes the views, and finds the camera that imaged them, in metres."""
+    for name in scene.rig:
+        data = json.loads((folder / f"{name}.json").read_text())
+        views = [vision_calibration.Observation.from_payload(view["obs"]) for view in data["views"]]
+        for frame, view in zip((1, 2, 3), views, strict=True):
+            same(np.array(view.points_2d), scene.pixels(name, frame)[scene.ids(name, frame)], PRINTED_PX)
+            same(np.array(view.points_3d) * 1000, grid_points(SQUARE_MM)[scene.ids(name, frame)], 1e-9)
+    dataset = calibration.PlanarDataset([calibration.PlanarView(view) for view in views])
+    free = calibration.CameraFixMask(distortion={"k3": False})
+    found = vision_calibration.run_planar_intrinsics(dataset, calibration.PlanarCalibrationConfig(fix_camera=free))
+    assert found.mean_reproj_error < 1e-3, "its camera explains our positions; three views hardly tell its centre"
+
+
 CHECKS = {
     "opencv": check_opencv,
     "opencv-multiview": check_opencv_multiview,
@@ -316,6 +343,8 @@ CHECKS = {
     "puzzlepaint": check_puzzlepaint,
     "mc-calib": check_mc_calib,
     "deltille": check_deltille,
+    "lensboy": check_lensboy,
+    "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,
     "npz": check_npz,
 }

@@ -184,7 +184,8 @@ def test_a_grid_is_found_only_where_ids_count_it_from_the_top():
 def test_writers_hold_no_offsets():
     """No fraction, and no number beside a position: what a pixel is called stands in the table of conventions."""
     offenders = []
-    for path in sorted((ROOT / "pipeline/exports/writers").glob("*.py")):
+    writers = ROOT / "pipeline/exports/writers"
+    for path in sorted([*writers.glob("*.py"), *writers.glob("plenoptic/*.py")]):
         for node in ast.walk(ast.parse(path.read_bytes())):
             if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value != 0.0:
                 offenders.append(f"{path.name}:{node.lineno}: {node.value}")

@@ -1,7 +1,7 @@
 """Rays of a camera as a format counts them: its axes, its unit, its pixels."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from pipeline.exports.conventions import Convention, Rays
 from pipeline.exports.errors import ExportError
 from pipeline.exports.seen.ideal_map import IdealMap, Sight, ideal_map
 from pipeline.exports.seen.pixels import ours, positions
+from pipeline.exports.seen.ray_patches import rows_of_rays
 from pipeline.sight.answers import PixelRays
 
 _AXES = {Rays.VISION: (1.0, 1.0, 1.0), Rays.USD: (1.0, -1.0, -1.0)}
@@ -24,7 +25,7 @@ class PixelBand:
     Attributes
     ----------
     origin, direction : (rows, w, 3) float64
-        As the format counts them; NaN where no light leaves.
+        NaN where no light leaves.
     microlenses : (rows, w, 2) int64 or None
         None of a conventional camera.
     """
@@ -54,15 +55,26 @@ class StatedSight:
     scale: float
 
     def band(self, first: int, end: int) -> PixelBand:
-        """Rays of rows of pixels."""
+        """Rays of rows of pixels, in the axes and the unit of the format."""
+        found = self.lines(first, end)
+        origin, direction = self.points(found.origin), self.vectors(found.direction)
+        return replace(found, origin=origin, direction=direction)
+
+    def lines(self, first: int, end: int) -> PixelBand:
+        """Rays of rows of pixels, in our conventions: traced behind microlenses, else by patches."""
         width, _ = self.built.size_px
+        if not self.built.is_plenoptic:
+            near_mm, far_mm = map(float, self.built.record["near_far_mm"])
+            origin, direction = rows_of_rays(self._sight, width, (first, end), (near_mm, far_mm))
+            return PixelBand(origin=origin, direction=direction, microlenses=None)
         y, x = np.mgrid[first:end, 0:width].reshape(2, -1)
         found = self.traced(x, y)
+        assert found.microlens is not None
         shape = (end - first, width, -1)
         return PixelBand(
-            origin=self.points(found.origin_mm).reshape(shape),
-            direction=self.vectors(found.direction).reshape(shape),
-            microlenses=None if found.microlens is None else found.microlens.reshape(shape),
+            origin=found.origin_mm.reshape(shape),
+            direction=found.direction.reshape(shape),
+            microlenses=found.microlens.reshape(shape),
         )
 
     def traced(self, x_px: np.ndarray, y_px: np.ndarray) -> PixelRays:

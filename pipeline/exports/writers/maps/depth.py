@@ -7,40 +7,49 @@ import numpy as np
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.errors import ExportError
 from pipeline.exports.material import Material, Scene
+from pipeline.exports.seen.ray_patches import bands
 from pipeline.exports.writers.maps.header import about
 from pipeline.files.exr import Part, write_exr
 
 _AT_ONCE = 1 << 16
-"""Pixels whose rays are traced at once: their quadrature takes some hundred megabytes at most."""
+"""Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write a file per camera and frame; the rays of a camera are traced once."""
+    """Write a file per camera and frame; the rays of a camera are traced once, and lie in a file meanwhile."""
     if material.scene is None:
         raise ExportError("this build has no scene")
     scene = material.scene()
     for camera in material.cameras:
         (folder / camera.name).mkdir()
-        origin, direction = _rays(camera)
-        for frame in material.frames:
-            depth = _depth(camera, scene, frame, origin, direction)
-            part = Part(name="depth", channels={"Z": depth}, attributes=about(material, camera))
-            write_exr(folder / camera.name / f"{frame:04d}.depth.exr", [part])
+        scratch = folder / f"{camera.name}.scratch.npy"
+        rays = _traced(camera, scratch)
+        try:
+            for frame in material.frames:
+                depth = _depth(camera, scene, frame, rays)
+                part = Part(name="depth", channels={"Z": depth}, attributes=about(material, camera))
+                write_exr(folder / camera.name / f"{frame:04d}.depth.exr", [part])
+        finally:
+            del rays
+            scratch.unlink()
 
 
-def _rays(camera: ExportCamera) -> tuple[np.ndarray, np.ndarray]:
-    """Rays of all pixels, in our conventions."""
+def _traced(camera: ExportCamera, scratch: Path) -> np.ndarray:
+    """Rays of all pixels (h, w, 6), in our conventions, in a file."""
     width, height = camera.size_px
-    y, x = np.mgrid[0:height, 0:width].reshape(2, -1)
-    parts = [slice(first, first + _AT_ONCE) for first in range(0, len(x), _AT_ONCE)]
-    found = [camera.rays.traced(x[part], y[part]) for part in parts]
-    origin, direction = (np.concatenate([getattr(one, name) for one in found]) for name in ("origin_mm", "direction"))
-    return origin, direction
+    rays = np.lib.format.open_memmap(scratch, "w+", np.float64, (height, width, 6))
+    for first, end in bands(height, _AT_ONCE // width):
+        found = camera.rays.lines(first, end)
+        rays[first:end, :, :3], rays[first:end, :, 3:] = found.origin, found.direction
+    return rays
 
 
-def _depth(camera: ExportCamera, scene: Scene, frame: int, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Places of the first surfaces along the view axis of the format, (h, w)."""
-    width, height = camera.size_px
-    along = scene.distance_mm(frame, camera.name, origin, direction)
-    points = camera.rays.points(origin + along[:, None] * direction)
-    return np.asarray(points[:, 2].reshape(height, width))
+def _depth(camera: ExportCamera, scene: Scene, frame: int, rays: np.ndarray) -> np.ndarray:
+    """Places of the first surfaces along the view axis of the format, (h, w) float32."""
+    height, width, _ = rays.shape
+    depth = np.empty((height, width), np.float32)
+    for first, end in bands(height, _AT_ONCE // width):
+        origin, direction = np.array(rays[first:end].reshape(-1, 2, 3)).swapaxes(0, 1)
+        along = scene.distance_mm(frame, camera.name, origin, direction)
+        depth[first:end] = camera.rays.points(origin + along[:, None] * direction)[:, 2].reshape(-1, width)
+    return depth

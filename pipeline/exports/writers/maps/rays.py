@@ -2,7 +2,6 @@
 
 import io
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +9,12 @@ import numpy as np
 
 from pipeline.exports.cameras import ExportCamera
 from pipeline.exports.material import Material
-from pipeline.exports.seen.stated_sight import PixelBand
+from pipeline.exports.seen.ray_patches import bands
 from pipeline.exports.writers.maps.header import about
 from pipeline.files.exr_bands import BandedPart, write_bands
 
 _AT_ONCE = 1 << 16
-"""Pixels of a band: their quadrature takes some hundred megabytes at most."""
+"""Pixels of a band, unless the rows of its patches are more: their rays take some megabytes."""
 _VECTORS = ("origin", "direction")
 
 
@@ -32,20 +31,13 @@ def write(material: Material, folder: Path) -> None:
             scratch.unlink()
 
 
-def _bands(camera: ExportCamera) -> Iterator[tuple[int, int, PixelBand]]:
-    width, height = camera.size_px
-    rows = max(1, _AT_ONCE // width)
-    for first in range(0, height, rows):
-        end = min(first + rows, height)
-        yield first, end, camera.rays.band(first, end)
-
-
 def _traced(camera: ExportCamera, scratch: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """Rays (h, w, 6) in a file, and microlenses (h, w, 2) of a plenoptic camera."""
     width, height = camera.size_px
     rays = np.lib.format.open_memmap(scratch, "w+", np.float64, (height, width, 6))
     microlenses = None if camera.micro_images is None else np.zeros((height, width, 2), np.int32)
-    for first, end, band in _bands(camera):
+    for first, end in bands(height, _AT_ONCE // width):
+        band = camera.rays.band(first, end)
         rays[first:end, :, :3], rays[first:end, :, 3:] = band.origin, band.direction
         if microlenses is not None and band.microlenses is not None:
             microlenses[first:end] = band.microlenses

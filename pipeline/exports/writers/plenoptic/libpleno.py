@@ -20,6 +20,7 @@ from pipeline.files.tables import write_table
 _CENTRE = [("k", "<i4"), ("l", "<i4"), ("u", "<f8"), ("v", "<f8")]
 _CORNER = [*_CENTRE, ("cluster", "<i4"), ("frame", "<i4")]
 _FEATURE = [*_CENTRE, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
+_NO_DISTORTION = {"model": 0, "radial": [[0.0] * 3], "tangential": [[0.0] * 2], "depth": [[0.0] * 3]}
 _GEOMETRIES = {"square": 0, "hexagonal": 1, "hexagonal-columns": 2}
 
 
@@ -44,6 +45,7 @@ def write(material: Material, folder: Path) -> None:
             write_table(place / f"{name}.csv", (), columns)
         about, model = {"about": list(material.remarks)}, thin_lens_of(camera)
         write_json(place / "camera.js", {**about, **_camera(camera, model)})
+        write_json(place / "intrinsics.js", {**about, **_camera(camera, model), **_intrinsics(camera, model)})
         write_json(place / "params.js", {**about, **_parameters(camera, model)})
         write_json(place / "scene.js", {**about, **_scene(material)})
         write_json(place / "poses.js", {**about, "poses": _poses(material, camera)})
@@ -91,13 +93,71 @@ def _camera(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     }
 
 
+def _size(mesh: GridMesh) -> tuple[int, int]:
+    """Columns and rows of a mesh.
+
+    Microlenses are counted against their micro-images, (columns - 1 - k, rows - 1 - l). Every other line is shifted, so
+    the number of lines has to be even: an odd one gets a line of which nothing is seen.
+    """
+    columns = mesh.columns + mesh.columns % 2 if mesh.layout == "hexagonal-columns" else mesh.columns
+    rows = mesh.rows + mesh.rows % 2 if mesh.layout == "hexagonal" else mesh.rows
+    return columns, rows
+
+
+def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
+    """The same camera as `intrinsics.js` of a calibration has it: no start value is left to be found.
+
+    It looks along z, its main lens in the origin, array and sensor behind it; a pixel is u = W - 1 - x / scale of the
+    sensor's own x. The micro-image (k, l) lies on the line from the origin through its microlens.
+    """
+    mesh, scale, last = camera.mesh, camera.pitch_mm, np.array(camera.size_px) - 1
+    assert mesh is not None
+    upright, far = np.eye(3).tolist(), model.main_lens_mm + model.sensor_mm
+    corner = -(last - camera.axis) * scale
+    sensor = {"rotation": upright, "translation": [[*corner.tolist(), -far]]}
+    size, per_px = {"width": camera.size_px[0], "height": camera.size_px[1]}, scale * model.ratio
+    return {
+        "sensor": {"scale": scale, **size, "pose": sensor},
+        "main_lens": {
+            "aperture": model.f_number,
+            "f": model.focal_mm,
+            "diameter": model.focal_mm / model.f_number,
+            "pose": {"rotation": upright, "translation": [[0.0, 0.0, 0.0]]},
+        },
+        "mla": {
+            "focal_lengths": model.focal_lengths_mm.tolist(),
+            "mesh": {
+                **_mesh(mesh),
+                "pitch": [[one * per_px for one in mesh.pitch_px]],
+                "pose": _array_pose(mesh, camera.axis, per_px, model.main_lens_mm),
+            },
+        },
+        **{name: dict(_NO_DISTORTION) for name in ("distortions", "distortions_inverse")},
+        "D": model.main_lens_mm,
+        "d": model.sensor_mm,
+        "pp": [camera.axis.tolist()],
+    }
+
+
+def _array_pose(mesh: GridMesh, axis: np.ndarray, per_px: float, distance_mm: float) -> dict[str, Any]:
+    """The pose of the array, whose nodes are those of the micro-images seen from the main lens, turned by 180 deg."""
+    (columns, rows), (across, down), (shift_x, shift_y) = _size(mesh), mesh.step_px, mesh.shift_px
+    x, y = across * (columns - 1) + shift_x, down * (rows - 1) + shift_y
+    cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
+    opposite = np.array([cos * x - sin * y, sin * x + cos * y])
+    first = -(mesh.origin - axis + opposite) * per_px
+    turn = [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
+    return {"rotation": turn, "translation": [[*first.tolist(), -distance_mm]]}
+
+
 def _mesh(mesh: GridMesh) -> dict[str, Any]:
     """Matrices are lists of columns."""
     cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
+    columns, rows = _size(mesh)
     return {
         "geometry": _GEOMETRIES[mesh.layout],
-        "width": mesh.columns,
-        "height": mesh.rows,
+        "width": columns,
+        "height": rows,
         "pitch": [list(mesh.pitch_px)],
         "pose": {"rotation": [[cos, sin], [-sin, cos]], "translation": [mesh.origin.tolist()]},
     }

@@ -1,0 +1,161 @@
+"""Rays of all pixels of a conventional camera by few traced ones: polynomials over square patches of the image.
+
+Where no edge of the lens begins or ends to vignette, the mean ray of a position is an analytic function of it, and a
+polynomial through Chebyshev nodes converges geometrically (Trefethen, Approximation Theory and Approximation Practice,
+theorem 8.2). Each patch is judged by rays traced elsewhere on it; one that errs is quartered, and the pixels of small
+ones are traced one by one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from pipeline.exports.seen.ideal_map import Sight
+from pipeline.sight.answers import PixelRays
+
+EDGE_PX = 64
+"""Edge of the patches [px]: 76 traced rays stand for 4,096."""
+_LEAST_PX = 16
+"""Edge of the smallest patches [px]: 256 pixels, for which 76 rays are still fewer."""
+_NODES = 8
+"""Nodes along each axis: degree 7."""
+_AGREES_PX = 1e-9
+"""Difference from traced rays that patches may have in any case [px]; more only where these err more themselves."""
+_GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])
+"""Steps of an even sequence in the square: powers of the inverse of the plastic number (Roberts 2018)."""
+_JUDGES = np.concatenate([[[-1, -1], [1, -1], [-1, 1], [1, 1]], 2 * (np.outer(np.arange(1, 9), _GOLDEN) % 1) - 1])
+"""Positions on a patch at which it is judged, from -1 to 1 along each axis: its corners, and eight inside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """First column and row, and size [px]."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    @property
+    def quarters(self) -> list["Patch"]:
+        """Its quarters."""
+        left, upper = (self.width + 1) // 2, (self.height + 1) // 2
+        across = [(self.x, left), (self.x + left, self.width - left)]
+        down = [(self.y, upper), (self.y + upper, self.height - upper)]
+        return [Patch(x, y, width, height) for y, height in down for x, width in across if width and height]
+
+    def positions(self, places: np.ndarray) -> np.ndarray:
+        """Image positions (k, 2) of places on the patch, from -1 to 1; half a pixel beyond its outer pixels at most."""
+        size = np.array([self.width, self.height])
+        return np.asarray(np.array([self.x, self.y]) - 0.5 + (places + 1) / 2 * size)
+
+
+def rows_of_rays(
+    sight: Sight, width: int, rows: tuple[int, int], planes_mm: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Origins (h, w, 3) and directions (h, w, 3) of the pixels of some rows, vision frame.
+
+    Parameters
+    ----------
+    rows : tuple of int
+        First and end. Where they are multiples of EDGE_PX, or the last, the rays do not depend on them.
+    planes_mm : tuple of float
+        Vision z of two planes on which rays are compared.
+    """
+    first, end = rows
+    lines = np.full((end - first, width, 4), np.nan)  # x, y at z = 0, then slopes
+    left = [
+        Patch(x, y, min(EDGE_PX, width - x), min(EDGE_PX, end - y))
+        for y in range(first, end, EDGE_PX)
+        for x in range(0, width, EDGE_PX)
+    ]
+    single: list[Patch] = []
+    while left:
+        kept, odd = _tried(sight, left, planes_mm)
+        for patch, values in kept:
+            lines[patch.y - first : patch.y - first + patch.height, patch.x : patch.x + patch.width] = values
+        quarters = [quarter for patch in odd for quarter in patch.quarters]
+        left = [one for one in quarters if min(one.width, one.height) >= _LEAST_PX]
+        single += [one for one in quarters if min(one.width, one.height) < _LEAST_PX]
+    if single:
+        _trace_each(sight, single, first, lines)
+    direction = np.concatenate([lines[..., 2:], np.ones_like(lines[..., :1])], axis=-1)
+    origin = np.concatenate([lines[..., :2], np.where(np.isnan(lines[..., :1]), np.nan, 0.0)], axis=-1)
+    return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+
+def _trace_each(sight: Sight, patches: list[Patch], first: int, lines: np.ndarray) -> None:
+    """Fill in the lines of the pixels of patches."""
+    places = np.concatenate([np.mgrid[p.y : p.y + p.height, p.x : p.x + p.width].reshape(2, -1).T for p in patches])
+    found, _ = _lines(sight.rays(places[:, 1].astype(float), places[:, 0].astype(float)))
+    lines[places[:, 0] - first, places[:, 1]] = found
+
+
+def _tried(
+    sight: Sight, patches: list[Patch], planes_mm: tuple[float, float]
+) -> tuple[list[tuple[Patch, np.ndarray]], list[Patch]]:
+    """Patches with the lines (h, w, 4) of their pixels, and those that a polynomial does not hold."""
+    nodes = _chebyshev()
+    grid = np.stack(np.meshgrid(nodes, nodes), axis=-1).reshape(-1, 2)
+    places = np.concatenate([grid, _JUDGES])
+    x_px = np.concatenate([patch.positions(places) for patch in patches])
+    lines, error_px = _lines(sight.rays(x_px[:, 0], x_px[:, 1]))
+    kept, odd = [], []
+    at_judges = _weights(tuple(_JUDGES[:, 1])), _weights(tuple(_JUDGES[:, 0]))
+    for number, patch in enumerate(patches):
+        here = slice(number * len(places), (number + 1) * len(places))
+        values = lines[here][: len(grid)].reshape(_NODES, _NODES, 4)
+        apart = np.einsum("kj,ki,jic->kc", *at_judges, values) - lines[here][len(grid) :]
+        allowed_px = max(_AGREES_PX, float(error_px[here].max(initial=0.0)))
+        if _px(apart, values, patch, planes_mm) <= allowed_px:  # not of NaN
+            down, across = (_weights(tuple(_centres(count))) for count in (patch.height, patch.width))
+            kept.append((patch, np.einsum("yj,xi,jic->yxc", down, across, values, optimize=True)))
+        else:
+            odd.append(patch)
+    return kept, odd
+
+
+def _px(apart: np.ndarray, values: np.ndarray, patch: Patch, planes_mm: tuple[float, float]) -> float:
+    """Largest difference of lines on two planes, as a distance of image positions."""
+    worst = 0.0
+    for z_mm in planes_mm:
+        points = values[..., :2] + z_mm * values[..., 2:]
+        span_mm = np.linalg.norm(points[-1, -1] - points[0, 0])
+        px_per_mm = np.hypot(patch.width, patch.height) / span_mm
+        off = np.linalg.norm(apart[:, :2] + z_mm * apart[:, 2:], axis=1).max() * px_per_mm
+        worst = max(worst, float(off)) if np.isfinite(off) else float("nan")
+        if np.isnan(worst):
+            break
+    return worst
+
+
+def _lines(rays: PixelRays) -> tuple[np.ndarray, np.ndarray]:
+    """Lines (n, 4): x and y at z = 0, and slopes; and their errors (n,) [px]."""
+    slopes = rays.direction[:, :2] / rays.direction[:, 2:]
+    return np.concatenate([rays.origin_mm[:, :2], slopes], axis=1), np.hypot(*rays.error_px.T)
+
+
+def _chebyshev() -> np.ndarray:
+    """Nodes between -1 and 1."""
+    return -np.cos((2 * np.arange(_NODES) + 1) * np.pi / (2 * _NODES))
+
+
+def _centres(count: int) -> np.ndarray:
+    """Places of the centres of so many pixels, from -1 to 1."""
+    return (2 * np.arange(count) + 1) / count - 1
+
+
+@cache
+def _weights(places: tuple[float, ...]) -> np.ndarray:
+    """Weights (k, nodes) of the values at the nodes, at some places."""
+    at_nodes = np.polynomial.chebyshev.chebvander(_chebyshev(), _NODES - 1)
+    return np.asarray(np.polynomial.chebyshev.chebvander(np.array(places), _NODES - 1) @ np.linalg.inv(at_nodes))
+
+
+def bands(height: int, most: int) -> Iterator[tuple[int, int]]:
+    """First and end rows of bands of whole patches, with `most` rows if these are more than a patch has."""
+    rows = max(EDGE_PX, most // EDGE_PX * EDGE_PX)
+    for first in range(0, height, rows):
+        yield first, min(first + rows, height)

@@ -1,0 +1,35 @@
+"""lensboy: cameras as its `OpenCV.save` writes them. Corners have no file there: they are arrays in its interface."""
+
+from pathlib import Path
+
+from pipeline.exports.material import Material
+from pipeline.files.jsonfile import write_json
+
+_COEFFICIENTS = 14
+"""Coefficients of OpenCV's longest model, in its order: those that we have come first."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write a file per camera.
+
+    Raises
+    ------
+    ExportError
+        No pinhole fits a camera.
+    """
+    for camera in material.cameras:
+        model, (width, height) = camera.model, camera.size_px
+        known = model.distortion.tolist()
+        x, y = model.principal_point.tolist()
+        said = {
+            "type": "opencv",
+            "about": list(material.remarks),
+            "image_width": width,
+            "image_height": height,
+            "fx": model.principal_distance_px,
+            "fy": model.principal_distance_px,
+            "cx": x,
+            "cy": y,
+            "distortion_coeffs": [*known, *([0.0] * (_COEFFICIENTS - len(known)))],
+        }
+        write_json(folder / f"{camera.name}.json", said)

@@ -1,0 +1,33 @@
+"""vision-calibration (calibration-rs): a planar dataset per camera, as `PlanarDataset.to_payload` has it, as JSON."""
+
+from pathlib import Path
+
+from pipeline.exports.errors import ExportError
+from pipeline.exports.material import ExportView, Material
+from pipeline.files.jsonfile import write_json
+
+_LEAST = 4
+"""Points of a view: a homography needs as many."""
+
+
+def write(material: Material, folder: Path) -> None:
+    """Write a file per camera.
+
+    Raises
+    ------
+    ExportError
+        A target is not flat.
+    """
+    for target in material.targets:
+        if not target.is_flat:
+            raise ExportError(f"vision-calibration knows flat targets, and {target.name} is bent")
+    for camera in material.cameras:
+        views = [view for view in material.of(camera) if len(view.observations.ids) >= _LEAST]
+        said = {"about": list(material.remarks), "views": [_view(material, view) for view in views]}
+        write_json(folder / f"{camera.name}.json", said)
+
+
+def _view(material: Material, view: ExportView) -> dict[str, object]:
+    points, found = material.target(view.target).points, view.observations
+    observed = {"points_3d": points[found.ids].tolist(), "points_2d": found.positions.tolist()}
+    return {"obs": observed, "meta": None}
