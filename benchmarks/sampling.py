@@ -55,20 +55,20 @@ def main() -> None:
     image = Rows(tracer, light, (middle - half, middle + half))
     reference = image.reference(_REFERENCE if not options.small else 1024)
     print(f"{stage.parent.name}, frame {frame.number}, rows {image.rows[0]} to {image.rows[1]}")
-    print("| sampler | rays per pixel | rms error | rays that plain sampling needs | times as many |")
-    print("|---|---|---|---|---|")
+    print("| sampler | samples | rays per pixel | rms error | rays that plain sampling needs | times as many |")
+    print("|---|---|---|---|---|---|")
     costs = []
     for rays in _PLAIN:
         pixels, alive = image.plain(rays)
         costs.append(rays * rms(pixels, reference) ** 2)
-        print(f"| plain, {alive:.1%} of the rays leave | {rays} | {rms(pixels, reference):.4f} | | |")
+        print(f"| plain | {rays} | {rays} | {rms(pixels, reference):.4f} | | |")
+    print(f"| share of plain rays that leave the camera | {alive:.3f} | | | | |")
     for name, make in (("images", image.ours), ("first pass to a stated noise", image.in_replicas)):
         for samples in _OURS:
             pixels, started = counted(lambda make=make, samples=samples: make(samples))
             error, rays = rms(pixels, reference), started / pixels.size
             needed = np.mean(costs) / error**2  # its error falls with the root of the rays
-            sampler = f"{name}, {samples} samples"
-            print(f"| {sampler} | {rays:.1f} | {error:.4f} | {needed:.0f} | {needed / rays:.0f} |")
+            print(f"| {name} | {samples} | {rays:.1f} | {error:.4f} | {needed:.0f} | {needed / rays:.0f} |")
 
 
 def rms(pixels: np.ndarray, reference: np.ndarray) -> float:

@@ -1,6 +1,7 @@
 """The benchmarks run on tiny stages and say what the README of benchmarks/ promises; figures come from full runs."""
 
 import importlib
+import itertools
 import os
 import re
 import subprocess
@@ -33,6 +34,15 @@ def test_lines_that_both_commits_print_become_ratios(monkeypatch: pytest.MonkeyP
         "  100 nodes:   0.75x µs",
         "  packets 2.00x rays/s (best 0.25x)",
     ]
+
+
+@pytest.mark.heavy
+def test_plain_sampling_needs_at_least_twenty_times_the_rays(tmp_path: Path) -> None:
+    """For the error of any number of samples; plain sampling has no bias: four times the rays halve its error."""
+    rows = [line.split("|") for line in output_of("sampling.py", tmp_path).splitlines() if line.startswith("|")][2:]
+    plain = [float(row[4]) for row in rows if row[1] == " plain "]
+    assert all(1.5 < before / after < 2.7 for before, after in itertools.pairwise(plain))
+    assert all(float(row[6]) >= 20 for row in rows[len(plain) + 1 :]) and len(rows) == 13
 
 
 @pytest.mark.heavy

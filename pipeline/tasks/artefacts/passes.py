@@ -11,6 +11,7 @@ from pipeline.camera.parts.camera import REPLICAS
 from pipeline.files.exr_bands import BandedPart
 from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.npy import read_npy, write_npy
+from pipeline.jit.work import work
 from pipeline.render.passes import Batch, joined, noise_of, standard_error
 from pipeline.tasks.artefacts.cameras import Inputs
 from pipeline.tasks.params.images import BEFORE, CHECK, STRIP
@@ -119,6 +120,8 @@ def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -
         "passes_least": min(one.passes for one in facts),
         "passes_most": max(one.passes for one in facts),
     }
+    if labels["noise"] > asked:
+        work().news = f"noise {labels['noise']:.2g} with the most samples there may be, asked {asked:g}"
     return Ended(np.concatenate(pixels), np.concatenate(errors), labels)
 
 

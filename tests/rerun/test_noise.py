@@ -1,0 +1,91 @@
+"""Images to a stated noise, as builds: what is reused, what is stated, and the same bytes however they came about."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import pipeline
+from pipeline.app.build import Result
+from pipeline.graph import pass_tasks, tiles
+
+TINY = Path(__file__).parents[1] / "data/tiny_conventional/dataset.usda"
+IMAGES = ("image", "white")
+LAMP = """    def SphereLight "Lamp"
+    {
+        float inputs:intensity = 9
+        float inputs:radius = 40
+        double3 xformOp:translate = (80, 90, -250)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }
+
+"""
+
+
+def stage_with(noise: float, folder: Path, *, lit: bool = False) -> Path:
+    """The tiny dataset with a noise that is asked for, and with a lamp."""
+    text = TINY.read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    old = "uniform int plen:image:samples = 64"
+    assert old in text
+    text = text.replace(
+        old, f"uniform int plen:image:samples = 16\n            uniform double plen:image:noise = {noise}"
+    )
+    text = text.replace("endTimeCode = 2", "endTimeCode = 1")
+    if lit:
+        text = text.replace('    def PlenCheckerboard "Board"', LAMP + '    def PlenCheckerboard "Board"')
+    folder.mkdir(exist_ok=True)
+    (folder / "dataset.usda").write_text(text, encoding="utf-8")
+    return folder / "dataset.usda"
+
+
+def made(stage: Path, out: Path, store: Path, monkeypatch: pytest.MonkeyPatch) -> Result:
+    monkeypatch.setenv("PIPELINE_CACHE", str(store))
+    result = pipeline.build(stage, out, targets=IMAGES, jobs=1)
+    assert result.exit_code == 0, [task.error for task in result.failures]
+    return result
+
+
+def files_of(out: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(out.rglob("*.exr"))}
+
+
+@pytest.mark.parametrize("lit", [False, pytest.param(True, marks=pytest.mark.heavy)])
+def test_a_finer_request_goes_on_from_a_coarser_one(lit: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends with the bytes that it has alone, in another process, and takes no sample twice."""
+    monkeypatch.setattr(pass_tasks, "MOST_SAMPLES", 256)
+    monkeypatch.setattr(tiles, "_STRIP_PX", 400)  # two strips
+    coarse = made(stage_with(0.12, tmp_path / "coarse", lit=lit), tmp_path / "a", tmp_path / "store", monkeypatch)
+    fine_stage = stage_with(0.05, tmp_path / "fine", lit=lit)
+    finer = made(fine_stage, tmp_path / "b", tmp_path / "store", monkeypatch)
+    alone = made(fine_stage, tmp_path / "c", tmp_path / "other store", monkeypatch)
+    assert files_of(tmp_path / "b") == files_of(tmp_path / "c") != files_of(tmp_path / "a")
+    assert rays_of(coarse) > 0 and rays_of(finer) > 0
+    assert rays_of(coarse) + rays_of(finer) == rays_of(alone)
+
+
+def rays_of(result: Result) -> int:
+    """Rays of images that were started in a build."""
+    ran = [task.made_by for task in result.tasks if task.state == "executed" and task.made_by]
+    return sum(int(one["kernels"].get("image_rays", {}).get("rays", 0)) for one in ran)
+
+
+def test_what_is_reached_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the header, per pixel, and, while it runs, in the progress; the most samples end a request too fine."""
+    monkeypatch.setattr(pass_tasks, "MOST_SAMPLES", 64)
+    events = []
+    stage = stage_with(0.001, tmp_path / "stage")
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    result = pipeline.build(stage, tmp_path / "out", targets=IMAGES, jobs=1, on_event=events.append)
+    assert Counter(task.kind for task in result.tasks)["image_pass"] == 3
+    file = OpenEXR.File(str(tmp_path / "out/frames/0001/Rig.Camera/image.exr"), separate_channels=True)
+    header = {name: float(file.parts[0].header[name]) for name in ("noise_asked", "noise", "passes_most")}
+    assert header["noise_asked"] == 0.001 and header["passes_most"] == 3
+    assert 0.001 < header["noise"] < 0.1, "not reached, and said so"
+    image, error = (part.channels["Y"].pixels.astype(float) for part in file.parts)
+    noisy = error > 0.2 * header["noise"] * image.mean()
+    rms = np.sqrt(np.mean(error[noisy] ** 2)) / image.mean()
+    assert rms == pytest.approx(header["noise"], rel=0.3), "that of sampled pixels, which white's adds to"
+    news = [event["news"] for event in events if "news" in event]
+    assert news and all(text.endswith(", asked 0.001") for text in news)
