@@ -170,3 +170,34 @@ def test_every_channel_counts_as_a_camera_in_the_limit_of_frames(
     monkeypatch.setenv("PIPELINE_LIMITS", "frames=5")
     (error,) = load(stage).errors
     assert error.code == "over-limit" and "2 frames of 3 cameras" in error.message
+
+
+EXPOSED = """            uniform token plen:image:exposure = "radiance"
+            uniform double plen:image:exposureTime = 0.01
+            uniform int plen:image:samples = 16
+            uniform double plen:image:radiance = 2
+"""
+RESPONDS = """        over "Sensor" (
+            prepend apiSchemas = ["PlenSensorResponseAPI"]
+        )
+        {
+            uniform int plen:response:bitDepth = 12
+            uniform token[] plen:response:filters = ["red", "green", "green", "blue"]
+            uniform double plen:response:fullWell = 9000
+            uniform double plen:response:gain = 0.4
+            uniform double[] plen:response:quantumEfficiency = [0.4, 0.5, 0.4]
+"""
+
+
+def test_an_exposure_by_radiance_counts_the_photons_of_each_channel(tmp_path: Path) -> None:
+    """Triangles have the area times the mean wavelength of their corners; the lens bends both colours almost alike."""
+    stage = stage_at(tmp_path, "conventional", TRIANGLE)
+    text = stage.read_text(encoding="utf-8").replace("            uniform int plen:image:samples = 64\n", EXPOSED)
+    stage.write_text(text.replace('        over "Sensor"\n        {\n', RESPONDS), encoding="utf-8")
+    result = pipeline.build(stage, tmp_path / "out", targets=["frames/1/Rig.Camera/raw.tiff"], jobs=1)
+    assert result.exit_code == 0, [task.error for task in result.failures]
+    with Image.open(tmp_path / "out/frames/0001/Rig.Camera/raw.tiff") as raw:
+        photons = json.loads(raw.tag_v2[270])["photons_at_relative_irradiance_1"]
+    light = {name: (last - first) / 2 * (first + most + last) / 3 for name, (first, most, last) in TRIANGLE.items()}
+    for name in TRIANGLE:
+        assert photons[name] / photons["green"] == pytest.approx(light[name] / light["green"], rel=0.01)
