@@ -8,6 +8,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 from pipeline.render.imaging import Rows, irradiance_and_crosstalk, pictures
+from pipeline.render.inks import GlowingView
 from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 
@@ -28,7 +29,7 @@ def white_parts(rig: Rig, samples: int, rows: Rows | None = None) -> np.ndarray:
 def pictures_in_lights(
     rig: Rig,
     samples: int,
-    scenes: Sequence[TargetLight | LitView],
+    scenes: Sequence[TargetLight | GlowingView | LitView],
     white: Float64[np.ndarray, "2 height width wavelengths"],
     rows: Rows | None = None,
 ) -> np.ndarray:

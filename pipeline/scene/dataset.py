@@ -9,6 +9,7 @@ from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
 from pipeline.optics.prescription import Prescription
+from pipeline.render.inks import Print
 from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
@@ -133,12 +134,15 @@ class CameraEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TargetEntry:
-    """A calibration target of the dataset; `name` is its prim's name, `coat` what lies on its ink and paper."""
+    """A calibration target of the dataset; `name` is its prim's name, `printed` holds spectra of its ink and paper, and
+    `coat` is what lies on both.
+    """
 
     name: str
     prim_path: str
     target: AnyTarget
     coat: Coat | None = None
+    printed: Print = field(default_factory=Print)
 
     def __repr__(self) -> str:
         return f"<target {self.name}: {self.target.kind}, {len(self.target.points().kinds)} points>"

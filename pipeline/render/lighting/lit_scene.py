@@ -5,7 +5,7 @@ artwork of targets is evaluated by its formula at the exact hit, as in scenes wi
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Sight
+from pipeline.render.inks import Colours, inked
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting import shapes
 from pipeline.render.lighting.albedo import layers
@@ -53,6 +54,8 @@ class LitView:
         Radiance that the camera sees where there is nothing, if no dome is there.
     wavelengths_nm : tuple of float
         Of the light of the image, in the order of `Rig.in_each_light`.
+    colours : sequence of inks.Colours
+        Of each target; empty: all of them are neutral.
     """
 
     targets: Sequence[tuple[AnyTarget, np.ndarray]]
@@ -61,10 +64,12 @@ class LitView:
     pictures: Mapping[str, Num[np.ndarray, "h w c"]]
     background: float
     wavelengths_nm: tuple[float, ...]
+    colours: Sequence[Colours] = ()
 
     def in_light(self, number: int, samples: int) -> "LitScene":
         """The view at one of its wavelengths, for pixels with so many rays."""
-        return LitScene(self, self.wavelengths_nm[number], samples)
+        seen = replace(self, targets=inked(self.targets, self.colours, number), colours=())
+        return LitScene(seen, self.wavelengths_nm[number], samples)
 
 
 class LitScene:
