@@ -9,10 +9,10 @@ from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
 from pipeline.optics.prescription import Prescription
-from pipeline.render.inks import Print
 from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.spectral.prints import Print
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 

@@ -12,10 +12,11 @@ from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.render.in_lights import pictures_in_lights, white_parts
-from pipeline.render.inks import GlowingView, Print, Spectrum
+from pipeline.render.inks import GlowingView
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.nodes import gauss_nodes
+from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.render.spectral.spectra import illuminant, product
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

@@ -15,7 +15,7 @@ from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Sight
-from pipeline.render.inks import Colours, inked
+from pipeline.render.inks import inked
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting import shapes
 from pipeline.render.lighting.albedo import layers
@@ -27,6 +27,7 @@ from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.shape_kernels import find_holes
 from pipeline.render.patch_light import PatchLight
+from pipeline.render.spectral.prints import Colours
 from pipeline.render.spectral.spectra import weights_of_rgb
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget

@@ -6,8 +6,8 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.frames import apply
-from pipeline.render.inks import Print, Spectrum
 from pipeline.render.lighting.records import Coat
+from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Fans, fans
 from pipeline.scene.usd.poses import product, world_from

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.placed import PaintedView
 
+SPECTRAL = "spectral.exr"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
@@ -64,3 +66,9 @@ class ColourImage:
 
     name: str
     channels: tuple[ChannelLabel, ...]
+
+    @property
+    def is_spectral(self) -> bool:
+        """Whether it is the image of a frame in which each channel is one wavelength, another one for each."""
+        found = [channel.wavelengths_nm for channel in self.channels]
+        return self.name == "image" and len(set(found)) == len(found) and all(len(one) == 1 for one in found)
