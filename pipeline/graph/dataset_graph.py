@@ -26,7 +26,7 @@ from pipeline.tasks.baselines import BASELINES
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
 from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
-from pipeline.tasks.params.images import ColourImage, White, WhitePass, WhiteTile
+from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
 from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
 from pipeline.tasks.params.pictures import Picture
 from pipeline.tasks.params.placed import Matrix
@@ -137,6 +137,8 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
         params = ColourImage(name=kind, channels=labels)
         joined = add(graph, f"colour_image/{entry.name}{frame}", params, reads)
         files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
+        if params.is_spectral:
+            files[f"{folder}/{SPECTRAL}"] = (joined, SPECTRAL)
 
 
 def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:

@@ -149,6 +149,10 @@ class FrameTasks:
             occluders=self.painted.occluders(frame, self.entry.name),
             background=self.dataset.background,
             lighting=self.painted.lighting(frame, self.entry.name, self.entry.bounces),
+            colours=tuple(
+                target.printed.colours(target.target, exposure_of(self.entry).wavelengths_nm)
+                for target in self.dataset.targets
+            ),
         )
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:

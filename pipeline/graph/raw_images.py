@@ -1,5 +1,6 @@
 """The tasks of raw images: of all channels of a camera together, because one sensor has them."""
 
+from pipeline.channel_names import name_with
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add
@@ -23,6 +24,7 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
         )
         image = f"{kind}/{name}/{frame.number:04d}"
         reads = {"image": image} | ({"camera": f"focus/{name}"} if irradiation.radiance else {})
+        reads |= {f"camera_{one.channel}": f"channel/{name_with(name, one.channel)}" for one in irradiation.channels}
         raw = add(graph, f"expose/{name}/{frame.number:04d}", params, reads)
         files |= {f"frames/{frame.number:04d}/{name}/{file}": (raw, file) for file in (TIFF, DNG, PREVIEW)}
     pattern = FixedPattern(camera=name, shape=(sensor.height_px, sensor.width_px), spread=response.spread)

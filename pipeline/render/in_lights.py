@@ -10,6 +10,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 from pipeline.render.band import Band
 from pipeline.render.imaging import Rows, colours, irradiance_and_crosstalk, pictures, sampled
+from pipeline.render.inks import GlowingView
 from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.passes import Batch, batch_of
@@ -36,7 +37,7 @@ def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.
 def pictures_in_lights(
     rig: Rig,
     samples: int,
-    scenes: Sequence[TargetLight | LitView],
+    scenes: Sequence[TargetLight | GlowingView | LitView],
     white: Float64[np.ndarray, "2 height width wavelengths"],
     rows: Rows | None = None,
 ) -> np.ndarray:
@@ -54,7 +55,7 @@ def pictures_in_lights(
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 
-def colours_in_lights(rig: Rig, scene: TargetLight | LitView, rows: Rows | None = None) -> np.ndarray:
+def colours_in_lights(rig: Rig, scene: TargetLight | GlowingView | LitView, rows: Rows | None = None) -> np.ndarray:
     """Colour of both parts of each pixel at each wavelength, (2, h, w, wavelengths); NaN where it must be sampled."""
     found = []
     for number, one in enumerate(rig.in_each_light):
@@ -66,7 +67,7 @@ def colours_in_lights(rig: Rig, scene: TargetLight | LitView, rows: Rows | None 
 def sampled_in_lights(
     rig: Rig,
     batch: Batch,
-    scene: TargetLight | LitView,
+    scene: TargetLight | GlowingView | LitView,
     white: Float64[np.ndarray, "2 height width wavelengths"],
     colour: Float64[np.ndarray, "2 height width wavelengths"],
     rows: Rows | None = None,

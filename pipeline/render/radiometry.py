@@ -2,7 +2,8 @@
 
 The radiance L of what fills the aperture gives a pixel of area A the power L A W T: W is the integral of cos(theta)
 d omega over the bundle, the projected solid angle of the traced pupil (with the acceptance of pixels), and T the share
-of its light that surfaces and glass let pass. Each photon has the energy h c / wavelength.
+of its light that surfaces and glass let pass. Each photon has the energy h c / wavelength. In a channel the wavelengths
+that stand for it add W T by their shares.
 """
 
 import numpy as np
@@ -13,16 +14,16 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.table import towards_sensor
 from pipeline.optics.transmission import Losses, transmitted
 from pipeline.render.sensor.errors import SensorError
-from pipeline.render.sensor.irradiation import Radiance
+from pipeline.render.sensor.irradiation import ChannelRadiance, Radiance
 
-PLANCK_J_S, LIGHT_M_PER_S = 6.62607015e-34, 299792458.0
-"""Planck constant [J s] and speed of light [m/s]: exact, by definition of the SI (2019)."""
 _RAYS = 4096
 """Rays of the bundle whose mean transmission is taken: it varies by percents over a pupil, and they err by 1e-5."""
 
 
-def photon_rate(camera: Camera, radiance: Radiance) -> float:
+def photon_rate(camera: Camera, radiance: Radiance | ChannelRadiance) -> float:
     """Photons that hit a pixel in a second where the linear image is 1: on the axis, before a white scene [1/s].
+
+    Those of a channel count by its relative response; the camera is then the one of the channel.
 
     Raises
     ------
@@ -31,10 +32,11 @@ def photon_rate(camera: Camera, radiance: Radiance) -> float:
     """
     if camera.weight != "irradiance":
         raise SensorError("radiance gives photons only where rays weigh irradiance, not area")
-    tracer = Tracer(camera)
-    area_m2 = (camera.sensor.pitch_mm * 1e-3) ** 2
-    power_w = radiance.w_per_m2_sr * area_m2 * tracer.reference_weight_sr * axial_transmission(tracer, radiance.losses)
-    return power_w * radiance.wavelength_nm * 1e-9 / (PLANCK_J_S * LIGHT_M_PER_S)
+    area_m2, rate = (camera.sensor.pitch_mm * 1e-3) ** 2, 0.0
+    for light, losses in zip(Tracer(camera).lights, radiance.losses_of_each, strict=True):
+        weight_sr, share = light.tracer.reference_weight_sr, axial_transmission(light.tracer, losses)
+        rate += light.share * radiance.photons(radiance.w_per_m2_sr * area_m2 * weight_sr * share)
+    return rate
 
 
 def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:

@@ -13,6 +13,7 @@ from pipeline.optics.prescription import Prescription
 from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.spectral.prints import Print
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 
@@ -137,12 +138,15 @@ class CameraEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TargetEntry:
-    """A calibration target of the dataset; `name` is its prim's name, `coat` what lies on its ink and paper."""
+    """A calibration target of the dataset; `name` is its prim's name, `printed` holds spectra of its ink and paper, and
+    `coat` is what lies on both.
+    """
 
     name: str
     prim_path: str
     target: AnyTarget
     coat: Coat | None = None
+    printed: Print = field(default_factory=Print)
 
     def __repr__(self) -> str:
         return f"<target {self.name}: {self.target.kind}, {len(self.target.points().kinds)} points>"

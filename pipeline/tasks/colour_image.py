@@ -1,4 +1,6 @@
-"""Task `colour_image`: the images of all channels of a camera in one file, and as a picture."""
+"""Task `colour_image`: the images of all channels of a camera in one file, as a picture and, of a spectral camera, as
+other programs read spectra.
+"""
 
 from pathlib import Path
 
@@ -8,6 +10,7 @@ from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectral.spectra import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs
+from pipeline.tasks.params.images import SPECTRAL
 from pipeline.tasks.params.images import ColourImage as Params
 
 LETTERS = {"red": "R", "green": "G", "blue": "B"}
@@ -35,6 +38,32 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     write_bands(out / f"{name}.exr", [part])
     preview = [_picture(rows(first, min(first + _ROWS, shape[0]))) for first in range(0, shape[0], _ROWS)]
     write_png(out / f"{name}.png", np.concatenate(preview))
+    if params.is_spectral:
+        _write_spectral(out / SPECTRAL, images, params)
+
+
+def _write_spectral(path: Path, images: list[ExrWindows], params: Params) -> None:
+    """Write the image as a spectrum in each pixel: relative to white in the same light, as a reflectance is.
+
+    References
+    ----------
+    Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
+    """
+    wavelengths = [repr(channel.wavelengths_nm[0]).replace(".", ",") for channel in params.channels]
+    names = [f"T.{wavelength}nm" for wavelength in wavelengths]
+
+    def rows(first: int, end: int) -> dict[str, np.ndarray]:
+        found = [image.rows(params.name, first, end)["Y"] for image in images]
+        return dict(zip(names, found, strict=True))
+
+    attributes: dict[str, str | float | int] = {
+        "spectralLayoutVersion": "1.0",
+        "content": "relative irradiance at each wavelength: 1 is a white scene on the axis in the same light",
+    }
+    shape = images[0].headers[params.name].shape
+    write_bands(
+        path, [BandedPart(name="spectral", shape=shape, channels=tuple(names), rows=rows, attributes=attributes)]
+    )
 
 
 def _picture(channels: dict[str, np.ndarray]) -> np.ndarray:

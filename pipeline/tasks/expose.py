@@ -31,9 +31,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write raw.tiff, raw.dng and raw.png."""
     image = ExrWindows(inputs["image"]["image.exr"])
     shape, response = image.headers[_PART].shape, params.response
-    radiance = params.irradiation.radiance
-    rate = None if radiance is None else photon_rate(focused_camera(inputs), radiance)
-    at_one = params.irradiation.photons_at_one(response, rate)
+    at_one = _photons_at_one(params, inputs)
     shot = Shot(
         seed=params.seed,
         camera=params.camera,
@@ -43,7 +41,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
     def rows(first: int, end: int) -> np.ndarray:
         light = _with_margin(image, first, end, response.margin_px)
-        photons = {name: at_one * light[_CHANNELS.get(name, name)].astype(np.float64) for name in response.channels}
+        photons = {name: at_one[name] * light[_CHANNELS.get(name, name)].astype(float) for name in response.channels}
         return digital_numbers(response, photons, shot, (first, 0))
 
     about = _about(params, at_one)
@@ -56,7 +54,21 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         filters=response.filters,
     )
     write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, negative)
-    write_png(out / PREVIEW, _preview(numbers, response))
+    write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
+
+
+def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:
+    """Mean number of photons in a pixel at relative irradiance 1, by channel."""
+    irradiation, response = params.irradiation, params.response
+    if irradiation.channels:
+        rates = {
+            one.channel: photon_rate(focused_camera(inputs, f"camera_{one.channel}"), one)
+            for one in irradiation.channels
+        }
+        return {name: irradiation.photons_at_one(response, rates[name]) for name in response.channels}
+    radiance = irradiation.radiance
+    rate = None if radiance is None else photon_rate(focused_camera(inputs), radiance)
+    return dict.fromkeys(response.channels, irradiation.photons_at_one(response, rate))
 
 
 def _with_margin(image: ExrWindows, first: int, end: int, margin: int) -> dict[str, np.ndarray]:
@@ -67,9 +79,9 @@ def _with_margin(image: ExrWindows, first: int, end: int, margin: int) -> dict[s
     return {name: np.pad(pixels, around, "edge") for name, pixels in image.rows(_PART, low, high).items()}
 
 
-def _about(params: Params, photons_at_one: float) -> dict[str, Any]:
+def _about(params: Params, photons_at_one: dict[str, float]) -> dict[str, Any]:
     """Meaning of the digital numbers: the description of the files."""
-    response = params.response
+    response, first = params.response, next(iter(photons_at_one.values()))
     return {
         "content": "raw digital numbers: black level + gain x electrons, rounded",
         "camera": params.camera,
@@ -83,11 +95,11 @@ def _about(params: Params, photons_at_one: float) -> dict[str, Any]:
         "filters": list(response.filters),
         "quantum_efficiency": list(response.quantum_efficiency),
         "exposure_time_s": params.irradiation.exposure_time_s,
-        "photons_at_relative_irradiance_1": photons_at_one,
+        "photons_at_relative_irradiance_1": photons_at_one if params.irradiation.channels else first,
     }
 
 
-def _preview(numbers: np.ndarray, response: SensorResponse) -> np.ndarray:
+def _preview(numbers: np.ndarray, response: SensorResponse, photons: dict[str, float] | None) -> np.ndarray:
     """The numbers from black to white as sRGB, (h, w, 3) uint8; a mosaic of red, green and blue in colour."""
     black, white = response.black_level_dn, max(float(response.white_dn), response.black_level_dn + 1.0)
     if not has_colours(response):
@@ -97,6 +109,7 @@ def _preview(numbers: np.ndarray, response: SensorResponse) -> np.ndarray:
     parts, margin = [], response.period_px
     for first in range(0, len(numbers), _PREVIEW_ROWS):
         low, end = max(0, first - margin), min(len(numbers), first + _PREVIEW_ROWS)
-        colours = in_colour(numbers[low : min(len(numbers), end + margin)], response, low)[first - low : end - low]
+        around = in_colour(numbers[low : min(len(numbers), end + margin)], response, low, photons)
+        colours = around[first - low : end - low]
         parts.append(np.stack([srgb_preview(one, 1.0)[..., 0] for one in np.moveaxis(colours, -1, 0)], axis=-1))
     return np.concatenate(parts)

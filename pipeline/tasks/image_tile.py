@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.files.npy import read_npy, write_npy
 from pipeline.render.in_lights import pictures_in_lights
+from pipeline.render.inks import GlowingView
 from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
@@ -42,10 +43,12 @@ def image_rows(
     return pictures_in_lights(rig, exposure.samples, scenes, white, rows)
 
 
-def scene_of(view: PaintedView, exposure: Exposure, inputs: Inputs) -> TargetLight | LitView:
+def scene_of(view: PaintedView, exposure: Exposure, inputs: Inputs) -> TargetLight | GlowingView | LitView:
     """The view as the rooms of light take it."""
     targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
     if view.lighting is None:
-        return TargetLight(targets, view.background, occluders)
+        if not any(view.colours):
+            return TargetLight(targets, view.background, occluders)
+        return GlowingView(targets, view.background, occluders, view.colours)
     pictures = {role: read_npy(files[PICTURE]) for role, files in inputs.items() if PICTURE in files}
-    return LitView(targets, occluders, view.lighting, pictures, view.background, exposure.wavelengths_nm)
+    return LitView(targets, occluders, view.lighting, pictures, view.background, exposure.wavelengths_nm, view.colours)

@@ -281,7 +281,11 @@ SCENES: dict[str, Scene] = {
     "known camera": Scene(_SINGLET | _of("Sensor/Red", sensitivity="Nikon 5100 (NPL)", component="green", nodes=1)),
     "raw images": Scene(_RAW, responds=True),
     "lit": Scene(
-        _of("Board", coat__roughness=0.2, coat__ior=1.4) | _of("Camera", image__bounces=1), whole=("Lamp", "Screen")
+        _of("Board", coat__roughness=0.2, coat__ior=1.4)
+        | _of("Board", ink__wavelengths=[500.0, 600.0], ink__reflectance=[0.1, 0.2])
+        | _of("Board", paper__wavelengths=[500.0, 600.0], paper__reflectance=[0.8, 0.9])
+        | _of("Camera", image__bounces=1),
+        whole=("Lamp", "Screen"),
     ),
     "photons": Scene(_PHOTONS, responds=True),
     "radiance": Scene(_RADIANCE, responds=True),

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from laws import rigs
+from laws.dispersion import at, in_light
 from laws.ideal_lens import thin
 from tolerances import BISECTED, MEAN_TRANSMISSION
 
@@ -19,8 +20,9 @@ from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.optics.transmission import Losses, fresnel, reflectance_at, transmitted
 from pipeline.render.imaging import irradiance
 from pipeline.render.radiometry import axial_transmission, photon_rate
-from pipeline.render.sensor.irradiation import Irradiation, Radiance
+from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
 from pipeline.render.sensor.response import SensorResponse
+from pipeline.render.spectral.spectra import effective_nm, illuminant
 
 pytestmark = pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 """A stop alone has no focal length."""
@@ -57,6 +59,34 @@ def test_twice_the_time_and_twice_the_radiance_are_twice_the_photons() -> None:
     assert twice == pytest.approx(2 * once, rel=BISECTED)
     brighter = dataclasses.replace(GREEN, w_per_m2_sr=4.0)
     assert photon_rate(camera, brighter) == pytest.approx(2 * rate, rel=BISECTED)
+
+
+def test_photons_of_a_channel_are_an_integral_over_its_response() -> None:
+    """Equal energy from 380 to 780 nm and a response that is flat from a to b: (b^2 - a^2) / 2 / 400 nm; its
+    scale does not count, and one that rises from a to b has its own integral.
+    """
+    low, high, unit = 500.0, 600.0, 1 / 400.0
+    for scale in (1.0, 0.3):
+        found = effective_nm((np.array([low, high]), np.full(2, scale)), illuminant("E"))
+        assert found == pytest.approx((high**2 - low**2) / 2 * unit, rel=1e-12)
+    rising = effective_nm((np.array([low, high]), np.array([0.0, 1.0])), illuminant("E"))
+    expected = ((high**3 - low**3) / 3 - low * (high**2 - low**2) / 2) / (high - low) * unit
+    assert rising == pytest.approx(expected, rel=1e-5)  # trapezoids of 0.5 nm
+
+
+def test_a_channel_has_the_photons_of_its_wavelengths_by_their_shares() -> None:
+    """One wavelength is the camera in that light, and two of them are their mean, each with its own losses."""
+    camera, nm = rigs.conventional(4.5), {450.0: 0.3, 650.0: 0.7}
+    clear, coated = (Losses(reflectance=(share,) * 11, per_mm=(1.0,) * 11) for share in (0.001, 0.02))
+    alone = [
+        photon_rate(at(camera, one), Radiance(w_per_m2_sr=2.0, wavelength_nm=550.0, losses=losses))
+        for one, losses in zip(nm, (clear, coated), strict=True)
+    ]
+    one = ChannelRadiance(channel="", w_per_m2_sr=2.0, effective_nm=550.0, losses=(clear,))
+    assert photon_rate(in_light(camera, {450.0: 1.0}), one) == pytest.approx(alone[0], rel=1e-12)
+    both = dataclasses.replace(one, losses=(clear, coated))
+    assert photon_rate(in_light(camera, nm), both) == pytest.approx(0.3 * alone[0] + 0.7 * alone[1], rel=1e-12)
+    assert alone[1] < 0.85 * alone[0]
 
 
 @pytest.mark.parametrize("index", [1.5168, 1.9])

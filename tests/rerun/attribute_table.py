@@ -315,6 +315,11 @@ RAW_IMAGES = {
     **_response("crosstalk", [1.0]),
 }
 
+PRINTED = {
+    ("One", f"plen:{what}:{name}"): values
+    for what, reflectance in (("ink", [0.1, 0.2]), ("paper", [0.8, 0.9]))
+    for name, values in (("wavelengths", [500.0, 600.0]), ("reflectance", reflectance))
+}
 TARGETS = {
     # A colour moves no point, but the saddle of a corner that is not sharp.
     "plen:white": [
@@ -324,6 +329,10 @@ TARGETS = {
         Case("One", 0.9, TARGET, given=SADDLE),
     ],
     "plen:black": [Case("One", 0.1, {"image"}), Case("One", 0.1, TARGET, given=SADDLE)],
+    "plen:ink:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],
+    "plen:ink:reflectance": [Case("One", [0.1, 0.3], {"image"}, given=PRINTED)],
+    "plen:paper:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],
+    "plen:paper:reflectance": [Case("One", [0.7, 0.9], {"image"}, given=PRINTED)],
     "plen:columns": [
         *(Case(at, 5, TARGET) for at in ("One", CHARUCO, TAGS, CIRCLES, TRIANGLES, STARS, LINES)),
         Case("One", 5, TARGET | POSITIONS, given=IMAGE),

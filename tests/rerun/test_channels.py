@@ -2,11 +2,13 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pytest
+from colour.io.fichet2021 import PATTERN_FICHET2021, match_groups_to_nm
 from PIL import Image
 from rerun.small_tiles import in_small_tiles
 
@@ -170,3 +172,58 @@ def test_every_channel_counts_as_a_camera_in_the_limit_of_frames(
     monkeypatch.setenv("PIPELINE_LIMITS", "frames=5")
     (error,) = load(stage).errors
     assert error.code == "over-limit" and "2 frames of 3 cameras" in error.message
+
+
+EXPOSED = """            uniform token plen:image:exposure = "radiance"
+            uniform double plen:image:exposureTime = 0.01
+            uniform int plen:image:samples = 16
+            uniform double plen:image:radiance = 2
+"""
+RESPONDS = """        over "Sensor" (
+            prepend apiSchemas = ["PlenSensorResponseAPI"]
+        )
+        {
+            uniform int plen:response:bitDepth = 12
+            uniform token[] plen:response:filters = ["red", "green", "green", "blue"]
+            uniform double plen:response:fullWell = 9000
+            uniform double plen:response:gain = 0.4
+            uniform double[] plen:response:quantumEfficiency = [0.4, 0.5, 0.4]
+"""
+
+
+def test_an_exposure_by_radiance_counts_the_photons_of_each_channel(tmp_path: Path) -> None:
+    """Triangles have the area times the mean wavelength of their corners; the lens bends both colours almost alike."""
+    stage = stage_at(tmp_path, "conventional", TRIANGLE)
+    text = stage.read_text(encoding="utf-8").replace("            uniform int plen:image:samples = 64\n", EXPOSED)
+    stage.write_text(text.replace('        over "Sensor"\n        {\n', RESPONDS), encoding="utf-8")
+    result = pipeline.build(stage, tmp_path / "out", targets=["frames/1/Rig.Camera/raw.tiff"], jobs=1)
+    assert result.exit_code == 0, [task.error for task in result.failures]
+    with Image.open(tmp_path / "out/frames/0001/Rig.Camera/raw.tiff") as raw:
+        photons = json.loads(raw.tag_v2[270])["photons_at_relative_irradiance_1"]
+    light = {name: (last - first) / 2 * (first + most + last) / 3 for name, (first, most, last) in TRIANGLE.items()}
+    for name in TRIANGLE:
+        assert photons[name] / photons["green"] == pytest.approx(light[name] / light["green"], rel=0.01)
+
+
+def test_a_sensor_of_single_wavelengths_has_an_image_that_colour_science_reads_as_spectra(tmp_path: Path) -> None:
+    """Names of its channels are read by colour-science's own pattern; values are those of each channel's image."""
+    stage = stage_at(tmp_path, "conventional", TRIANGLE)
+    text = stage.read_text(encoding="utf-8").replace("plen:nodes = 2", "plen:nodes = 1")
+    stage.write_text(text.replace("plen:image:samples = 64", "plen:image:samples = 16"), encoding="utf-8")
+    frame = tmp_path / "out/frames/0001/Rig.Camera"
+    wanted = [f"frames/0001/Rig.Camera/{name}image.exr" for name in ("", "red/", "green/", "blue/")]
+    result = pipeline.build(stage, tmp_path / "out", targets=[*wanted, f"{wanted[0][:-9]}spectral.exr"], jobs=1)
+    assert result.exit_code == 0, [task.error for task in result.failures]
+    with OpenEXR.File(str(frame / "spectral.exr"), separate_channels=True) as file:
+        found = {name: channel.pixels for name, channel in file.channels().items()}
+        assert file.header()["spectralLayoutVersion"] == "1.0"
+    pattern, spectra = re.compile(rf"^T\.*{PATTERN_FICHET2021}$"), {}
+    for name, pixels in found.items():
+        match = pattern.match(name)
+        assert match, name
+        spectra[match_groups_to_nm(match[1], *match.group(3, 4))] = pixels
+    for (name, corners), nm in zip(sorted(TRIANGLE.items()), sorted(spectra), strict=True):
+        # Photons grow with the wavelength, so that their mean lies a little beyond that of the corners.
+        assert 0 < nm - sum(corners) / 3 < 2.0
+        image = OpenEXR.File(str(frame / name / "image.exr"), separate_channels=True).channels()["Y"].pixels
+        np.testing.assert_array_equal(spectra[nm], image)

@@ -5,7 +5,7 @@ artwork of targets is evaluated by its formula at the exact hit, as in scenes wi
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Sight
+from pipeline.render.inks import inked
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting import shapes
 from pipeline.render.lighting.albedo import layers
@@ -26,6 +27,7 @@ from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.shape_kernels import find_holes
 from pipeline.render.patch_light import PatchLight
+from pipeline.render.spectral.prints import Colours
 from pipeline.render.spectral.spectra import weights_of_rgb
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
@@ -53,6 +55,8 @@ class LitView:
         Radiance that the camera sees where there is nothing, if no dome is there.
     wavelengths_nm : tuple of float
         Of the light of the image, in the order of `Rig.in_each_light`.
+    colours : sequence of inks.Colours
+        Of each target; empty: all of them are neutral.
     """
 
     targets: Sequence[tuple[AnyTarget, np.ndarray]]
@@ -61,10 +65,12 @@ class LitView:
     pictures: Mapping[str, Num[np.ndarray, "h w c"]]
     background: float
     wavelengths_nm: tuple[float, ...]
+    colours: Sequence[Colours] = ()
 
     def in_light(self, number: int, samples: int) -> "LitScene":
         """The view at one of its wavelengths, for pixels with so many rays."""
-        return LitScene(self, self.wavelengths_nm[number], samples)
+        seen = replace(self, targets=inked(self.targets, self.colours, number), colours=())
+        return LitScene(seen, self.wavelengths_nm[number], samples)
 
 
 class LitScene:

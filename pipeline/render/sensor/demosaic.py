@@ -1,5 +1,7 @@
 """Colours of a mosaic for a picture: each channel between its pixels, white as white. Not for measurements."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pipeline.records.shapes import Num
@@ -9,7 +11,12 @@ PRIMARIES = ("red", "green", "blue")
 """Channels that make a picture."""
 
 
-def in_colour(numbers: Num[np.ndarray, "h w"], response: SensorResponse, first_row: int = 0) -> np.ndarray:
+def in_colour(
+    numbers: Num[np.ndarray, "h w"],
+    response: SensorResponse,
+    first_row: int = 0,
+    photons: Mapping[str, float] | None = None,
+) -> np.ndarray:
     """Red, green and blue of every pixel of some rows of a mosaic, 1 at the white level, (h, w, 3) float64.
 
     Missing values are means of those of the same channel less than a period away, by a triangle of distances. Channels
@@ -21,12 +28,16 @@ def in_colour(numbers: Num[np.ndarray, "h w"], response: SensorResponse, first_r
         Digital numbers.
     first_row : int
         Of these rows in the image, which decides where the mosaic begins.
+    photons : mapping of str to float, optional
+        Photons of white in each channel, if they differ.
     """
     period, height, width = response.period_px, *numbers.shape
     light = (numbers - response.black_level_dn) / max(response.white_dn - response.black_level_dn, 1.0)
     pattern = np.roll(np.array(response.filters).reshape(period, period), -first_row, axis=0)
     where = np.tile(pattern, (height // period + 1, width // period + 1))[:height, :width]
     efficiency = dict(zip(response.channels, response.quantum_efficiency, strict=True))
+    if photons:
+        efficiency = {name: share * photons[name] for name, share in efficiency.items()}
     best = max(efficiency[name] for name in PRIMARIES)
     return np.stack([_between(light, where == name, period) * best / efficiency[name] for name in PRIMARIES], axis=-1)
 

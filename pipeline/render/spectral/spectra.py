@@ -23,6 +23,11 @@ _BLACK_BODY = re.compile(r"(\d+(?:\.\d+)?) ?K")
 _BLACK_BODY_NM = np.arange(150.0, 20001.0, 5.0)
 """Wavelengths of the table of a black body [nm]: all that a stage can ask for, and smooth between two of them."""
 
+VISIBLE_NM = (380.0, 780.0)
+"""Range over which the radiance of light with a spectrum is counted [nm]: what people see of it."""
+_STEP_NM = 0.5
+"""Step of integrals over products of tables [nm]: ten in the usual 5 nm of a table, right to 2e-6."""
+
 Table = tuple[np.ndarray, np.ndarray]
 """Wavelengths (m,) [nm], ascending, and values (m,) at them; linear in between."""
 
@@ -67,6 +72,34 @@ def sensitivity(camera: str, component: str) -> Table:
     wavelengths = np.asarray(table.wavelengths, float)
     response = np.maximum(np.asarray(table.values, float)[:, table.labels.index(component)], 0.0)
     return wavelengths, response / wavelengths
+
+
+def effective_nm(response: Table, light: Table) -> float:
+    """Wavelength of which a joule has as many photons as count by a relative response for a joule of a light [nm].
+
+    The joule is counted between `VISIBLE_NM`: the result is the integral of S r lambda over that of S.
+
+    Parameters
+    ----------
+    response, light : Table
+        Quantum efficiency, whose highest value counts as 1, and photons per wavelength, relative.
+
+    Raises
+    ------
+    SpectrumError
+        One of them is no spectrum, they have no wavelength in common, or the light has no visible part.
+    """
+    both_nm, _ = product(response, light)
+    counted_nm = np.union1d(both_nm, np.arange(both_nm[0], both_nm[-1], _STEP_NM))
+    photons = np.interp(counted_nm, *response) / np.max(response[1]) * np.interp(counted_nm, *light)
+    fine_nm = np.arange(VISIBLE_NM[0], VISIBLE_NM[1] + _STEP_NM / 2, _STEP_NM)
+    # Photons times the energy of each, in units of h c / nm.
+    energy = np.trapezoid(np.interp(fine_nm, *light, left=0.0, right=0.0) / fine_nm, fine_nm)
+    if not energy > 0:
+        raise SpectrumError(
+            f"light without any between {VISIBLE_NM[0]:g} and {VISIBLE_NM[1]:g} nm has no radiance there"
+        )
+    return float(np.trapezoid(photons, counted_nm) / energy)
 
 
 def weights_of_rgb(wavelength_nm: float) -> np.ndarray:

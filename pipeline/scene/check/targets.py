@@ -1,6 +1,7 @@
 """Checks of targets: values of the shape, the pattern on its surface, marked points off their mesh."""
 
 from collections.abc import Iterator, Set
+from itertools import pairwise
 
 import numpy as np
 from pxr import Sdf, Usd
@@ -22,7 +23,7 @@ truth says.
 
 def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of a PlenTarget as a whole; `wrong` holds the prims with wrong values."""
-    parts = [*_check_shape(prim), *_check_mesh(prim)]
+    parts = [*_check_shape(prim), *_check_mesh(prim), *_check_print(prim)]
     yield from parts
     mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
     if parts or prim.GetPath() in wrong or (mesh and mesh.GetPath() in wrong):
@@ -64,6 +65,21 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
     if prim.IsA("PlenMeshTarget") and shape not in ("flat", None):
         message = f'a mesh has its own shape, and "plen:shape" is {shape}'
         yield problem(prim.GetAttribute("plen:shape"), "shape-value", message, hint="remove it")
+
+
+def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of spectra of ink and paper that are none."""
+    for what in ("ink", "paper"):
+        table, values = (read(prim, f"plen:{what}:{name}") or () for name in ("wavelengths", "reflectance"))
+        place = prim.GetAttribute(f"plen:{what}:wavelengths")
+        if len(table) != len(values):
+            message = f"the {what} has {len(table)} wavelengths and {len(values)} reflectances"
+            yield problem(place, "spectrum", message, hint="one reflectance for each wavelength")
+        elif any(a >= b for a, b in pairwise(table)):
+            yield problem(place, "spectrum", f"the wavelengths of the {what} do not ascend", hint="sort them")
+        elif table and prim.IsA("PlenMeshTarget"):
+            message = f"a mesh has colours of its own, and the {what} a spectrum"
+            yield problem(place, "not-yet-supported", message, hint="leave the spectrum out")
 
 
 def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:

@@ -3,8 +3,9 @@
 from pxr import Usd
 
 from pipeline.optics.transmission import Losses, reflectance_at
-from pipeline.render.sensor.irradiation import Irradiation, Radiance
+from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
 from pipeline.render.sensor.response import SensorResponse
+from pipeline.scene.read.channels import channel_prims, effective_nm, illuminant_of, wavelengths_of
 from pipeline.scene.read.media import ordered_surfaces
 from pipeline.scene.usd.values import need, read, target
 
@@ -59,21 +60,40 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
     """The light of each frame of a camera; None where it asks for no raw images."""
     if need(camera, "plen:image:exposure") == "none":
         return None
+    by_radiance = need(camera, "plen:image:exposure") == "radiance"
+    channels = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")) if by_radiance else []
     return Irradiation(
         exposure_time_s=need(camera, "plen:image:exposureTime"),
         white_level=read(camera, "plen:image:whiteLevel"),
         photon_rate=read(camera, "plen:image:photonRate"),
-        radiance=_read_radiance(camera),
+        radiance=_read_radiance(camera) if by_radiance and not channels else None,
+        channels=tuple(_read_channel_radiance(camera, prim) for prim in channels),
     )
 
 
-def _read_radiance(camera: Usd.Prim) -> Radiance | None:
-    """The light before the lens of a camera that is exposed by it."""
-    if need(camera, "plen:image:exposure") != "radiance":
-        return None
-    wavelength_nm, lens = need(camera, "plen:camera:wavelength"), target(camera, "plen:camera:lens", "PlenLens")
-    losses = None if need(lens, "plen:transmission") == "ideal" else read_losses(lens, wavelength_nm)
+def _read_radiance(camera: Usd.Prim) -> Radiance:
+    """The light before the lens of a camera of one wavelength that is exposed by it."""
+    wavelength_nm = need(camera, "plen:camera:wavelength")
+    losses = _losses_at(camera, wavelength_nm)
     return Radiance(w_per_m2_sr=need(camera, "plen:image:radiance"), wavelength_nm=wavelength_nm, losses=losses)
+
+
+def _read_channel_radiance(camera: Usd.Prim, channel: Usd.Prim) -> ChannelRadiance:
+    """The same as a channel counts it."""
+    illuminant = illuminant_of(camera)
+    wavelengths_nm, _ = wavelengths_of(channel, illuminant)
+    return ChannelRadiance(
+        channel=channel.GetName(),
+        w_per_m2_sr=need(camera, "plen:image:radiance"),
+        effective_nm=effective_nm(channel, illuminant),
+        losses=tuple(_losses_at(camera, float(nm)) for nm in wavelengths_nm),
+    )
+
+
+def _losses_at(camera: Usd.Prim, wavelength_nm: float) -> Losses | None:
+    """Losses of the lens of a camera; None: it is ideal."""
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    return None if need(lens, "plen:transmission") == "ideal" else read_losses(lens, wavelength_nm)
 
 
 def read_losses(lens: Usd.Prim, wavelength_nm: float) -> Losses:

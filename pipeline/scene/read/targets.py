@@ -7,6 +7,7 @@ from pxr import Usd, UsdGeom
 
 from pipeline.frames import apply
 from pipeline.render.lighting.records import Coat
+from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Fans, fans
 from pipeline.scene.usd.poses import product, world_from
@@ -91,7 +92,20 @@ def read_target_entry(prim: Usd.Prim) -> TargetEntry:
     """A target with its name."""
     roughness = read(prim, "plen:coat:roughness")
     coat = None if roughness is None else Coat(roughness=roughness, ior=need(prim, "plen:coat:ior"))
-    return TargetEntry(name=prim.GetName(), prim_path=str(prim.GetPath()), target=read_target(prim), coat=coat)
+    return TargetEntry(
+        name=prim.GetName(),
+        prim_path=str(prim.GetPath()),
+        target=read_target(prim),
+        coat=coat,
+        printed=Print(ink=_spectrum(prim, "ink"), paper=_spectrum(prim, "paper")),
+    )
+
+
+def _spectrum(prim: Usd.Prim, what: str) -> Spectrum:
+    """The spectrum of the ink or the paper of a target."""
+    return Spectrum(
+        wavelengths_nm=need(prim, f"plen:{what}:wavelengths"), reflectance=need(prim, f"plen:{what}:reflectance")
+    )
 
 
 @read_once

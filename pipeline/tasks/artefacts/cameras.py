@@ -30,9 +30,11 @@ _KEPT = 4
 """Cameras that a process keeps ready: tasks of one camera share its outlines, microlenses and reference bundle."""
 
 
-def focused_camera(inputs: Inputs) -> Camera:
-    """The camera written by the task `focus`, with near and far planes if the task reads those of `planes`."""
-    camera = from_plain(Camera, read_json(inputs["camera"][FOCUSED]))
+def focused_camera(inputs: Inputs, role: str = "camera") -> Camera:
+    """The camera written by the task `focus` or `channel`, with near and far planes if the task reads those of
+    `planes`.
+    """
+    camera = from_plain(Camera, read_json(inputs[role][FOCUSED]))
     return dataclasses.replace(camera, **read_json(inputs["planes"][PLANES])) if "planes" in inputs else camera
 
 

@@ -7,6 +7,7 @@ from pipeline.tasks.params.placed import PaintedView
 
 BEFORE, CHECK, STRIP = "before", "check", "tile"
 """Roles of the pass before, of the verdict about it, and, with a number, of a pass over some rows."""
+SPECTRAL = "spectral.exr"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,3 +96,9 @@ class ColourImage:
 
     name: str
     channels: tuple[ChannelLabel, ...]
+
+    @property
+    def is_spectral(self) -> bool:
+        """Whether it is the image of a frame in which each channel is one wavelength, another one for each."""
+        found = [channel.wavelengths_nm for channel in self.channels]
+        return self.name == "image" and len(set(found)) == len(found) and all(len(one) == 1 for one in found)

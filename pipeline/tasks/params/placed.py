@@ -36,7 +36,11 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaintedView(View):
-    """A view with the radiance of everything and of the background, or with the lamps that light it."""
+    """A view with the radiance of everything and of the background, or with the lamps that light it.
+
+    `colours` holds black and white of each target at each wavelength of the image; empty for a neutral one.
+    """
 
     background: float
     lighting: Lighting | None = None
+    colours: tuple[tuple[tuple[float, float], ...], ...] = ()

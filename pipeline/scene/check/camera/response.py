@@ -49,15 +49,12 @@ def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
         )
         yield problem(camera.GetAttribute("plen:image:exposure"), "no-response", message, hint=hint)
     if read(camera, "plen:image:exposure") == "radiance":
-        yield from _check_radiance(camera, sensor)
+        yield from _check_radiance(camera)
 
 
-def _check_radiance(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
+def _check_radiance(camera: Usd.Prim) -> Iterator[Problem]:
     """An exposure by radiance of a camera for which it is not defined, or through a coating that is none."""
     exposure = camera.GetAttribute("plen:image:exposure")
-    if channel_prims(sensor):
-        message = "an exposure by radiance is built for one wavelength, and the sensor has channels"
-        yield problem(exposure, "not-yet-supported", message, hint="take level or photons")
     if read(camera, "plen:camera:weight") == "area":
         message = "radiance gives photons only where rays weigh irradiance, not area"
         yield problem(exposure, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
