@@ -140,7 +140,8 @@ def contents() -> set[Path]:
         if block.language == "{toctree}":
             entries = [line for line in block.text.split("\n") if line and not line.startswith(":")]
             for entry in entries:
-                named.update(path.resolve() for path in INDEX.parent.glob(f"{entry}.md"))
+                page = re.sub(r".*<(.*)>$", r"\1", entry)
+                named.update(path.resolve() for path in INDEX.parent.glob(f"{page}.md"))
     return named
 
 
