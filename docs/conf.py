@@ -99,4 +99,5 @@ def lead_to_the_first_page(app: Sphinx, exception: Exception | None) -> None:
 def setup(app: Sphinx) -> None:
     """Connect what this file adds."""
     app.connect("source-read", finish_source)
+    app.connect("env-get-outdated", lambda *_: ["docs/cli"])  # its source is the command
     app.connect("build-finished", lead_to_the_first_page)
