@@ -61,6 +61,7 @@ html_theme_options = {
     "dark_css_variables": {"color-brand-primary": "#5cc6d6", "color-brand-content": "#5cc6d6"},
     "navigation_with_keys": True,
 }
+highlight_language = "none"  # blocks without a language are what a command prints
 pygments_style = "friendly"
 pygments_dark_style = "github-dark"
 

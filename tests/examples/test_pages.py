@@ -114,6 +114,9 @@ def test_files_that_pages_name_exist():
         if not any((base / path).exists() for base in (ROOT, ROOT / "pipeline"))
     ]
     assert wrong == []
+    tests = {path.name for path in (ROOT / "tests").rglob("test_*.py")}
+    named_tests = {name for page in pages.PAGES for name in re.findall(r"\btest_\w+\.py", pages.text_of(page))}
+    assert named_tests - tests == set()
 
 
 @pytest.mark.parametrize("page", [*HOW_TO, ROOT / "docs/tour.md"], ids=pages.name_of)
