@@ -6,7 +6,6 @@ python docs/cli_reference.py
 import argparse
 import re
 from collections.abc import Iterator
-from itertools import groupby
 from typing import Any
 
 import typer.main
@@ -27,13 +26,12 @@ def verbs(command: Any = None, path: tuple[str, ...] = ()) -> Iterator[tuple[tup
 
 def page() -> str:
     """All verbs by panel: usage, purpose, arguments and options."""
-    parts, panel = [], ""
+    found: dict[str, list[str]] = {}
+    panel_of: dict[str, str] = {}
     for path, verb in verbs():
-        if len(path) == 1 and verb.rich_help_panel != panel:
-            panel = verb.rich_help_panel
-            parts.append(f"## {panel}\n")
-        parts.append(section(path, verb))
-    return "\n".join(parts)
+        panel = panel_of.setdefault(path[0], verb.rich_help_panel)
+        found.setdefault(panel, []).append(section(path, verb))
+    return "\n".join(part for panel, sections in found.items() for part in (f"## {panel}\n", *sections))
 
 
 def section(path: tuple[str, ...], verb: Any) -> str:
@@ -45,7 +43,9 @@ def section(path: tuple[str, ...], verb: Any) -> str:
     arguments = [one for one in verb.params if one.param_type_name == "argument"]
     options = [one for one in verb.params if one.param_type_name == "option" and not one.hidden]
     usage = " ".join([words, *(["[OPTIONS]"] if options else []), *map(placeholder, arguments)])
-    return "\n".join([head, f"```text\n{usage}\n```\n", *table("Argument", arguments), *panels(options)])
+    rows = [*map(row, arguments), *panels(options)]
+    table = ["| | |", "|---|---|", *rows, ""] if rows else []
+    return "\n".join([head, f"```text\n{usage}\n```\n", *table])
 
 
 def placeholder(argument: Any) -> str:
@@ -56,18 +56,17 @@ def placeholder(argument: Any) -> str:
 
 
 def panels(options: list[Any]) -> Iterator[str]:
-    """A table for each panel of options, in the order in which they first appear."""
+    """Rows of options by panel, in the order in which panels first appear; the name of each stands above its rows."""
     order = list(dict.fromkeys(one.rich_help_panel or PLAIN for one in options))
-    ranked = sorted(options, key=lambda one: order.index(one.rich_help_panel or PLAIN))
-    for panel, members in groupby(ranked, key=lambda one: one.rich_help_panel or PLAIN):
-        yield from table(panel, list(members))
+    for panel in order:
+        if len(order) > 1:
+            yield f"| **{panel}** | |"
+        yield from (row(one) for one in options if (one.rich_help_panel or PLAIN) == panel)
 
 
-def table(head: str, parameters: list[Any]) -> Iterator[str]:
-    """A table of arguments or options; nothing if there are none."""
-    if parameters:
-        rows = "".join(f"| {named(one)} | {told(one)} |\n" for one in parameters)
-        yield f"| {head} | |\n|---|---|\n{rows}"
+def row(parameter: Any) -> str:
+    """An argument or option in the table of its verb."""
+    return f"| {named(parameter)} | {told(parameter)} |"
 
 
 def named(parameter: Any) -> str:

@@ -61,6 +61,7 @@ html_theme_options = {
     "dark_css_variables": {"color-brand-primary": "#5cc6d6", "color-brand-content": "#5cc6d6"},
     "navigation_with_keys": True,
 }
+highlight_language = "none"  # blocks without a language are what a command prints
 pygments_style = "friendly"
 pygments_dark_style = "github-dark"
 
@@ -99,4 +100,5 @@ def lead_to_the_first_page(app: Sphinx, exception: Exception | None) -> None:
 def setup(app: Sphinx) -> None:
     """Connect what this file adds."""
     app.connect("source-read", finish_source)
+    app.connect("env-get-outdated", lambda *_: ["docs/cli"])  # its source is the command
     app.connect("build-finished", lead_to_the_first_page)

@@ -31,6 +31,8 @@ PUBLISHED = ROOT / "tests/published"
 PAGE = ROOT / "docs/public_numbers.md"
 ROUNDINGS = 1e-12
 """Difference below which only the roundings of both programs are left [mm or 1]."""
+WIDE_MM, OF_RADIUS = 40.0, 0.99
+"""Clear apertures of the public lenses [mm, and of a radius at most], which state none: no ray is blocked."""
 EDGE_MM = 0.01
 """Clear aperture beyond the outermost listed ray [mm]: listings without semi-diameters block no ray."""
 
@@ -71,25 +73,31 @@ def listed(name: str) -> dict[str, Any]:
 
 
 def public_lens(system: dict[str, Any]) -> Prescription:
-    """One of optiland's public lenses, with a stop that gives the stated entrance pupil."""
+    """One of optiland's public lenses, with a stop that gives the stated entrance pupil or F-number."""
     at_nm = system["wavelength_nm"]
 
     def with_stop(semi_mm: float) -> Prescription:
         return Prescription(
             surfaces=tuple(
                 Surface(
-                    radius_mm=radius,
+                    radius_mm=math.inf if radius is None else radius,
                     thickness_mm=thickness,
                     index=find(medium).index(at_nm) if ":" in medium else 1.0,
-                    semi_diameter_mm=semi_mm if medium == "stop" else 1.5 * system["entrance_pupil_mm"],
+                    semi_diameter_mm=semi_mm if medium == "stop" else wide_mm(radius or math.inf),
                     is_stop=medium == "stop",
                 )
                 for radius, thickness, medium in system["surfaces"]
             )
         )
 
-    unit = first_order(with_stop(1.0)).entrance_pupil.diameter_mm
-    return with_stop(system["entrance_pupil_mm"] / unit)
+    unit = first_order(with_stop(1.0))
+    pupil_mm = unit.efl_mm / system["f_number"] if "f_number" in system else system["entrance_pupil_mm"]
+    return with_stop(pupil_mm / unit.entrance_pupil.diameter_mm)
+
+
+def wide_mm(radius_mm: float) -> float:
+    """A clear aperture that blocks no ray of a listing."""
+    return min(WIDE_MM, OF_RADIUS * abs(radius_mm))
 
 
 def public_first_order(system: dict[str, Any]) -> list[Row]:
@@ -123,7 +131,7 @@ def public_rays(system: dict[str, Any]) -> np.ndarray:
     lens = public_lens(system)
     found, vertices, back_mm = first_order(lens), lens.vertices_from_stop_mm, system["surfaces"][-1][1]
     # Aimed to first order, rays miss the rim of the stop by their aberrations; in the listing it blocks none.
-    wide = (replace(one, semi_diameter_mm=system["entrance_pupil_mm"]) for one in lens.surfaces)
+    wide = (replace(one, semi_diameter_mm=wide_mm(one.radius_mm)) for one in lens.surfaces)
     rays = np.array(system["rays"])
     slope = np.tan(np.radians(rays[:, 0] * system["field_deg"]))
     direction = np.column_stack([np.zeros(len(rays)), slope, np.ones(len(rays))])
@@ -201,7 +209,7 @@ def tables() -> str:
     ]
     for system in listed("optiland_systems")["systems"]:
         parts += [
-            f"## {system['name'].capitalize()}: OpticStudio and optiland",
+            f"## {system['name'][0].upper()}{system['name'][1:]}: OpticStudio and optiland",
             about(f"{system['tool']}; optiland 0.6.3", system["name"], system["glasses"]),
             quantities("OpticStudio", public_first_order(system)),
             rays("Ray: field, pupil x, pupil y", "optiland: x, y in the image", public_ray_cells(system)),

@@ -68,10 +68,7 @@ def page_of(model: Model) -> str:
     what = (
         simulated[0]
         if len(specs) == 1
-        else "\n\n".join(
-            f"**`{spec.name}`** {text[0].lower() if text[:2] != text[:2].upper() else text[0]}{text[1:]}"
-            for spec, text in zip(specs, simulated, strict=True)
-        )
+        else "\n\n".join(f"**`{spec.name}`.** {text}" for spec, text in zip(specs, simulated, strict=True))
     )
     parts = ["---\ntocdepth: 2\n---\n", DO_NOT_EDIT, f"# {model.title}", "## What it simulates", what]
     parts += ["## Where the model begins", model.begins.strip(), "## Outputs", model.outputs.strip()]

@@ -39,7 +39,7 @@ class Block:
     @property
     def commands(self) -> list[str]:
         """Lines that a reader types: behind `$ ` where there are such, else all of a shell's."""
-        lines = [line.strip() for line in self.text.replace("\\\n", " ").split("\n")]
+        lines = [line.strip() for line in re.sub(r"\s*\\\n\s*", " ", self.text).split("\n")]
         typed = [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
         return typed or (lines if self.language in ("bash", "console") else [])
 
@@ -140,7 +140,8 @@ def contents() -> set[Path]:
         if block.language == "{toctree}":
             entries = [line for line in block.text.split("\n") if line and not line.startswith(":")]
             for entry in entries:
-                named.update(path.resolve() for path in INDEX.parent.glob(f"{entry}.md"))
+                page = re.sub(r".*<(.*)>$", r"\1", entry)
+                named.update(path.resolve() for path in INDEX.parent.glob(f"{page}.md"))
     return named
 
 

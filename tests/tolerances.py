@@ -254,7 +254,7 @@ PRINTED_9 = 0.5001e-9
 """Half a unit of a figure kept to nine decimals [mm, or 1 of cosines]."""
 
 ROUNDING_OF_LENGTHS = 1e-12
-"""A few roundings of lengths below 200 mm through six surfaces [mm], where a listing prints all digits of a double."""
+"""A few roundings of lengths below 200 mm through eleven surfaces [mm]: a listing may print all digits of a double."""
 
 OPTICSTUDIO_EXIT_PUPIL_MM = 4e-7
 """OpticStudio's exit pupil of the Cooke triplet against ours and optiland's [mm]: it differs by 1.1e-7 and 3.2e-7."""

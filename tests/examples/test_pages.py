@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 
 LANGUAGES = {"python", "usda", "bash", "console", "text", "diff", "", "{toctree}", "{eval-rst}"}
-RUN = {"check", "show", "new", "target", "import", "library"}
+RUN = {"check", "new", "target", "import", "library"}
 """Verbs of the how-tos that take no build: they run as they are written, in the order of the page."""
 FORM = ("The model", "The data", "Validation", "Result", "What is not modelled")
 """Parts of the page of an effect; lists of attributes and outputs may stand between."""
@@ -114,10 +114,14 @@ def test_files_that_pages_name_exist():
         if not any((base / path).exists() for base in (ROOT, ROOT / "pipeline"))
     ]
     assert wrong == []
+    tests = {path.name for path in (ROOT / "tests").rglob("test_*.py")}
+    named_tests = {name for page in pages.PAGES for name in re.findall(r"\btest_\w+\.py", pages.text_of(page))}
+    assert named_tests - tests == set()
 
 
+@pytest.mark.parametrize("verbs", [RUN, pytest.param({*RUN, "show"}, marks=pytest.mark.heavy)], ids=["quick", "all"])
 @pytest.mark.parametrize("page", [*HOW_TO, ROOT / "docs/tour.md"], ids=pages.name_of)
-def test_commands_of_a_how_to_run_as_they_are_written(page, tmp_path, monkeypatch):
+def test_commands_of_a_how_to_run_as_they_are_written(page, verbs, tmp_path, monkeypatch):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     (tmp_path / "stages").symlink_to(ROOT / "stages")
     monkeypatch.chdir(tmp_path)
@@ -127,7 +131,7 @@ def test_commands_of_a_how_to_run_as_they_are_written(page, tmp_path, monkeypatc
             (tmp_path / saved[1]).write_text(block.text, encoding="utf-8")
         for line in block.commands if block.language == "console" else ():
             words = pages.words_of(line)[1:]
-            if words[0] in RUN:
+            if words[0] in verbs:
                 done = CliRunner().invoke(app, words)
                 assert done.exit_code == 0 and "error:" not in done.output, f"{line}\n{done.output}"
 
