@@ -141,6 +141,35 @@ def test_everything_that_can_be_pressed_has_a_name(tab):
     assert tab.run(nameless) == []
 
 
+def test_the_link_of_the_section_that_is_read_says_so(tab):
+    current = "[...document.querySelectorAll('nav [aria-current]')].map((one) => [one.hash, one.ariaCurrent])"
+    for name in ("images", "residuals", "lens", "overview"):
+        for _ in range(2):  # what is filled in late moves what lies below it
+            tab.run(f"document.querySelector('#{name}').scrollIntoView()")
+            tab.settle("document.body.scrollHeight")
+        tab.wait(f"document.querySelector('nav [aria-current]')?.hash === '#{name}'")
+        assert tab.run(current) == [[f"#{name}", "location"]]
+
+
+def test_the_view_in_space_comes_closer_by_keys_and_histograms_have_their_values(tab):
+    tab.run("document.querySelector('#residuals').scrollIntoView()")
+    tab.wait("document.querySelector('#residuals details')")
+    charts = "[...document.querySelectorAll('#residuals .chart:not(.map)')]"
+    rows = f"{charts}.map((one) => one.querySelectorAll('tbody tr').length)"
+    high = "[...one.querySelectorAll('.bar-fill')].filter((bar) => Number(bar.getAttribute('height')) > 0)"
+    bars = f"{charts}.map((one) => {high}.length)"
+    assert tab.run(rows) == tab.run(bars) and min(tab.run(rows)) > 0
+    tab.run("document.querySelector('#scene').scrollIntoView()")
+    tab.wait("document.querySelector('.scene-box canvas')")
+    drawn = "document.querySelector('.scene-box canvas').toDataURL().length"
+    before = tab.settle(drawn)
+    tab.run("document.querySelector('.scene-box').focus()")
+    for _ in range(4):
+        tab.press("+")
+    assert tab.settle(drawn) != before
+    assert tab.errors == []
+
+
 @pytest.fixture
 def large(page, tmp_path) -> tuple[Path, np.ndarray]:
     """The page with a frame of 12 megapixels, as tiles, and its grey values."""
