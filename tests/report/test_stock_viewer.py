@@ -18,7 +18,7 @@ from pipeline.app.reporting import report
 
 pytestmark = pytest.mark.heavy  # a browser, and a bundle of three.js
 ROOT = Path(__file__).resolve().parents[2]
-VIEWER = Path(__file__).parent / "stock_viewer/viewer.js"
+VIEWER = Path(__file__).parent / "scripts/stock_viewer.js"
 SCALE = 10
 """Pixels of the viewer per pixel of the camera."""
 PACK = """

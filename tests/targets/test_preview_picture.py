@@ -23,6 +23,8 @@ def test_the_picture_has_the_colour_of_every_face_where_the_face_lies(surface):
     assert faces.sheet.min() >= 0 and faces.sheet.max() <= 1
     middle = faces.sheet[faces.faces].mean(axis=1)
     column, row = (middle * (picture.shape[1], SIZE_PX)).astype(int).T
+    sides = len(target.patches())  # each has its own part of the picture
+    assert np.unique((middle[:, 0] * sides).astype(int)).tolist() == list(range(sides))
     assert (picture[SIZE_PX - 1 - row, column] == faces.radiance).all()
 
 
