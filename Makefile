@@ -89,7 +89,7 @@ picture: $(STAMP)
 		--window 330 225 70 84 --zoom 4
 	$(BIN)/python docs/target_sheet.py docs/targets.png
 	$(BIN)/python docs/detectors.py
-	$(BIN)/python docs/report_pictures.py build/02_plenoptic docs/report
+	$(BIN)/python docs/report_pictures.py
 
 # The scripts of the report page, by npm; what they are bundled into is committed, so that nothing else needs npm.
 web: $(STAMP)

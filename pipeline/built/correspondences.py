@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.channel_names import name_with
 from pipeline.errors import UsageError
 from pipeline.notebook.axes import axes as new_axes
 from pipeline.notebook.markup import table
@@ -54,6 +55,14 @@ class CorrespondenceRows(np.recarray):
         super().__array_finalize__(parent)  # type: ignore[misc]  # NumPy states no type
         self.backdrop = getattr(parent, "backdrop", None) or Backdrop()
 
+    @property
+    def seen_by(self) -> np.ndarray:
+        """Names of cameras as `Output.cameras` has them, with the channel where a sensor has channels, (n,) str."""
+        if "channel" not in (self.dtype.names or ()):
+            return np.asarray(self.camera)
+        pairs = zip(self.camera.tolist(), self.channel.tolist(), strict=True)
+        return np.array([name_with(camera, channel) if channel else camera for camera, channel in pairs], dtype=str)
+
     def plot(self, frame: int | None = None, camera: str | None = None, *, axes: Any = None) -> Any:
         """Plot positions over the image of their frame, one colour per target and type of microlens.
 
@@ -62,7 +71,7 @@ class CorrespondenceRows(np.recarray):
         frame : int, optional
             By default all of the rows; those of several frames are drawn without an image.
         camera : str, optional
-            Name of the camera, where rows are of several.
+            Name of the camera, as `Rig.Camera` or `Rig.Camera@red`, where rows are of several.
         axes : matplotlib Axes, optional
             By default a new figure.
 
@@ -77,7 +86,7 @@ class CorrespondenceRows(np.recarray):
             There are no such rows, or rows of several cameras, or matplotlib is not installed.
         """
         rows = self._of_camera(camera)._of_frame(frame)
-        name, frames = str(rows.camera[0]), np.unique(rows.frame).tolist()
+        name, frames = str(rows.seen_by[0]), np.unique(rows.frame).tolist()
         size_px = rows.backdrop.sizes_px.get(name)
         shape = size_px[1] / size_px[0] if size_px else _SHAPE
         sheet = new_axes(_WIDTH_IN, _WIDTH_IN * shape) if axes is None else axes
@@ -105,14 +114,14 @@ class CorrespondenceRows(np.recarray):
     def _of_camera(self, camera: str | None) -> "CorrespondenceRows":
         if not len(self):
             raise UsageError("there are no rows to plot", hint="no target point is seen: look at an image of the frame")
-        names = np.unique(self.camera).tolist()
+        names = np.unique(self.seen_by).tolist()
         if camera is None and len(names) == 1:
             return self
         if camera not in names:
             said = "rows are of several cameras" if camera is None else f"no row is of a camera {camera!r}"
             hint = (did_you_mean(camera, names) if camera else None) or f"choose: {', '.join(names)}"
             raise UsageError(said, hint=hint)
-        return self[self.camera == camera]
+        return self[self.seen_by == camera]
 
     def _of_frame(self, frame: int | None) -> "CorrespondenceRows":
         if frame is None:
@@ -120,7 +129,7 @@ class CorrespondenceRows(np.recarray):
         rows = self[self.frame == frame]
         if not len(rows):
             numbers = ", ".join(map(str, np.unique(self.frame).tolist()))
-            raise UsageError(f"no row is of frame {frame}", hint=f"frames with rows: {numbers}")
+            raise UsageError(f"no row is of frame {frame!r}", hint=f"frames with rows: {numbers}")
         return rows
 
     def _kinds(self) -> Iterable[tuple[str, np.ndarray]]:

@@ -42,23 +42,39 @@ class PreviewFaces:
         Corners, anticlockwise as seen from the front.
     radiance : (m,) float64
         Relative radiance of each face.
+    sheet : (n, 2) float64
+        Place of each point on the picture of all patches side by side; (0, 0) is its lower left, (1, 1) upper right.
     """
 
     points_mm: Float64[np.ndarray, "n 3"]
     faces: Int64[np.ndarray, "m 4"]
     radiance: Float64[np.ndarray, "m"]
+    sheet: Float64[np.ndarray, "n 2"]
 
 
 def preview_faces(target: Target) -> PreviewFaces:
     """Faces of all patches of a target."""
-    points, faces, radiance, count = list[np.ndarray](), list[np.ndarray](), list[np.ndarray](), 0
-    for patch in target.patches():
+    points, faces, radiance, sheet = list[np.ndarray](), list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
+    patches, count = target.patches(), 0
+    for number, patch in enumerate(patches):
         own = _faces(patch)
+        sheet.append((own.sheet + np.array([number, 0])) / (len(patches), 1))
         points.append(apply(patch.target_from_patch, own.points_mm))
         faces.append(own.faces + count)
         radiance.append(own.radiance)
         count += len(own.points_mm)
-    return PreviewFaces(np.concatenate(points), np.concatenate(faces), np.concatenate(radiance))
+    return PreviewFaces(*map(np.concatenate, (points, faces, radiance, sheet)))
+
+
+def preview_picture(target: Target, size_px: int) -> np.ndarray:
+    """Relative radiance of all patches side by side, (size_px, size_px * patches); the first row is the top."""
+    pictures = []
+    for patch in target.patches():
+        black, white = patch.colours
+        share = (np.arange(size_px) + 0.5) / size_px
+        x, y = ((2 * share - 1) * half for half in (patch.drawing.half_x_mm, patch.drawing.half_y_mm))
+        pictures.append(np.where(_is_black(patch.drawing, x, y), black, white)[::-1])
+    return np.hstack(pictures)
 
 
 def _faces(patch: Patch) -> PreviewFaces:
@@ -86,7 +102,8 @@ def _faces(patch: Patch) -> PreviewFaces:
     corners = np.stack([bottom, bottom, top, top], axis=1) * len(x) + np.stack([left, right, right, left], axis=1)
     used, faces = np.unique(corners, return_inverse=True)
     xy = np.stack([x[used % len(x)], y[used // len(x)]], axis=1)
-    return PreviewFaces(_placed(patch, xy), faces.reshape(-1, 4), colours)
+    half = np.array([patch.drawing.half_x_mm, patch.drawing.half_y_mm])
+    return PreviewFaces(_placed(patch, xy), faces.reshape(-1, 4), colours, xy / half / 2 + 0.5)
 
 
 def _is_too_fine(drawing: Drawing) -> bool:

@@ -11,8 +11,10 @@ import pytest
 from builds import tiny
 
 import pipeline
+from pipeline.built.correspondences import Backdrop, with_backdrop
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.errors import UsageError
+from pipeline.files.png import write_png
 from pipeline.notebook.markup import table
 from pipeline.optics.prescription import Prescription, Surface
 
@@ -66,6 +68,22 @@ def test_a_selection_of_rows_still_knows_its_image_and_several_frames_have_none(
     assert len(crosses(chosen.plot())) == len(chosen) > 0 and len(chosen.plot().images) == 1
     assert not rows.plot().images
     assert type(rows.x_px) is np.ndarray
+
+
+def test_a_channel_of_a_sensor_is_drawn_over_its_own_image(tmp_path):
+    """Rows of two channels share the name of their camera."""
+    columns = {"camera": ["Cam"] * 3, "channel": ["red", "blue", "blue"], "target": ["Board"] * 3, "frame": [1] * 3}
+    arrays = [np.array(column) for column in columns.values()] + [np.array([1.0, 2.0, 3.0])] * 2
+    rows = np.rec.fromarrays(arrays, names=[*columns, "x_px", "y_px"])
+    write_png(tmp_path / "blue.png", np.full((8, 8), 7, np.uint8))
+    sizes = {"Cam@red": (9, 9), "Cam@blue": (8, 8)}
+    shown = with_backdrop(rows, Backdrop(sizes, {("Cam@blue", 1): tmp_path / "blue.png"}))
+    assert shown.seen_by.tolist() == ["Cam@red", "Cam@blue", "Cam@blue"]
+    blue = shown.plot(1, "Cam@blue")
+    assert crosses(blue).tolist() == [[2.0, 2.0], [3.0, 3.0]] and blue.images[0].get_array().max() == 7
+    with pytest.raises(UsageError, match="several cameras") as told:
+        shown.plot(1)
+    assert told.value.hint == "choose: Cam@blue, Cam@red"
 
 
 def test_what_cannot_be_plotted_is_named(out, monkeypatch):

@@ -3,7 +3,10 @@
 import csv
 import json
 import os
+import re
 import shutil
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 
@@ -19,6 +22,7 @@ from pipeline.files.png import write_png
 from pipeline.records.plain import to_plain
 from pipeline.report.page.images import picture_of
 
+ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.heavy  # a browser takes ten seconds of processor time
 
 
@@ -137,6 +141,48 @@ def test_everything_that_can_be_pressed_has_a_name(tab):
     assert tab.run(nameless) == []
 
 
+def test_all_words_stand_out_from_what_is_behind_them_in_light_and_dark(tab):
+    """4.5 to 1, as WCAG 2 asks; a colour that does not is found."""
+    contrast = (Path(__file__).parent / "scripts/contrast.js").read_text()
+    for theme in ("light", "dark"):
+        tab.look_as(1400, 900, theme)
+        for name in ("images", "scene", "lens", "optics", "residuals", "build"):
+            tab.run(f"document.querySelector('#{name}').scrollIntoView()")
+            tab.settle("document.body.innerHTML.length")
+        assert tab.run(contrast) == {}, theme
+    tab.run("document.documentElement.style.setProperty('--muted', '#46505e')")
+    assert "P.muted" in tab.run(contrast)
+
+
+def test_the_link_of_the_section_that_is_read_says_so(tab):
+    current = "[...document.querySelectorAll('nav [aria-current]')].map((one) => [one.hash, one.ariaCurrent])"
+    for name in ("images", "residuals", "lens", "overview"):
+        for _ in range(2):  # what is filled in late moves what lies below it
+            tab.run(f"document.querySelector('#{name}').scrollIntoView()")
+            tab.settle("document.body.scrollHeight")
+        tab.wait(f"document.querySelector('nav [aria-current]')?.hash === '#{name}'")
+        assert tab.run(current) == [[f"#{name}", "location"]]
+
+
+def test_the_view_in_space_comes_closer_by_keys_and_histograms_have_their_values(tab):
+    tab.run("document.querySelector('#residuals').scrollIntoView()")
+    tab.wait("document.querySelector('#residuals details')")
+    charts = "[...document.querySelectorAll('#residuals .chart:not(.map)')]"
+    rows = f"{charts}.map((one) => one.querySelectorAll('tbody tr').length)"
+    high = "[...one.querySelectorAll('.bar-fill')].filter((bar) => Number(bar.getAttribute('height')) > 0)"
+    bars = f"{charts}.map((one) => {high}.length)"
+    assert tab.run(rows) == tab.run(bars) and min(tab.run(rows)) > 0
+    tab.run("document.querySelector('#scene').scrollIntoView()")
+    tab.wait("document.querySelector('.scene-box canvas')")
+    drawn = "document.querySelector('.scene-box canvas').toDataURL().length"
+    before = tab.settle(drawn)
+    tab.run("document.querySelector('.scene-box').focus()")
+    for _ in range(4):
+        tab.press("+")
+    assert tab.settle(drawn) != before
+    assert tab.errors == []
+
+
 @pytest.fixture
 def large(page, tmp_path) -> tuple[Path, np.ndarray]:
     """The page with a frame of 12 megapixels, as tiles, and its grey values."""
@@ -172,3 +218,13 @@ def test_every_pixel_of_a_large_frame_is_where_its_position_says(program, large,
     columns, rows = np.meshgrid(np.arange(1975, 2012), np.arange(1485, 1515))
     x, y = (np.floor(box[i] + corner[i] + place * scale).astype(int) for i, place in enumerate((columns, rows)))
     assert (shown[y, x] == large[1][rows, columns]).mean() > 0.99
+
+
+def test_a_frame_of_12_megapixels_is_seen_before_all_of_it_is_read_and_zooms_fluently(program):
+    """By the command that prints the figures of docs/reports.md; a loaded machine draws a quarter of what it could."""
+    run = [sys.executable, "docs/report_speed.py", "--frames", "1"]
+    said = subprocess.run(run, capture_output=True, text=True, check=True, cwd=ROOT).stdout
+    kilobytes = float(re.search(r"(\d+) kB of images", said)[1])
+    assert kilobytes < 3000  # a quarter of its bytes: noise has one per pixel
+    assert float(re.search(r"(\d+) pictures per second", said)[1]) > 8
+    assert "0 errors; network: 0 requests" in said

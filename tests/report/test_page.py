@@ -247,6 +247,9 @@ surfaces = [prim for prim in stage.Traverse() if prim.HasAttribute("plen:semiDia
 counts = np.array(parts.GetChild("Rays1").GetAttribute("curveVertexCounts").Get())
 board = next(prim for prim in stage.Traverse() if prim.GetName() == "Preview")
 surface, _, _ = UsdShade.MaterialBindingAPI(board).ComputeBoundMaterial()[0].ComputeSurfaceSource()
+texture = UsdShade.Shader(surface.GetInput("diffuseColor").GetConnectedSources()[0][0].source)
+reader = UsdShade.Shader(texture.GetInput("st").GetConnectedSources()[0][0].source)
+places = UsdGeom.PrimvarsAPI(board).GetPrimvar(reader.GetInput("varname").Get())
 errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(stage)
 print(json.dumps({
     "errors": [f"{error.GetIdentifier()} {error.GetMessage()}" for error in errors],
@@ -258,7 +261,9 @@ print(json.dumps({
     "sensor": [points["Sensor"].min(axis=0).tolist(), points["Sensor"].max(axis=0).tolist()],
     "starts": points["Rays1"][np.cumsum(counts) - counts][:, 2].tolist(),
     "ends": points["Rays1"][np.cumsum(counts) - 1][:, 2].tolist(),
-    "surface": surface.GetIdAttr().Get(),
+    "surface": [surface.GetIdAttr().Get(), texture.GetIdAttr().Get(), reader.GetIdAttr().Get()],
+    "picture": texture.GetInput("file").Get().resolvedPath,
+    "places": [len(places.Get()), len(board.GetAttribute("points").Get()), places.GetInterpolation()],
 }))
 """
 
@@ -270,7 +275,11 @@ def test_a_viewer_without_our_plug_in_sees_the_lens_its_rays_and_a_board_with_a_
     run = [sys.executable, "-c", VIEWER, str(place / "preview.usdc")]
     found = json.loads(subprocess.run(run, capture_output=True, text=True, check=True, env=foreign).stdout)
     camera = json.loads((out / "cameras/Rig.Camera/camera.json").read_text())
-    assert found["errors"] == [] and found["purposes"] == ["guide"] and found["surface"] == "UsdPreviewSurface"
+    assert found["errors"] == [] and found["purposes"] == ["guide"]
+    assert found["surface"] == ["UsdPreviewSurface", "UsdUVTexture", "UsdPrimvarReader_float2"]
+    picture = read_png(Path(found["picture"]))
+    assert picture.shape[:2] == (1024, 1024) and set(np.unique(picture)) == {0, 255} and picture[300, 250].max() == 0
+    assert found["places"][0] == found["places"][1] and found["places"][2] == "vertex"
     assert found["kinds"]["Rays1"] == "BasisCurves" and found["kinds"]["Microlenses"] == "Mesh"
     elements = [name for name in found["kinds"] if name.startswith("Element")]
     assert len(elements) == found["glasses"] > 1

@@ -64,7 +64,14 @@ export function histogramOf(histogram: Histogram): HTMLElement {
   return h("figure", { class: "chart" }, h("figcaption", {}, h("strong", {}, histogram.title), h("span", {}, `${count(total)} rows`)),
     s("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": words },
       s("line", { x1: left, x2: width - left, y1: height - bottom, y2: height - bottom, class: "axis" }), ...bars, ...line, ...ticks,
-      s("text", { x: width / 2, y: height - 3, class: "tick", "text-anchor": "middle" }, histogram.unit)));
+      s("text", { x: width / 2, y: height - 3, class: "tick", "text-anchor": "middle" }, histogram.unit)), binsOf(histogram));
+}
+
+/** The counts of a histogram as a table; empty bins are left out. */
+function binsOf({ edges, counts, unit }: Histogram): HTMLElement {
+  const rows = counts.flatMap((many, i) => (many ? [h("tr", {}, h("td", { class: "number" }, figure(edges[i], 4)), h("td", { class: "number" }, figure(edges[i + 1], 4)), h("td", { class: "number" }, count(many)))] : []));
+  const head = h("tr", {}, ...[`from ${unit}`, `to ${unit}`, "rows"].map((name) => h("th", { scope: "col", class: "number" }, name)));
+  return h("details", {}, h("summary", {}, "values"), h("div", { class: "scroll tall" }, h("table", {}, h("thead", {}, head), h("tbody", {}, ...rows))));
 }
 
 function ticksOf(low: number, high: number, isLogarithmic: boolean): number[] {

@@ -10,7 +10,7 @@ import { ImageViewer } from "./viewer";
 
 const KEYS: [string, string][] = [
   [", .", "frame before, next frame"], ["[ ]", "camera before, next camera"], ["1 – 6", "overlays of the image"], ["arrows + − 0", "move and zoom in the image"],
-  ["n p", "next point, point before, in the image"], ["t", "light, dark, as the system"], ["?", "this list"],
+  ["n p", "next point, point before, in the image"], ["arrows + −", "move in space; turn with Shift"], ["t", "light, dark, as the system"], ["?", "this list"],
 ];
 
 function section(id: string, title: string, ...content: Node[]): HTMLElement {
@@ -62,10 +62,19 @@ function keys(state: State, viewer: ImageViewer, theme: () => void, help: () => 
   });
 }
 
+/** Marks the link of the section that is read: the last of those that cross a strip below the header. */
 function follow(links: HTMLAnchorElement[]): void {
+  const crossing = new Set<string>();
   const watcher = new IntersectionObserver((entries) => {
-    for (const entry of entries)
-      if (entry.isIntersecting) links.forEach((link) => link.toggleAttribute("aria-current", link.hash === `#${entry.target.id}`));
+    for (const entry of entries) {
+      if (entry.isIntersecting) crossing.add(`#${entry.target.id}`);
+      else crossing.delete(`#${entry.target.id}`);
+    }
+    const current = [...links].reverse().find((link) => crossing.has(link.hash));
+    for (const link of current ? links : []) {
+      if (link === current) link.setAttribute("aria-current", "location");
+      else link.removeAttribute("aria-current");
+    }
   }, { rootMargin: "-20% 0px -70% 0px" });
   document.querySelectorAll("section").forEach((one) => watcher.observe(one));
 }

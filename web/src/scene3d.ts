@@ -26,6 +26,7 @@ export class SceneView {
   private hidden = new Set<string>(["Other frames"]);
   private lens = new Box3();
   private look: Look = "all";
+  private building = 0;
 
   constructor(private state: State) {
     const looks = ([["all", "Whole scene"], ["side", "Side"], ["top", "Top"], ["lens", "Lens"]] as const)
@@ -55,14 +56,26 @@ export class SceneView {
     this.box.append(this.renderer.domElement);
     this.controls = new OrbitControls(this.eye, this.renderer.domElement);
     this.controls.listenToKeyEvents(this.box);
+    this.box.addEventListener("keydown", (event) => this.key(event));
     this.controls.addEventListener("change", () => this.draw());
     new ResizeObserver(() => this.resize()).observe(this.box);
     await this.build();
     this.aim("all");
   }
 
+  /** Comes closer and goes away; the arrows are those of the controls. */
+  private key(event: KeyboardEvent): void {
+    const by = ({ "+": 0.8, "=": 0.8, "-": 1.25 } as Record<string, number>)[event.key];
+    if (!by || !this.controls || event.ctrlKey || event.metaKey || event.altKey) return;
+    this.eye.position.sub(this.controls.target).multiplyScalar(by).add(this.controls.target);
+    this.controls.update();
+    this.draw();
+    event.preventDefault();
+  }
+
   private async build(): Promise<void> {
     if (!this.renderer) return;
+    const turn = ++this.building;
     const { camera, view, page } = this.state;
     this.scene.clear();
     this.parts.clear();
@@ -92,18 +105,19 @@ export class SceneView {
       const at = one.views.find((other) => other.frame === view.frame);
       if (!at || !one.optics || (one.name.includes("@") && one !== camera)) continue;
       if (one !== camera && one.name.split("@")[0] === camera.name.split("@")[0]) continue;
-      await this.addLens(one, at, one === camera);
+      const optics = await load<Optics>(one.optics);
+      if (turn !== this.building) return; // another frame was chosen meanwhile
+      this.addLens(optics, at, one === camera);
     }
     this.parts.forEach((group, key) => { group.visible = !this.hidden.has(key); });
     const distances = Object.values(view.camera_from_target).map((pose) => `${Math.hypot(pose[0][3], pose[1][3], pose[2][3]).toFixed(1)} mm`);
-    const words = `Frame ${view.frame}: ${page.targets.length} target(s), ${distances.join(", ")} from the centre of the stop.`;
-    this.note.textContent = `${words} Drag to turn, scroll to come closer.`;
+    const words = `Frame ${view.frame}: ${page.targets.length} ${page.targets.length === 1 ? "target" : "targets"}, ${distances.join(", ")} from the centre of the stop.`;
+    this.note.textContent = `${words} Drag to turn, scroll to come closer; by keys: Shift with arrows, + and −.`;
     this.box.setAttribute("aria-label", `View in space. ${words}`);
     this.draw();
   }
 
-  private async addLens(camera: CameraPart, view: View, isChosen: boolean): Promise<void> {
-    const optics = await load<Optics>(camera.optics!);
+  private addLens(optics: Optics, view: View, isChosen: boolean): void {
     const group = new Group();
     group.applyMatrix4(worldFromCamera(view));
     group.add(...glasses(optics.surfaces), ...apertures(optics.surfaces), film(optics));

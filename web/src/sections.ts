@@ -28,7 +28,7 @@ export function overview(page: Page): HTMLElement[] {
   const claims = page.cameras.flatMap((camera) => (camera.certificate?.max_px ? [camera.certificate.max_px as number] : []));
   return [
     h("div", { class: "cards" },
-      card("rows of truth", count(rows), `of ${count(points)} target points`),
+      card("rows of truth", count(rows), `${count(points)} target points in ${count(page.frames.length)} ${page.frames.length === 1 ? "frame" : "frames"}`),
       card("largest difference", claims.length ? `${figure(Math.max(...claims), 2)} px` : "–", "in the rows that the certificate solved again"),
       card("cameras", count(bodies), bodies === page.cameras.length ? [...new Set(page.cameras.map((one) => one.kind))].join(", ") : `${page.cameras.length} channels`),
       card("frames", count(page.frames.length), frames(page.frames)),

@@ -70,12 +70,13 @@ export class ImageViewer {
   private begin(): void {
     this.viewer = OpenSeadragon({
       element: this.stage, drawer: "canvas", showNavigationControl: false, showNavigator: true, navigatorPosition: "BOTTOM_RIGHT",
-      navigatorSizeRatio: 0.16, maxZoomPixelRatio: 96, minZoomImageRatio: 0.7, visibilityRatio: 0.4, animationTime: 0.35,
+      navigatorSizeRatio: 0.16, maxZoomPixelRatio: 96, minZoomImageRatio: 0.7, visibilityRatio: 0.4, animationTime: matchMedia("(prefers-reduced-motion: reduce)").matches ? 0 : 0.35,
       smoothTileEdgesMinZoom: Infinity, preserveImageSizeOnResize: true, immediateRender: true, keyboardNavEnabled: false,
       gestureSettingsMouse: { clickToZoom: false, dblClickToZoom: true }, gestureSettingsTouch: { clickToZoom: false },
     } as unknown as OpenSeadragon.Options);
     this.stage.append(this.canvas);
     this.viewer.addHandler("update-viewport", () => this.redraw());
+    this.viewer.addOnceHandler("tile-drawn", () => performance.mark("first image"));
     this.viewer.addHandler("open", () => this.redraw());
     this.viewer.addHandler("canvas-click", () => this.stage.focus());
     this.viewer.addHandler("open-failed", () => { this.status.value = "the image is missing: write the report again"; });

@@ -1,22 +1,32 @@
 """Guides of cameras for USD viewers: the shapes of the 3-D view as meshes and curves."""
 
+import hashlib
 import math
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.tracer import Tracer
+from pipeline.files.png import write_png
 from pipeline.frames import apply
 from pipeline.report.page.records import SurfaceShape
 from pipeline.report.page.shapes import ray_fans, surface_shapes
-from pipeline.scene.write.guides import CameraGuides, GuideMesh, GuideRays
+from pipeline.scene.dataset import TargetEntry
+from pipeline.scene.write.guides import CameraGuides, GuideMesh, GuideRays, Sheet
+from pipeline.targets.preview import preview_faces, preview_picture
+from pipeline.targets.target import Target
 
 _AROUND = 48
 """Corners of a circle: smooth to the eye."""
 _MOST_MICROLENSES = 20_000
 """Microlenses that are shown one by one; of more only the outline of the array is."""
+_NAME = 12
+"""Digits of a digest in the name of a picture, which stands for its pixels."""
+_SHEET_PX = 1024
+"""Edge of the picture of a flat board [px]: its squares stay sharp on a whole screen."""
 _GLASS, _DARK, _FILM, _ARRAY = (0.43, 0.7, 0.9), (0.08, 0.09, 0.1), (0.5, 0.35, 0.8), (0.75, 0.6, 0.85)
 """Colours of glass, stop, sensor and microlenses, as in the 3-D view."""
 _FANS = {"centre": (0.9, 0.25, 0.2), "top left": (0.15, 0.6, 0.35), "bottom right": (0.2, 0.5, 0.88)}
@@ -41,6 +51,17 @@ def camera_guides(prim_path: str, camera: Camera) -> CameraGuides:
         if fan.rays
     )
     return CameraGuides(prim_path=prim_path, meshes=tuple(meshes), rays=rays)
+
+
+def board_sheet(target: TargetEntry, report: Path) -> Sheet | None:
+    """The picture of a target, written into the report; None of a mesh."""
+    if not isinstance(target.target, Target):
+        return None
+    grey = np.rint(255 * np.clip(preview_picture(target.target, _SHEET_PX), 0, 1)).astype(np.uint8)
+    picture = f"images/{target.name}.{hashlib.sha256(grey).hexdigest()[:_NAME]}.png"
+    if not (report / picture).is_file():
+        write_png(report / picture, grey)
+    return Sheet(prim_path=target.prim_path, picture=picture, places=preview_faces(target.target).sheet)
 
 
 def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> GuideMesh:

@@ -21,6 +21,8 @@ _PARTS = "PreviewParts"
 """Name of the prim below a camera that holds its guides."""
 _LOOKS = "PreviewLooks"
 """Name of the prim below the root that holds materials."""
+_PLACES = "st"
+"""Name of the primvar that places points on a picture: the one that viewers look for."""
 _RAY_MM = 0.05
 """Width of a ray [mm]: thin beside a lens, and still seen."""
 Colour = tuple[float, float, float]
@@ -48,6 +50,23 @@ class GuideRays:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """The picture of a target, whose prim has this path.
+
+    Attributes
+    ----------
+    picture : str
+        PNG of its linear reflectance, relative to the layer.
+    places : (n, 2) float64
+        Where the points of its preview lie on the picture, from 0 at its lower left to 1 at its upper right.
+    """
+
+    prim_path: str
+    picture: str
+    places: Float64[np.ndarray, "n 2"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CameraGuides:
     """Guides of a camera, whose prim has this path."""
 
@@ -56,7 +75,7 @@ class CameraGuides:
     rays: tuple[GuideRays, ...]
 
 
-def write_guides(place: Path, built: Path, cameras: Iterable[CameraGuides], targets: Iterable[str]) -> None:
+def write_guides(place: Path, built: Path, cameras: Iterable[CameraGuides], sheets: Iterable[Sheet]) -> None:
     """Write the layer, over an older one.
 
     Parameters
@@ -65,8 +84,6 @@ def write_guides(place: Path, built: Path, cameras: Iterable[CameraGuides], targ
         The new layer, text or binary by its name.
     built : Path
         `dataset.usda` of an output folder.
-    targets : iterable of str
-        Paths of the prims of targets.
     """
     aside = place.with_name(f"new.{place.name}")
     aside.unlink(missing_ok=True)
@@ -79,7 +96,7 @@ def write_guides(place: Path, built: Path, cameras: Iterable[CameraGuides], targ
     unit_mm = mm_per_unit(UsdGeom.GetStageMetersPerUnit(stage))
     for camera in cameras:
         _write_camera(stage, camera, unit_mm)
-    _write_materials(stage, targets)
+    _write_materials(stage, sheets)
     layer.Save()
     aside.replace(place)
 
@@ -121,23 +138,42 @@ def _points(points_mm: np.ndarray, unit_mm: float) -> Vt.Vec3fArray:
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(turned, np.float32))
 
 
-def _write_materials(stage: Usd.Stage, targets: Iterable[str]) -> None:
-    """Bind the previews of targets to a matt UsdPreviewSurface that reads their own colours."""
-    shown = [found for path in targets if (found := stage.GetPrimAtPath(f"{path}/{PREVIEW}"))]
+def _write_materials(stage: Usd.Stage, sheets: Iterable[Sheet]) -> None:
+    """Bind the previews of targets to matt surfaces with their pictures."""
     root = stage.GetDefaultPrim()
-    if not shown or not root:
+    if not root:
         return
-    UsdGeom.Scope.Define(stage, root.GetPath().AppendChild(_LOOKS))
-    path = root.GetPath().AppendChild(_LOOKS).AppendChild("Board")
+    looks = root.GetPath().AppendChild(_LOOKS)
+    for number, sheet in enumerate(sheets, 1):
+        mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"{sheet.prim_path}/{PREVIEW}"))
+        if not mesh or len(mesh.GetPointsAttr().Get() or ()) != len(sheet.places):
+            continue  # a preview of the user's own
+        UsdGeom.Scope.Define(stage, looks)
+        places = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(sheet.places, np.float32))
+        kind, vertex = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
+        UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(_PLACES, kind, vertex).Set(places)
+        board = _board(stage, looks.AppendChild(f"Board{number}"), sheet.picture)
+        UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(board)
+
+
+def _board(stage: Usd.Stage, path: Sdf.Path, picture: str) -> UsdShade.Material:
+    """A matt UsdPreviewSurface with a picture."""
     board = UsdShade.Material.Define(stage, path)
-    reader = UsdShade.Shader.Define(stage, path.AppendChild("Colour"))
-    reader.CreateIdAttr("UsdPrimvarReader_float3")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("displayColor")
-    colour = reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
+    reader = UsdShade.Shader.Define(stage, path.AppendChild("Places"))
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_PLACES)
+    texture = UsdShade.Shader.Define(stage, path.AppendChild("Picture"))
+    texture.CreateIdAttr("UsdUVTexture")
+    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(picture))
+    places = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(places)
+    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")  # reflectances are linear
+    for axis in "ST":
+        texture.CreateInput(f"wrap{axis}", Sdf.ValueTypeNames.Token).Set("clamp")
     surface = UsdShade.Shader.Define(stage, path.AppendChild("Surface"))
     surface.CreateIdAttr("UsdPreviewSurface")
+    colour = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
     surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(colour)
     surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
     board.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
-    for prim in shown:
-        UsdShade.MaterialBindingAPI.Apply(prim).Bind(board)
+    return board
