@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from conditions import CONDITIONS, VIEWS, calibration_text
 from contestants.exchange import write_pgm
-from environments import Contestant, Missing, interpreter, run
+from environments import Contestant, Missing, place_of, run, run_all
 from judge import coverage, covered, error_field, inside_ellipse, matched, pupil_errors
 from scenes import BOARD_COLUMNS, BOARD_ROWS, Boards, Rows, boards, built, exposed, view_of
 
@@ -88,17 +88,14 @@ def compete(
 ) -> tuple[Results, list[Missing], dict[str, Any]]:
     """Let all calibrators solve all cases; results by calibrator, who is missing, and error fields for pictures."""
     cameras = write_cases(folder, noisy, detector)
+    given = {row.name: folder / "cases" for row in rows}
+    ended = run_all(rows, folder / "environments", given, folder / "answers")
     results: Results = {}
-    missing: list[Missing] = []
     fields: dict[str, Any] = {}
     for row in rows:
-        python = interpreter(row, folder / "environments")
-        answers = folder / "answers" / row.name.replace(" ", "_").replace(",", "")
-        took = run(row, python, folder / "cases", answers) if isinstance(python, Path) else python
+        took, answers = ended[row.name], folder / "answers" / place_of(row)
         if isinstance(took, Missing):
-            missing.append(took)
             continue
-        print(f"  {row.name}: {took:.0f} s of processor time", flush=True)
         judged = {name: judge(boards_, folder / "cases" / name, answers / name) for name, boards_ in cameras.items()}
         fields[row.name] = judged["exact"].pop("field_px", None)
         for case in judged.values():
@@ -106,7 +103,7 @@ def compete(
         noise = [judged.pop(f"noise_{number:02d}") for number in range(noisy)]
         results[row.name] = {"cpu_s": took, "cases": judged | {"noise": _mean(noise)}}
         results[row.name]["honesty"] = honesty(answers, cameras["exact"], folder / "cases/exact", noisy)
-    return results, missing, fields
+    return results, [gone for gone in ended.values() if isinstance(gone, Missing)], fields
 
 
 def judge(truth: Boards, case: Path, answer: Path) -> Results:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from conditions import Condition
-from environments import Contestant, Missing, interpreter, run
+from environments import Contestant, Missing, place_of, run_all
 from judge import detection, inside_ellipse, matched
 from scenes import View, views, write_images
 
@@ -28,26 +28,20 @@ def compete(
     rows: list[Contestant], conditions: tuple[Condition, ...], folder: Path, repeats: int
 ) -> tuple[Results, list[Missing]]:
     """Let all detectors see all images; results by detector and condition, and who is missing."""
-    pythons = {row.name: interpreter(row, folder / "environments") for row in rows}
-    there = [row for row in rows if isinstance(pythons[row.name], Path)]
-    missing = [gone for gone in pythons.values() if isinstance(gone, Missing)]
-    seen = render(conditions, {row.board for row in there}, folder, repeats)
+    seen = render(conditions, {row.board for row in rows}, folder, repeats)
+    given = {row.name: folder / "images" / row.board for row in rows}
+    ended = run_all(rows, folder / "environments", given, folder / "answers")
     results: Results = {}
-    for row in there:
-        python = pythons[row.name]
-        assert isinstance(python, Path)
-        answers = folder / "answers" / row.name.replace(" ", "_")
-        took = run(row, python, folder / "images" / row.board, answers)
+    for row in rows:
+        took, answers = ended[row.name], folder / "answers" / place_of(row)
         if isinstance(took, Missing):
-            missing.append(took)
             continue
-        print(f"  {row.name}: {took:.0f} s of processor time", flush=True)
         results[row.name] = {"cpu_s": took, "board": row.board, "conditions": {}}
         for condition in conditions:
             name = condition.name.replace(" ", "_")
             judged = judge(seen[f"{row.board}/{name}"], answers / name, repeats)
             results[row.name]["conditions"][condition.name] = judged
-    return results, missing
+    return results, [gone for gone in ended.values() if isinstance(gone, Missing)]
 
 
 def judge(seen: list[View], answers: Path, repeats: int) -> Results:

@@ -1,18 +1,21 @@
 """The contestants, each with an interpreter of its own; one that does not install is missing, with the reason."""
 
 import hashlib
-import resource
+import re
 import shutil
 import subprocess
 import sys
 import tomllib
 import venv
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 CONTESTANTS = Path(__file__).resolve().parent / "contestants"
 _LONGEST_S = 1500
 """Time limit of one contestant [s]."""
+AT_ONCE = 2
+"""Contestants that run at the same time: one per core of a small machine."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,15 +77,39 @@ def _of_system(contestant: Contestant) -> Path | Missing:
     return Missing(contestant.name, f"no {needs} on this machine: {contestant.system['how']}") if lacks else python
 
 
+def run_all(
+    rows: list[Contestant], environments: Path, given: dict[str, Path], out: Path
+) -> dict[str, float | Missing]:
+    """Let contestants answer what lies in folders, two at a time, each into OUT/PLACE; processor time [s] by name."""
+    pythons = {row.name: interpreter(row, environments) for row in rows}
+    with ThreadPoolExecutor(max_workers=AT_ONCE) as pool:
+        tasks = {
+            row.name: pool.submit(run, row, python, given[row.name], out / place_of(row))
+            for row in rows
+            if isinstance(python := pythons[row.name], Path)
+        }
+        return {name: tasks[name].result() if name in tasks else missing for name, missing in pythons.items()}
+
+
+def place_of(contestant: Contestant) -> str:
+    """Name of the folder of a contestant's answers."""
+    return re.sub(r"\W+", "_", contestant.name)
+
+
 def run(contestant: Contestant, python: Path, given: Path, out: Path) -> float | Missing:
-    """Let a contestant answer all that lies in a folder; returns its processor time [s]."""
+    """Let a contestant answer all that lies in a folder; returns its processor time [s].
+
+    Who has answered the same before, by the same script and packages, is not asked again.
+    """
+    asked = _digest(contestant, given)
+    if (out / "asked.log").exists() and (out / "asked.log").read_text(encoding="utf-8") == asked:
+        return float((out / "cpu_s.log").read_text(encoding="utf-8"))
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
-    script = [CONTESTANTS / "exchange.py", CONTESTANTS / contestant.script, given, out]
-    before = _used_s()
+    command = [python, CONTESTANTS / "exchange.py", CONTESTANTS / contestant.script, given, out]
     try:
         ended = subprocess.run(
-            [python, *script, "--option", contestant.option], capture_output=True, text=True, timeout=_LONGEST_S
+            [*command, "--option", contestant.option], capture_output=True, text=True, timeout=_LONGEST_S
         )
     except subprocess.TimeoutExpired:
         return Missing(contestant.name, f"did not end within {_LONGEST_S} s")
@@ -90,12 +117,18 @@ def run(contestant: Contestant, python: Path, given: Path, out: Path) -> float |
     if ended.returncode:
         last = (ended.stderr.strip().splitlines() or ["no message"])[-1]
         return Missing(contestant.name, f"ended with {ended.returncode}: {last}")
-    return _used_s() - before
+    (out / "asked.log").write_text(asked, encoding="utf-8")
+    took = float((out / "cpu_s.log").read_text(encoding="utf-8"))
+    print(f"  {contestant.name}: {took:.0f} s of processor time", flush=True)
+    return took
 
 
-def _used_s() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+def _digest(contestant: Contestant, given: Path) -> str:
+    digest = hashlib.sha256(repr((contestant.packages, contestant.option)).encode())
+    digest.update((CONTESTANTS / contestant.script).read_bytes())
+    for path in sorted(path for path in given.rglob("*") if path.is_file()):
+        digest.update(path.relative_to(given).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def run_script(python: Path, script: Path, *arguments: Path) -> str:

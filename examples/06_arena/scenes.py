@@ -1,6 +1,8 @@
 """What contestants get: builds of the conditions, images with the noise of a sensor, and correspondences with noise."""
 
+import hashlib
 import json
+import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +27,7 @@ _READ_NOISE_E = 4.0
 """Dark noise [e-]: of an ordinary industrial sensor."""
 _QUERY = 17, 13
 """Columns and rows of the positions at which calibrations are judged, the corners of the image among them."""
-_RAYS_PX = 1e-6
+_RAYS_PX = 1e-4
 """Error of the true rays [px]: far below that of any calibration."""
 BOARD_COLUMNS, BOARD_ROWS, SQUARE_MM = 9, 8, 16.0
 """Inner corners and squares of board.usda."""
@@ -50,7 +52,7 @@ def built(stage: Path, text: str) -> "pipeline.built.output.Output":
     """Write a stage, and build it."""
     stage.parent.mkdir(parents=True, exist_ok=True)
     stage.write_text(text, encoding="utf-8")
-    result = pipeline.build(stage, stage.parent / "out" / stage.stem, allow_roots=(HERE,))
+    result = pipeline.build(stage, stage.parent / "out" / stage.stem, jobs=1, allow_roots=(HERE,))
     if result.failed:
         raise SystemExit(f"{stage}: {result.failed} tasks failed")
     return pipeline.open_output(result.out)
@@ -163,6 +165,18 @@ def boards(camera: str, folder: Path, fitted_mm: tuple[float, ...], distances_mm
     stage = folder / f"calibration_{camera}.usda"
     stage.parent.mkdir(parents=True, exist_ok=True)
     stage.write_text(calibration_text(camera), encoding="utf-8")
+    read = [
+        calibration_text(camera),
+        *((HERE / name).read_text() for name in ("calibration.usda", "rig.usda", "board.usda")),
+    ]
+    digest = hashlib.sha256(repr((read, fitted_mm, distances_mm, _QUERY, _RAYS_PX)).encode()).hexdigest()[:16]
+    kept = folder / f"boards_{digest}.pickle"
+    if not kept.exists():
+        kept.write_bytes(pickle.dumps(_boards(stage, fitted_mm, distances_mm)))
+    return pickle.loads(kept.read_bytes())
+
+
+def _boards(stage: Path, fitted_mm: tuple[float, ...], distances_mm: tuple[float, ...]) -> Boards:
     dataset = pipeline.open_dataset(stage, allow_roots=(HERE,))
     ready = pipeline.ready(stage, allow_roots=(HERE,))
     poses = np.array([vision_from_target(frame, ready.name, "Board") @ _FROM_OPENCV for frame in dataset.frames])

@@ -1,6 +1,6 @@
 """Print the tables of an arena from its results.json.
 
-python examples/06_arena/tables.py [examples/06_arena/results.json]
+python examples/06_arena/tables.py [--brief] [examples/06_arena/results.json]
 """
 
 import argparse
@@ -150,8 +150,19 @@ def _honesty(results: Results) -> tuple[str, list[str], list[list[str]]]:
     return "Honesty: 68 % is what one sigma promises", head, rows
 
 
-def tables(results: Results) -> str:
-    """All tables as text."""
+BRIEF = (
+    "Points found",
+    "Lasting error against J",
+    "Lasting error against the saddle",
+    "Projection error",
+    "The residual",
+)
+"""Beginnings of the titles of the tables that say most."""
+
+
+def tables(results: Results, brief: bool = False) -> str:
+    """All tables as text, or those that say most."""
+    wanted = BRIEF if brief else ("",)
     about = results["about"]
     lines = [
         f"{about['date']}: {about['cpu_s']} s of processor time; {about['repeats']} images of each view, "
@@ -165,10 +176,10 @@ def tables(results: Results) -> str:
         lines.append(f"{name}: {what}" + (f"; blur {blur[0]:.2f} px rms" if blur else ""))
     if results["detectors"]:
         for title, cell in DETECTORS.items():
-            lines += ["", title, "", *markdown(*by_condition(results, cell))]
+            lines += ["", title, "", *markdown(*by_condition(results, cell))] if title.startswith(wanted) else []
     if results["calibrators"]:
         for title, head, rows in calibrations(results):
-            lines += ["", title, "", *markdown(head, rows)] if rows else []
+            lines += ["", title, "", *markdown(head, rows)] if rows and title.startswith(wanted) else []
     lines += ["", *(f"missing: {name}: {reason}" for name, reason in results["missing"].items())]
     return "\n".join(lines).rstrip("\n") + "\n"
 
@@ -178,7 +189,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     kept = Path(__file__).resolve().parent / "results.json"
     parser.add_argument("results", nargs="?", type=Path, default=kept, help="what arena.py wrote")
-    print(tables(json.loads(parser.parse_args().results.read_text(encoding="utf-8"))), end="")
+    parser.add_argument("--brief", action="store_true", help="only the tables that say most")
+    asked = parser.parse_args()
+    print(tables(json.loads(asked.results.read_text(encoding="utf-8")), asked.brief), end="")
 
 
 if __name__ == "__main__":

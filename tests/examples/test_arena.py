@@ -72,7 +72,7 @@ def test_true_covariances_hold_their_share_and_halved_ones_less():
         abs(judge.inside_ellipse(error, np.tile(NOISE_PX2, (len(error), 1, 1))) - judge.ONE_SIGMA)
         < SIGMAS * share_sigma
     )
-    # The share within k sigma is 1 - exp(-k^2 / 2) in two dimensions: half the variance takes the root of what is outside.
+    # The share within k sigma is 1 - exp(-k^2 / 2) in two dimensions, so that of half the variance:
     halved = judge.inside_ellipse(error, np.tile(NOISE_PX2 / 2, (len(error), 1, 1)))
     assert abs(halved - (1 - np.sqrt(1 - judge.ONE_SIGMA))) < SIGMAS * share_sigma
 

@@ -9,6 +9,7 @@ Answers are OUT/NAME.npz. What went wrong with one image or case is the text of 
 import argparse
 import importlib.util
 import json
+import resource
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -74,6 +75,9 @@ def main() -> None:
     found.loader.exec_module(script)
     runner = run_detector if hasattr(script, "detect") else run_calibrator
     runner(script, asked.given, asked.out, asked.option)
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    took = sum(one.ru_utime + one.ru_stime for one in used)
+    (asked.out / "cpu_s.log").write_text(f"{took}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
