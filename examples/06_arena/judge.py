@@ -1,0 +1,181 @@
+"""The judge of the arena: what detectors and calibrations are off by, where the truth is known.
+
+It knows no contestant: positions come in, numbers go out. Pixel (0, 0) is the centre of the top-left pixel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial.transform import Rotation
+
+REACH_PX = 3.0
+"""Distance within which a detection counts as that of a point [px]; but never half the way to the next point."""
+LOST = 0.5
+"""Share of repeats in which a point must be found to be judged at all [1]."""
+ONE_SIGMA = 0.6827
+"""Share of a Gaussian within one standard deviation [1]; within the ellipse of two dimensions, its law below."""
+_ELLIPSE = -2 * np.log(1 - ONE_SIGMA)
+"""Squared Mahalanobis distance within which that share of a Gaussian in two dimensions lies [1]."""
+
+
+def matched(truth_px: np.ndarray, found_px: np.ndarray) -> np.ndarray:
+    """Row of `found_px` (m, 2) for each of `truth_px` (n, 2); -1 where none is near. No detection serves two points."""
+    result = np.full(len(truth_px), -1)
+    if len(found_px) == 0:
+        return result
+    spacing = cKDTree(truth_px).query(truth_px, k=2)[0][:, 1].min() if len(truth_px) > 1 else np.inf
+    distance, row = cKDTree(found_px).query(truth_px, distance_upper_bound=min(REACH_PX, 0.45 * spacing))
+    for point in np.argsort(distance):
+        if np.isfinite(distance[point]) and row[point] not in result:
+            result[point] = row[point]
+    return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Detection:
+    """What a detector is worth under one condition, against one of the truths.
+
+    Attributes
+    ----------
+    found : float
+        Share of the points that it found, of all images.
+    bias_px : (2,) float64
+        Mean error of all points.
+    spread_px2 : (2, 2) float64
+        Covariance, over points, of what stays of a point's error when noise is averaged out: it is the same in every
+        image of a still scene. The share of the noise that the repeats leave in the means is taken off.
+    noise_px2 : (2, 2) float64
+        Covariance of what changes from repeat to repeat.
+    """
+
+    found: float
+    bias_px: np.ndarray
+    spread_px2: np.ndarray
+    noise_px2: np.ndarray
+
+    @property
+    def lasting_px(self) -> float:
+        """Root mean square length of the errors that averaging does not remove: bias and spread."""
+        return float(np.sqrt(self.bias_px @ self.bias_px + max(np.trace(self.spread_px2), 0.0)))
+
+
+def detection(error_px: np.ndarray) -> Detection | None:
+    """Judge errors (repeats, points, 2), NaN where a point was not found; None if too few were found to judge."""
+    there = np.isfinite(error_px[..., 0])
+    kept = there.mean(axis=0) > LOST
+    if kept.sum() < 3:
+        return None
+    error, count = error_px[:, kept], there[:, kept].sum(axis=0)
+    means = np.nanmean(error, axis=0)
+    rest = np.where(np.isfinite(error), error - means, 0.0).reshape(-1, 2)
+    noise = rest.T @ rest / max(int((count - 1).sum()), 1)
+    spread = np.cov(means.T) - noise * float(np.mean(1 / count))
+    return Detection(found=float(there.mean()), bias_px=means.mean(axis=0), spread_px2=spread, noise_px2=noise)
+
+
+def inside_ellipse(error_px: np.ndarray, stated_px2: np.ndarray) -> float:
+    """Share of errors (..., 2) within the stated ellipse (..., 2, 2) of one sigma: 0.6827 where it is true."""
+    good = np.isfinite(error_px).all(axis=-1) & np.isfinite(stated_px2).all(axis=(-1, -2))
+    error, stated = error_px[good], stated_px2[good]
+    if not len(error):
+        return float("nan")
+    squared = np.einsum("ni,ni->n", error, np.linalg.solve(stated, error[..., None])[..., 0])
+    return float(np.mean(squared < _ELLIPSE))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExactRays:
+    """True rays of image positions on a grid.
+
+    Attributes
+    ----------
+    query_px : (rows, columns, 2) float64
+    origin_mm, direction : (rows, columns, 3) float64
+        Vision frame; NaN where no light leaves.
+    fitted_mm : tuple of float
+        Vision z of the planes on which a calibration is laid over the true camera: where its boards stood.
+    distances_mm : tuple of float
+        Vision z of the planes on which it is judged.
+    """
+
+    query_px: np.ndarray
+    origin_mm: np.ndarray
+    direction: np.ndarray
+    fitted_mm: tuple[float, ...]
+    distances_mm: tuple[float, ...]
+
+    def points(self, z_mm: float) -> np.ndarray:
+        """Crossings with a plane, (rows, columns, 3) [mm]."""
+        return self.origin_mm + self.direction * ((z_mm - self.origin_mm[..., 2:]) / self.direction[..., 2:])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorField:
+    """Where a calibrated model projects the points of exact rays, less where the camera sees them.
+
+    Attributes
+    ----------
+    error_px : (distances, rows, columns, 2) float64
+    centre_mm : (3,) float64
+        Place of the model's centre of projection in the vision frame, as it fits the true rays best.
+    """
+
+    error_px: np.ndarray
+    centre_mm: np.ndarray
+
+    @property
+    def length_px(self) -> np.ndarray:
+        """Lengths, (distances, rows, columns)."""
+        return np.hypot(self.error_px[..., 0], self.error_px[..., 1])
+
+    def rms_px(self, where: np.ndarray) -> np.ndarray:
+        """Root mean square length at each distance, (distances,), over some of the positions (rows, columns)."""
+        return np.sqrt(np.nanmean(self.length_px[:, where] ** 2, axis=1))
+
+
+def covered(query_px: np.ndarray, seen_px: np.ndarray) -> np.ndarray:
+    """Positions (rows, columns) within the convex hull of the points (n, 2) of a calibration: elsewhere it guesses."""
+    return Delaunay(seen_px).find_simplex(query_px) >= 0
+
+
+def error_field(exact: ExactRays, rays: np.ndarray, where: np.ndarray) -> ErrorField:
+    """Error field of a central model with the rays (rows * columns, 3) of the grid, in a frame of its own.
+
+    The frame is free: the model is moved and turned so that it fits best at the positions `where` (rows, columns), on
+    the planes where it was calibrated. Errors are small, so that the model's slopes are taken as linear over them.
+    """
+    slope = (rays[:, :2] / rays[:, 2:]).reshape(exact.query_px.shape)
+    step = exact.query_px[1, 1] - exact.query_px[0, 0]
+    per_px = np.stack([np.gradient(slope, axis=1) / step[0], np.gradient(slope, axis=0) / step[1]], axis=-1)
+    to_px = np.linalg.inv(per_px)
+
+    def errors(motion: np.ndarray, planes_mm: tuple[float, ...]) -> np.ndarray:
+        points = np.stack([exact.points(z) for z in planes_mm])
+        seen = (points - motion[3:]) @ Rotation.from_rotvec(motion[:3]).as_matrix().T
+        return np.einsum("hwij,dhwj->dhwi", to_px, seen[..., :2] / seen[..., 2:] - slope)
+
+    lit = np.isfinite(exact.origin_mm[..., 0]) & np.isfinite(slope[..., 0]) & where
+    found = least_squares(
+        lambda motion: errors(motion, exact.fitted_mm)[:, lit].ravel(), np.zeros(6), x_scale=[1e-3] * 3 + [1.0] * 3
+    )
+    return ErrorField(error_px=errors(found.x, exact.distances_mm), centre_mm=found.x[3:])
+
+
+def pupil_errors(
+    true_poses: np.ndarray, found_poses: np.ndarray, pupil_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and scatter over views of where found poses (v, 4, 4) put the centre of projection, less where it is [mm].
+
+    Poses take the target's frame to the camera's; of the true one the camera's frame is the vision frame.
+    """
+    turned = -np.einsum("vji,vj->vi", found_poses[:, :3, :3], found_poses[:, :3, 3])
+    centres = np.einsum("vij,vj->vi", true_poses[:, :3, :3], turned) + true_poses[:, :3, 3]
+    return np.nanmean(centres, axis=0) - pupil_mm, np.nanstd(centres, axis=0)
+
+
+def coverage(values: np.ndarray, sigmas: np.ndarray, without_noise: np.ndarray) -> tuple[float, float]:
+    """Share of values (repeats, k) within their stated sigma of those without noise, and stated over real scatter."""
+    share = float(np.mean(np.abs(values - without_noise) < sigmas))
+    return share, float(np.median(np.sqrt((sigmas**2).mean(axis=0)) / values.std(axis=0, ddof=1)))
