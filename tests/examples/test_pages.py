@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import re
 import subprocess
 import sys
@@ -169,6 +170,13 @@ def test_python_of_all_other_pages_runs(in_a_build):
     for page in pages.PAGES:
         if pages.name_of(page) not in {*BY_THEMSELVES, "docs/tour.md"}:
             said_by(page, {"__name__": "page"})
+
+
+def test_the_task_of_the_how_to_runs_on_a_white_image(in_a_build, tmp_path):
+    said_by(ROOT / "docs/how_to/task.md", names := {})
+    white = in_a_build / "build/01_conventional/cameras/Rig.Camera/white.exr"
+    names["run"](None, {"white": {"white.exr": white}}, tmp_path)
+    assert 0 < json.loads((tmp_path / "darkest.json").read_text(encoding="utf-8"))["irradiance"] < 1
 
 
 def test_the_reference_of_the_schema_is_what_the_schema_says():
