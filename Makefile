@@ -80,7 +80,7 @@ picture: $(STAMP)
 		$(patsubst %,build/02_plenoptic/frames/%/Rig.Camera,0002 0001 0003) --window 366 230 78 78 --zoom 4
 	$(BIN)/pipeline build examples/04_stereo_colour/dataset.usda
 	$(BIN)/python docs/picture.py examples/04_stereo_colour/picture.png --preview raw.png \
-		$(patsubst %,build/04_stereo_colour/frames/0003/%.Camera,Left Right) --window 60 60 300 260
+		$(patsubst %,build/04_stereo_colour/frames/0002/%.Camera,Left Right) --window 130 120 300 260
 	$(BIN)/pipeline build examples/05_scene/dataset.usda
 	$(BIN)/python examples/05_scene/draw.py
 	$(BIN)/python docs/picture.py docs/micro_images.png \
