@@ -34,6 +34,9 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         "content": "relative irradiance of each channel: 1 is a white scene on the axis",
         **{f"light_{letter}": channel.text for letter, channel in zip(letters, params.channels, strict=True)},
     }
+    for letter, image in zip(letters, images, strict=True):
+        if "noise" in (texts := image.headers[name].texts):
+            attributes[f"noise_{letter}"] = float(texts["noise"])
     part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
     write_bands(out / f"{name}.exr", [part])
     preview = [_picture(rows(first, min(first + _ROWS, shape[0]))) for first in range(0, shape[0], _ROWS)]

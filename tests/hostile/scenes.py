@@ -22,7 +22,6 @@ def PlenDataset "Scene"
         rel plen:camera:lens = </Scene/Lens>
         rel plen:camera:sensor = </Scene/Sensor>
         uniform double plen:camera:sensorDistance = 53.4
-        uniform double plen:image:noise = 0.5
         uniform int plen:image:samples = 4
         uniform double plen:truth:accuracy = 0.05
         uniform int plen:truth:samples = 16
