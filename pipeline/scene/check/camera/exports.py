@@ -28,7 +28,7 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
             kind = _kind(not _is_plenoptic(cameras[0]))
             others = [other for other, one in FORMATS.items() if one.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
-            yield problem(place, "export-cameras", message, hint=f"formats for it: {', '.join(others)}")
+            yield problem(place, "export-cameras", message, hint=f"formats for its cameras: {', '.join(others)}")
         yield from _check_targets(root, name, FORMATS[name])
         yield from _check_position(root, name, taken)
 
