@@ -21,7 +21,7 @@ from pipeline.machine.processor import level
 from pipeline.share import share
 
 _NEEDED = (
-    *("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science", "networkx"),
+    *("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science"),
     *("typer", "rich", "opencv-python-headless"),
 )
 _LEAST_DISK = 2_000_000_000

@@ -65,4 +65,4 @@ def test_help_loads_nothing_heavy():
     code = "import sys; from pipeline import cli; sys.argv[1:] = ['-h']\n"
     code += "try:\n cli.main()\nexcept SystemExit: print(*sorted({name.split('.')[0] for name in sys.modules}))"
     output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert not {"numpy", "pxr", "networkx", "numba"} & set(output.splitlines()[-1].split())
+    assert not {"numpy", "pxr", "numba"} & set(output.splitlines()[-1].split())

@@ -8,6 +8,7 @@ import types
 from collections import defaultdict
 from importlib.metadata import packages_distributions, version
 from pathlib import Path
+from random import Random
 
 import pytest
 from engine import toy
@@ -131,12 +132,12 @@ def test_modules_that_are_not_reached_do_not_count(kit):
 def test_version_and_libraries_are_read_without_importing(kit):
     text = 'VERSION = 7\nfrom toykit import physics\nraise RuntimeError("imported")\n'
     (kit / "tasks" / "lens.py").write_text(text)
-    (kit / "physics.py").write_text("def f():\n    import PIL.Image, json\n    from networkx.utils import misc\n")
+    (kit / "physics.py").write_text("def f():\n    import PIL.Image, json\n    from beartype.door import is_bearable\n")
     task_code = code_of("toykit.tasks.lens")
     assert task_code["version"] == 7
     assert task_code["libraries"] == {
         "python": f"{sys.version_info.major}.{sys.version_info.minor}",
-        "networkx": version("networkx"),
+        "beartype": version("beartype"),
         "pillow": version("pillow"),
     }
 
@@ -154,7 +155,7 @@ def test_a_library_that_is_not_installed_is_an_error_of_the_machine(kit):
 
 def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_path):
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
-    (kit / "tasks" / "lens.py").write_text("import networkx\n")
+    (kit / "tasks" / "lens.py").write_text("import beartype\n")
     keys = {Specs(Store(tmp_path / "store")).of(graph["lens"], {}).key}
     with monkeypatch.context() as patch:
         patch.setattr("sys.version_info", types.SimpleNamespace(major=3, minor=99))
@@ -250,3 +251,23 @@ def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path,
     note.chmod(0o644)
     note.write_bytes(note.read_bytes().replace(b"toykit.physics", b"toykit.physicz"))
     assert in_a_new_process() == (edited, all_modules)
+
+
+def test_tasks_come_after_what_they_read_and_else_by_name():
+    """A slow twin: of all tasks whose sources have come, always the first by name."""
+    random, graph, kind = Random(7), TaskGraph(), "pipeline.tasks.focus"
+    for number in range(60):
+        before = list(graph)
+        read = random.choices(before, k=random.randint(0, 3)) if before else []
+        graph.add(f"{random.choice('abc')}/{number}", kind, {}, {str(role): one for role, one in enumerate(read)})
+
+    slow: list[str] = []
+    while waiting := {name for name in graph if name not in slow}:
+        slow.append(min(name for name in waiting if set(graph.sources(name)) <= set(slow)))
+    last, needed = slow[-1], {slow[-1]}
+    for name in reversed(slow):
+        needed |= set(graph.sources(name)) if name in needed else set()
+
+    assert list(graph) == slow
+    assert all((reader in graph.readers(name)) == (name in graph.sources(reader)) for name in slow for reader in slow)
+    assert list(graph.up_to([last])) == [name for name in slow if name in needed]

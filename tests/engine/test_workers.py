@@ -84,7 +84,7 @@ def test_a_worker_imports_neither_usd_nor_the_command_line(tmp_path, store):
     entry = outcome.records["probe"]["outputs"]["probe.json"]
     facts = json.loads(store.blob(entry["sha256"]).read_text())
     imported = {name.split(".")[0] for name in facts["modules"]}
-    assert not imported & {"pxr", "typer", "rich", "colour", "networkx", "numpy", "numba"}
+    assert not imported & {"pxr", "typer", "rich", "colour", "numpy", "numba"}
     assert "pipeline.cli" not in facts["modules"]
     assert set(facts["threads"].values()) == {"1"}
 

@@ -1,12 +1,11 @@
-"""The graph of tasks. The only module that knows networkx."""
+"""The graph of tasks."""
 
 import functools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from heapq import heapify, heappop, heappush
 from typing import Any
-
-import networkx as nx
 
 from pipeline.engine.digest import canonical
 from pipeline.engine.planning import near
@@ -71,7 +70,8 @@ class TaskGraph:
 
     def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
         self.packages = packages
-        self._graph: nx.DiGraph = nx.DiGraph()
+        self._tasks: dict[str, Task] = {}
+        self._readers: dict[str, set[str]] = {}
         self._order: list[str] = []  # outdated while it is shorter than the graph
 
     def add(
@@ -92,39 +92,54 @@ class TaskGraph:
         """
         reads = dict(reads or {})
         check_kind(kind, self.packages)
-        if name in self._graph:
+        if name in self._tasks:
             raise ValueError(f"two tasks named {name!r}")
         for role, source in reads.items():
-            if source not in self._graph:
+            if source not in self._tasks:
                 raise ValueError(f"task {name!r} reads {source!r} as {role!r}, which does not exist")
-        task = Task(name=name, kind=kind, params=params, reads=reads, together=together)
-        self._graph.add_node(name, task=task)
-        self._graph.add_edges_from((source, name) for source in reads.values())
+        self._put(Task(name=name, kind=kind, params=params, reads=reads, together=together))
         return name
 
+    def _put(self, task: Task) -> None:
+        self._tasks[task.name], self._readers[task.name] = task, set()
+        for source in task.reads.values():
+            self._readers[source].add(task.name)
+
     def __len__(self) -> int:
-        return len(self._graph)
+        return len(self._tasks)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._graph
+        return name in self._tasks
 
     def __getitem__(self, name: str) -> Task:
-        task: Task = self._graph.nodes[name]["task"]
-        return task
+        return self._tasks[name]
 
     def __iter__(self) -> Iterator[str]:
         """Names in an order in which every task comes after all that it reads; the same on every machine."""
-        if len(self._order) < len(self._graph):
-            self._order = list(nx.lexicographical_topological_sort(self._graph))
+        if len(self._order) < len(self._tasks):
+            self._order = list(self._sorted())
         return iter(self._order)
+
+    def _sorted(self) -> Iterator[str]:
+        """Names in the order of `__iter__`: of all tasks whose sources are done, the first by name comes next."""
+        waits_for = {name: len({*task.reads.values()}) for name, task in self._tasks.items()}
+        ready = [name for name, count in waits_for.items() if not count]
+        heapify(ready)
+        while ready:
+            name = heappop(ready)
+            yield name
+            for reader in self._readers[name]:
+                waits_for[reader] -= 1
+                if not waits_for[reader]:
+                    heappush(ready, reader)
 
     def sources(self, name: str) -> list[str]:
         """Tasks that `name` reads."""
-        return sorted(self._graph.predecessors(name))
+        return sorted({*self._tasks[name].reads.values()})
 
     def readers(self, name: str) -> list[str]:
         """Tasks that read `name`."""
-        return sorted(self._graph.successors(name))
+        return sorted(self._readers[name])
 
     def priorities(self) -> dict[str, int]:
         """Priority of each task: the number of tasks on the longest path from it to an end of the graph, so that the
@@ -132,16 +147,20 @@ class TaskGraph:
         """
         lengths: dict[str, int] = {}
         for name in reversed(list(self)):
-            lengths[name] = 1 + max((lengths[reader] for reader in self._graph.successors(name)), default=0)
+            lengths[name] = 1 + max((lengths[reader] for reader in self._readers[name]), default=0)
         return lengths
 
     def up_to(self, names: Iterable[str]) -> "TaskGraph":
         """The part of the graph that the named tasks need, themselves included."""
-        wanted = set(names)
-        for name in list(wanted):
-            wanted |= nx.ancestors(self._graph, name)
+        wanted, further = set[str](), list(names)
+        while further:
+            if (name := further.pop()) not in wanted:
+                wanted.add(name)
+                further += self._tasks[name].reads.values()
         part = TaskGraph(self.packages)
-        part._graph = self._graph.subgraph(wanted).copy()
+        for name, task in self._tasks.items():  # sources were added before their readers
+            if name in wanted:
+                part._put(task)
         return part
 
     def select(self, pattern: str) -> list[str]:
