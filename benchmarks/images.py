@@ -106,7 +106,7 @@ def serve(ask: dict[str, Any]) -> None:
 def scenes_of(dataset: Any, entry: Any) -> list[Any]:
     """The light of every frame."""
     from pipeline.graph.poses import target_poses
-    from pipeline.render.light import TargetLight
+    from pipeline.render.glow.light import TargetLight
 
     poses = [target_poses(dataset, frame, entry.name) for frame in dataset.frames]
     placed = [[(target.target, pose[target.name]) for target in dataset.targets] for pose in poses]
@@ -217,7 +217,7 @@ class Now(Program):
 
     def behind_card(self, scene: Any, corners: Any) -> Any:
         """The same scene with a triangle before it."""
-        from pipeline.render.light import TargetLight
+        from pipeline.render.glow.light import TargetLight
         from pipeline.targets.occluder import Occluder
 
         light = TargetLight(

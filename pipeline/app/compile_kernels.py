@@ -28,8 +28,8 @@ from pipeline.machine.another_python import command
 from pipeline.machine.processor import settings
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
-from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.render.sensor.read_out import Shot, digital_numbers

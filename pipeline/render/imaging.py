@@ -17,7 +17,7 @@ from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.shapes import Float64
 from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Sight
-from pipeline.render.light import TargetLight
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.passes import Batch, batch_of
 

@@ -9,9 +9,9 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 from pipeline.render.band import Band
+from pipeline.render.glow.inks import GlowingView
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import Rows, colours, irradiance_and_crosstalk, pictures, sampled
-from pipeline.render.inks import GlowingView
-from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.passes import Batch, batch_of
 

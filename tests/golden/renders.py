@@ -9,8 +9,8 @@ from laws.lit import lamp, towards
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.poses import vision_from_target
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.in_lights import pictures_in_lights, white_parts
-from pipeline.render.light import TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Coat, Lighting
 from pipeline.scene.load import load

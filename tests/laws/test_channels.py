@@ -20,8 +20,8 @@ from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.in_lights import in_all, pictures_in_lights, white_parts
-from pipeline.render.light import TargetLight
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard

@@ -12,8 +12,8 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance, pictures
-from pipeline.render.light import TargetLight
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

@@ -16,8 +16,8 @@ from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.render import imaging
 from pipeline.render.band import Band
 from pipeline.render.footprints import Sight
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
-from pipeline.render.light import TargetLight
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

@@ -11,8 +11,8 @@ from tolerances import LIT_ERRORS
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.render.glow.inks import GlowingView
 from pipeline.render.in_lights import pictures_in_lights, white_parts
-from pipeline.render.inks import GlowingView
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.nodes import gauss_nodes

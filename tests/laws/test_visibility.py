@@ -17,8 +17,8 @@ from tolerances import HONEST, LIT_SHARE, SIGMAS, VISIBLE_SHARE
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.rig import Rig
 from pipeline.frames import apply
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk
-from pipeline.render.light import TargetLight
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.occluder import Occluder

@@ -15,8 +15,8 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance
-from pipeline.render.light import TargetLight
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

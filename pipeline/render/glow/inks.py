@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.render.light import TargetLight
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.spectral.prints import Colours
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.occluder import Occluder

@@ -12,11 +12,11 @@ import numpy as np
 from pipeline.camera.tracing.records import Leaving
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.render import sheet_image
-from pipeline.render.boxes import may_meet
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import TOUCHING_MM, Sight
+from pipeline.render.glow.boxes import may_meet
+from pipeline.render.glow.sheets import first_sheet
 from pipeline.render.patch_light import PatchLight
-from pipeline.render.sheets import first_sheet
 from pipeline.render.surroundings import in_vision
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patches import PLANE, Patch
