@@ -27,7 +27,7 @@ from environments import Contestant, Missing, contestants, interpreter  # noqa: 
 from page import page  # noqa: E402
 from tables import tables  # noqa: E402
 
-REPEATS, NOISY = 4, 6
+REPEATS, NOISY = 3, 6
 """Images of every view, each with noise of its own; repeats of the calibration with noise."""
 SMALL = ("sharp", "noise")
 
@@ -66,7 +66,28 @@ def main() -> None:
         "calibrators": of_calibrators,
         "missing": {one.name: one.reason for one in [*missing, *gone]},
     }
-    deliver(results, fields, out)
+    deliver(*with_earlier(results, fields, out), out)
+
+
+def with_earlier(results: dict[str, Any], fields: dict[str, Any], out: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Results, and those of contestants whom an earlier run under the same conditions asked and this one did not."""
+    place = out / "results.json"
+    if not place.exists():
+        return results, fields
+    earlier = json.loads(place.read_text(encoding="utf-8"))
+    if any(earlier["about"][key] != results["about"][key] for key in ("repeats", "noisy")):
+        return results, fields
+    if earlier["conditions"] != results["conditions"]:
+        return results, fields
+    asked = asked_for(results)
+    for kind in ("detectors", "calibrators", "missing"):
+        results[kind] = {name: one for name, one in earlier[kind].items() if name not in asked} | results[kind]
+    return results, json.loads((out / "fields.json").read_text(encoding="utf-8")) | fields
+
+
+def asked_for(results: dict[str, Any]) -> set[str]:
+    """Names of all contestants of a run."""
+    return {name for kind in ("detectors", "calibrators", "missing") for name in results[kind]}
 
 
 def finder(everybody: list[Contestant], out: Path) -> tuple[Contestant, Path] | None:

@@ -55,7 +55,6 @@ _MIDDLE = ((323.3, 241.1),)
 CONDITIONS = (
     Condition(name="sharp", what="in focus, squares of 24 px, tilted by 15 degrees"),
     Condition(name="blur", what="f/2.8, 430 instead of 500 mm away", f_number=2.8, distance_mm=430.0),
-    Condition(name="more blur", what="f/2.8, 350 mm away", f_number=2.8, distance_mm=350.0, centres_px=_MIDDLE),
     Condition(name="noise", what="as sharp, 1,000 electrons", electrons=1_000.0, like="sharp"),
     Condition(name="more noise", what="as sharp, 150 electrons", electrons=150.0, like="sharp"),
     Condition(name="tilt", what="tilted by 60 degrees", tilt_deg=60.0, square_px=28.0, centres_px=_MIDDLE),
@@ -66,7 +65,6 @@ CONDITIONS = (
         square_px=20.0,
         centres_px=((512.3, 352.6),),
     ),
-    Condition(name="far", what="1.2 m away, squares of 14 px", distance_mm=1200.0, square_px=14.0, centres_px=_MIDDLE),
     Condition(name="small", what="squares of 9 px", square_px=9.0, centres_px=_MIDDLE),
 )
 """Defocus, noise, tilt, vignetting, distance and size of the board, one after the other."""
