@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-PANEL_INCHES, DPI = (2.5, 2.15), 100
+PANEL_INCHES, DPI = (2.5, 2.15), 80
 SHOWN_MM = {0: "300 mm", 1: "500 mm", 2: "1000 mm", 3: "5000 mm"}
 MOST_PX, LEAST_PX = 1.0, 1e-3
 """Ends of the scale of error fields [px]: from what nobody can measure to what everybody sees."""
@@ -50,14 +50,14 @@ def fields(found: dict[str, Any], path: Path, plt: Any) -> None:
 
     across = PANEL_INCHES[0] * len(SHOWN_MM) + 1.6, PANEL_INCHES[1] * 0.74 * len(shown) + 0.5
     figure, axes = plt.subplots(len(shown), len(SHOWN_MM), figsize=across, layout="constrained", squeeze=False)
-    for row, (who, field) in zip(axes, shown.items(), strict=True):
+    for first, row, (who, field) in zip(range(len(shown)), axes, shown.items(), strict=True):
         for panel, (number, name) in zip(row, SHOWN_MM.items(), strict=True):
             drawn = panel.imshow(
                 np.maximum(field[number], LEAST_PX), norm=LogNorm(LEAST_PX, MOST_PX), cmap="viridis",
-                extent=(-0.5, 639.5, 479.5, -0.5), interpolation="bilinear",
+                extent=(-0.5, 639.5, 479.5, -0.5), interpolation="nearest",
             )  # fmt: skip
             panel.set_xticks([]), panel.set_yticks([])
-            if row is axes[0]:
+            if first == 0:
                 panel.set_title(name, fontsize=9)
         row[0].set_ylabel(who.replace(" ", "\n", 1), fontsize=8)
     figure.colorbar(drawn, ax=axes, shrink=0.5, label="projection error, exact data [px]", extend="both")
