@@ -22,7 +22,7 @@ test: $(STAMP)
 
 # The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks, figures of documents.
 proofs: $(STAMP) warm
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba optiland -e '.[docs]'
+	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio optiland -e '.[docs]'
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy $(SLOWEST)
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.

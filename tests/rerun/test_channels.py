@@ -5,6 +5,7 @@ import json
 import re
 from pathlib import Path
 
+import colour
 import numpy as np
 import OpenEXR
 import pytest
@@ -15,7 +16,7 @@ from rerun.small_tiles import in_small_tiles
 import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verifying.verify import verify
-from pipeline.exports.writers.opencv import _is_pair
+from pipeline.export_formats import is_pair
 from pipeline.scene.load import load
 
 DATA = Path(__file__).parents[1] / "data"
@@ -157,10 +158,10 @@ def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> No
 
 
 def test_only_different_cameras_in_one_channel_make_a_stereo_pair() -> None:
-    assert _is_pair("Left", "Right")
-    assert _is_pair("Left@red", "Right@red")
-    assert not _is_pair("Left@red", "Left@blue")
-    assert not _is_pair("Left@red", "Right@blue")
+    assert is_pair("Left", "Right")
+    assert is_pair("Left@red", "Right@red")
+    assert not is_pair("Left@red", "Left@blue")
+    assert not is_pair("Left@red", "Right@blue")
 
 
 def test_every_channel_counts_as_a_camera_in_the_limit_of_frames(
@@ -207,13 +208,7 @@ def test_an_exposure_by_radiance_counts_the_photons_of_each_channel(tmp_path: Pa
 
 def test_a_sensor_of_single_wavelengths_has_an_image_that_colour_science_reads_as_spectra(tmp_path: Path) -> None:
     """Names of its channels are read by colour-science's own pattern; values are those of each channel's image."""
-    stage = stage_at(tmp_path, "conventional", TRIANGLE)
-    text = stage.read_text(encoding="utf-8").replace("plen:nodes = 2", "plen:nodes = 1")
-    stage.write_text(text.replace("plen:image:samples = 64", "plen:image:samples = 16"), encoding="utf-8")
-    frame = tmp_path / "out/frames/0001/Rig.Camera"
-    wanted = [f"frames/0001/Rig.Camera/{name}image.exr" for name in ("", "red/", "green/", "blue/")]
-    result = pipeline.build(stage, tmp_path / "out", targets=[*wanted, f"{wanted[0][:-9]}spectral.exr"], jobs=1)
-    assert result.exit_code == 0, [task.error for task in result.failures]
+    frame = spectral_frame(tmp_path)
     with OpenEXR.File(str(frame / "spectral.exr"), separate_channels=True) as file:
         found = {name: channel.pixels for name, channel in file.channels().items()}
         assert file.header()["spectralLayoutVersion"] == "1.0"
@@ -222,6 +217,30 @@ def test_a_sensor_of_single_wavelengths_has_an_image_that_colour_science_reads_a
         match = pattern.match(name)
         assert match, name
         spectra[match_groups_to_nm(match[1], *match.group(3, 4))] = pixels
+    assert_spectra(frame, spectra)
+
+
+@pytest.mark.heavy
+def test_colour_science_itself_reads_the_spectra(tmp_path: Path) -> None:
+    pytest.importorskip("OpenImageIO", reason="colour-science reads spectral images by OpenImageIO")
+    frame = spectral_frame(tmp_path)
+    nm, values = colour.read_spectral_image_Fichet2021(str(frame / "spectral.exr"))["T"]
+    assert_spectra(frame, dict(zip(nm, np.moveaxis(values, -1, 0), strict=True)))
+
+
+def spectral_frame(folder: Path) -> Path:
+    """Folder of a built frame of a sensor whose channels have one wavelength each."""
+    stage = stage_at(folder, "conventional", TRIANGLE)
+    text = stage.read_text(encoding="utf-8").replace("plen:nodes = 2", "plen:nodes = 1")
+    stage.write_text(text.replace("plen:image:samples = 64", "plen:image:samples = 16"), encoding="utf-8")
+    wanted = [f"frames/0001/Rig.Camera/{name}image.exr" for name in ("", "red/", "green/", "blue/")]
+    result = pipeline.build(stage, folder / "out", targets=[*wanted, f"{wanted[0][:-9]}spectral.exr"], jobs=1)
+    assert result.exit_code == 0, [task.error for task in result.failures]
+    return folder / "out/frames/0001/Rig.Camera"
+
+
+def assert_spectra(frame: Path, spectra: dict[float, np.ndarray]) -> None:
+    """Pixels by wavelength in nm are those of the channels' images."""
     for (name, corners), nm in zip(sorted(TRIANGLE.items()), sorted(spectra), strict=True):
         # Photons grow with the wavelength, so that their mean lies a little beyond that of the corners.
         assert 0 < nm - sum(corners) / 3 < 2.0
