@@ -28,7 +28,7 @@ from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Sto
 from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
 from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
 from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
-from pipeline.tasks.params.pictures import Picture
+from pipeline.tasks.params.pictures import Picture, source_name
 from pipeline.tasks.params.placed import Matrix
 from pipeline.tasks.params.poses import Baselines, FramePoses, PosedFrame, RigFrame
 from pipeline.tasks.params.rays import Rays, RaysTile
@@ -43,7 +43,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
         files[f"targets/{entry.name}.json"] = targets_json(entry)
     for picture in dataset.pictures:
         params = Picture(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
-        add(graph, f"picture/{picture.name}", params)
+        files[picture.file] = (add(graph, f"picture/{picture.name}", params), source_name(picture.suffix))
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)

@@ -188,6 +188,11 @@ class PictureEntry:
     encoded: str
     space: str
 
+    @property
+    def file(self) -> str:
+        """Its copy in the output folder, named by its content."""
+        return f"pictures/{self.name.partition('-')[0]}{self.suffix}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:

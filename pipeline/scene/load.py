@@ -19,6 +19,7 @@ from pipeline.scene.check.seen import check_seen
 from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.edits.composed import Composed, composed
+from pipeline.scene.read.pictures import picture_files
 from pipeline.scene.read.prims import read_camera_entries, read_dataset, read_lens_entry
 from pipeline.scene.read.targets import read_target_entries
 from pipeline.scene.trust.asset_roots import file_of
@@ -31,7 +32,7 @@ from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import knowing
 from pipeline.scene.usd.used_layers import used_layers
 from pipeline.scene.usd.values import UnreadableValue, unchanging
-from pipeline.scene.write.flatten import flattened, text_for_viewers
+from pipeline.scene.write.flatten import flattened, name_pictures, text_for_viewers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +155,8 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
     occluders = {entry.prim_path for entry in dataset.occluders} if dataset else set[str]()
     layer = flattened(stage)
     kept = composed(stage, layer) if dataset else None  # before anything is added
+    if dataset:
+        name_pictures(layer, picture_files(stage))
     return Loaded(
         dataset=dataset,
         problems=problems,

@@ -1,5 +1,6 @@
 """Lamps, meshes and materials as they are read from stages, and what is said about those that cannot be read."""
 
+import hashlib
 import math
 from base64 import b64decode
 
@@ -9,6 +10,7 @@ from laws.lit import looked
 from PIL import Image
 from stage_text import head
 
+import pipeline
 from pipeline.files.pictures import decoded
 from pipeline.graph.frame_contents import Things
 from pipeline.graph.poses import target_poses
@@ -195,6 +197,21 @@ def test_a_picture_stands_upright_and_knows_its_colour_space(tmp_path, space, lo
     assert top_left == pytest.approx(1.0, rel=1e-6)
     assert top_right == pytest.approx(low, abs=0.003)
     assert bottom_right == 0.0
+
+
+def test_the_flattened_stage_names_pictures_by_their_content_and_no_folder_of_this_machine(tmp_path):
+    Image.fromarray(np.full((1, 1, 3), 7, np.uint8)).save(tmp_path / "picture.png")
+    found = loaded(tmp_path, SUN + TEXTURED % "raw" + WALL % "rel material:binding = </Scene/Paper>")
+    content = (tmp_path / "picture.png").read_bytes()
+    file = f"pictures/{hashlib.sha256(content).hexdigest()[:16]}.png"
+    assert f"asset inputs:file = @./{file}@" in found.flattened
+    assert str(tmp_path) not in found.flattened
+    assert [one.file for one in found.dataset.pictures] == [file]
+    out = tmp_path / "out"
+    assert pipeline.build(tmp_path / "scene.usda", out, targets=["dataset.usda", file], jobs=1).exit_code == 0
+    assert (out / file).read_bytes() == content
+    again = load(out / "dataset.usda")
+    assert (again.errors, again.dataset.pictures) == ([], found.dataset.pictures)
 
 
 def test_instances_are_seen_each_at_its_place(tmp_path):

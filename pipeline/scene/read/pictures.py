@@ -37,10 +37,26 @@ def read_pictures(stage: Usd.Stage) -> tuple[PictureEntry, ...]:
     found = dict[str, PictureEntry]()
     for prim in stage.Traverse():
         for attribute, space in _named_by(prim):
-            name = name_of(attribute, space)
-            encoded = base64.b64encode(_bytes(attribute)).decode("ascii")
-            found[name] = PictureEntry(name=name, suffix=_path(attribute).suffix.lower(), encoded=encoded, space=space)
+            entry = _entry(attribute, space)
+            found[entry.name] = entry
     return tuple(found.values())
+
+
+def picture_files(stage: Usd.Stage) -> dict[Sdf.Path, str]:
+    """Copies in the output folder of the pictures that attributes name, by the paths of these attributes."""
+    found = dict[Sdf.Path, str]()
+    for prim in stage.Traverse():
+        for attribute, space in _named_by(prim):
+            entry = _entry(attribute, space)
+            found[attribute.GetPath()] = entry.file
+    return found
+
+
+def _entry(attribute: Usd.Attribute, space: str) -> PictureEntry:
+    encoded = base64.b64encode(_bytes(attribute)).decode("ascii")
+    return PictureEntry(
+        name=name_of(attribute, space), suffix=_path(attribute).suffix.lower(), encoded=encoded, space=space
+    )
 
 
 def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:

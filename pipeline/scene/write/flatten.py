@@ -1,6 +1,6 @@
 """Flattening of a stage into one text, so that an output folder explains itself."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from pxr import Sdf, Usd, UsdUtils
 
@@ -33,6 +33,19 @@ def _leave_out_tables(layer: Sdf.Layer) -> None:
             attribute = layer.GetAttributeAtPath(path)
             if attribute and attribute.typeName in (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray):
                 attribute.owner.RemoveProperty(attribute)
+
+
+def name_pictures(layer: Sdf.Layer, files: Mapping[Sdf.Path, str]) -> None:
+    """Let attributes of a flattened stage name pictures beside it, in place of files of this machine.
+
+    Parameters
+    ----------
+    files : mapping
+        Paths from the folder of the flattened stage, by paths of attributes.
+    """
+    for path, file in files.items():
+        if attribute := layer.GetAttributeAtPath(path):
+            attribute.default = Sdf.AssetPath(f"./{file}")
 
 
 def text_for_viewers(
