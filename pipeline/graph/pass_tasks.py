@@ -8,11 +8,9 @@ from dataclasses import replace
 
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add
+from pipeline.limits import MOST_SAMPLES
 from pipeline.tasks.params.cameras import Nothing
 from pipeline.tasks.params.images import BEFORE, CHECK, STRIP, ImagePass, NoiseCheck, WhitePass
-
-MOST_SAMPLES = 1 << 16
-"""Most samples of a pixel through a microlens [rays]: what 0.4 % of noise take where every ray is black or white."""
 
 
 def add_passes(

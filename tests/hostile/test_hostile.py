@@ -76,6 +76,13 @@ def test_a_build_may_take_as_long_as_the_rays_that_are_asked_for(tmp_path):
     path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
     [warning] = [problem for problem in load(path, look=True).problems if problem.code == "long-build"]
     assert "plen:image:samples" in warning.at and warning.line and not warning.is_error
+    camera.GetAttribute("plen:image:samples").Set(4)
+    stage.GetPrimAtPath("/Scene/Sensor").GetAttribute("plen:resolution").Set(Gf.Vec2i(6000, 4000))
+    for noise, warnings in ((0.1, 0), (0.01, 1)):
+        camera.GetAttribute("plen:image:noise").Set(noise)
+        path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
+        found = [problem for problem in load(path, look=True).problems if problem.code == "long-build"]
+        assert [problem.at.rpartition(".")[2] for problem in found] == ["plen:image:noise"] * warnings
 
 
 def test_some_hostile_values_do_no_harm(tmp_path, capsys):

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
+from pipeline.limits import MOST_SAMPLES
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -22,10 +23,20 @@ below a night, in which large datasets are built on purpose.
 def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:
     """Number of rays of all images of a camera, white ones included, and of its position images."""
     pixels = float(camera.asked.sensor.width_px) * camera.asked.sensor.height_px
-    images = pixels * camera.image_samples * (1 + len(camera.f_numbers) + frames)
+    images = pixels * samples_of(camera) * (1 + len(camera.f_numbers) + frames)
     if camera.truth.get("method") == "direct":
         return images, 0.0
     return images, pixels * camera.sampling.supersampling**2 * camera.sampling.samples
+
+
+def samples_of(camera: CameraEntry) -> float:
+    """Rays of a pixel on an edge: as many as the stage says, or as many as the noise that it asks for may take.
+
+    Independent rays, half of them black and half of them white, have the standard error 1 / (2 sqrt(n)).
+    """
+    if camera.image_noise is None:
+        return camera.image_samples
+    return max(camera.image_samples, min(MOST_SAMPLES, 0.25 / camera.image_noise**2))
 
 
 def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
@@ -35,8 +46,12 @@ def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
         seconds = (images + positions) / RAYS_PER_S
         if seconds < LONG_S:
             continue
-        name = "plen:image:samples" if images >= positions else "plen:truth:samples"
-        what = f"{images:.2g} rays of images and {positions:.2g} of position images take one core about"
-        hint = "fewer samples or frames; a smaller plen:truth:supersampling, or the method direct, for position images"
+        images_by = "plen:image:noise" if samples_of(camera) > camera.image_samples else "plen:image:samples"
+        name = images_by if images >= positions else "plen:truth:samples"
+        up_to = "up to " if name == "plen:image:noise" else ""
+        what = f"{up_to}{images:.2g} rays of images and {positions:.2g} of position images take one core about"
+        hint = (
+            "fewer samples or frames, or more noise; of position images a smaller plen:truth:supersampling, or direct"
+        )
         attribute = stage.GetPrimAtPath(camera.prim_path).GetAttribute(name)
         yield problem(attribute, CODE, f"{what} {seconds / 3600:,.0f} hours", hint=hint, severity="warning")
