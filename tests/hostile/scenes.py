@@ -286,6 +286,7 @@ SCENES: dict[str, Scene] = {
         | _of("Camera", image__bounces=1),
         whole=("Lamp", "Screen"),
     ),
+    "patches": Scene(_of("Board", ink__patch="cyan", paper__patch="white 9.5 (.05 D)")),
     "photons": Scene(_PHOTONS, responds=True),
     "radiance": Scene(_RADIANCE, responds=True),
     "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),

@@ -3,6 +3,8 @@
 import dataclasses
 
 import numpy as np
+import pytest
+from colour.characterisation import SDS_COLOURCHECKERS
 from laws import rigs
 from laws.dispersion import in_light
 from laws.lit import RAYS, lamp, looked
@@ -17,7 +19,7 @@ from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.nodes import gauss_nodes
 from pipeline.render.spectral.prints import Print, Spectrum
-from pipeline.render.spectral.spectra import illuminant, product
+from pipeline.render.spectral.spectra import illuminant, product, reflectance
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 
@@ -70,3 +72,12 @@ def test_without_a_spectrum_a_target_keeps_its_colours_and_white_scales_both() -
     bright = dataclasses.replace(BOARD, pattern=dataclasses.replace(BOARD.pattern, white=2.0, black=0.5))
     np.testing.assert_allclose(Print(paper=PRINT.paper).colours(bright, (LOW, HIGH)), [[0.5, 0.4], [0.5, 1.6]])
     np.testing.assert_allclose(Print(ink=PRINT.ink).colours(bright, (HIGH,)), [[0.2, 2.0]])
+
+
+@pytest.mark.parametrize("patch", ["cyan", "red", "neutral 5 (.70 D)"])
+def test_a_patch_of_the_colorchecker_reflects_what_another_laboratory_measured(patch: str) -> None:
+    """The average of BabelColor, in steps of 10 nm, of other specimens."""
+    other = SDS_COLOURCHECKERS["BabelColor Average"][patch]
+    found = np.interp(other.wavelengths, *reflectance(patch))
+    assert np.abs(found - other.values).max() < 0.05
+    assert np.ptp(other.values) > 0.1 or patch.startswith("neutral")

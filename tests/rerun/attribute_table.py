@@ -329,6 +329,8 @@ TARGETS = {
         Case("One", 0.9, TARGET, given=SADDLE),
     ],
     "plen:black": [Case("One", 0.1, {"image"}), Case("One", 0.1, TARGET, given=SADDLE)],
+    "plen:ink:patch": [Case("One", "cyan", {"image"})],
+    "plen:paper:patch": [Case("One", "yellow", {"image"})],
     "plen:ink:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],
     "plen:ink:reflectance": [Case("One", [0.1, 0.3], {"image"}, given=PRINTED)],
     "plen:paper:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],

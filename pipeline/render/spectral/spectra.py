@@ -12,13 +12,14 @@ from pipeline.spelling import nearest
 with warnings.catch_warnings():
     # On import, colour warns that Matplotlib and other optional packages are missing. None of them is needed here.
     warnings.simplefilter("ignore")
-    from colour.characterisation import MSDS_CAMERA_SENSITIVITIES
+    from colour.characterisation import MSDS_CAMERA_SENSITIVITIES, SDS_COLOURCHECKERS
     from colour.colorimetry import SDS_ILLUMINANTS, planck_law
     from colour.models import eotf_inverse_sRGB
     from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
 
 EQUAL_ENERGY = "E"
 """Name of the illuminant of equal energy at all wavelengths."""
+_COLOURCHECKER = "ColorChecker N Ohta"
 _BLACK_BODY = re.compile(r"(\d+(?:\.\d+)?) ?K")
 _BLACK_BODY_NM = np.arange(150.0, 20001.0, 5.0)
 """Wavelengths of the table of a black body [nm]: all that a stage can ask for, and smooth between two of them."""
@@ -72,6 +73,19 @@ def sensitivity(camera: str, component: str) -> Table:
     wavelengths = np.asarray(table.wavelengths, float)
     response = np.maximum(np.asarray(table.values, float)[:, table.labels.index(component)], 0.0)
     return wavelengths, response / wavelengths
+
+
+def reflectance(patch: str) -> Table:
+    """Reflectance of a patch of the ColorChecker as N. Ohta measured it, from 380 to 780 nm in steps of 5 nm.
+
+    Raises
+    ------
+    SpectrumError
+        There is no such patch.
+    """
+    patches = SDS_COLOURCHECKERS[_COLOURCHECKER]
+    spectrum = patches[_known(patch, list(patches), "patch")]
+    return np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float)
 
 
 def effective_nm(response: Table, light: Table) -> float:

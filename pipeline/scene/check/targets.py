@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 from pxr import Sdf, Usd
 
+from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.read.targets import read_target
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
@@ -70,6 +71,7 @@ def _check_shape(prim: Usd.Prim) -> Iterator[Problem]:
 def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of spectra of ink and paper that are none."""
     for what in ("ink", "paper"):
+        yield from _check_patch(prim, what)
         table, values = (read(prim, f"plen:{what}:{name}") or () for name in ("wavelengths", "reflectance"))
         place = prim.GetAttribute(f"plen:{what}:wavelengths")
         if len(table) != len(values):
@@ -80,6 +82,26 @@ def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
         elif table and prim.IsA("PlenMeshTarget"):
             message = f"a mesh has colours of its own, and the {what} a spectrum"
             yield problem(place, "not-yet-supported", message, hint="leave the spectrum out")
+
+
+def _check_patch(prim: Usd.Prim, what: str) -> Iterator[Problem]:
+    """Problems of the patch of the ColorChecker that an ink or a paper is said to be."""
+    patch, place = read(prim, f"plen:{what}:patch"), prim.GetAttribute(f"plen:{what}:patch")
+    if not patch:
+        return
+    if read(prim, f"plen:{what}:wavelengths") or read(prim, f"plen:{what}:reflectance"):
+        message, hint = f"the {what} has a patch and a table", f'either "plen:{what}:patch" or a table'
+        yield problem(place, "spectrum", message, hint=hint)
+    elif prim.IsA("PlenMeshTarget"):
+        message = f"a mesh has colours of its own, and the {what} a patch"
+        yield problem(place, "not-yet-supported", message, hint="leave the patch out")
+    else:
+        from pipeline.render.spectral.spectra import reflectance  # colour-science takes half a second to import
+
+        try:
+            reflectance(patch)
+        except SpectrumError as error:
+            yield problem(place, error.code, error.what, hint=error.hint)
 
 
 def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:

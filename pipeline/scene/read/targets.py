@@ -103,6 +103,11 @@ def read_target_entry(prim: Usd.Prim) -> TargetEntry:
 
 def _spectrum(prim: Usd.Prim, what: str) -> Spectrum:
     """The spectrum of the ink or the paper of a target."""
+    if patch := need(prim, f"plen:{what}:patch"):
+        from pipeline.render.spectral.spectra import reflectance  # colour-science takes half a second to import
+
+        wavelengths, values = reflectance(patch)
+        return Spectrum(wavelengths_nm=tuple(wavelengths.tolist()), reflectance=tuple(values.tolist()))
     return Spectrum(
         wavelengths_nm=need(prim, f"plen:{what}:wavelengths"), reflectance=need(prim, f"plen:{what}:reflectance")
     )
