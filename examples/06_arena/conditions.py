@@ -65,6 +65,8 @@ CONDITIONS = (
         square_px=20.0,
         centres_px=((512.3, 352.6),),
     ),
+    Condition(name="near", what="300 mm away", distance_mm=300.0, centres_px=_MIDDLE),
+    Condition(name="far", what="1.5 m away", distance_mm=1500.0, centres_px=_MIDDLE),
     Condition(name="small", what="squares of 9 px", square_px=9.0, centres_px=_MIDDLE),
 )
 """Defocus, noise, tilt, vignetting, distance and size of the board, one after the other."""

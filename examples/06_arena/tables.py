@@ -59,7 +59,8 @@ def noise(judged: Results) -> str:
 def _ellipse(covariance: np.ndarray) -> str:
     x, y = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     together = covariance[0, 1] / (x * y) if x > 0 and y > 0 else 0.0
-    return f"{x:.3f} {y:.3f} {together:+.1f}"
+    # A spread is what is left after noise is taken away, and noise is known roughly: then this is no correlation.
+    return f"{x:.3f} {y:.3f} " + (f"{together:+.1f}" if abs(together) <= 1 else NOTHING)
 
 
 def found(judged: Results) -> str:
@@ -165,7 +166,8 @@ def tables(results: Results, brief: bool = False) -> str:
     wanted = BRIEF if brief else ("",)
     about = results["about"]
     lines = [
-        f"{about['date']}: {about['cpu_s']} s of processor time; {about['repeats']} images of each view, "
+        f"{about['date']}: {about['cpu_s']} s of processor time, {about['wall_s']} s by the clock; "
+        f"{about['repeats']} images of each view, "
         f"{about['noisy']} calibrations with noise",
         "",
     ]

@@ -229,7 +229,7 @@ def test_all_stages_of_the_arena_are_flawless(tmp_path):
 ELLIPSE = [[4e-4, 0.0], [0.0, 1e-4]]
 JUDGED = {"bias_px": [0.01, -0.02], "spread_px2": ELLIPSE, "noise_px2": ELLIPSE, "lasting_px": 0.0316}
 RESULTS = {
-    "about": {"date": "1 May 2026", "cpu_s": 9, "repeats": 2, "noisy": 2},
+    "about": {"date": "1 May 2026", "cpu_s": 9, "wall_s": 9, "repeats": 2, "noisy": 2},
     "conditions": {"sharp": "in focus"},
     "detectors": {
         "Good": {
