@@ -78,8 +78,8 @@ print(json.dumps([apart.ravel().tolist(), stated.ravel().tolist()]))
 """
 """Program for Debian's Python: how far two models are apart over the image, and what mrcal states of the first [px].
 
-Frames of the two are laid over each other by what 200 px about the middle show, where boards were: with all of the image,
-corners that no board reached would decide.
+Frames of the two are laid over each other by what 200 px about the middle show, where boards were: with all of the
+image, corners that no board reached would decide.
 """
 
 
