@@ -19,6 +19,11 @@ import numpy as np
 from inserted import print_or_write
 from pxr import Usd
 
+from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.camera.wave.spread import transfer
+from pipeline.camera.wave.wavefront import View, wavefront
 from pipeline.optics.first_order import FirstOrder, first_order
 from pipeline.optics.glass.catalogue import find
 from pipeline.optics.kernels import trace_rays
@@ -33,6 +38,8 @@ ROUNDINGS = 1e-12
 """Difference below which only the roundings of both programs are left [mm or 1]."""
 WIDE_MM, OF_RADIUS = 40.0, 0.99
 """Clear apertures of the public lenses [mm, and of a radius at most], which state none: no ray is blocked."""
+_SCALES = np.arange(1, 6) / 25
+"""Scales at which rays are traced whose limit is of third order: errors of the limit are of order 11."""
 EDGE_MM = 0.01
 """Clear aperture beyond the outermost listed ray [mm]: listings without semi-diameters block no ray."""
 
@@ -198,6 +205,74 @@ def codev_rays(listing: dict[str, Any]) -> Iterator[tuple[str, np.ndarray, np.nd
         yield ray["what"], rows[-1][[1, 2, 4, 5]], np.where(alive, ours, math.nan)
 
 
+def codev_third_order(listing: dict[str, Any]) -> list[Row]:
+    """Sums of CODE V's table of third-order transverse aberrations, and ours: limits of exact rays.
+
+    A ray through the point (x, y) of the paraxial entrance pupil (in its radii), from the field h (in the tangent of
+    14 degrees), misses its paraxial image in the paraxial image plane. To third order, with s the scale of x, y and h,
+    that is s³ times a sum of SA ρ³, TCO ρ² h, TAS ρ h² (along y) or SAS ρ h² (along x), and DST h³; PTB is what TAS and
+    SAS leave of the field's curvature, (3 SAS - TAS) / 2.
+    """
+    s, none = _SCALES, np.zeros_like(_SCALES)
+    spherical = _third(_missed(listing, s, none, none)[:, 0])
+    distortion = _third(_missed(listing, none, none, s)[:, 1])
+    sagittal = _third(_missed(listing, s, none, s)[:, 0]) - spherical
+    above, below = _missed(listing, none, s, s)[:, 1], _missed(listing, none, -s, s)[:, 1]
+    tangential = _third((above - below) / 2) - spherical
+    ours = {
+        "SA": spherical,
+        "TCO": _third((above + below) / 2) - distortion,
+        "TAS": tangential,
+        "SAS": sagittal,
+        "PTB": (3 * sagittal - tangential) / 2,
+        "DST": distortion,
+    }
+    return [Row(name, f"{printed:.6f}", ours[name]) for name, printed in listing["third_order_sum"].items()]
+
+
+def _third(missed_mm: np.ndarray) -> float:
+    """Coefficient of s³ of an odd function given at all scales."""
+    powers = np.vander(_SCALES**2, increasing=True)
+    return float(np.linalg.solve(powers, missed_mm / _SCALES**3)[0])
+
+
+def _missed(listing: dict[str, Any], x: np.ndarray, y: np.ndarray, field: np.ndarray) -> np.ndarray:
+    """By how much rays miss their paraxial images, (n, 2) [mm]."""
+    lens = codev_lens(listing)
+    found, vertices = first_order(lens), lens.vertices_from_stop_mm
+    radius_mm = listing["first_order"]["entrance_pupil_diameter"] / 2
+    slope = field * math.tan(math.radians(14.0))
+    direction = np.column_stack([np.zeros_like(slope), slope, np.ones_like(slope)])
+    pupil = np.column_stack([radius_mm * x, radius_mm * y, np.full_like(x, -found.entrance_pupil.z_mm)])
+    position = pupil + direction * ((vertices[0] - found.efl_mm) - pupil[:, 2:])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    alive = np.ones(len(x))
+    trace_rays(towards_sensor(lens), position, direction, alive)
+    if not alive.all():
+        raise RuntimeError("a ray near the axis is lost")
+    image = position + direction * ((vertices[-1] + found.bfd_mm - position[:, 2]) / direction[:, 2])[:, None]
+    return image[:, :2] - np.column_stack([np.zeros_like(slope), found.efl_mm * slope])
+
+
+def optiland_contrast(listing: dict[str, Any]) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Each kept contrast of optiland: its place, theirs and ours at all frequencies, (n,) each."""
+    per_mm = np.array(listing["per_mm"])
+    for row in listing["lenses"]:
+        surfaces = library_lens("double_gauss_100mm_tronnier").surfaces
+        stop = row["stop_semi_mm"]
+        lens = Prescription(
+            surfaces=tuple(replace(one, semi_diameter_mm=stop) if one.is_stop else one for one in surfaces)
+        )
+        found = first_order(lens)
+        sensor = Sensor(width_px=64, height_px=64, pitch_mm=0.3)
+        camera = Camera(prescription=lens, sensor=sensor, sensor_distance_mm=-found.rear_focus_mm)
+        place = np.array([0.0, found.efl_mm * math.tan(math.radians(row["field_deg"]))])
+        front = wavefront(Tracer(camera), View(place, NO_MICROLENS, math.inf), listing["wavelength_nm"])
+        for along, name in (((0.0, 1.0), "tangential"), ((1.0, 0.0), "sagittal")):
+            what = f"F/{found.f_number:.2f}, {row['field_deg']:g}°, {name}"
+            yield what, np.array(row[name]), np.abs(transfer(front, per_mm, np.array(along)))
+
+
 def tables() -> str:
     """All tables, with their headings."""
     listing = listed("codev_double_gauss")
@@ -206,6 +281,7 @@ def tables() -> str:
         about("CODE V 10.8", listing["name"], "tabulated indices of Schott glasses at 587.6 nm"),
         quantities("CODE V", codev_first_order(listing)),
         rays("Ray, behind surface 11", "CODE V: x, y, tan x, tan y", codev_ray_cells(listing)),
+        quantities("CODE V", codev_third_order(listing), "Tier 3: sum of third order"),
     ]
     for system in listed("optiland_systems")["systems"]:
         parts += [
@@ -214,17 +290,34 @@ def tables() -> str:
             quantities("OpticStudio", public_first_order(system)),
             rays("Ray: field, pupil x, pupil y", "optiland: x, y in the image", public_ray_cells(system)),
         ]
-    return "\n\n".join([*parts, "## Lenses of the library", library()]) + "\n"
+    return "\n\n".join([*parts, contrast(), "## Lenses of the library", library()]) + "\n"
 
 
-def about(tool: str, system: str, glasses: str) -> str:
+def about(tool: str, system: str, glasses: str, changed: str = "none") -> str:
     """The head that optiland asks for above each listing."""
-    return f"**Tool:** {tool} · **System:** {system} · **Glasses:** {glasses} · **Anything non-default:** none"
+    return f"**Tool:** {tool} · **System:** {system} · **Glasses:** {glasses} · **Anything non-default:** {changed}"
 
 
-def quantities(tool: str, rows: list[Row]) -> str:
-    """Tier 1: a table of quantities."""
-    return "\n".join([f"| Tier 1: quantity | {tool} | ours | Δ |", "|---|---|---|---|", *map(str, rows)])
+def quantities(tool: str, rows: list[Row], head: str = "Tier 1: quantity") -> str:
+    """A table of quantities."""
+    return "\n".join([f"| {head} | {tool} | ours | Δ |", "|---|---|---|---|", *map(str, rows)])
+
+
+def contrast() -> str:
+    """Tier 4: contrast of the waves' images of points."""
+    listing = listed("optiland_contrast")
+    nm, at = listing["wavelength_nm"], " / ".join(f"{one:g}" for one in listing["per_mm"])
+    glasses, changed = f"indices as printed in its patent, at {nm:g} nm", "`num_rays=256, grid_size=1024`"
+    lines = [
+        "## Contrast: optiland",
+        about("optiland 0.6.3", "double Gauss 100 mm of Tronnier, two stops, object at infinity", glasses, changed),
+        "",
+        f"| Tier 4: contrast at {at} lines per mm | optiland | ours | largest Δ |",
+        "|---|---|---|---|",
+    ]
+    for what, theirs, ours in optiland_contrast(listing):
+        lines.append(f"| {what} | {numbers(theirs, 3)} | {numbers(ours, 3)} | {gap(ours, theirs)} |")
+    return "\n".join([lines[0], "", *lines[1:]])
 
 
 def rays(head: str, theirs: str, cells: Iterable[tuple[str, ...]]) -> str:

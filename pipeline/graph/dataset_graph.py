@@ -22,6 +22,7 @@ from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, str
 from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
+from pipeline.targets.target import Target, plain_from_target
 from pipeline.tasks.baselines import BASELINES
 from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
@@ -32,6 +33,7 @@ from pipeline.tasks.params.pictures import Picture, source_name
 from pipeline.tasks.params.placed import Matrix
 from pipeline.tasks.params.poses import Baselines, FramePoses, PosedFrame, RigFrame
 from pipeline.tasks.params.rays import Rays, RaysTile
+from pipeline.tasks.params.viewers import PARTS, SHEET, Parts, Sheet
 from pipeline.truth.settings import TruthSettings
 
 
@@ -41,12 +43,18 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
     painted, bare = (Things(dataset, painted=painted) for painted in (True, False))
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
+        if isinstance(entry.target, Target):
+            sheet = Sheet(target=plain_from_target(entry.target))
+            files[entry.picture_file] = (add(graph, f"sheet/{entry.name}", sheet), SHEET)
     for picture in dataset.pictures:
         params = Picture(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
         files[picture.file] = (add(graph, f"picture/{picture.name}", params), source_name(picture.suffix))
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)
+            parts = Parts(meters_per_unit=dataset.meters_per_unit, up_axis=dataset.up_axis)
+            task = add(graph, f"parts/{camera.name}", parts, {"camera": f"focus/{camera.name}"})
+            files[camera.parts_file] = (task, PARTS)
             _add_poses(graph, files, dataset, camera)
             for seen in camera.in_channels:
                 _add_light(graph, files, seen)

@@ -123,6 +123,11 @@ class CameraEntry:
         """Folder of the camera, or of its channel, below that of all cameras or of a frame."""
         return self.name if self.channel is None else f"{self.name}/{self.channel.name}"
 
+    @property
+    def parts_file(self) -> str:
+        """Layer in the output folder with lens elements and rays, for viewers."""
+        return f"cameras/{self.name}/parts.usda"
+
     def __repr__(self) -> str:
         sensor, kind = self.asked.sensor, "plenoptic" if self.asked.microlenses else "conventional"
         size = f"{sensor.width_px} x {sensor.height_px} px of {sensor.pitch_mm * 1e3:g} µm"
@@ -147,6 +152,11 @@ class TargetEntry:
     target: AnyTarget
     coat: Coat | None = None
     printed: Print = field(default_factory=Print)
+
+    @property
+    def picture_file(self) -> str:
+        """Picture of its pattern in the output folder, for viewers."""
+        return f"pictures/{self.name}.png"
 
     def __repr__(self) -> str:
         return f"<target {self.name}: {self.target.kind}, {len(self.target.points().kinds)} points>"
@@ -235,6 +245,8 @@ class Dataset:
         Of a lit dataset.
     exports : AskedExports
         Files of other programs that a build writes.
+    meters_per_unit, up_axis : float, str
+        Of the stage, for layers that a build writes for viewers; lengths of all records are in mm.
     """
 
     stage_name: str
@@ -247,6 +259,8 @@ class Dataset:
     lamps: tuple[LampEntry, ...] = ()
     pictures: tuple[PictureEntry, ...] = ()
     exports: AskedExports = field(default_factory=AskedExports)
+    meters_per_unit: float = 0.001
+    up_axis: str = "Y"
 
     def __repr__(self) -> str:
         numbers = ", ".join(str(frame.number) for frame in self.frames[:3]) + (", …" if len(self.frames) > 3 else "")

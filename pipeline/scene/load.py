@@ -152,7 +152,6 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
             problems += check_seen(stage, dataset)
         if loaded.errors:
             return loaded
-    occluders = {entry.prim_path for entry in dataset.occluders} if dataset else set[str]()
     layer = flattened(stage)
     kept = composed(stage, layer) if dataset else None  # before anything is added
     if dataset:
@@ -160,7 +159,7 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
     return Loaded(
         dataset=dataset,
         problems=problems,
-        flattened=text_for_viewers(layer, cameras, targets, occluders),
+        flattened=text_for_viewers(layer, cameras, targets, dataset),
         cameras=cameras,
         lens=lens,
         targets=targets,

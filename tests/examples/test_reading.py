@@ -98,7 +98,7 @@ def test_every_block_of_the_page_runs(block: str, built: Path, monkeypatch: pyte
 
 
 def test_the_page_names_every_file_of_the_folder(built: Path) -> None:
-    names = {path.name for path in built.rglob("*") if path.is_file()} - {"Board.json"}
+    names = {path.name for path in built.rglob("*") if path.is_file()} - {"Board.json", "Board.png"}
     assert {name for name in names if name not in PAGE} == set()
     assert {"positions.exr", "rays.exr", "micro_image_outlines.csv", "baselines.csv", "manifest.json"} <= names
 

@@ -1,4 +1,4 @@
-"""Another program shows a built scene as our camera sees it: three.js opens the layer for viewers, with textures."""
+"""Another program shows a built scene as our camera sees it: three.js opens dataset.usda, with textures."""
 
 import base64
 import json
@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from builds import tiny
 from PIL import Image
-
-from pipeline.app.reporting import report
 
 pytestmark = pytest.mark.heavy  # a browser, and a bundle of three.js
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,7 +70,7 @@ def test_three_js_shows_the_board_upright_with_its_picture(tmp_path, common_stor
     """Over the pixels of the board its picture is that of our camera, and of no mirrored or turned one."""
     out = tiny("conventional", tmp_path, common_store)
     ours = np.array(Image.open(out / "frames/0001/Rig.Camera/image.png").convert("L"), float)
-    theirs = stock_image(tmp_path, report(out).parent / "preview.usdc", (ours.shape[1], ours.shape[0]))
+    theirs = stock_image(tmp_path, out / "dataset.usda", (ours.shape[1], ours.shape[0]))
 
     def alike(image: np.ndarray) -> float:
         return float(np.corrcoef(ours.ravel(), image.ravel())[0, 1])

@@ -14,7 +14,7 @@ PINHOLE = {"pinhole"} | POSES
 PLANES = {"planes", "first_order"} | PINHOLE
 FURTHER = {"stop", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
-CAMERA = {"focus", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
+CAMERA = {"focus", "parts", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
 PATTERN = {"expose", "fixed_pattern"}
 RAW = {"expose"}
@@ -22,6 +22,8 @@ RAW = {"expose"}
 TARGET = {"image"} | TRUTH
 """`truth` gets the drawing of a target, so the bits of its tags make it run again, too: work that gives the same
 correspondences, not a wrong result."""
+DRAWN, PAINTED = TARGET | {"sheet"}, {"image", "sheet"}
+"""`sheet` is the picture of a pattern, for viewers; a mesh has none."""
 
 
 @dataclass(frozen=True)
@@ -323,12 +325,12 @@ PRINTED = {
 TARGETS = {
     # A colour moves no point, but the saddle of a corner that is not sharp.
     "plen:white": [
-        Case("One", 0.9, {"image"}),
-        Case("One", 0.9, {"image"}, given=IMAGE),
+        Case("One", 0.9, PAINTED),
+        Case("One", 0.9, PAINTED, given=IMAGE),
         Case(MESH, 0.9, {"image"}),
-        Case("One", 0.9, TARGET, given=SADDLE),
+        Case("One", 0.9, DRAWN, given=SADDLE),
     ],
-    "plen:black": [Case("One", 0.1, {"image"}), Case("One", 0.1, TARGET, given=SADDLE)],
+    "plen:black": [Case("One", 0.1, PAINTED), Case("One", 0.1, DRAWN, given=SADDLE)],
     "plen:ink:patch": [Case("One", "cyan", {"image"})],
     "plen:paper:patch": [Case("One", "yellow", {"image"})],
     "plen:ink:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],
@@ -336,46 +338,46 @@ TARGETS = {
     "plen:paper:wavelengths": [Case("One", [500.0, 620.0], {"image"}, given=PRINTED)],
     "plen:paper:reflectance": [Case("One", [0.7, 0.9], {"image"}, given=PRINTED)],
     "plen:columns": [
-        *(Case(at, 5, TARGET) for at in ("One", CHARUCO, TAGS, CIRCLES, TRIANGLES, STARS, LINES)),
-        Case("One", 5, TARGET | POSITIONS, given=IMAGE),
+        *(Case(at, 5, DRAWN) for at in ("One", CHARUCO, TAGS, CIRCLES, TRIANGLES, STARS, LINES)),
+        Case("One", 5, DRAWN | POSITIONS, given=IMAGE),
         Case(ARRAY, 99, CAMERA, given=COUNTED),
     ],
     "plen:rows": [
-        *(Case(at, 4, TARGET) for at in ("One", CHARUCO, TAGS, TRIANGLES, STARS, LINES)),
-        Case(CIRCLES, 5, TARGET),
+        *(Case(at, 4, DRAWN) for at in ("One", CHARUCO, TAGS, TRIANGLES, STARS, LINES)),
+        Case(CIRCLES, 5, DRAWN),
         Case(ARRAY, 99, CAMERA, given=COUNTED),
     ],
-    "plen:width": [Case(EDGE, 41.0, TARGET), Case(ARRAY, 20.0, CAMERA)],
-    "plen:height": [Case(EDGE, 31.0, TARGET), Case(ARRAY, 20.0, CAMERA)],
-    "plen:squareSize": [Case("One", 1.3, TARGET), Case(CHARUCO, 6.1, TARGET)],
-    "plen:markerSize": [Case(CHARUCO, 4.4, TARGET)],
-    "plen:dictionary": [Case(CHARUCO, "5x5_50", TARGET), Case(TAGS, "apriltag_25h9", TARGET)],
-    "plen:firstTag": [Case(CHARUCO, 1, TARGET), Case(TAGS, 1, TARGET)],
-    "plen:markerCorners": [Case(CHARUCO, True, TARGET)],
-    "plen:tagSize": [Case(TAGS, 8.1, TARGET)],
-    "plen:tagSpacing": [Case(TAGS, 0.2, TARGET)],
-    "plen:borderBits": [Case(TAGS, 1, TARGET)],
-    "plen:spacing": [Case(CIRCLES, 6.1, TARGET), Case(STARS, 8.1, TARGET), Case(LINES, 6.1, TARGET)],
-    "plen:diameter": [Case(CIRCLES, 2.9, TARGET), Case(STARS, 6.9, TARGET), Case(SIEMENS, 39.0, TARGET)],
-    "plen:asymmetric": [Case(CIRCLES, True, TARGET)],
-    "plen:edgeLength": [Case(TRIANGLES, 5.9, TARGET)],
-    "plen:spokes": [Case(STARS, 9, TARGET), Case(SIEMENS, 7, TARGET)],
-    "plen:hubDiameter": [Case(SIEMENS, 1.0, TARGET)],
-    "plen:angle": [Case(EDGE, 6.0, TARGET)],
-    "plen:lineWidth": [Case(LINES, 0.9, TARGET)],
+    "plen:width": [Case(EDGE, 41.0, DRAWN), Case(ARRAY, 20.0, CAMERA)],
+    "plen:height": [Case(EDGE, 31.0, DRAWN), Case(ARRAY, 20.0, CAMERA)],
+    "plen:squareSize": [Case("One", 1.3, DRAWN), Case(CHARUCO, 6.1, DRAWN)],
+    "plen:markerSize": [Case(CHARUCO, 4.4, DRAWN)],
+    "plen:dictionary": [Case(CHARUCO, "5x5_50", DRAWN), Case(TAGS, "apriltag_25h9", DRAWN)],
+    "plen:firstTag": [Case(CHARUCO, 1, DRAWN), Case(TAGS, 1, DRAWN)],
+    "plen:markerCorners": [Case(CHARUCO, True, DRAWN)],
+    "plen:tagSize": [Case(TAGS, 8.1, DRAWN)],
+    "plen:tagSpacing": [Case(TAGS, 0.2, DRAWN)],
+    "plen:borderBits": [Case(TAGS, 1, DRAWN)],
+    "plen:spacing": [Case(CIRCLES, 6.1, DRAWN), Case(STARS, 8.1, DRAWN), Case(LINES, 6.1, DRAWN)],
+    "plen:diameter": [Case(CIRCLES, 2.9, DRAWN), Case(STARS, 6.9, DRAWN), Case(SIEMENS, 39.0, DRAWN)],
+    "plen:asymmetric": [Case(CIRCLES, True, DRAWN)],
+    "plen:edgeLength": [Case(TRIANGLES, 5.9, DRAWN)],
+    "plen:spokes": [Case(STARS, 9, DRAWN), Case(SIEMENS, 7, DRAWN)],
+    "plen:hubDiameter": [Case(SIEMENS, 1.0, DRAWN)],
+    "plen:angle": [Case(EDGE, 6.0, DRAWN)],
+    "plen:lineWidth": [Case(LINES, 0.9, DRAWN)],
     "plen:mesh": [Case(MESH, [f"{MESH}/Other"], TARGET)],
     "plen:points": [Case(MESH, [(1.0, 2.0, 0.0)], TARGET)],
     "plen:normals": [Case(MESH, [(0.1, 0.0, 1.0)], TARGET)],
     "plen:radiance": [Case("Screen", 0.5, {"image"})],
     "xformOp:translate": [Case("Screen", (0.0, 0.0, -401.0), TARGET)],
-    "plen:shape": [Case("One", "cylinder", TARGET, along=ROLLED)],
-    "plen:shape:deflection": [Case("One", (0.1, 0.3), TARGET, given=WARPED)],
-    "plen:shape:resolution": [Case("One", Gf.Vec2i(3, 2), TARGET, given=MEASURED)],
-    "plen:shape:heights": [Case("One", [0.0, 0.1, 0.0, 0.2, 0.0, 0.0], TARGET, given=MEASURED)],
-    "plen:shape:radius": [Case("One", 21.0, TARGET, given=ROLLED)],
-    "plen:shape:edge": [Case("One", 11.0, TARGET, given=CUBE)],
-    "plen:shape:steps": [Case("One", 3, TARGET, given=STAIRS)],
-    "plen:shape:depth": [Case("One", 1.1, TARGET, given=STAIRS)],
+    "plen:shape": [Case("One", "cylinder", DRAWN, along=ROLLED)],
+    "plen:shape:deflection": [Case("One", (0.1, 0.3), DRAWN, given=WARPED)],
+    "plen:shape:resolution": [Case("One", Gf.Vec2i(3, 2), DRAWN, given=MEASURED)],
+    "plen:shape:heights": [Case("One", [0.0, 0.1, 0.0, 0.2, 0.0, 0.0], DRAWN, given=MEASURED)],
+    "plen:shape:radius": [Case("One", 21.0, DRAWN, given=ROLLED)],
+    "plen:shape:edge": [Case("One", 11.0, DRAWN, given=CUBE)],
+    "plen:shape:steps": [Case("One", 3, DRAWN, given=STAIRS)],
+    "plen:shape:depth": [Case("One", 1.1, DRAWN, given=STAIRS)],
 }
 
 CAMERAS = {

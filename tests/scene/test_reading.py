@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -293,7 +294,9 @@ def test_the_flattened_stage_stands_alone_and_reads_the_same(tmp_path, name):
     assert again.dataset == loaded.dataset
     assert again.flattened == loaded.flattened
     assert str(ROOT) not in loaded.flattened
-    assert "@" not in loaded.flattened
+    named = [f"./{entry.picture_file}" for entry in loaded.dataset.targets]
+    named += [f"./{entry.parts_file}" for entry in loaded.dataset.cameras]
+    assert sorted(re.findall("@([^@]*)@", loaded.flattened)) == sorted(named)  # what viewers find beside it
 
 
 def test_comments_and_split_layers_change_nothing(tmp_path):

@@ -18,18 +18,15 @@ from pipeline.built.output import open_output
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import read_json
 from pipeline.records.plain import to_plain
-from pipeline.report.page.guides import board_sheet, camera_guides
 from pipeline.report.page.optics import optics
 from pipeline.report.page.parts import Source, camera_part, target_part
 from pipeline.report.page.records import CameraPart, History, Page
 from pipeline.report.page.scripts import Scripts, replace
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import Loaded
-from pipeline.scene.write.guides import Sheet, write_guides
 
 INDEX = "index.html"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
-GUIDES = "preview.usdc"
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
 _OPTICS = ("optics.py", "spots.py", "shapes.py", "../drawing.py")
@@ -109,40 +106,21 @@ def write_page(out: Path, report: Path, loaded: Loaded | None, history: History 
         for name, camera in output.cameras.items()
     ]
     kept = scripts.keep("history") if history is None else scripts.write("history", history)
-    sheets = _sheets(report, loaded)
-    _remove_other_images(report, cameras, sheets)
+    _remove_other_images(report, cameras)
     page = _page(source, manifest, cameras, _targets(source, loaded), kept or "")
     scripts.write("page", page)
     for name in ASSETS:
         replace(report / name, _asset(name))
-    _write_guides(out, report, loaded, sheets)
     scripts.remove_others()
     replace(report / "made_of", state.encode())
     return report / INDEX
 
 
-def _sheets(report: Path, loaded: Loaded | None) -> list[Sheet]:
-    """Pictures of the targets, for USD viewers."""
-    targets = loaded.dataset.targets if loaded and loaded.dataset else ()
-    return [sheet for entry in targets if (sheet := board_sheet(entry, report)) is not None]
-
-
-def _write_guides(out: Path, report: Path, loaded: Loaded | None, sheets: list[Sheet]) -> None:
-    """Write the layer that shows lenses and rays in USD viewers; without a stage there is none."""
-    place = report / GUIDES
-    if loaded is None or loaded.dataset is None:
-        place.unlink(missing_ok=True)
-        return
-    cameras = [camera_guides(entry.prim_path, entry.camera) for entry in loaded.dataset.cameras]
-    write_guides(place, out / "dataset.usda", cameras, sheets)
-
-
-def _remove_other_images(report: Path, cameras: list[CameraPart], sheets: list[Sheet]) -> None:
+def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
     """Remove images of earlier builds."""
     shown = [picture for one in cameras for picture in one.pictures]
     shown += [picture for one in cameras for view in one.views for picture in view.pictures]
     used = {Path(picture.path).name for picture in shown}
-    used |= {Path(sheet.picture).name for sheet in sheets}
     for path in (report / "images").iterdir():
         if path.name not in used:
             shutil.rmtree(path) if path.is_dir() else path.unlink()

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.ranges import frames_in_words
-from pipeline.scene.read.finishes import is_preview, seen_meshes
+from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.lamps import lamp_prims
 from pipeline.scene.read.occluders import is_visible
 from pipeline.scene.read.prims import frame_numbers
+from pipeline.scene.read.targets import is_preview
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import target_paths, targets

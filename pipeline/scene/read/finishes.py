@@ -10,7 +10,7 @@ from pipeline.render.lighting.materials import all_of
 from pipeline.render.lighting.records import Finish, Input, Material, Numbers
 from pipeline.scene.read.lamps import is_in_images, lamp_prims
 from pipeline.scene.read.materials import Shaded, read_material
-from pipeline.scene.read.targets import PREVIEW
+from pipeline.scene.read.targets import is_preview
 from pipeline.scene.usd.meshes import Fans, fans
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, plain, read_once, targets
 
@@ -27,11 +27,6 @@ def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
     taken = {mesh for prim in stage.Traverse() for mesh in targets(prim, "plen:mesh", "Mesh")}
     others = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh) and prim not in named and prim not in taken]
     return named + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
-
-
-def is_preview(prim: Usd.Prim) -> bool:
-    """Whether a prim is the preview of a target, written by us or in the library."""
-    return bool(prim.GetName() == PREVIEW and prim.GetParent().IsA("PlenTarget"))
 
 
 @read_once

@@ -7,6 +7,7 @@ from pathlib import Path
 from pxr import Ar, Sdf, Usd, UsdShade
 
 from pipeline.scene.dataset import PictureEntry
+from pipeline.scene.read.targets import is_in_preview
 from pipeline.scene.usd.values import NotSupported, UnreadableValue
 
 SPACES = ("auto", "raw", "sRGB")
@@ -61,6 +62,8 @@ def _entry(attribute: Usd.Attribute, space: str) -> PictureEntry:
 
 def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
     if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
+        if is_in_preview(prim):
+            return []  # in no image
         shader = UsdShade.Shader(prim)
         given, space = shader.GetInput("file"), shader.GetInput("sourceColorSpace")
         found = given.GetValueProducingAttributes() if given else []

@@ -80,6 +80,8 @@ def read_dataset(root: Usd.Prim) -> Dataset:
         lamps=tuple(read_lamp_entry(prim, frame_numbers(root)) for prim in lamps),
         pictures=read_pictures(root.GetStage()) if lamps else (),
         exports=read_exports(root),
+        meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
+        up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
     )
 
 

@@ -82,6 +82,16 @@ SHAPES: dict[str, tuple[type, dict[str, str]]] = {
 """The surface of each plen:shape with the attributes of its fields."""
 
 
+def is_preview(prim: Usd.Prim) -> bool:
+    """Whether a prim is the preview of a target, written by us or in the library."""
+    return bool(prim.GetName() == PREVIEW and prim.GetParent().IsA("PlenTarget"))
+
+
+def is_in_preview(prim: Usd.Prim) -> bool:
+    """Whether a prim is part of the preview of a target, such as its material."""
+    return any(is_preview(prim.GetStage().GetPrimAtPath(path)) for path in prim.GetPath().GetPrefixes())
+
+
 def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
     """Every target on a stage that passed the checks, in stage order."""
     return tuple(read_target_entry(prim) for prim in stage.Traverse() if prim.IsA("PlenTarget"))

@@ -19,6 +19,8 @@ _SYNTAX = re.compile(
 _COPY = re.compile(r"/proc/self/fd/\d+(?:/judged\.usd[acz]?(?:\[[^\]]*\])?)?")
 """Pattern of the path of inspected bytes; our messages show the original file instead."""
 _ANONYMOUS_LAYER = re.compile(r",?@anon:[^@]*@,?")
+PARTS = "PreviewParts"
+"""Name of the prim below a Camera of an output folder whose payload are lens elements and rays, for viewers."""
 _FORWARD_SLASHES = "asset paths use forward slashes on every system"
 
 
@@ -45,8 +47,14 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
         delegate.TakeUncoalescedDiagnostics()
         del delegate
     files = {layer.identifier: layer.realPath for layer in stage.GetUsedLayers()}
-    problems = [_from_composition(error, files) for error in stage.GetCompositionErrors()]
+    errors = [error for error in stage.GetCompositionErrors() if not _is_of_parts(error)]
+    problems = [_from_composition(error, files) for error in errors]
     return stage, list(dict.fromkeys(problems))
+
+
+def _is_of_parts(error: Pcp.ErrorBase) -> bool:
+    """Whether the file is missing that a build made for viewers: a copied dataset.usda builds without it."""
+    return isinstance(error, Pcp.ErrorInvalidAssetPath) and error.rootSite.path.name == PARTS
 
 
 def problems_of(exception: Tf.ErrorException, path: Path, used: str | None = None) -> list[Problem]:

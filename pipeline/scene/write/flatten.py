@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 
-from pxr import Sdf, Usd, UsdUtils
+from pxr import Sdf, Usd, UsdGeom, UsdUtils
 
-from pipeline.scene.dataset import CameraEntry, TargetEntry
-from pipeline.scene.write.for_viewers import show_in_viewers
+from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
+from pipeline.scene.write.for_viewers import show_in_viewers, without_parts
 from pipeline.scene.write.lens_distortion import LENS_DISTORTION_NAMES
 
 
@@ -13,14 +13,17 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
     """The composed stage in one layer.
 
     References are composed. Tables of other renderers are left out: they do not travel with a build, and flattening
-    would write their paths on this machine. Instances must have been written out (`instances`),
-    because flattening would leave their prototypes beside the root.
+    would write their paths on this machine. So are parts of cameras, which a build has made for viewers. Instances
+    must have been written out (`instances`), because flattening would leave their prototypes beside the root.
     """
     # Flattening prints warnings about unknown metadata, which it leaves out.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     layer = stage.Flatten(addSourceFileComment=False)
     delegate.TakeUncoalescedDiagnostics()
     _leave_out_tables(layer)
+    for prim in stage.TraverseAll():
+        if prim.IsA(UsdGeom.Camera) and (spec := layer.GetPrimAtPath(prim.GetPath())):
+            without_parts(spec)
     return layer
 
 
@@ -49,8 +52,8 @@ def name_pictures(layer: Sdf.Layer, files: Mapping[Sdf.Path, str]) -> None:
 
 
 def text_for_viewers(
-    layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], kept: Iterable[str] = ()
+    layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], dataset: Dataset | None = None
 ) -> str:
     """Text of a flattened stage with the additions that viewers need, see `for_viewers`."""
-    show_in_viewers(layer, cameras, targets, kept)
+    show_in_viewers(layer, cameras, targets, dataset)
     return layer.ExportToString().rstrip("\n") + "\n"

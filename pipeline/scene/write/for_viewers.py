@@ -1,21 +1,23 @@
 """Additions to a flattened stage, so that any USD viewer shows the scene, without our plug-in, too.
 
-The additions are fallback types for our prim types, the field of view of each Camera as a USD pinhole, and a mesh
-for each target. They do not affect a build. Values that follow from a lens or a target replace existing ones.
+The additions are fallback types for our prim types, the field of view of each Camera as a USD pinhole, a mesh for each
+target, and what a build makes besides: pictures of targets and parts of cameras. They do not affect a build. Values
+that follow from a lens or a target replace existing ones.
 """
 
 import math
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from pipeline.camera.figures.viewfinder import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError
-from pipeline.scene.dataset import CameraEntry, TargetEntry
+from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
 from pipeline.scene.read.targets import PREVIEW
+from pipeline.scene.usd.opening import PARTS
+from pipeline.scene.write.boards import write_board
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import Target
 from pipeline.units import mm_per_unit
@@ -31,22 +33,33 @@ Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
 
 
 def show_in_viewers(
-    layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], kept: Iterable[str] = ()
+    layer: Sdf.Layer, cameras: Iterable[CameraEntry], targets: Iterable[TargetEntry], dataset: Dataset | None = None
 ) -> None:
     """Complete a flattened layer; a second call changes nothing.
 
     Parameters
     ----------
-    kept : iterable of str
-        Paths of prims that a dataset reads (occluders), which are not overwritten.
+    dataset : Dataset or None
+        What a build makes of the stage: its cameras have parts and its targets pictures, beside the layer. Meshes that
+        it reads (occluders) are not overwritten.
     """
     add_fallback_types(layer)
     unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
+    built_cameras, built_targets, kept = set[str](), set[str](), set[str]()
+    if dataset is not None:
+        built_cameras = {camera.prim_path for camera in dataset.cameras}
+        built_targets = {target.prim_path for target in dataset.targets}
+        kept = {occluder.prim_path for occluder in dataset.occluders}
     for camera in cameras:
-        _write_camera(layer.GetPrimAtPath(camera.prim_path), camera, unit_mm)
+        prim = layer.GetPrimAtPath(camera.prim_path)
+        _write_camera(prim, camera, unit_mm)
+        if camera.prim_path in built_cameras:
+            _name_parts(prim, camera.parts_file)
     for target in targets:
         if f"{target.prim_path}/{PREVIEW}" not in kept and isinstance(target.target, Target):
-            _write_preview(layer.GetPrimAtPath(target.prim_path), target.target, unit_mm)
+            picture = f"./{target.picture_file}" if target.prim_path in built_targets else None
+            prim = layer.GetPrimAtPath(target.prim_path)
+            write_board(prim, PREVIEW, preview_faces(target.target), unit_mm, picture)
 
 
 def add_fallback_types(layer: Sdf.Layer) -> None:
@@ -111,36 +124,18 @@ def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> No
     _write(prim, attributes)
 
 
-def _write_preview(prim: Sdf.PrimSpec, target: Target, unit_mm: float) -> None:
-    """Write the preview mesh of a target, replacing an older one; any other prim of that name stays."""
-    faces = preview_faces(target)
-    points = faces.points_mm / unit_mm
-    if not np.abs(points).max() < _LARGEST:
-        return
-    if PREVIEW in prim.nameChildren:
-        if prim.nameChildren[PREVIEW].typeName != "Mesh":
-            return
-        del prim.nameChildren[PREVIEW]
-    mesh = Sdf.PrimSpec(prim, PREVIEW, Sdf.SpecifierDef, "Mesh")
-    grey = np.clip(faces.radiance, 0, 1)[:, None]
-    points = points.astype(np.float32)
-    uniform = Sdf.VariabilityUniform
-    _write(
-        mesh,
-        {
-            "extent": (Sdf.ValueTypeNames.Float3Array, _vectors(np.stack([points.min(axis=0), points.max(axis=0)]))),
-            "faceVertexCounts": (Sdf.ValueTypeNames.IntArray, Vt.IntArray([4] * len(faces.faces))),
-            "faceVertexIndices": (Sdf.ValueTypeNames.IntArray, Vt.IntArray(faces.faces.ravel().tolist())),
-            "points": (Sdf.ValueTypeNames.Point3fArray, _vectors(points)),
-            "primvars:displayColor": (Sdf.ValueTypeNames.Color3fArray, _vectors(np.repeat(grey, 3, axis=1))),
-        },
-    )
-    mesh.attributes["primvars:displayColor"].SetInfo("interpolation", UsdGeom.Tokens.uniform)
-    Sdf.AttributeSpec(mesh, "subdivisionScheme", Sdf.ValueTypeNames.Token, uniform).default = UsdGeom.Tokens.none
+def _name_parts(prim: Sdf.PrimSpec, file: str) -> None:
+    """Write a prim whose payload are the parts of a camera, in the place of an older one."""
+    without_parts(prim)
+    parts = Sdf.PrimSpec(prim, PARTS, Sdf.SpecifierDef, "Scope")
+    parts.payloadList.Prepend(Sdf.Payload(f"./{file}"))
+    Sdf.AttributeSpec(parts, "purpose", Sdf.ValueTypeNames.Token, Sdf.VariabilityUniform).default = UsdGeom.Tokens.guide
 
 
-def _vectors(rows: np.ndarray) -> Vt.Vec3fArray:
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows + 0.0, np.float32))
+def without_parts(camera: Sdf.PrimSpec) -> None:
+    """Remove the parts of a camera that an earlier build named."""
+    if PARTS in camera.nameChildren:
+        del camera.nameChildren[PARTS]
 
 
 def _write(prim: Sdf.PrimSpec, attributes: Attributes) -> None:

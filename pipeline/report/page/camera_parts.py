@@ -1,70 +1,44 @@
-"""Guides of cameras for USD viewers: the shapes of the 3-D view as meshes and curves."""
+"""Parts of cameras for USD viewers: the shapes of the 3-D view as meshes and curves."""
 
-import hashlib
 import math
+from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import cell
+from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
-from pipeline.files.png import write_png
 from pipeline.frames import apply
 from pipeline.report.page.records import SurfaceShape
 from pipeline.report.page.shapes import ray_fans, surface_shapes
-from pipeline.scene.dataset import TargetEntry
-from pipeline.scene.write.guides import CameraGuides, GuideMesh, GuideRays, Sheet
-from pipeline.targets.preview import preview_faces, preview_picture
-from pipeline.targets.target import Target
+from pipeline.scene.write.parts import Part, PartCopies, PartMesh, PartRays
 
 _AROUND = 48
 """Corners of a circle: smooth to the eye."""
-_MOST_MICROLENSES = 20_000
-"""Microlenses that are shown one by one; of more only the outline of the array is."""
-_NAME = 12
-"""Digits of a digest in the name of a picture, which stands for its pixels."""
-_SHEET_PX = 1024
-"""Edge of the picture of a flat board [px]: its squares stay sharp on a whole screen."""
 _GLASS, _DARK, _FILM, _ARRAY = (0.43, 0.7, 0.9), (0.08, 0.09, 0.1), (0.5, 0.35, 0.8), (0.75, 0.6, 0.85)
 """Colours of glass, stop, sensor and microlenses, as in the 3-D view."""
 _FANS = {"centre": (0.9, 0.25, 0.2), "top left": (0.15, 0.6, 0.35), "bottom right": (0.2, 0.5, 0.88)}
 """Colours of the fans by their places: those of the drawing of the lens."""
 
 
-def camera_guides(prim_path: str, camera: Camera) -> CameraGuides:
-    """Lens elements, stop, sensor, microlenses and rays of a camera."""
+def camera_parts(camera: Camera) -> Iterator[Part]:
+    """Lens elements, stop, sensor and microlenses of a camera, and fans of rays from the centre and two corners."""
     shapes = surface_shapes(camera.prescription)
-    meshes = [
-        _element(f"Element{i + 1}", front, behind)
-        for i, (front, behind) in enumerate(pairwise(shapes))
-        if front.has_glass_behind
-    ]
-    meshes += [_stop(shapes), _sensor(camera)]
-    tracer = Tracer(camera)
-    if tracer.lattice is not None and len(tracer.vertices_mm) <= _MOST_MICROLENSES:
-        meshes.append(_microlenses(tracer))
-    rays = tuple(
-        GuideRays(name=f"Rays{i + 1}", paths_mm=tuple(map(np.array, fan.rays)), colour=_FANS[fan.place])
-        for i, fan in enumerate(ray_fans(camera))
-        if fan.rays
-    )
-    return CameraGuides(prim_path=prim_path, meshes=tuple(meshes), rays=rays)
+    for i, (front, behind) in enumerate(pairwise(shapes)):
+        if front.has_glass_behind:
+            yield _element(f"Element{i + 1}", front, behind)
+    yield _stop(shapes)
+    yield _sensor(camera)
+    if camera.microlenses is not None:
+        yield _microlenses(Tracer(camera), camera.microlenses)
+    for i, fan in enumerate(ray_fans(camera)):
+        if fan.rays:
+            yield PartRays(name=f"Rays{i + 1}", paths_mm=tuple(map(np.array, fan.rays)), colour=_FANS[fan.place])
 
 
-def board_sheet(target: TargetEntry, report: Path) -> Sheet | None:
-    """The picture of a target, written into the report; None of a mesh."""
-    if not isinstance(target.target, Target):
-        return None
-    grey = np.rint(255 * np.clip(preview_picture(target.target, _SHEET_PX), 0, 1)).astype(np.uint8)
-    picture = f"images/{target.name}.{hashlib.sha256(grey).hexdigest()[:_NAME]}.png"
-    if not (report / picture).is_file():
-        write_png(report / picture, grey)
-    return Sheet(prim_path=target.prim_path, picture=picture, places=preview_faces(target.target).sheet)
-
-
-def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> GuideMesh:
+def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> PartMesh:
     """A solid of glass: two poles on the axis, and rings from the one to the other over the rims."""
     profiles = [np.column_stack([one.height_mm, one.z_mm]) for one in (front, behind)]
     rings = np.concatenate([profiles[0][1:], profiles[1][:0:-1]])
@@ -91,7 +65,7 @@ def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> GuideMesh:
     return _mesh(name, placed, faces, _GLASS, 0.35)
 
 
-def _stop(shapes: tuple[SurfaceShape, ...]) -> GuideMesh:
+def _stop(shapes: tuple[SurfaceShape, ...]) -> PartMesh:
     """A dark ring around the opening."""
     stop = next(one for one in shapes if one.is_stop)
     widest = 1.05 * max(one.height_mm[-1] for one in shapes)
@@ -105,7 +79,7 @@ def _stop(shapes: tuple[SurfaceShape, ...]) -> GuideMesh:
     return _mesh("Stop", apply(np.array(stop.moved), points), faces, _DARK, 1.0)
 
 
-def _sensor(camera: Camera) -> GuideMesh:
+def _sensor(camera: Camera) -> PartMesh:
     sensor = camera.sensor
     half = np.array(sensor.size_mm) / 2
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
@@ -114,21 +88,17 @@ def _sensor(camera: Camera) -> GuideMesh:
     return _mesh("Sensor", points, [(0, 1, 2, 3)], _FILM, 1.0)
 
 
-def _microlenses(tracer: Tracer) -> GuideMesh:
+def _microlenses(tracer: Tracer, array: MicrolensArray) -> PartCopies:
     """A polygon per cell."""
-    array = tracer.camera.microlenses
-    assert array is not None
-    corners = -cell(array)
-    points = (tracer.vertices_mm[:, None] + corners).reshape(-1, 2)
-    each = len(corners)
-    faces = [tuple(range(first, first + each)) for first in range(0, len(points), each)]
-    return _mesh("Microlenses", tracer.on_film(points), faces, _ARRAY, 0.6)
+    corners = np.pad(-cell(array), ((0, 0), (0, 1)))
+    shape = _mesh("Cell", corners, [tuple(range(len(corners)))], _ARRAY, 0.6)
+    return PartCopies(name="Microlenses", mesh=shape, places_mm=tracer.on_film(tracer.vertices_mm))
 
 
 def _mesh(
     name: str, points: np.ndarray, faces: list[tuple[int, ...]], colour: tuple[float, float, float], opacity: float
-) -> GuideMesh:
-    return GuideMesh(
+) -> PartMesh:
+    return PartMesh(
         name=name,
         points_mm=points,
         counts=tuple(map(len, faces)),
