@@ -3,8 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# One process more than cores, because some tests wait for what they start; each needs 20 s to load what tests share.
+WORKERS = $(shell $(PYTHON) -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
 # Which tests make a run long.
-SLOWEST := --durations=15 --durations-min=2
+PYTEST = $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal --durations=15 --durations-min=2
+# pytest keeps the tests that it has rewritten, also where the user wants no byte code: each process would rewrite them all.
+test proofs: export PYTHONDONTWRITEBYTECODE =
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
@@ -18,12 +22,12 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(MAKE) -j2 lint warm
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal $(SLOWEST)
+	$(PYTEST)
 
 # The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks, figures of documents.
 proofs: $(STAMP) warm
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio optiland -e '.[docs]'
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist worksteal -m heavy $(SLOWEST)
+	$(PYTEST) -m heavy
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)

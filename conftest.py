@@ -19,6 +19,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+def pytest_runtest_setup():
+    """Each test checks shapes as if it ran alone."""
+    checked_shapes.start_counting_anew()
+
+
 def pytest_addoption(parser):
     """`--update-golden` is the only writer of golden files."""
     parser.addoption("--update-golden", action="store_true", help="write tests/golden anew and show what changes")

@@ -4,6 +4,7 @@ python docs/house.py [--write]
 """
 
 import ast
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,6 +62,12 @@ def modules() -> list[Module]:
     return [_module(path, path.relative_to(package)) for path in paths]
 
 
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    """The syntax tree of a file, parsed once however many rules ask for it."""
+    return ast.parse(path.read_bytes())
+
+
 def functions_of(tree: ast.AST) -> Iterator[Function]:
     """Functions and methods of a syntax tree, nested ones, too."""
     for node in ast.walk(tree):
@@ -83,7 +90,7 @@ def sheet() -> str:
 
 def _module(path: Path, name: Path) -> Module:
     text = path.read_text(encoding="utf-8")
-    tree = ast.parse(text)
+    tree = tree_of(path)
     return Module(name, len(text.splitlines()), sum(_docstring_lines(tree)), tuple(functions_of(tree)))
 
 

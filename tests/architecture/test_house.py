@@ -6,10 +6,11 @@ import re
 from itertools import zip_longest
 from pathlib import Path
 
+from house import tree_of
+
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "pipeline"
 MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
-TREES = {path: ast.parse(path.read_bytes()) for path in MODULES}
 MOST_MODULES, MOST_LINES, LONGEST = 14, 400, 60
 """Modules in a folder, lines of a module, lines of a function without its docstring."""
 
@@ -28,8 +29,8 @@ def test_no_folder_is_crowded_and_no_module_or_function_is_long():
     named = {folder: [p for p in folder.glob("*.py") if not p.name.startswith("__")] for folder in folders}
     offenders = [str(folder) for folder, found in named.items() if len(found) > MOST_MODULES]
     offenders += [str(path) for path in MODULES if len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES]
-    for path, tree in TREES.items():
-        for node in ast.walk(tree):
+    for path in MODULES:
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef):
                 lines = node.end_lineno - node.lineno + 1 - docstring_lines(node)
                 offenders += [f"{path}:{node.name}: {lines} lines"] * (lines > LONGEST)
@@ -56,8 +57,8 @@ def test_modules_are_imported_by_name_in_few_places_and_no_message_is_read():
 def test_docstrings_begin_with_a_noun_or_a_verb():
     """Not with a fragment: `Of what passes` says nothing on the first reading."""
     offenders = []
-    for path, tree in TREES.items():
-        for node in ast.walk(tree):
+    for path in MODULES:
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
                 text = ast.get_docstring(node) or ""
                 if re.match(r"(Of|What|Where|How|Which|When|Who|Whoever|Whatever|That|Those|With|If)\b", text):
@@ -87,8 +88,8 @@ def is_made_of_numbers(value: ast.expr) -> bool:
 def test_numbers_have_reasons():
     """A docstring below a constant, or a comment, has its unit and why it has that value."""
     offenders = []
-    for path, tree in TREES.items():
-        lines = path.read_text(encoding="utf-8").splitlines()
+    for path in MODULES:
+        tree, lines = tree_of(path), path.read_text(encoding="utf-8").splitlines()
         for node, below in zip_longest(tree.body, tree.body[1:]):
             if isinstance(node, ast.Assign | ast.AnnAssign) and node.value and is_made_of_numbers(node.value):
                 text = below.value if isinstance(below, ast.Expr) else None

@@ -2,7 +2,6 @@
 
 import dataclasses
 import importlib
-import os
 import subprocess
 import sys
 import typing
@@ -10,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from importlinter.cli import lint_imports
+
+from pipeline.app.build import build
 
 ROOT = Path(__file__).parents[2]
 
@@ -57,23 +58,20 @@ def test_every_kind_of_task_has_a_record_of_its_params():
         assert 'params["' not in path.read_text(encoding="utf-8"), path
 
 
-def test_a_plan_loads_no_compiler_and_no_library_of_the_tasks(tmp_path):
+def test_a_plan_loads_no_compiler_and_no_library_of_the_tasks(tmp_path, monkeypatch):
     """Neither for finished tasks nor for those that would run. (Tags alone need OpenCV: their dictionaries.)"""
     stage, heavy = (
         ROOT / "tests/data/tiny_plenoptic/dataset.usda",
         ("numba", "scipy", "embreex", "OpenEXR", "PIL", "cv2"),
     )
-    environment = {**os.environ, "PIPELINE_CACHE": str(tmp_path / "store")}
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    monkeypatch.chdir(tmp_path)
+    assert build(stage, jobs=1, until=("focus",)).executed == 1
     code = (
         "import sys; from pipeline.cli import app;"
         f"app(sys.argv[1:], standalone_mode=False); print([name for name in {heavy!r} if name in sys.modules])"
     )
-
-    def run(*arguments):
-        command = [sys.executable, "-c", code, *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path, env=environment)
-
-    run("build", stage, "--until", "focus", "-q")
-    planned = run("plan", stage).stdout
+    command = [sys.executable, "-c", code, "plan", str(stage)]
+    planned = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert "1 cached" in planned
     assert planned.endswith("[]\n")

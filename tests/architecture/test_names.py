@@ -26,7 +26,7 @@ def trees(*rooms: str) -> Iterator[tuple[str, ast.Module]]:
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package).as_posix()
         if not rooms or name.split("/")[0] in rooms:
-            yield name, ast.parse(path.read_text(encoding="utf-8"))
+            yield name, house.tree_of(path)
 
 
 def is_verb(module: house.Module, function: house.Function) -> bool:

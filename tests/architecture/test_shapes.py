@@ -45,7 +45,7 @@ def test_public_arrays_have_shapes() -> None:
     """Kernels are exempt, and NamedTuples, which they take; arrays in containers have no one shape."""
     bare = []
     for path in sorted(file for room in ROOMS for file in (PACKAGE / room).rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = house.tree_of(path)
         bare += [
             f"{path.relative_to(PACKAGE)}: {name}"
             for name, annotation in public(tree.body)
@@ -74,7 +74,7 @@ def test_all_modules_are_checked() -> None:
         if path.stem == "__init__" or "device" in path.stem:
             continue
         importlib.import_module(module)
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = house.tree_of(path)
         shaped = {name for name, annotation in public(tree.body) if "[np.ndarray, " in ast.unparse(annotation)}
         for name in shaped:
             owner = name.partition(":")[0] if ":" in name else name.rpartition(".")[0]

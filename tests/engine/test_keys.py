@@ -168,20 +168,42 @@ def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_
     assert len(keys) == 4
 
 
+def chains_of(sets):
+    """Some sets in few lists, in each of which every set contains the one before it."""
+    chains = []
+    for one in sorted(sets, key=len):
+        fitting = [chain for chain in chains if chain[-1] < one]
+        if fitting:
+            max(fitting, key=lambda chain: len(chain[-1])).append(one)
+        else:
+            chains.append([one])
+    return chains
+
+
+def told_by(lines):
+    """What the lines of a program print, each one line."""
+    command = [sys.executable, "-c", "\n".join(lines)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
 def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
     """Every distribution whose modules are loaded after a task's module was imported, by a process that starts bare.
 
-    Tasks that name the same libraries share a process: what one of them loads beyond these is seen all the same.
+    Tasks share a process where each names all libraries of those before it: what one of them loads beyond its own is
+    seen all the same.
     """
     kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if "def run(" in path.read_text(encoding="utf-8")]
     assert len(kinds) >= 8
     alike = defaultdict(list)
     for kind in kinds:
         alike[frozenset(code_of(f"pipeline.tasks.{kind}")["libraries"])].append(f"pipeline.tasks.{kind}")
-    for libraries, names in alike.items():
-        task_code = f"import sys, {', '.join(names)}; print(*sorted({{m.split('.')[0] for m in sys.modules}}))"
-        done = subprocess.run([sys.executable, "-c", task_code], capture_output=True, text=True, check=True)
-        loaded = {name for name in done.stdout.split() if is_foreign(name) and not name.startswith("_")}
+    chains = chains_of(alike)
+    assert len(chains) < len(alike)
+    code = "import sys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
+    lines = [told for chain in chains for told in told_by([f"import {', '.join(alike[one])}; {code}" for one in chain])]
+    for libraries, line in zip((one for chain in chains for one in chain), lines, strict=True):
+        names = alike[libraries]
+        loaded = {name for name in line.split() if is_foreign(name) and not name.startswith("_")}
         # numba reads a .numba_config.yaml if PyYAML happens to be there: settings, no numbers.
         # colour loads SciPy, and pandas and Matplotlib with its Pillow if these happen to be there, for its spectra and
         # plots: no task asks for them.

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 
-STAGES_NUMERICS_AND_FOLDERS = ["--only", "13", "25", "26"]
-"""Rows of hostile stages, other libraries and doctored folders, which take seconds each."""
+SLOW = ["--only", "7", "9", "13", "15", "25", "26"]
+"""Rows of read-only stores, locks that do not reach, hostile stages, killed collectors, other libraries and doctored
+folders, which take seconds each; tests/engine does the first, the second and the fourth with toy tasks."""
 
 
-@pytest.mark.parametrize(
-    ("rows", "least"), [([], 250), pytest.param(STAGES_NUMERICS_AND_FOLDERS, 80, marks=pytest.mark.heavy)]
-)
+@pytest.mark.parametrize(("rows", "least"), [([], 250), pytest.param(SLOW, 80, marks=pytest.mark.heavy)])
 def test_faults_leave_no_wrong_result_and_no_damaged_store(rows, least):
     """In a process of its own, because it forks."""
     command = [sys.executable, str(Path(__file__).with_name("run.py")), "--short", *rows]

@@ -16,7 +16,7 @@ from pipeline.scene.load import load
 from pipeline.share import share
 
 SHARDS = 10
-FEW = 50
+FEW = 100
 """`make test` tries one of so many values, `make proofs` all of them."""
 BUILT_OF_ACCEPTED = 2
 """In `make proofs` one of so many accepted stages is built."""

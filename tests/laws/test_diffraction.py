@@ -3,6 +3,7 @@ Maréchal's Strehl ratio near there, and Huygens's sum over rays everywhere.
 """
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -48,6 +49,7 @@ def on_axis(prescription: Prescription, distance_mm: float, object_mm: float = m
     return wavefront(Tracer(camera), View(np.zeros(2), NO_MICROLENS, object_mm), GREEN_NM)
 
 
+@functools.cache
 def perfect_lenses() -> list[tuple[Wavefront, float]]:
     """Wavefronts of two lenses without any error, and their numerical apertures by the sine of the marginal ray."""
     radius, focal = 30.0, 30.0 / (INDEX - 1)
@@ -64,9 +66,10 @@ def radius_to_sag(height: float, radius: float, conic: float) -> float:
     return c * height**2 / (1 + math.sqrt(1 - (1 + conic) * c**2 * height**2))
 
 
-@pytest.mark.parametrize(("front", "aperture"), perfect_lenses(), ids=["ideal", "hyperboloid"])
-def test_a_perfect_lens_makes_airys_pattern(front: Wavefront, aperture: float) -> None:
+@pytest.mark.parametrize("which", [0, 1], ids=["ideal", "hyperboloid"])
+def test_a_perfect_lens_makes_airys_pattern(which: int) -> None:
     """[2 J1(v) / v]^2 pi NA^2 / lambda^2 with v = 2 pi NA r / lambda, its first dark ring at 0.61 lambda / NA."""
+    front, aperture = perfect_lenses()[which]
     assert front.error_waves[1] < 1e-6
     radius_mm = np.linspace(0.01, 3, 40) * GREEN_MM / aperture
     v = 2 * np.pi * aperture * radius_mm / GREEN_MM
