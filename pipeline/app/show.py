@@ -167,7 +167,7 @@ class AskedPoints:
     at_px : (float, float) or None
         Image position; None: a few places.
     distance_mm : float or None
-        Of the points from the stop; None: in focus.
+        Distance of the points from the stop; None: they are in focus.
     """
 
     picture: Path

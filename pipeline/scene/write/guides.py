@@ -58,7 +58,7 @@ class Sheet:
     picture : str
         PNG of its linear reflectance, relative to the layer.
     places : (n, 2) float64
-        Where the points of its preview lie on the picture, from 0 at its lower left to 1 at its upper right.
+        Places of the points of its preview on the picture, from 0 at its lower left to 1 at its upper right.
     """
 
     prim_path: str
