@@ -24,7 +24,7 @@ FIELDS_DEG = {0: 0.0, 10: 10.0000000023, 14: 14.0000000032}
 
 @pytest.fixture(scope="module")
 def lens() -> Prescription:
-    """The listed lens at 587.6 nm."""
+    """The listed lens at 587.6 nm; edges, which are not listed, lie a little outside of all listed rays."""
     return codev_lens(LISTING)
 
 
