@@ -256,9 +256,11 @@ app.add_typer(cache, name="cache", rich_help_panel=CARE)
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     pin()  # before anything imports NumPy
-    # A large plan makes many records that all stay in use: searching for garbage took a tenth of the time
-    gc.set_threshold(100_000)
+    # A plan makes many records that all stay in use: searching them for garbage took a tenth of the time. A search for
+    # each million new objects bounds what cycles could hold.
+    gc.set_threshold(1_000_000)
     code = _exit_code()
+    gc.freeze()  # else the interpreter searches all of them once more at its end
     try:
         sys.stdout.flush()
     except OSError:  # it was reported; nothing more may be written, not even by the interpreter at its end

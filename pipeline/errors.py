@@ -31,7 +31,7 @@ class PipelineError(Exception):
     what : str
         One sentence: what is wrong, with the offending value.
     hint : str, optional
-        How to mend it.
+        A way to mend it.
     code : str, optional
         Stable name of the kind of mistake, under which `check` reports it; by default that of the class.
     """

@@ -179,9 +179,9 @@ class AskedExports:
     Attributes
     ----------
     formats : tuple of str
-        In the order of the stage.
+        Names of formats, in the order of the stage.
     position : str
-        Which position of a point: exact, chief, saddle or centroid.
+        Kind of position of a point: exact, chief, saddle or centroid.
     noise : dict
         Fields of `exports.noise.Noise`.
     """

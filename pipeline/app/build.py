@@ -29,7 +29,7 @@ from pipeline.records.declared import arguments_settled
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.spelling import nearest
-from pipeline.tasks.first_order import CONVENTIONS
+from pipeline.tasks.params.figures import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project"]
 

@@ -27,7 +27,8 @@ from pipeline.report import point_images as point_report
 from pipeline.scene.dataset import CameraEntry, LensEntry
 from pipeline.scene.load import load
 from pipeline.scene.usd.problems import Problem, StageError, blamed_on, shown_path
-from pipeline.tasks.first_order import CONVENTIONS, document
+from pipeline.tasks.first_order import document
+from pipeline.tasks.params.figures import CONVENTIONS
 
 _CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
 """The square sensor with which a bare lens is shown. Its half diagonal over the focal length: the first of these whose
@@ -166,7 +167,7 @@ class AskedPoints:
     at_px : (float, float) or None
         Image position; None: a few places.
     distance_mm : float or None
-        Of the points from the stop; None: in focus.
+        Distance of the points from the stop; None: they are in focus.
     """
 
     picture: Path

@@ -45,7 +45,7 @@ class CorrespondenceRows(np.recarray):
     Attributes
     ----------
     backdrop : Backdrop
-        What plots are drawn over.
+        The picture over which plots are drawn.
     """
 
     backdrop: Backdrop
@@ -69,16 +69,16 @@ class CorrespondenceRows(np.recarray):
         Parameters
         ----------
         frame : int, optional
-            By default all of the rows; those of several frames are drawn without an image.
+            The frame to draw; by default all rows, those of several frames without an image.
         camera : str, optional
             Name of the camera, as `Rig.Camera` or `Rig.Camera@red`, where rows are of several.
         axes : matplotlib Axes, optional
-            By default a new figure.
+            The axes to draw on; by default those of a new figure.
 
         Returns
         -------
         Axes
-            In pixels, (0, 0) the centre of the top-left one.
+            The axes, in pixels: (0, 0) is the centre of the top-left one.
 
         Raises
         ------

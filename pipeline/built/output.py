@@ -32,7 +32,7 @@ class Output:
     stage : str
         The stage that was built, as the manifest names it.
     cameras : mapping of str to BuiltCamera
-        In the order of their names; a camera with channels once for each, as `Rig.Camera@red`.
+        Cameras sorted by name; a camera with channels has an entry for each, as `Rig.Camera@red`.
     targets : mapping of str to BuiltTarget
     frames : tuple of int
         Sorted; each has a view of every camera.

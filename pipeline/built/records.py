@@ -55,9 +55,9 @@ class BuiltPoses:
     Attributes
     ----------
     camera_from_world, camera_from_target : array, and arrays by the name of a target
-        To the vision frame, whose origin is the centre of the aperture stop: right for rays.
+        Transforms to the vision frame, whose origin is the centre of the aperture stop: right for rays.
     pinhole_from_world, pinhole_from_target : array or None, and arrays by the name of a target
-        To the centre of projection of the equivalent pinhole: right for OpenCV. Empty where no pinhole fits.
+        Transforms to the centre of the equivalent pinhole: right for OpenCV. Empty where no pinhole fits.
     """
 
     camera_from_world: np.ndarray
@@ -180,9 +180,9 @@ class BuiltTarget:
     name, kind : str
         Name of the prim, and its pattern: docs/targets.md.
     parameters : dict
-        Of the pattern.
+        Parameters of the pattern.
     points_mm, nominal_mm, normals : (n, 3) float64
-        In the target frame, x right, y up, z towards the viewer; the row is the point_id. Actual points differ from
+        Target frame: x right, y up, z towards the viewer. The row is the point_id. Actual points differ from
         nominal ones on warped and measured boards.
     is_flat : bool
     """

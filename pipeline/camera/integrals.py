@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.integrating import footprint
 from pipeline.camera.integrating.mixture import mixed
 from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, edges
 from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.parts.gauss import square_nodes
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS, VARIANCE
 from pipeline.camera.tracing.records import Starts
@@ -85,9 +85,9 @@ class Integral:
     Attributes
     ----------
     moments : (n, COLUMNS) float64
-        As `Tracer.moments`; NaN where the bundle is empty.
+        Moments as from `Tracer.moments`; NaN where the bundle is empty.
     error_mm : (n, 2) float64
-        Of the mean on the first plane: difference of two levels of quadrature, or standard error of random rays.
+        Error of the mean on the first plane: difference of two levels of quadrature, or standard error of rays.
     is_random : (n,) bool
         Whether random rays were used.
     rays : int
@@ -145,7 +145,7 @@ def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels
 def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
     result, rays, n = [], 0, len(bundles.x_px)
     for level in levels:
-        offset, share = footprint.nodes(SQUARE_NODES[level])
+        offset, share = square_nodes(SQUARE_NODES[level])
         moments, status = np.empty((n, COLUMNS)), np.empty(n, np.int64)
         stretch = max(1, _NODES_AT_ONCE // (len(share) * NODES[level][0] * NODES[level][1]))
         for first in range(0, n, stretch):

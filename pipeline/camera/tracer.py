@@ -41,7 +41,7 @@ class Tracer:
     margin : float
         Inflation of the sampling bounds; results must not depend on it.
     device : str or None
-        Where `moments` traces: a name from `pipeline.jit.device`, or the processor.
+        Device on which `moments` traces: a name from `pipeline.jit.device`, or the processor.
     """
 
     camera: Camera
@@ -246,7 +246,7 @@ class Light(NamedTuple):
     share : float
         Share of the signal that it stands for, where all wavelengths pass alike.
     tracer : Tracer
-        Of the camera in this light alone.
+        Tracer of the camera in this light alone.
     """
 
     share: float

@@ -86,11 +86,11 @@ class Ended(Exception):
     Attributes
     ----------
     why : str
-        How it ended.
+        The reason for its end.
     words : str
         The end of what it printed.
     guards : Guards
-        Those that were in force.
+        Guards that were in force.
     """
 
     def __init__(self, why: str, words: str = "", guards: Guards | None = None) -> None:
@@ -113,7 +113,7 @@ def ask(function: str, question: Any, readable: Iterable[Path], bounds: Bounds) 
     -------
     answer : JSON value
     guards : Guards
-        Those that were in force.
+        Guards that were in force.
 
     Raises
     ------

@@ -25,7 +25,7 @@ def array_fit(camera: ExportCamera, stated: MicroImages, convention: Convention)
     Parameters
     ----------
     camera : ExportCamera
-        In our conventions.
+        A camera in our conventions.
     stated : MicroImages
         The same, with its centres as the format counts them.
     """

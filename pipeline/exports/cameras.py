@@ -79,7 +79,7 @@ class ArrayFit:
     Attributes
     ----------
     layout : str
-        As in camera.json.
+        Layout as in camera.json.
     centre : (2,) float64
         Image position of the micro-image nearest to the middle of the image.
     pitch_px, cross_pitch_px : float
@@ -87,7 +87,7 @@ class ArrayFit:
     turn_rad : float
         Anticlockwise as seen, from an array that is not turned.
     type : int
-        Of the micro-image at the centre.
+        Type of the micro-image at the centre.
     """
 
     layout: str
@@ -110,7 +110,7 @@ class GridMesh:
     pitch_px : tuple of float
         Along x and along y.
     angle_rad : float
-        From +x towards +y.
+        Rotation from +x towards +y.
     origin : (2,) float64
         An image position.
     """
@@ -145,17 +145,17 @@ class ExportCamera:
     ----------
     size_px : tuple of int
     pinhole : ExportPinhole or None
-        None where no pinhole fits.
+        The equivalent pinhole; None where none fits.
     axis : (2,) float64
         Image position of the optical axis.
     micro_images : MicroImages or None
-        None of a conventional camera.
+        None for a conventional camera.
     array : ArrayFit or None
-        Of a plenoptic camera; None before the conversion, too.
+        Array of a plenoptic camera; None for another one, and before the conversion.
     mesh : GridMesh or None
-        Of formats that count micro-images by column and row; None before the conversion, too.
+        Mesh for formats that count micro-images by column and row; None for others, and before the conversion.
     pose : StatedPose or None
-        From another camera, in formats that state that; None before the conversion, too.
+        Pose from another camera, for formats that state one; None for others, and before the conversion.
     sight : callable
         Makes the camera ready: its rays and projections, in our conventions.
     stated : StatedSight or None

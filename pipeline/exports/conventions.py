@@ -100,9 +100,9 @@ class Convention:
     consumer : str
         Who reads it.
     note : str
-        What a reader has to know of its files, beside their names.
+        Facts that a reader of its files has to know, beside their names.
     source : str
-        Where the consumer says so, in its code or documentation.
+        Place in the consumer's code or documentation that says so.
     """
 
     consumer: str

@@ -26,7 +26,7 @@ class Request:
     only : tuple of str
         Names of cameras and targets; all cameras where it names none, likewise targets.
     position : str
-        Which position of a point: a key of `POSITIONS`.
+        Kind of position of a point: a key of `POSITIONS`.
     noise : Noise
     """
 

@@ -26,7 +26,7 @@ class Grid:
     ----------
     columns, rows : int
     column_step, row_step : float
-        In the unit of the material.
+        Steps in the unit of the material.
     step_mm : float or None
         Side of its cells, whatever the unit; None where they are no squares.
     """
@@ -60,7 +60,7 @@ class ExportTarget:
     points, nominal : (n, 3) float64
         The row is the id.
     grid : Grid or None
-        None where ids do not count a regular grid from the top.
+        The regular grid whose points the ids count from the top; None where they do not.
     """
 
     name: str
@@ -79,13 +79,13 @@ class Observations:
     Attributes
     ----------
     rows : (n,) int64
-        In the table of the view.
+        Rows in the table of the view.
     ids : (n,) int64
-        Of the point.
+        Ids of the points.
     positions : (n, 2) float64
         Image positions.
     microlenses : (n, 2) int64 or None
-        None of a conventional camera.
+        None for a conventional camera.
     types : (n,) int64 or None
     rho_px : (n,) float64
         Signed blur radius, positive: the target lies beyond best focus.
@@ -122,10 +122,10 @@ class ExportView:
         Path of the preview below the output folder.
     built : BuiltView
     camera_from_target : (4, 4) float64 or None
-        To the centre of projection, in the unit of the material; None where no pinhole fits.
+        Transform to the centre of projection, in the unit of the material; None where no pinhole fits.
     camera_from_world : (4, 4) float64 or None
     pose : StatedPose or None
-        Of the target, as the format states it; None before the conversion, too.
+        Pose of the target as the format states it; None if it does not, and before the conversion.
     """
 
     camera: str

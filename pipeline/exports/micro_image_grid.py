@@ -23,13 +23,13 @@ class MicroImageGrid:
     Attributes
     ----------
     layout : str
-        As in camera.json; in hexagonal-columns lines run down, else across.
+        Layout as in camera.json; in hexagonal-columns lines run down, else across.
     first : tuple of int
         Number of the first line, and twice the place along the line that column 0 has in a line that is not shifted.
     types : (types,) int64
         Our type -> that of the grid.
     rows : (n,) int64
-        Those that matter, of all micro-images, sorted by row and column.
+        Rows of the micro-images that count, sorted by row and column.
     """
 
     layout: str

@@ -6,13 +6,15 @@ exported. The mixing of 64 bits is the finaliser of SplitMix64: Steele, Lea, Flo
 
 import hashlib
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.exports.errors import ExportError
-from pipeline.exports.material import ExportView, Material
 from pipeline.spelling import did_you_mean
+
+if TYPE_CHECKING:  # every graph of tasks knows `Noise`, and few have exports
+    from pipeline.exports.material import ExportView, Material
 
 _GOLDEN, _FIRST, _SECOND = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 """Constants of SplitMix64: the golden ratio as a step, and its two multipliers."""
@@ -20,8 +22,6 @@ _FRACTION = 2.0**-53
 """Distance of the numbers that 53 bits make of [0, 1)."""
 _MISSED, _OUTLIER, _RADIUS, _ANGLE, _X, _Y = range(6)
 """Streams of one observation: each draws one number."""
-
-
 _KINDS: dict[str, type] = {"noise_px": float, "outliers": float, "outlier_px": float, "missed": float, "seed": int}
 
 
@@ -92,7 +92,7 @@ def noise_of(text: str) -> Noise:
     return Noise(**given)
 
 
-def with_noise(material: Material, noise: Noise) -> Material:
+def with_noise(material: "Material", noise: Noise) -> "Material":
     """A material with noise on its observations, and remarks that say so."""
     if noise.is_none:
         return material
@@ -100,7 +100,7 @@ def with_noise(material: Material, noise: Noise) -> Material:
     return replace(material, remarks=(*material.remarks, *noise.remarks()), views=views)
 
 
-def _noisy(view: ExportView, noise: Noise) -> ExportView:
+def _noisy(view: "ExportView", noise: Noise) -> "ExportView":
     found = view.observations
     key = hashlib.sha256(f"{noise.seed}\0{view.camera}\0{view.frame}\0{view.target}".encode()).digest()
     names = [found.ids] if found.microlenses is None else [found.ids, *found.microlenses.T]

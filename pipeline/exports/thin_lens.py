@@ -26,11 +26,11 @@ class ThinLens:
     Attributes
     ----------
     focal_mm, f_number : float
-        Of the main lens.
+        Focal length and f-number of the main lens.
     main_lens_mm, sensor_mm : float
         Distances of the array from the main lens, D, and from the sensor, d.
     focal_lengths_mm : (types,) float64
-        Of the microlenses.
+        Focal lengths of the microlenses.
     """
 
     focal_mm: float
@@ -98,7 +98,7 @@ def thin_lens(record: dict[str, Any], focal_lengths_mm: np.ndarray) -> ThinLens:
     record : dict
         Content of camera.json.
     focal_lengths_mm : (types,) float64
-        Of the microlenses, in the order that the thin-lens camera shall have.
+        Focal lengths of the microlenses, in the order that the thin-lens camera shall have.
     """
     lens, types = record["lens"], record["mla"]["types"]
     front = sum(one["principal_planes_mm"][0] for one in types) / len(types)

@@ -18,7 +18,7 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     Parameters
     ----------
     position : str
-        Which position of a point the material holds, for the side-car; likewise `noise`, which it has already.
+        Kind of position that the material holds, for the side-car; likewise `noise`, which it has already.
 
     Raises
     ------

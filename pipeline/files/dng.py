@@ -33,7 +33,7 @@ class Negative:
     black_dn : float
         Digital number of no light, without noise; kept to 1/65536.
     white_dn : int
-        That of saturation.
+        Value of saturation.
     filters : tuple of str
         Names of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
     """

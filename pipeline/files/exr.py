@@ -81,7 +81,7 @@ def write_exr(path: str | Path, parts: list[Part], tiled: bool = True) -> None:
     path : path
         No particular extension is needed; the folder must exist.
     parts : list of Part
-        At least one.
+        One part at least.
     tiled : bool
         Tiles of `TILE_PX`, so that a viewer can read a region; else scan lines.
     """

@@ -45,7 +45,7 @@ class StackedRows:
     Parameters
     ----------
     paths : list of path
-        From the top. Only headers are read now.
+        Files from the top. Only headers are read now.
 
     Raises
     ------

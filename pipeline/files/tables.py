@@ -48,7 +48,7 @@ def write_table(
     header_lines : iterable of str
         Comment lines, without "#".
     columns : mapping of str to sequence
-        By name, in order. Floats are written by `repr`, so that they read back exactly; None, NaN and "" leave the
+        Columns in order. Floats are written by `repr`, so that they read back exactly; None, NaN and "" leave the
         cell empty; booleans become 1 and 0; text is quoted only if it must be.
     """
     comments = [f"# {line}".rstrip() for line in header_lines]

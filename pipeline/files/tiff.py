@@ -119,7 +119,7 @@ def write_tiff(
     rows : callable
         Called for one band after the other, from the top.
     about : dict
-        What the numbers mean, plain values: the description.
+        Meaning of the numbers as plain values: the description.
     more : tuple of Tag
         Further tags, which take the place of ours of the same number.
     """

@@ -32,7 +32,7 @@ class Fit:
     ----------
     model : Model
     parameters : (m,) float64
-        In the order of the model.
+        Parameters in the order of the model.
     residual_px : (2, n, 2) float64
         Position by the model minus position, of points of each ray on the near and on the far plane.
     """

@@ -30,7 +30,7 @@ class Model:
     consumer : str
         Who has it, and under which name.
     parameters : tuple of str
-        Those of `CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians.
+        Names of `CENTRE` and the model's own; lengths are px, coefficients numbers, tau radians.
     project : callable
         Function of the model's own parameters (m,) and of points (n, 3), counted from the centre, that returns image
         positions (n, 2), ours: (0, 0) is the centre of the top-left pixel. Analytic in both.

@@ -53,11 +53,11 @@ class ThinPlenopticFit:
     Attributes
     ----------
     parameters : (12,) float64
-        In the order of `PARAMETERS`.
+        Values in the order of `PARAMETERS`.
     residual_px : (n, 2) float64
-        Of the positions in full light, to which it was fitted.
+        Residuals of the positions in full light, to which it was fitted.
     dim_px : (m, 2) float64
-        Of the others by the same camera: in the penumbra.
+        Residuals of the positions in the penumbra, for the same camera.
     points : int
         Scene points whose positions they are.
     """

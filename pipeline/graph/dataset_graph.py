@@ -23,15 +23,13 @@ from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.scene.usd.problems import blamed_on
 from pipeline.targets.target import Target, plain_from_target
-from pipeline.tasks.baselines import BASELINES
-from pipeline.tasks.frame_poses import name_of
 from pipeline.tasks.params.cameras import Focus, InChannel, Nothing, Planes, Stop
 from pipeline.tasks.params.figures import CameraLabels, FirstOrder, FocusLabels
 from pipeline.tasks.params.images import SPECTRAL, ColourImage, White, WhitePass, WhiteTile
 from pipeline.tasks.params.micro_images import MicroImages, MicroImagesTile
 from pipeline.tasks.params.pictures import Picture, source_name
 from pipeline.tasks.params.placed import Matrix
-from pipeline.tasks.params.poses import Baselines, FramePoses, PosedFrame, RigFrame
+from pipeline.tasks.params.poses import BASELINES, Baselines, FramePoses, PosedFrame, RigFrame, poses_file
 from pipeline.tasks.params.rays import Rays, RaysTile
 from pipeline.tasks.params.viewers import PARTS, SHEET, Parts, Sheet
 from pipeline.truth.settings import TruthSettings
@@ -94,7 +92,7 @@ def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
     params = FramePoses(camera=entry.name, frames=tuple(posed))
     task = add(graph, f"frame_poses/{entry.name}", params, {"pinhole": f"pinhole/{entry.name}"})
     for frame in dataset.frames:
-        files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, name_of(frame.number))
+        files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, poses_file(frame.number))
 
 
 def _matrix(rows: tuple[tuple[float, ...], ...]) -> Matrix:

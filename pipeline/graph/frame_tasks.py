@@ -21,7 +21,7 @@ from pipeline.tasks.params.images import Exposure, Image, ImagePass, ImageTile
 from pipeline.tasks.params.placed import PaintedView, View
 from pipeline.tasks.params.rays import Light
 from pipeline.tasks.params.truth import PlaneAsked, Positions, TableLabels, Truth, TruthTable, TruthTile
-from pipeline.truth.grid.per_plane import plane_name
+from pipeline.truth.planes import plane_name
 from pipeline.truth.settings import OF_SEARCH, TruthSettings
 
 

@@ -29,7 +29,7 @@ def add_passes(
     parts : sequence of WhitePass or ImagePass
         The first pass over each strip.
     reads : dict
-        What each pass reads. A name that ends with a slash stands for strips: their first passes.
+        Tasks that each pass reads. A name that ends with a slash stands for strips: their first passes.
     noise : float
         Standard error that is asked for, relative to the mean of the image.
     """

@@ -52,7 +52,7 @@ class Work:
     loading_s : float
         Processor time for loading compiled code, or for compiling [s].
     news : str
-        What a task tells to whoever watches the build, in a few words.
+        A few words of the task to whoever watches the build.
     """
 
     def __init__(self) -> None:

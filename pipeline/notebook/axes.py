@@ -15,7 +15,7 @@ def axes(width_in: float, height_in: float, *, rows: int = 1, columns: int = 1) 
     width_in, height_in : float
         Size of the figure [inch].
     rows, columns : int
-        Of a grid of axes, which then are an array (rows, columns) with common scales.
+        Size of a grid of axes, which then are an array (rows, columns) with common scales.
 
     Raises
     ------

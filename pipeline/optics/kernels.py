@@ -88,7 +88,7 @@ def trace_packet(table, packet, count):
     Parameters
     ----------
     table : (n, columns) float64
-        From `optics.table`.
+        Table from `optics.table`.
     """
     for k in range(table.shape[0]):
         row, posed = table[k], table[k, POSE] > 0.0

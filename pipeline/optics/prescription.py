@@ -45,13 +45,13 @@ class Surface:
     inner_semi_diameter_mm : float
         Half the central obstruction of an annular aperture; 0 for none.
     half_widths_mm : (float, float) or None
-        Of a rectangular aperture.
+        Half widths of a rectangular aperture.
     blades : int
         Edges of a regular polygon whose corners lie on the circle of the semi-diameter; 0 for none.
     aperture_rotation_deg : float
-        Of rectangle or polygon, from +x towards +y of the lens frame. At 0 a polygon has a corner on +x.
+        Rotation of rectangle or polygon, from +x towards +y of the lens frame. At 0 a polygon has a corner on +x.
     focal_length_mm : float or None
-        Of an ideal thin lens in place of the surface, None for a surface. It is a plane in air that adds -height over
+        Focal length of an ideal thin lens; None for a surface. The lens is a plane in air that adds -height over
         focal length to the slope of a ray: a collineation, so every object plane has a sharp, undistorted image.
     distortion : tuple of float
         k1, k2, p1, p2, k3 of OpenCV, in the vision frame, by which an ideal thin lens that is the stop distorts its
@@ -59,7 +59,7 @@ class Surface:
     image_distance_mm : float
         Distance behind that lens of the plane whose image is distorted; without distortion it has no meaning.
     decentre_mm : (float, float)
-        How far the vertex stands off the axis along x and y of the lens frame, or of the group it belongs to.
+        Distance of the vertex from the axis along x and y of the lens frame, or of the group it belongs to.
     tilt_deg : (float, float)
         Turn about the vertex: first about x, then about y as it has been turned, right-handed in the lens frame.
 
@@ -150,12 +150,6 @@ class Surface:
         return self.curvature_per_mm + 2 * sum(self.even_coefficients[:1])
 
     @property
-    def is_spherical(self) -> bool:
-        """Whether this is a sphere or a plane."""
-        flat = math.isinf(self.radius_mm)
-        return (flat or self.conic == 0) and not any(self.even_coefficients + self.odd_coefficients)
-
-    @property
     def aperture(self) -> str:
         """The clear aperture in words."""
         if self.half_widths_mm:
@@ -223,7 +217,7 @@ class Group:
     first, count : int
         Its first surface, counted from 0, and how many there are.
     decentre_mm : (float, float)
-        How far it stands off the axis along x and y of the lens frame.
+        Distance from the axis along x and y of the lens frame.
     tilt_deg : (float, float)
         Turn about the pivot: first about x, then about y as it has been turned, right-handed in the lens frame.
     pivot_mm : float

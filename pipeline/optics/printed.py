@@ -21,7 +21,7 @@ class Lost:
     what : str
         One sentence.
     line : int or None
-        Where the source says it, counted from 1.
+        Line of the source that says it, counted from 1.
     """
 
     what: str
@@ -35,7 +35,7 @@ class PrintedSurface:
     Attributes
     ----------
     semi_diameter_mm : float or None
-        None where the source does not say.
+        Semi-diameter; None where the source does not state it.
     index, abbe : float, float or None
         Medium behind the surface at the wavelength of the lens; Abbe number, None where unknown.
     glass : str
@@ -45,9 +45,9 @@ class PrintedSurface:
     asphere : tuple of (int, float)
         Powers p of the height and their coefficients [mm^(1 - p)], zeros left out.
     inner_semi_diameter_mm, half_widths_mm, blades, aperture_rotation_deg
-        Of an annular, a rectangular or a polygonal aperture, as in `prescription.Surface`.
+        Figures of an annular, a rectangular or a polygonal aperture, as in `prescription.Surface`.
     focal_length_mm : float or None
-        Of an ideal thin lens.
+        Focal length of an ideal thin lens.
     """
 
     radius_mm: float = math.inf
@@ -90,13 +90,13 @@ class PrintedLens:
     provenance : tuple of str
         Paragraphs: publication, where the numbers were read, notes.
     surfaces : tuple of PrintedSurface
-        From the scene to the sensor; neither object nor image.
+        Surfaces from the scene to the sensor; neither object nor image.
     wavelength_nm : float
-        To which the indices belong.
+        Wavelength to which the indices belong.
     nominal_efl_mm, nominal_bfd_mm : float or None
-        As the source states them, for an object at infinity; None where it does not.
+        Values that the source states, for an object at infinity; None where it does not.
     lost : tuple of Lost
-        What the source says beyond this record.
+        Statements of the source that this record cannot hold.
     """
 
     name: str

@@ -47,7 +47,7 @@ def traced(
     Parameters
     ----------
     table : (n, columns) float64
-        From `optics.table`.
+        Table from `optics.table`.
     position_mm, direction : (n, 3) float64
         Points on the rays and unit directions with a positive z, in the frame of the table.
     """

@@ -23,7 +23,7 @@ class Losses:
     Attributes
     ----------
     reflectance : tuple of float or None
-        Of the coating of each surface; None: a bare one.
+        Reflectance of the coating of each surface; None: a bare one.
     per_mm : tuple of float
         Share of light that a millimetre of the medium behind each surface lets pass.
     """
@@ -37,10 +37,6 @@ class Losses:
             raise PrescriptionError("a coating reflects a share of light between 0 and 1")
         if not all(0 < one <= 1 for one in self.per_mm):
             raise PrescriptionError("a medium lets a share of light between 0 and 1 pass, and not none")
-
-    def reversed(self) -> "Losses":
-        """The same for light from the sensor: the medium behind a surface is then that of the surface before it."""
-        return Losses(reflectance=self.reflectance[::-1], per_mm=(*self.per_mm[-2::-1], 1.0))
 
 
 def reflectance_at(
@@ -73,11 +69,11 @@ def transmitted(
     Parameters
     ----------
     table : (surfaces, columns) float64
-        From `optics.table`.
+        Table from `optics.table`.
     position_mm, direction : (n, 3) float64
         Points on the rays and unit directions with a positive z.
     losses : Losses
-        In the order of the table. Light comes from air.
+        Losses in the order of the table. Light comes from air.
     """
     across, along = np.ones(len(position_mm)), np.ones(len(position_mm))
     alive = np.ones(len(position_mm), bool)

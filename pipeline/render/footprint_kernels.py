@@ -143,7 +143,7 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
     places : Places
     meeting : Meeting
     colour_of_block : (b,) float64
-        From `whole_blocks`.
+        Colours from `whole_blocks`.
     verdict : (n,) int8
         Read and written.
     light : (n,) float64

@@ -35,7 +35,7 @@ class Places(NamedTuple):
     Attributes
     ----------
     positions : (n, 2) float64
-        On the sensor, vision frame [mm].
+        Positions on the sensor, vision frame [mm].
     blocks : (n, s) int64
         Indices of the blocks; -1 for none.
     centre_mm, step_mm : (b, 2), (b,) float64

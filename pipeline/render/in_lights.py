@@ -46,7 +46,7 @@ def pictures_in_lights(
     Parameters
     ----------
     white : (2, height, width, wavelengths) float64
-        Of `white_parts`, for the same rows.
+        Result of `white_parts` for the same rows.
     """
     shared, parts, images = rig.tracer.samples_of_each(samples), own_and_foreign(white), []
     for number, one in enumerate(rig.in_each_light):

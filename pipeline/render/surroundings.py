@@ -98,7 +98,7 @@ class Surroundings:
         Parameters
         ----------
         target : int
-            Which target the points belong to.
+            Index of the target to which the points belong.
         point_mm, front : (n, 3) float64
             Target points and the normals of their tangent planes.
         origin_mm, direction : (n, 3) float64
@@ -123,12 +123,15 @@ class Surroundings:
         return hidden
 
     def distance_mm(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-        """Way along rays with unit directions to the first surface, (n,) [mm]; NaN where there is none.
+        """Way along rays with unit directions to the first surface, (n,) [mm]; NaN where there is none, or no ray.
 
         Bent targets count as their meshes.
         """
-        triangle, path = self._first(origin_mm, direction)
-        return np.where(triangle >= 0, path, np.nan)
+        found = np.full(len(origin_mm), np.nan)
+        rows = np.flatnonzero(np.isfinite(direction).all(axis=1))
+        triangle, path = self._first(origin_mm[rows], direction[rows])
+        found[rows] = np.where(triangle >= 0, path, np.nan)
+        return found
 
     def _first(self, origin_mm: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The first triangle of each ray, -1 for none, and the way to its plane."""

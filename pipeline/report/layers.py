@@ -30,9 +30,9 @@ class Layout:
     lanes : list of Line
         Level, across a column.
     links, arrows : list of Line
-        From one column to the next, in the gap between them; an arrow ends at a box.
+        Lines from one column to the next, in the gap between them; an arrow ends at a box.
     width, height : float
-        Of it all.
+        Size of the whole drawing.
     """
 
     boxes: dict[str, Point]

@@ -18,7 +18,7 @@ def plot(camera: Camera, title: str, axes: Any = None) -> Any:
     Parameters
     ----------
     axes : matplotlib Axes, optional
-        By default a new figure.
+        The axes to draw on; by default those of a new figure.
 
     Returns
     -------

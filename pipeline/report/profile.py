@@ -54,7 +54,7 @@ def lines(found: dict[str, Any], limit_per_s: float) -> list[str]:
     Parameters
     ----------
     found : dict
-        From `profile`.
+        Result of `profile`.
     limit_per_s : float
         Crossings of spheres per second and core that roots and divisions allow, see `optics.limit`.
     """

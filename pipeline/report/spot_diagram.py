@@ -25,7 +25,7 @@ class SpotDiagram:
     Attributes
     ----------
     name : str
-        Of the camera.
+        Name of the camera.
     spots : tuple of Spot
         Rays of one image position where they cross a plane of the scene, as displacements in the image [px].
     """

@@ -17,11 +17,11 @@ def page(name: str, document: dict[str, Any], curves: FieldCurves) -> list[str]:
     Parameters
     ----------
     name : str
-        Of the camera.
+        Name of the camera.
     document : dict
         Contents of camera.json.
     curves : FieldCurves
-        Of the same camera.
+        Curves of the same camera.
     """
     lines = [f"{name}: {document['lens']['name']}", _COUNTED]
     if document["focus_request"]:
@@ -44,9 +44,9 @@ def lens_page(document: dict[str, Any], curves: FieldCurves | None) -> list[str]
     Parameters
     ----------
     document : dict
-        From `app.show`.
+        Document from `app.show`.
     curves : FieldCurves or None
-        None where the lens has no real image.
+        Curves of the lens; None where it has no real image.
     """
     lens = document["lens"]
     lines = [f"{lens['name']}, for objects at infinity", _COUNTED, ""]

@@ -11,7 +11,7 @@ def lines(verdict: dict[str, Any]) -> list[str]:
     Parameters
     ----------
     verdict : dict
-        As `verify --json` prints it.
+        Verdict that `verify --json` prints.
     """
     text = certificate.lines(verdict["cameras"])
     for name, look in sorted(verdict["derived_again"].items()):

@@ -72,7 +72,7 @@ class CameraEntry:
     channel : Channel or None
         The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one.
     response : SensorResponse or None
-        How the sensor turns photons into digital numbers, where it says so.
+        Response of the sensor, from photons to digital numbers; None where the stage states none.
     irradiation : Irradiation or None
         Light of each frame; None: there are no raw images.
     """
@@ -242,7 +242,7 @@ class Dataset:
     lamps : tuple of LampEntry
         With any, everything is lit by them; without, targets glow.
     pictures : tuple of PictureEntry
-        Of a lit dataset.
+        Pictures of a lit dataset.
     exports : AskedExports
         Files of other programs that a build writes.
     meters_per_unit, up_axis : float, str

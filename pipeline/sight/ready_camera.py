@@ -38,7 +38,7 @@ class ReadyCamera:
     Attributes
     ----------
     name : str
-        As in tables; empty of a camera that stands in no stage.
+        Name as in tables; empty for a camera from no stage.
     rig : Rig
     min_hit_fraction : float
         Positions with less light count as dark.

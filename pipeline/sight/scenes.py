@@ -25,11 +25,7 @@ class BuiltScene:
         """Way along rays (n, 3) of the vision frame, of unit directions, to the first surface, (n,); NaN: there is
         none.
         """
-        around = self._around(frame, body_and_channel(camera)[0])
-        found = np.full(len(origin_mm), np.nan)
-        rows = np.flatnonzero(np.isfinite(direction).all(axis=1))
-        found[rows] = around.distance_mm(origin_mm[rows], direction[rows])
-        return found
+        return self._around(frame, body_and_channel(camera)[0]).distance_mm(origin_mm, direction)
 
     @lru_cache(maxsize=1)  # noqa: B019 (a band of rows follows another, and there is one scene at a time)
     def _around(self, frame: int, camera: str) -> Surroundings:

@@ -231,7 +231,7 @@ def curved_light(artwork, surface, triangle, origin, direction, light):
     artwork : Artwork
     surface : Curved
     triangle : (n,) int64
-        Which triangle of the patch each ray meets first; negative: none.
+        Triangle of the patch that each ray meets first; negative: none.
     """
     drawing, colours, pose = artwork
     is_cylinder, shape, triangles = surface

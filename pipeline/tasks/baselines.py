@@ -9,10 +9,9 @@ from pipeline.files.tables import write_table
 from pipeline.frames import inverse, rotation_vector
 from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
 from pipeline.tasks.frame_poses import pinhole_from_camera
+from pipeline.tasks.params.poses import BASELINES, RigFrame
 from pipeline.tasks.params.poses import Baselines as Params
-from pipeline.tasks.params.poses import RigFrame
 
-BASELINES = "baselines.csv"
 HEADER = (
     "two cameras in a frame: point in the second = R(rvec) point in the first + t, axes x right, y down, z forward",
     "pinhole: between the pinholes of camera.json, what OpenCV's stereoCalibrate calls R and T; mm, rvec in rad",

@@ -15,16 +15,8 @@ from pipeline.files.jsonfile import write_json
 from pipeline.optics.first_order import first_order
 from pipeline.records.plain import to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, pinhole_of
-from pipeline.tasks.params.figures import CameraLabels
+from pipeline.tasks.params.figures import CONVENTIONS, CameraLabels
 from pipeline.tasks.params.figures import FirstOrder as Params
-
-CONVENTIONS = {
-    "pixel": "(0, 0) is the centre of the top-left pixel, x right, y down",
-    "vision_frame": "origin at the centre of the aperture stop, x right, y down, z forward, mm",
-    "target_frame": "origin at the pattern centre, x right, y up, z towards the viewer, mm",
-    "distances": "vision z from the aperture stop, mm",
-    "pinhole": "centre of projection in the vision frame, axes as there; k1, k2, p1, p2, k3 as in OpenCV",
-}
 
 _FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm")
 

@@ -10,7 +10,7 @@ from pipeline.files.jsonfile import write_json
 from pipeline.frames import inverse, rigid, rotation_vector
 from pipeline.tasks.artefacts.cameras import Inputs, pinhole_of
 from pipeline.tasks.params.poses import FramePoses as Params
-from pipeline.tasks.params.poses import PosedFrame
+from pipeline.tasks.params.poses import PosedFrame, poses_file
 
 CONVENTIONS = {
     "transforms": "a_from_b acts on column vectors, mm",
@@ -21,16 +21,11 @@ CONVENTIONS = {
 }
 
 
-def name_of(number: int) -> str:
-    """The output that holds a frame."""
-    return f"{number:04d}.json"
-
-
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write a file for each frame."""
     pinhole = pinhole_of(inputs)
     for frame in params.frames:
-        write_json(out / name_of(frame.number), poses(params.camera, frame, pinhole))
+        write_json(out / poses_file(frame.number), poses(params.camera, frame, pinhole))
 
 
 def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> dict[str, Any]:

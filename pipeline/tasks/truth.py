@@ -23,11 +23,11 @@ from pipeline.tasks.params.truth import TruthTable
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.direct.fallback import polished
 from pipeline.truth.direct.own_bundle import with_own_bundles
-from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm, plane_name
+from pipeline.truth.grid.per_plane import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid, Rays
 from pipeline.truth.grid.second_order import corrected
-from pipeline.truth.planes import faces_camera
+from pipeline.truth.planes import faces_camera, plane_name
 from pipeline.truth.positions.column_sets import column_names, column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings

@@ -27,3 +27,8 @@ def tangent_planes(
 def faces_camera(planes: Float64[np.ndarray, "n 4 3"]) -> np.ndarray:
     """Whether the front of each plane (p, 4, 3) faces the centre of the aperture stop, (p,) bool."""
     return np.einsum("pi,pi->p", planes[:, 0], planes[:, 3]) < 0
+
+
+def plane_name(target: str, number: int, planes: int) -> str:
+    """Name of the position image of a tangent plane: that of the target, with a number if it has several."""
+    return target if planes == 1 else f"{target}.{number}"

@@ -102,6 +102,18 @@ def test_parameters_keep_the_words_of_the_conventions() -> None:
     assert found == []
 
 
+def test_functions_and_records_keep_the_words_of_the_conventions() -> None:
+    """A function or a record of the physics has no forbidden word in its name, in whatever case."""
+    found = [
+        f"{name}: {node.name}"
+        for name, tree in trees("camera", "optics", "render", "targets", "truth")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        and any(word in node.name.lower() for word in FORBIDDEN - {"pitch", "interface"})
+    ]
+    assert found == []
+
+
 def is_main_lens(argument: ast.arg) -> bool:
     return argument.annotation is not None and ast.unparse(argument.annotation) in MAIN_LENS
 

@@ -18,7 +18,7 @@ from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.tasks import micro_images, rays, rays_tile
 from pipeline.tasks.artefacts.cameras import FOCUSED
-from pipeline.tasks.artefacts.ray_grid import read_grid
+from pipeline.tasks.artefacts.ray_grid import RayFile
 from pipeline.tasks.params.rays import Light
 from pipeline.truth.grid.ray_grid import RayGrid
 
@@ -136,4 +136,4 @@ def ray_grid(
     if camera.microlenses:
         micro_images.run(micro_images.Params(tiles=0), inputs, folder / "table")
         inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
-    return read_grid(inputs)
+    return RayFile(inputs).window(slice(0, sensor.height_px), slice(0, sensor.width_px))

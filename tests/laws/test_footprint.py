@@ -11,9 +11,9 @@ from laws.solving import rig_of, solved
 from tolerances import FIRST_ORDER_BLUR, HALVED_SQUARE
 
 from pipeline.camera.integrals import Bundles, integrals
-from pipeline.camera.integrating import footprint
 from pipeline.camera.integrating.mixture import mixed
 from pipeline.camera.parts.camera import Sampling
+from pipeline.camera.parts.gauss import square_nodes
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, target_plane
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT
@@ -122,7 +122,7 @@ def test_bundles_of_a_square_joined_are_the_bundle_of_all_their_rays() -> None:
     """Weighted mean and covariance of all rays at once; of the four nodes of one square the last is dark."""
     rng = np.random.default_rng(3)
     crossing, weight = rng.normal((1e3, 0.0, 0.0, 0.0), size=(2, 4, 20, 4)), rng.uniform(size=(2, 4, 20))
-    nodes, share = footprint.nodes(2)
+    nodes, share = square_nodes(2)
     weight[1, 3], found = 0.0, np.full((2, 4, COLUMNS), np.nan)
     found[..., WEIGHT], found[..., FREE_WEIGHT] = weight.sum(axis=2), 2.0
     for place in set(np.ndindex(2, 4)) - {(1, 3)}:

@@ -122,7 +122,9 @@ def test_transmission_is_the_same_either_way() -> None:
     start = np.column_stack([rng.uniform(-5, 5, (200, 2)), np.full(200, -131.0)])
     way = np.column_stack([rng.uniform(-0.1, 0.1, (200, 2)), np.ones(200)])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    there = transmitted(towards_scene(prescription), start, way, losses.reversed())
+    # Seen from the sensor, the medium behind a surface is that of the surface before it.
+    from_sensor = Losses(reflectance=losses.reflectance[::-1], per_mm=(*losses.per_mm[-2::-1], 1.0))
+    there = transmitted(towards_scene(prescription), start, way, from_sensor)
     end, direction, passes = traced(towards_scene(prescription), start, way)
     flip = np.array([1.0, -1.0, -1.0])
     back = transmitted(towards_sensor(prescription), (end + direction) * flip, -direction * flip, losses)

@@ -36,7 +36,7 @@ class NewDataset:
     Attributes
     ----------
     lines : list of str
-        What its poses fill, for a person.
+        Sentences that tell a person what its poses fill.
     problems : list of Problem
     """
 

@@ -25,7 +25,7 @@ class RigWish:
         None: the stop as the lens has it.
     microlenses : Path or None
     microlens_distance_mm : float or None
-        From the sensor; with microlenses.
+        Distance of the microlenses from the sensor; only with microlenses.
     """
 
     lens: Path

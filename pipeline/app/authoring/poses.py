@@ -45,7 +45,7 @@ class Wish:
     ----------
     count : int
     seed : int
-        Of the sequence: other poses of the same kind.
+        Seed of the sequence; another one gives other poses of the same kind.
     most_tilt_deg : float
         Largest angle between the target and the image plane.
     least_seen : float

@@ -48,8 +48,8 @@ class FieldCurves:
     object_mm : float
         Vision z of that plane; inf: the chief ray's direction decides.
     boresight_px : (float, float) or None
-        Where the chief ray from the axis of that plane meets the sensor, x and y in the image from where it does in the
-        centred lens; None for a centred lens.
+        Shift of the image of the axis: where the chief ray from the axis of that plane meets the sensor, less where it
+        does in the centred lens, x and y in the image; None for a centred lens.
     corner_mm : float
         Distance of that corner from the image of the axis: beyond the last row the image is dark.
     """

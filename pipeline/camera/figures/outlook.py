@@ -49,9 +49,9 @@ class Outlook:
     Attributes
     ----------
     fate : (poses, n) int
-        As in `Fate`.
+        Fate of each point, a value of `Fate`.
     blur_px : (poses, n) float64
-        How wide their light is spread on the sensor: behind microlenses by the type that is sharpest.
+        Width of their light on the sensor, behind microlenses that of the sharpest type.
     """
 
     fate: Int64[np.ndarray, "poses n"]

@@ -37,13 +37,13 @@ class PointImage:
     Attributes
     ----------
     place : str
-        In words.
+        The place in words.
     x_px : (2,) float64
         Image position that the point has by geometry: the mean of its rays.
     object_mm, wavelength_nm : float
         Vision z of the point; inf: infinitely far.
     numerical_aperture : float
-        Of the circle with the pupil's area in direction cosines, at the sensor.
+        Sine at the sensor of the circle that has the pupil's area in direction cosines.
     airy_radius_um : float
         First dark ring of that circle: 0.61 wavelength / numerical aperture.
     rms_waves, extent_waves : float

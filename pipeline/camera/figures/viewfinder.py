@@ -18,9 +18,9 @@ class Viewfinder:
     Attributes
     ----------
     principal_mm : float
-        From the pinhole to the film.
+        Distance from the pinhole to the film.
     size_mm, offset_mm : (float, float)
-        Of the film, along x and y of the image; where its middle lies from the foot of the pinhole, x right and y up as
+        Size of the film along x and y of the image; its middle, from the foot of the pinhole, x right and y up as
         the viewer looks at the scene.
     focus_mm : float
         Vision z of what is in focus, of the middle microlens type; may be inf.

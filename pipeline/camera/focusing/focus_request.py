@@ -24,7 +24,7 @@ class FocusRequest:
     Attributes
     ----------
     sensor_distance_mm : float or None
-        From the aperture stop to the sensor; None: `focus_distance_mm` decides. With `focus_groups` both are given.
+        Distance from stop to sensor; None: `focus_distance_mm` decides. With `focus_groups` both are given.
     focus_distance_mm : float or None
         Object distance from the stop that shall be in focus; may be inf.
     focus_type : int or None

@@ -45,7 +45,7 @@ class Nodes(NamedTuple):
     owner : (m,) int64
         Sensor position of each, ascending.
     points : (m, 2) float64
-        On the sampling plane [mm].
+        Points of the sampling plane [mm].
     measure : (m,) float64
         Area that each node stands for [mm^2].
     """
@@ -125,7 +125,7 @@ def probe(camera, positions, microlens, owner, points, label):
     owner : (m,) int64
         Sensor position that a ray starts from, ascending.
     points : (m, 2) float64
-        On the sampling plane.
+        Points of the sampling plane.
     label : (m,) int64
         Written: see `label_packet`.
     """

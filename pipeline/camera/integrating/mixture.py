@@ -12,7 +12,7 @@ def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray
     Parameters
     ----------
     moments : (n, m, COLUMNS) float64
-        Of every part; NaN, with weight 0, where nothing passes. Errors of parts are independent.
+        Moments of every part; NaN, with weight 0, where nothing passes. Errors of parts are independent.
     share : (m,) float64
         Share of each part in the mixture where all pass alike.
     """

@@ -47,7 +47,7 @@ class Polar(NamedTuple):
     Attributes
     ----------
     shares : (r,) float64
-        Of the way from the inner point to the edge.
+        Shares of the way from the inner point to the edge.
     directions : int
     about : int
         The position whose inner point serves all of them.

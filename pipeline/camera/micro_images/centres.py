@@ -10,7 +10,7 @@ from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.microlens_tables import is_plain
-from pipeline.camera.tracing.sampling_bounds import SKIP, outlines_at
+from pipeline.camera.tracing.sampling_bounds import outlines_at
 from pipeline.optics.first_order import exit_pupil
 from pipeline.records.shapes import Float64, Int64
 
@@ -46,16 +46,6 @@ class MicroImages:
     def owner(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Row of the microlens whose micro-image centre is nearest to each position of the sensor, (n,)."""
         return self.nearby.nearest(positions_mm)[1][:, 0]
-
-    def contributors(self, positions_mm: Float64[np.ndarray, "n 2"], slack_mm: float) -> np.ndarray:
-        """Rows of the microlenses whose light may reach within `slack_mm` of each position, nearest first, (n, s).
-
-        As many columns as the position with the most of them needs; `SKIP` for a microlens whose light does not.
-        """
-        distance, rows = self.nearby.within(positions_mm, float(self.reach_mm.max()) + slack_mm)
-        lit = distance <= self.reach_mm[rows] + slack_mm
-        most = int(np.flatnonzero(lit.any(axis=0)).max(initial=0)) + 1
-        return np.where(lit, rows, SKIP)[:, :most] if lit.size else np.full((len(positions_mm), 1), SKIP)
 
 
 def micro_images(tracer: Tracer) -> MicroImages:

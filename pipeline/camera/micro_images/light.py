@@ -56,13 +56,13 @@ class MicroLight:
     Attributes
     ----------
     rows : (n,) int64
-        Which microlenses of the lattice, ascending.
+        Rows of the microlenses in the lattice, ascending.
     centroid_mm : (n, 2) float64
-        Of the irradiance on the sensor, all of it, also beyond the image; vision frame, NaN for a dark one.
+        Centroid of all irradiance on the sensor, also beyond the image; vision frame, NaN for a dark one.
     pupil_area_mm2 : (n,) float64
-        What light through the vertex fills.
+        Area of the pupil that light through the vertex fills.
     pupil_mm, light_mm : (n, directions) float64
-        How far from the centroid light through the vertex, and any light, reaches along `OUTLINE_DEG`; NaN where the
+        Reach of light through the vertex, and of any light, from the centroid along `OUTLINE_DEG`; NaN where the
         vertex throws no light onto the centroid, or nothing is lit.
     """
 

@@ -28,11 +28,11 @@ class Nearby:
     ----------
     points : (n, 2) float64
     corner, side : (2,) float64, float
-        Where the first square begins, and the edge of all.
+        Corner at which the first square begins, and the side of all squares.
     order : (n,) int64
         Rows of the points, square by square along x, then y.
     starts : (lines, squares of a line + 1) int64
-        Where the points of each square begin in `order`, and last where those of the line end.
+        Indices into `order` at which the points of each square begin, and at which those of the line end.
     """
 
     points: Float64[np.ndarray, "n 2"]

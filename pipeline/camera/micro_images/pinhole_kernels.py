@@ -35,7 +35,7 @@ class Pencils(NamedTuple):
     microlens, kind : (n,) int64
         Rows and types.
     points : (types, k, 3) or (types, k, 5, 3) float64
-        In the frame of the microlens; for `add_light` each with its neighbours, see `_density`.
+        Points in the frame of the microlens; for `add_light` each with its neighbours, see `_density`.
     """
 
     microlens: np.ndarray
@@ -71,7 +71,7 @@ class Sectors(NamedTuple):
     bases, directions : (f, 2) float64
         The tip, and a unit vector.
     radius, angle : (f,) float64
-        How far light reaches, and the angle that the direction stands for.
+        Distance to which light reaches, and the angle that the direction stands for.
     """
 
     owner: np.ndarray
@@ -161,7 +161,7 @@ def add_light(camera, pencils, shares, middle, sectors, sums):
     shares : (k,) float64
         Weights of the nodes.
     middle : (n, 2) float64
-        What moments count from.
+        Origin of the moments.
     sectors : Sectors
     sums : (n, 4) float64
         Added to: light [sr], its moments along x and y [sr mm], and the area that light through node 0 fills [mm^2].

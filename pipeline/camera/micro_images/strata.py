@@ -1,4 +1,4 @@
-"""Microlenses that light each pixel of some rows of the image: the same as `MicroImages.contributors`, pixel by pixel.
+"""Microlenses that light each pixel of some rows of the image.
 
 Microlenses are laid onto the pixels that they may light, instead of looking up those of every pixel in a tree.
 """

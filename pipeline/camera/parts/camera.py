@@ -27,14 +27,14 @@ class Sensor:
     pitch_mm : float
         Distance of neighbouring pixel centres, the same in x and y.
     offset_x_mm, offset_y_mm : float
-        Where the optical axis meets the sensor, from the image centre, sensor frame (x right, y down in the image).
+        Point where the optical axis meets the sensor, from its centre, sensor frame (x right, y down in the image).
     acceptance : str
-        What share of a ray at the angle theta to the axis a pixel takes: `all`; `cosine`, cos^power(theta); `cone`, 1
+        Share of a ray at the angle theta to the axis that a pixel takes: `all`; `cosine`, cos^power(theta); `cone`, 1
         up to the half angle, from there falling linearly with the angle to 0 over the roll-off.
     acceptance_power : float
-        Of `cosine`.
+        Power of `cosine`.
     acceptance_half_angle_deg, acceptance_roll_off_deg : float
-        Of `cone`.
+        Angles of `cone`.
     """
 
     width_px: int
@@ -75,13 +75,13 @@ class Camera:
     Attributes
     ----------
     sensor_distance_mm : float
-        From the aperture stop to the sensor.
+        Distance from the aperture stop to the sensor.
     circle_of_confusion_px : float
         Blur-disc diameter that still counts as sharp, for the depth of field.
     near_mm, far_mm : float or None
         Vision z of the planes of J_near and J_far; None: derived from the depth of field by `focused`.
     weight : str
-        What a ray weighs, besides its acceptance: `irradiance`, cos(theta) d omega at the sensor, or `area` of the
+        Weight of a ray, besides its acceptance: `irradiance`, cos(theta) d omega at the sensor, or `area` of the
         sampling plane. Weights are in sr or in mm^2.
     spectrum : tuple of SpectralNode
         Wavelengths of its light, at least two; empty: one wavelength, that of the prescription's indices.

@@ -18,7 +18,7 @@ class PrintedCamera:
     provenance : tuple of str
         Paragraphs: where the numbers were read, notes.
     lost : tuple of Lost
-        What the source says beyond this record; the lens has its own.
+        Statements of the source that this record cannot hold; the lens lists its own.
     """
 
     name: str

@@ -25,7 +25,7 @@ class Lattice:
     x_mm, y_mm : (n,) float64
         Vertices in the sensor frame, from the sensor's centre.
     z_mm : (n,) float64
-        How much nearer to the scene than lens (0, 0) they stand: 0 without tilt.
+        Height above microlens (0, 0), positive towards the scene; 0 without tilt.
     """
 
     k: Int64[np.ndarray, "n"]

@@ -31,7 +31,7 @@ class MicrolensArray:
     pitch_mm : float
         Distance of neighbouring vertices, along the rows (of hexagonal-columns: along the columns).
     cross_pitch_mm : float or None
-        What stands in place of the pitch across that direction; None: the same.
+        Pitch across that direction; None: the same pitch.
     focal_lengths_mm : tuple of float
         One per type. Of refractive microlenses it follows from their faces, and may be left out.
     type_table, type_period : tuple of int, (int, int) or None
@@ -42,24 +42,24 @@ class MicrolensArray:
     columns, rows : int or None
         Instead of the extent: the number of lenses along x and y, before the rotation.
     distance_mm : float
-        From the sensor to the plane of thin microlenses, else to the vertices of the faces towards the sensor.
+        Distance from the sensor to the plane of thin microlenses, else to the vertices of the faces towards the sensor.
     rotation_deg : float
-        Of the lattice, from +x towards +y of the sensor frame.
+        Rotation of the lattice, from +x towards +y of the sensor frame.
     offset_x_mm, offset_y_mm : float
-        Of lens (0, 0) from the sensor's centre, sensor frame: array and sensor move together.
+        Position of microlens (0, 0) from the sensor's centre, sensor frame: array and sensor move together.
     tilt_x_deg, tilt_y_deg : float
         Turn of the array about lens (0, 0), first about the x axis, then about the y axis of the sensor frame (z to
         the scene, right-handed: a positive tilt about x brings lenses at +y nearer to the scene).
     aperture : str
         `cell`, the lattice cell; `disc`, a disc in an opaque plate.
     disc_diameter_mm : float or None
-        Of `disc`.
+        Diameter of `disc`.
     model : str
         `thin`, `two-plane` or `refractive`.
     index, thickness_mm : float or None
-        Of two-plane and refractive microlenses: at the camera's wavelength; from vertex to vertex.
+        Index at the camera's wavelength and thickness from vertex to vertex; two-plane and refractive only.
     front_radii_mm, rear_radii_mm : tuple of float
-        Of refractive microlenses, one per type, faces towards the scene and towards the sensor; positive when the
+        Radii of refractive microlenses, one per type: faces towards scene and sensor; positive when the
         centre lies towards the sensor, inf is a plane.
     front_conics, rear_conics : tuple of float
         One per type; empty: spheres.

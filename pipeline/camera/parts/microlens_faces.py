@@ -86,7 +86,7 @@ def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float 
     cell : (n, 2) float64
         Corners of the lattice cell, counter-clockwise.
     radius_mm : float or None
-        Of a disc, which then is the aperture instead.
+        Radius of a disc that is the aperture instead.
     flat : bool
         Whether the front face is traced as the plane through its vertex that does not bend: the two-plane model.
     """

@@ -13,13 +13,13 @@ class SpectralNode:
     Attributes
     ----------
     wavelength_nm : float
-        In standard air.
+        Wavelength in standard air.
     weight : float
         Share of the channel's signal that this wavelength stands for, where all of them pass the lens alike.
     indices : tuple of float
         Refractive index behind each surface of the lens, relative to air.
     microlens_index : float or None
-        Of the microlenses; None where there are none, or thin ones.
+        Index of the microlenses; None where there are none, or thin ones.
     """
 
     wavelength_nm: float

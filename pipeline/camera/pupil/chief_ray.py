@@ -44,7 +44,7 @@ def chief_slopes(
     Parameters
     ----------
     table : (n, columns) float64
-        From `optics.table.towards_scene`.
+        Table from `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
     points_mm : (m, 3) float64
@@ -149,7 +149,7 @@ def chief_heights(
     Parameters
     ----------
     table : (n, columns) float64
-        From `optics.table.towards_scene`.
+        Table from `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
     plane_mm : float or (m,) float64

@@ -25,7 +25,7 @@ def lit_share(
     Parameters
     ----------
     table : (n, columns) float64
-        From `optics.table.towards_scene`.
+        Table from `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
     start_mm, end_mm : (3,) float64
@@ -34,7 +34,7 @@ def lit_share(
     Returns
     -------
     float
-        To 1e-5, of a lens whose light ends once along the way; a sliver of the pupil that is narrower than 1/64 of the
+        The share to 1e-5, if light ends once along the way; a sliver of the pupil that is narrower than 1/64 of the
         rear surface and has no chief ray counts as dark.
     """
     table = enclosing(table)

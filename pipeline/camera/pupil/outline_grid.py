@@ -73,13 +73,13 @@ def grid_outlines(
     Parameters
     ----------
     table : (n, columns) float64
-        From `optics.table.towards_scene`.
+        Table from `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
     half_extents_mm : (float, float)
-        How far from the plane's origin points along u and v will be asked for.
+        Largest distances from the plane's origin, along u and v, of points that will be asked for.
     slack_mm : float
-        How far from the point that it is asked for an outline, moved by the drift, still has to hold.
+        Distance from its point at which an outline, moved by the drift, still has to hold.
     """
     table = enclosing(table)
     step = max(*half_extents_mm, 1e-6) / _NODES

@@ -52,7 +52,7 @@ class Outlines:
         outline i belongs to the height i * step_mm on the +x axis. Several: a grid over x (columns) and y (rows) with
         its middle in (0, 0).
     drift : float
-        How far an outline moves per distance of its point: near the axis, or in the middle of all of a grid.
+        Motion of an outline per motion of its point: near the axis, or in the middle of a grid.
     """
 
     step_mm: float
@@ -73,7 +73,7 @@ def outlines(
     Parameters
     ----------
     table : (n, columns) float64
-        From `optics.table.towards_scene`.
+        Table from `optics.table.towards_scene`.
     stop_row : int
         Row of the aperture stop in the table.
     plane_mm : float
@@ -155,11 +155,11 @@ def edges(
     Parameters
     ----------
     starts : (n, 3) float64
-        Where the rays start.
+        Points at which the rays start.
     inside : (n, 2) float64
         A passing point each.
     slack_mm : float
-        How much farther than 2.5 semi-diameters of the rear surface a blocked point may lie.
+        Distance beyond 2.5 semi-diameters of the rear surface that a blocked point may have.
     """
     ray = directions_of(directions)
     shape = (len(inside), directions)

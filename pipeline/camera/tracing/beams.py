@@ -35,7 +35,7 @@ class Blocks(NamedTuple):
     Attributes
     ----------
     microlens : (b,) int64
-        That of each, or `NO_MICROLENS`.
+        Microlens of each block, or `NO_MICROLENS`.
     centre_mm : (b, 2) float64
         Vision frame.
     step_mm : (b,) float64

@@ -31,7 +31,7 @@ CURVATURE_OF_NORMALS, INDEX, IN_FRONT, BENDS = range(4)
 aperture is that of the front face, behind a plane; the last is their number."""
 
 
-class Lenslet(NamedTuple):
+class MicrolensPlace(NamedTuple):
     """Place of a microlens's rear vertex [mm], height of its aim plane above the sensor, sensor below the vertex."""
 
     x: float
@@ -42,17 +42,17 @@ class Lenslet(NamedTuple):
 
 
 @inline
-def lenslet_of(camera, microlens):
+def place_of_microlens(camera, microlens):
     """The place of a microlens that is not plain."""
     row = camera.lenses[microlens]
-    return Lenslet(row[X], row[Y], row[Z], row[AIM], camera.optics.sensor_z_mm - row[Z])
+    return MicrolensPlace(row[X], row[Y], row[Z], row[AIM], camera.optics.sensor_z_mm - row[Z])
 
 
 @unit
 def through_microlens(camera, microlens, start, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
     detail, faces, bends, _ = camera.mosaic
-    kind, place = int(camera.lenses[microlens, KIND]), lenslet_of(camera, microlens)
+    kind, place = int(camera.lenses[microlens, KIND]), place_of_microlens(camera, microlens)
     towards_microlens(camera, microlens, start, size, packet)
     trace_packet(faces[kind], packet, size)
     if detail[MODEL] == THIN:
@@ -70,7 +70,7 @@ def through_microlens(camera, microlens, start, size, packet):
 @inline
 def towards_microlens(camera, microlens, start, size, packet):
     """Rays from sensor positions towards aim points, in x and y, with their weights: frame of the microlens."""
-    place, detail, x, y = lenslet_of(camera, microlens), camera.mosaic.detail, packet.x, packet.y
+    place, detail, x, y = place_of_microlens(camera, microlens), camera.mosaic.detail, packet.x, packet.y
     for i in range(size):
         ray, packet.weight[i] = into_microlens(place, detail, start.x[i], start.y[i], x[i], y[i])
         put(packet, i, ray)

@@ -50,7 +50,7 @@ class Microlenses:
         Polygon around the aperture.
     mosaic : Mosaic
     reach : (m, 2) float64
-        Of the linear map from the sensor to the rear vertex plane: per sensor point, per aim point.
+        Reach of the linear map from the sensor to the rear vertex plane: per sensor point, per aim point.
     """
 
     lenses: Float64[np.ndarray, "m columns"]

@@ -15,8 +15,8 @@ from pipeline.camera.tracing.microlens_kernels import (
     bent_by_normals,
     bent_thinly,
     into_microlens,
-    lenslet_of,
     out_of_microlens,
+    place_of_microlens,
 )
 from pipeline.camera.tracing.packets import aimed, plain_microlens, weighed, within_disc
 from pipeline.jit.decorators import inline
@@ -59,7 +59,7 @@ def _past(camera, microlens, start_x, start_y, x, y):
 def _through(camera, microlens, start_x, start_y, x, y):
     """The ray behind a microlens that is not plain: vision frame."""
     detail, faces, bends, _ = camera.mosaic
-    kind, place = int(camera.lenses[microlens, KIND]), lenslet_of(camera, microlens)
+    kind, place = int(camera.lenses[microlens, KIND]), place_of_microlens(camera, microlens)
     ray, weight = into_microlens(place, detail, start_x, start_y, x, y)
     ray = trace_ray(faces[kind], ray)
     if detail[MODEL] == THIN:

@@ -48,7 +48,7 @@ def aim_into(region, fan, anchor, start, x, y):
     region, fan : regions.Region, regions.Fan
     anchor : Anchor
     start : camera.records.SensorPoints
-        As many as x and y hold.
+        As many starts as x and y hold.
     """
     for i in range(x.shape[0]):
         px, py = point_in_fan(region.polygon, fan.vertices, region.cumulative, fan.x, fan.y, x[i], y[i])

@@ -30,7 +30,7 @@ class Mosaic(NamedTuple):
     Attributes
     ----------
     detail : (15,) float64
-        What is the same for all, at places that `camera.tracing.acceptance` and `camera.tracing.microlens_kernels`
+        Numbers common to all, at places that `camera.tracing.acceptance` and `camera.tracing.microlens_kernels`
         name.
     faces : (types, surfaces, columns) float64
         Surfaces of each type, as in `optics.table`.
@@ -55,7 +55,7 @@ class CameraArrays(NamedTuple):
     table : (s, columns) float64
         Surfaces, from `optics.table.towards_scene`.
     outlines : (rows, columns, d, 2) float64
-        From `camera.pupil.outlines`.
+        Outlines from `camera.pupil.outlines`.
     lenses : (m, columns) float64
         Vertex x, y and focal length of every microlens, and more of those that are not plain:
         `camera.tracing.microlens_kernels`.
@@ -78,7 +78,7 @@ class Samples(NamedTuple):
     Attributes
     ----------
     bits : (DIMENSIONS, samples) uint32
-        From `camera.tracing.sobol`; of bundles, samples of one replica.
+        Numbers from `camera.tracing.sobol`; for bundles, the samples of one replica.
     seed : int
     edge_mm : float
         Edge of the square that rays start anywhere on; 0: from its centre alone.
@@ -129,13 +129,13 @@ class Starts(NamedTuple):
     Attributes
     ----------
     pixels : (n, 2) int64
-        What random numbers depend on besides the seed.
+        Pixels, on which random numbers depend besides the seed.
     anchors : (n, 2) float64
         Positions next to those below, for which the region is bound that rays go through, vision frame [mm].
     positions : (n, 2) float64
-        On the sensor.
+        Positions on the sensor.
     microlens : (n,) int64
-        That of each position, `NO_MICROLENS` or `SKIP`.
+        Microlens of each position, `NO_MICROLENS` or `SKIP`.
     """
 
     pixels: np.ndarray
@@ -161,7 +161,7 @@ class Squares(NamedTuple):
     Attributes
     ----------
     pixels : (n, 2) int64
-        What random numbers depend on besides the seed.
+        Pixels, on which random numbers depend besides the seed.
     positions : (n, 2) float64
         Their centres, vision frame [mm].
     strata : (n, s) int64

@@ -72,7 +72,7 @@ def ideal_path(
     Parameters
     ----------
     offset_mm : (n, 2) float64
-        Where the rays meet the lens, from its middle.
+        Points where the rays meet the lens, from its middle.
     before, behind : (n, 2) float64
         Their slopes.
     """

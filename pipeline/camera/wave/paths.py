@@ -36,7 +36,7 @@ def sent(
     microlens : int
         Row of the one that they pass, or `NO_MICROLENS`.
     start_mm : (2,) float64
-        On the sensor.
+        Start on the sensor.
     direction : (n, 3) float64
         Unit vectors with a positive z.
     """

@@ -41,7 +41,7 @@ class View:
     Attributes
     ----------
     position_mm : (2,) float64
-        On the sensor, vision frame.
+        Position on the sensor, vision frame.
     microlens : int
         Row of the microlens that light passes, or `NO_MICROLENS`.
     object_mm : float

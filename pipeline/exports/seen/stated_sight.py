@@ -27,7 +27,7 @@ class PixelBand:
     origin, direction : (rows, w, 3) float64
         NaN where no light leaves.
     microlenses : (rows, w, 2) int64 or None
-        None of a conventional camera.
+        None for a conventional camera.
     """
 
     origin: np.ndarray

@@ -83,7 +83,7 @@ def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> t
     lens : PrintedLens
         With the numbers of the column as its semi-diameters.
     f_number : float or None
-        As the file states it.
+        F-number that the file states.
 
     Notes
     -----

@@ -25,7 +25,7 @@ class UnreadableLens(UsageError):
     line : int, optional
         Line, counted from 1.
     hint : str, optional
-        How to mend it.
+        A way to mend it.
     """
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None, hint: str | None = None) -> None:

@@ -34,7 +34,7 @@ class Glass(Medium):
     temperature_c : float or None
         Temperature of the catalogue, None where it is not stated.
     stated_nd, stated_vd : float or None
-        As the vendor prints them, rounded; for reports and tests only.
+        Values that the vendor prints, rounded; for reports and tests only.
     """
 
     vendor: str

@@ -39,9 +39,9 @@ def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm
     glass : str
         `vendor:name`, a name that one vendor uses, a formula, or empty.
     index, abbe : float or None
-        As printed, None where nothing is printed.
+        Printed values; None where nothing is printed.
     wavelength_nm : float
-        To which the printed index belongs.
+        Wavelength to which the printed index belongs.
 
     Raises
     ------

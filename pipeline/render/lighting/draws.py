@@ -25,7 +25,7 @@ class Points(NamedTuple):
     Attributes
     ----------
     bits : (2, size) uint32
-        From `camera.tracing.sobol`.
+        Numbers from `camera.tracing.sobol`.
     turned : (size,) uint32
         Binary digits of each index, the last one first.
     """

@@ -54,9 +54,9 @@ class LitView:
     background : float
         Radiance that the camera sees where there is nothing, if no dome is there.
     wavelengths_nm : tuple of float
-        Of the light of the image, in the order of `Rig.in_each_light`.
+        Wavelengths of the image's light, in the order of `Rig.in_each_light`.
     colours : sequence of inks.Colours
-        Of each target; empty: all of them are neutral.
+        Colours of each target; empty: all of them are neutral.
     """
 
     targets: Sequence[tuple[AnyTarget, np.ndarray]]

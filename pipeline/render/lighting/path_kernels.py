@@ -57,7 +57,7 @@ class Paths(NamedTuple):
     density, cosine : (n,) float64
         Density with which the direction was chosen [1/sr], 0 for rays of the camera, and its cosine at the surface.
     key, place : (n,) uint32, (n,) int64
-        What random numbers depend on.
+        Numbers on which random numbers depend.
     ray : (n,) int64
         The ray of the camera that it belongs to.
     """
@@ -105,7 +105,7 @@ class Shadows(NamedTuple):
     end : (n,) float64
         Path to the lamp.
     light : (n,) float64
-        What arrives if nothing is in between; 0: there is no such ray.
+        Light that arrives if nothing is in between; 0: there is no such ray.
     """
 
     origin: np.ndarray

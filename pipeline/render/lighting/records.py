@@ -23,7 +23,7 @@ class Lamp:
         Rect: half its width and height [mm]. Disk, sphere: radius, 0. Cylinder: half its length, radius. Distant: half
         its angle [rad], 0.
     texture : str
-        Of a dome: the name of the task's input that holds its picture; empty: none.
+        Name of the task's input that holds the picture of a dome; empty: there is none.
     """
 
     kind: str
@@ -103,7 +103,7 @@ class Finish:
     ----------
     materials : tuple of Material
     material_of : tuple of int
-        Of each triangle; empty: all have the first.
+        Index of the material of each triangle; empty: all have the first.
     normals : tuple of nine floats each
         Normals at the corners of each triangle, frame of the mesh; empty: flat ones.
     st : tuple of six floats each
@@ -140,9 +140,9 @@ class Lighting:
     ----------
     lamps : tuple of PlacedLamp
     coats : tuple of Coat or None
-        Of each target of the view.
+        Coat of each target of the view.
     finishes : tuple of dict
-        Of each occluder of the view, plain `Finish`.
+        Finish of each occluder of the view, plain `Finish`.
     bounces : int
         Reflections of a path beyond the surface that the camera sees and direct light reaches.
     """

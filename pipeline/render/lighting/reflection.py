@@ -31,7 +31,7 @@ class Layers(NamedTuple):
     Attributes
     ----------
     sums : (NODES, NODES, ENTRIES) float64
-        By root of alpha and by cosine: the light that single reflections return where the Fresnel term is 1, and where
+        Light that single reflections return, by root of alpha and by cosine, where the Fresnel term is 1, and where
         it is (1 - cos)^5.
     means : (NODES, ENTRIES) float64
         Their means over a hemisphere, weighted by the cosine.

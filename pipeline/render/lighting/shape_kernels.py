@@ -27,7 +27,7 @@ class Shapes(NamedTuple):
     Attributes
     ----------
     corners, normals : (t, 3, 3) float64
-        Of each triangle; anticlockwise as seen from the front.
+        Corners and normals of each triangle, anticlockwise as seen from the front.
     st : (t, 3, 2) float64
         Texture coordinates at the corners.
     material : (t,) int64
@@ -47,13 +47,13 @@ class Glow(NamedTuple):
     chance : float
         Probability with which they are asked for light, and not a lamp.
     triangle : (k,) int64
-        Those that shine.
+        Triangles that shine.
     cumulated : (k,) float64
         Cumulated probability of each among them.
     per_mm2 : (t,) float64
         Density with which a point of any triangle is asked, the chance included [1/mm^2]; 0 where it does not shine.
     shapes, materials : Shapes, Materials
-        Of all triangles.
+        Shapes and materials of all triangles.
     """
 
     chance: float

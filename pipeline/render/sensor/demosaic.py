@@ -27,7 +27,7 @@ def in_colour(
     numbers : (h, w) uint16
         Digital numbers.
     first_row : int
-        Of these rows in the image, which decides where the mosaic begins.
+        Index in the image of the first of these rows, which decides where the mosaic begins.
     photons : mapping of str to float, optional
         Photons of white in each channel, if they differ.
     """

@@ -61,7 +61,7 @@ class ChannelRadiance:
         Wavelength of light of which a joule has as many photons as count in the channel for a joule of that radiance:
         each counts by the channel's response at its wavelength over the highest one [nm].
     losses : tuple of Losses or None
-        At each wavelength that stands for the channel.
+        Losses at each wavelength that stands for the channel.
     """
 
     channel: str
@@ -98,7 +98,7 @@ class Irradiation:
     photon_rate : float or None
         Photons that hit a pixel in a second at relative irradiance 1 [1/s].
     radiance : Radiance or None
-        Of what has the relative irradiance 1; the camera then determines the photon rate.
+        Radiance that has the relative irradiance 1; the camera then determines the photon rate.
     channels : tuple of ChannelRadiance
         The same for a sensor with channels, one for each.
     """

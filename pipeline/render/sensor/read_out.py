@@ -22,7 +22,7 @@ class Shot:
     Attributes
     ----------
     seed : int
-        Of the temporal noise.
+        Seed of the temporal noise.
     camera : str
         Name of the camera: two cameras of a dataset share no noise.
     frame : int

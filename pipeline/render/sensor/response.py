@@ -86,7 +86,7 @@ class SensorResponse:
         Kernel of n x n entries, n odd, row by row: the share of the electrons of a pixel that are collected by each of
         its neighbours, itself in the middle. Empty: none is lost.
     specimen : int
-        Which one of all sensors that were made alike: number of its fixed pattern.
+        Number of its fixed pattern: one of all sensors that were made alike.
 
     References
     ----------

@@ -10,7 +10,7 @@ class Diary:
     Attributes
     ----------
     runs : dict of str to TaskRun
-        By name, in the order in which tasks ended; times are from the first event.
+        Runs by task name, in the order in which they ended; times are from the first event.
     seconds : float
         Time of the last event.
     workers : int

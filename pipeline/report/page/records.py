@@ -239,7 +239,7 @@ class TaskRun:
     state : str
         `executed`, `cached` or `made before`, where the last build is not known.
     start_s, end_s : float or None
-        Of the run in the last build, from the beginning of that; None if it did not run.
+        Times of the run, from the beginning of the last build; None if it did not run.
     """
 
     name: str

@@ -24,7 +24,7 @@ def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Res
     Parameters
     ----------
     certificate : mapping or None
-        Of the camera, as the manifest has it.
+        Certificate of the camera, from the manifest.
     """
     claim_px = certificate["claim_px"] if certificate else None
     apart = np.array(certificate["differences_px"] if certificate else (), float)

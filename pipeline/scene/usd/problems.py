@@ -38,7 +38,7 @@ class Problem:
     at : str or None
         Path on the composed stage.
     hint : str or None
-        How to mend it.
+        A way to mend it.
     """
 
     severity: str = "error"

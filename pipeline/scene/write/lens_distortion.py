@@ -42,9 +42,9 @@ class AppliedSchema:
     Attributes
     ----------
     name : str
-        As `OmniLensDistortionOpenCvPinholeAPI`.
+        Name of the schema, as `OmniLensDistortionOpenCvPinholeAPI`.
     model : str
-        What `omni:lensdistortion:model` says where this schema counts.
+        Value of `omni:lensdistortion:model` with which this schema counts.
     attributes : tuple of (str, str, value)
         Name, type and value of each.
     """
@@ -61,7 +61,7 @@ class SeenCamera:
     Attributes
     ----------
     prim_path : str
-        Of our camera on the composed stage.
+        Path of our camera on the composed stage.
     schemas : sequence of AppliedSchema
     model : str
         Value of `omni:lensdistortion:model`: the schema that counts.

@@ -62,7 +62,7 @@ def means_of(number: int, samples: int, inputs: Inputs, render: Callable[[Batch]
     Parameters
     ----------
     samples : int
-        Of the first pass, of all replicas together.
+        Rays of the first pass, in all replicas together.
     render : callable
         Image of a batch.
     """

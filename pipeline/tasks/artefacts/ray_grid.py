@@ -60,13 +60,6 @@ class RayFile(Cells):
         )
 
 
-def read_grid(inputs: Inputs) -> RayGrid:
-    """The rays of a whole camera."""
-    file = RayFile(inputs)
-    width, height = file.size_px
-    return file.window(slice(0, height), slice(0, width))
-
-
 def rows_of(file: ExrWindows, part: str, rows: slice, columns: slice, *channels: str) -> np.ndarray:
     """Channels of a window of a part side by side, (h, w, n) float64."""
     pixels = file.rows(part, rows.start, rows.stop)

@@ -32,7 +32,7 @@ class Window:
     grid : RayGrid
         Rays of the window, whose first pixel is (0, 0).
     first_px : (2,) int64
-        That pixel in the image, x and y.
+        The same pixel in the image, x and y.
     piece : Stretch
         The fine positions, row by row.
     """
@@ -50,7 +50,7 @@ def window_around(rig: Rig, x_px: np.ndarray, sampling: Sampling) -> Window:
     rig : Rig
         Camera made ready with the seed of the build.
     sampling : Sampling
-        As the task `rays_tile` reads it.
+        Sampling that the task `rays_tile` reads.
     """
     sensor, k = rig.tracer.camera.sensor, sampling.supersampling
     reach, most = REACH_PX + math.ceil(REACH_STEPS / k), np.array([sensor.width_px, sensor.height_px])

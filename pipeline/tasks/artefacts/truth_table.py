@@ -63,7 +63,7 @@ class PosedPoints:
     target : str
         Its name.
     points : TargetPoints
-        In the target frame.
+        Points in the target frame.
     vision_from_target : (4, 4) float64
         Its pose before the camera [mm].
     """

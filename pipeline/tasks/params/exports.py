@@ -47,7 +47,7 @@ class Export:
     sights : dict
         Name of each camera whose rays the format reads.
     views : tuple of SeenFrame
-        Of formats that read the scene.
+        Views for formats that read the scene.
     """
 
     format: str

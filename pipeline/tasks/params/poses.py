@@ -4,6 +4,14 @@ from dataclasses import dataclass
 
 from pipeline.tasks.params.placed import Matrix
 
+BASELINES = "baselines.csv"
+"""Output of the task `baselines`."""
+
+
+def poses_file(number: int) -> str:
+    """Output of the task `frame_poses` that holds a frame."""
+    return f"{number:04d}.json"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosedFrame:

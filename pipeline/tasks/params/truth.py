@@ -20,7 +20,7 @@ class PlaneAsked:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Positions:
-    """J of each plane: of the whole image, or of `tiles` around the points."""
+    """J on each plane, in the part of the image that `extent` names."""
 
     planes: tuple[PlaneAsked, ...]
     extent: str

@@ -31,7 +31,7 @@ class MeanRays:
     microlens : (n,) int64
         Row of the microlens whose bundle it is, or NO_MICROLENS.
     crossings_mm : (n, 2, 2) float64
-        Where they cross two planes: x and y on the near one, then on the far one.
+        Crossings with two planes: x and y on the near one, then on the far one.
     error_px : (n, 2) float64
         Error of the integral on the near plane, mapped to the image.
     hit_fraction : (n,) float64

@@ -38,11 +38,6 @@ the plane.
 """
 
 
-def plane_name(target: str, number: int, planes: int) -> str:
-    """Name of the position image of a tangent plane: that of the target, with a number if it has several."""
-    return target if planes == 1 else f"{target}.{number}"
-
-
 def correspond_points(
     points: TargetPoints,
     rays: Rays,

@@ -139,7 +139,7 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
     Parameters
     ----------
     quads : (n, 3) int64
-        From `quads_that_hold`.
+        Quads from `quads_that_hold`.
     limits : Filter
     status : (n,) int64
         Written: ACCEPTED or the reason for the rejection.
@@ -186,7 +186,7 @@ def nearest_positions(image, cell, points, best, where):
     Parameters
     ----------
     best : (p, c) float64
-        In and out: distance of the nearest value so far [mm].
+        Distance of the nearest value so far, read and updated [mm].
     where : (p, c, 2) int64
         Written: its column and row.
     """

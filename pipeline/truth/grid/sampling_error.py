@@ -46,7 +46,7 @@ def in_pixels(
     variance : (..., 2) float
         Squared standard errors along x and y, taken as independent [mm^2].
     derivative : (..., 2, 2) float
-        From `jacobian` [mm per step].
+        Derivative from `jacobian` [mm per step].
     """
     a, b, c, d = derivative[..., 0, 0], derivative[..., 0, 1], derivative[..., 1, 0], derivative[..., 1, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
