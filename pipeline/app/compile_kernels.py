@@ -30,6 +30,7 @@ from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
+from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.render.sensor.read_out import Shot, digital_numbers
@@ -152,7 +153,7 @@ def _paths_of_light() -> None:
         wavelengths_nm=(550.0,),
     )
     rays = np.tile([0.0, 0.0, 1.0], (4, 1))
-    view.in_light(0, 4).radiance(np.zeros((4, 3)), rays, np.zeros(4, np.int64))
+    view.in_light(0).radiance(np.zeros((4, 3)), rays, Names(np.zeros(4, np.uint32), np.arange(4)))
 
 
 def _board() -> None:

@@ -25,7 +25,7 @@ from pipeline.records.shapes import Float64, Int64, Num
 
 _REFERENCE_NODES, _REFERENCE_RAYS = (24, 256), 1 << 20
 """Nodes of the quadrature that integrates the reference bundle, and random rays where that is not star-shaped."""
-_SEED_STEP = 0x9E3779B9
+SEED_STEP = 0x9E3779B9
 """Distance of the seeds of two wavelengths: 2^32 over the golden ratio, odd, so that small seeds never meet."""
 
 
@@ -58,7 +58,7 @@ class Tracer:
         nodes = self.camera.spectrum
         if not nodes:
             return (Light(1.0, self),)
-        seeds = (self.seed + number * _SEED_STEP for number in range(len(nodes)))
+        seeds = (self.seed + number * SEED_STEP for number in range(len(nodes)))
         return tuple(
             Light(node.weight, replace(self, camera=self.camera.at(node), seed=seed))
             for node, seed in zip(nodes, seeds, strict=True)

@@ -4,28 +4,24 @@ The rays that leave the camera do not depend on the scene, so images of several 
 one colour take no rays of their own: they are that colour times the light of a white scene.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
 from pipeline.camera.tracing.sampling_bounds import SKIP
-from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.shapes import Float64
 from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Sight
 from pipeline.render.glow.light import TargetLight
+from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.passes import Batch, batch_of
+from pipeline.render.pixel_rays import rays_of
 
 Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(n, 3) origins and directions, vision frame, to (n,) radiances."""
 
-_RAYS_PER_CHUNK = 1 << 15
-"""Rays that are traced before they are shaded, 64 bytes each, so that they stay in the cache."""
 _FEWEST = 4
 """Inverse of the least share of the samples: with fewer rays a single rare one would be visible."""
 
@@ -68,7 +64,7 @@ def irradiance_and_crosstalk(
     """
     band, batch = Band.of(rig, rows), batch_of(samples)
     result, foreign = np.zeros((2, len(band.strata)))
-    for rays in _rays(band, batch, np.where(band.strata == SKIP, 0, batch.samples)):
+    for rays in rays_of(band, batch, np.where(band.strata == SKIP, 0, batch.samples)):
         origin, direction, share, _ = rays.leaving
         value = share if radiance is None else share * radiance(origin, direction)
         other = rays.way > 0
@@ -122,12 +118,32 @@ def sampled(
     """
     count, wanted = len(band.strata), np.isnan(colour)
     counts = _counts(batch.first, white, wanted.any(axis=0), band.strata) * (batch.samples // batch.first)
-    result = np.zeros((len(scenes), 2 * count))
-    for rays in _rays(band, batch, counts):
+    result, flux = np.zeros((len(scenes), 2 * count)), np.zeros(count)
+    for rays in rays_of(band, batch, counts):
         part = rays.pixels[rays.row] + count * (rays.way > 0)
+        flux[rays.pixels] = np.bincount(rays.row, rays.leaving.share, minlength=len(rays.pixels))
         for scene, own, image in zip(scenes, wanted, result, strict=True):
-            scene.add(rays.leaving, part, own.ravel(), image)
+            scene.add(rays, part, own.ravel(), image)
+    known = known_flux(band) if any(isinstance(scene, LitScene) for scene in scenes) else None
+    if known is not None:
+        for scene, image in zip(scenes, result, strict=True):
+            if isinstance(scene, LitScene):
+                image[:count] += _steadied(image[:count], flux, known, band.shape)
     return _relative(band.rig, result).reshape(wanted.shape)
+
+
+def _steadied(light: np.ndarray, flux: np.ndarray, known: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """What is to be added to each pixel because its rays happen to carry more or less flux than is known, (n,).
+
+    A control variate: the missing flux times the radiance that the pixels on both sides see, of the darker one. They
+    have random numbers of their own, so that the sum has no bias, whatever they see. Where all see one radiance, no
+    noise of rays is left; at an edge nothing of the bright side comes to the dark one.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        seen = np.where(flux > 0, light / flux, np.nan).reshape(shape)
+    beside = np.pad(seen, ((0, 0), (1, 1)), constant_values=np.nan)
+    darker = np.fmin(beside[:, :-2], beside[:, 2:])
+    return np.asarray(np.nan_to_num(darker).ravel() * (known - flux))
 
 
 def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:
@@ -154,58 +170,6 @@ def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndar
     return np.where(strata == SKIP, 0, number[places].T)
 
 
-@dataclass(frozen=True, slots=True)
-class _Rays:
-    """Rays of some pixels.
-
-    Attributes
-    ----------
-    pixels : (m,) int64
-        The pixels, counted from the first row that is wanted.
-    leaving : Leaving
-    row, way : (n,) int64
-        Place of the ray's pixel in `pixels`, and that of the microlens among those that light it; 0: its cell's.
-    """
-
-    pixels: np.ndarray
-    leaving: Leaving
-    row: np.ndarray
-    way: np.ndarray
-
-
 def _relative(rig: Rig, flux: np.ndarray) -> np.ndarray:
     """Integrals of pixels, over that of a white scene on the axis."""
     return flux / rig.tracer.reference_weight_sr
-
-
-def _rays(band: Band, batch: Batch, counts: np.ndarray) -> Iterator[_Rays]:
-    """Rays of all pixels, so many through each microlens (n, s); the next stretch takes the arrays of the last."""
-    tracer = band.rig.tracer
-    width = tracer.camera.sensor.width_px
-    random = Samples(sobol_bits(batch.end), batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
-    of_pixel, skipped = counts.sum(axis=1), counts * (batch.number > 0)
-    pixels = np.flatnonzero(of_pixel)
-    room = room_for(0)
-    for first, end in _stretches(of_pixel[pixels]):
-        some = pixels[first:end]
-        most = int(of_pixel[some].sum())
-        if len(room.share) < most:
-            room = room_for(most)
-        y_px, x_px = np.divmod(some + band.rows[0] * width, width)
-        strata = np.where(counts[some] > 0, band.strata[some], SKIP)
-        squares = Squares(np.stack([x_px, y_px], axis=1), band.positions_mm[some], strata, counts[some], skipped[some])
-        count = bundle_kernels.image_rays(tracer.arrays, random, squares, band.rig.diffraction, room)
-        bundle_kernels.image_rays.count(most, len(tracer.table))
-        leaving = room.first(count)
-        yield _Rays(some, leaving, *np.divmod(leaving.owner, band.strata.shape[1]))
-
-
-def _stretches(rays: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First and end of stretches of pixels, at least one each, that start about `_RAYS_PER_CHUNK` rays together."""
-    before = np.concatenate([[0], np.cumsum(rays)])
-    first = 0
-    while first < len(rays):
-        end = int(np.searchsorted(before, before[first] + _RAYS_PER_CHUNK, side="right")) - 1
-        end = min(max(end, first + 1), len(rays))
-        yield first, end
-        first = end

@@ -50,7 +50,7 @@ def pictures_in_lights(
     """
     shared, parts, images = rig.tracer.samples_of_each(samples), own_and_foreign(white), []
     for number, one in enumerate(rig.in_each_light):
-        seen = [scene.in_light(number, shared) for scene in scenes]
+        seen = [scene.in_light(number) for scene in scenes]
         images.append(pictures(one, shared, seen, np.ascontiguousarray(parts[..., number]), rows))
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
@@ -60,7 +60,7 @@ def colours_in_lights(rig: Rig, scene: TargetLight | GlowingView | LitView, rows
     found = []
     for number, one in enumerate(rig.in_each_light):
         band = Band.of(one, rows)
-        found.append(colours(band, [scene.in_light(number, 1)])[0].reshape(2, *band.shape))
+        found.append(colours(band, [scene.in_light(number)])[0].reshape(2, *band.shape))
     return np.stack(found, axis=-1)
 
 
@@ -77,7 +77,7 @@ def sampled_in_lights(
     for number, one in enumerate(rig.in_each_light):
         band = Band.of(one, rows)
         parts, known = (values[..., number].reshape(2, -1) for values in (own_and_foreign(white), colour))
-        light = sampled(band, shared, [scene.in_light(number, shared.samples)], parts, known[None])
+        light = sampled(band, shared, [scene.in_light(number)], parts, known[None])
         found.append(light[0].sum(axis=0).reshape(band.shape))
     return in_all(rig.tracer, np.stack(found, axis=-1))
 

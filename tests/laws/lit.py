@@ -6,6 +6,7 @@ import numpy as np
 
 from pipeline.frames import rigid
 from pipeline.records.plain import to_plain
+from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Coat, Finish, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.targets.occluder import Occluder
@@ -72,7 +73,12 @@ def scene(
         background=background,
         wavelengths_nm=(wavelength_nm,),
     )
-    return view.in_light(0, RAYS)
+    return view.in_light(0)
+
+
+def named(rays: int, pixels: int = 1) -> Names:
+    """Names of so many rays of each of some pixels, pixel by pixel."""
+    return Names(np.repeat(np.arange(pixels, dtype=np.uint32), rays), np.tile(np.arange(rays), pixels))
 
 
 def looked(
@@ -81,5 +87,5 @@ def looked(
     """Mean radiance along many paths from an eye towards a point, and its standard error."""
     way = np.array(at_mm, float) - np.array(eye_mm, float)
     origin, direction = np.tile(np.array(eye_mm, float), (rays, 1)), np.tile(way / np.linalg.norm(way), (rays, 1))
-    values = lit.radiance(origin, direction, np.zeros(rays, np.int64))
+    values = lit.radiance(origin, direction, named(rays))
     return float(values.mean()), float(values.std() / np.sqrt(rays))

@@ -13,12 +13,12 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import SKIP
-from pipeline.render import imaging
 from pipeline.render.band import Band
 from pipeline.render.footprints import Sight
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance, irradiance_and_crosstalk, pictures
 from pipeline.render.passes import Batch
+from pipeline.render.pixel_rays import rays_of
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
@@ -49,7 +49,7 @@ def extremes(rig: Rig, light: TargetLight) -> tuple[np.ndarray, np.ndarray]:
     band = Band.of(rig, ROWS)
     lenses = band.strata
     least, most = np.full(2 * len(lenses), np.inf), np.full(2 * len(lenses), -np.inf)
-    for rays in imaging._rays(band, Batch(SAMPLES), np.where(lenses == SKIP, 0, SAMPLES)):
+    for rays in rays_of(band, Batch(SAMPLES), np.where(lenses == SKIP, 0, SAMPLES)):
         part = rays.pixels[rays.row] + len(lenses) * (rays.way > 0)
         value = light.radiance(rays.leaving.origin, rays.leaving.direction)
         np.minimum.at(least, part, value)

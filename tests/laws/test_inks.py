@@ -7,7 +7,7 @@ import pytest
 from colour.characterisation import SDS_COLOURCHECKERS
 from laws import rigs
 from laws.dispersion import in_light
-from laws.lit import RAYS, lamp, looked
+from laws.lit import lamp, looked
 from tolerances import LIT_ERRORS
 
 from pipeline.camera.parts.camera import Sensor
@@ -61,7 +61,7 @@ def test_below_an_even_sky_ink_and_paper_have_the_radiance_of_their_reflectance(
     colours = [PRINT.colours(BOARD, wavelengths)]
     view = LitView([(BOARD, rigs.facing(434.4))], [], lighting, {}, 0.0, wavelengths, colours)
     for number, nm in enumerate(wavelengths):
-        found = sorted(looked(view.in_light(number, RAYS), (0.0, y, 434.4)) for y in (-20.0, 20.0))
+        found = sorted(looked(view.in_light(number), (0.0, y, 434.4)) for y in (-20.0, 20.0))
         expected = sorted(np.interp(nm, one.wavelengths_nm, one.reflectance) for one in (PRINT.ink, PRINT.paper))
         for (mean, error), value in zip(found, expected, strict=True):
             assert abs(mean - value) <= LIT_ERRORS * error + 1e-9

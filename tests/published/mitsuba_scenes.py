@@ -5,8 +5,9 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-from laws.lit import lamp, plate, scene, towards
+from laws.lit import lamp, named, plate, scene, towards
 
+from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.lighting.records import Material, PlacedLamp
 from pipeline.targets.occluder import Occluder
@@ -95,7 +96,7 @@ class Both:
 def our_pictures(lit: LitScene, samples: int, seeds: int) -> np.ndarray:
     """Our pictures with several sets of rays, (seeds, h, w)."""
     generator, pictures = np.random.default_rng(5), []
-    for _ in range(seeds):
+    for seed in range(seeds):
         y, x = np.mgrid[:HEIGHT_PX, :WIDTH_PX]
         spread = generator.random((2, HEIGHT_PX, WIDTH_PX, samples))
         half = np.tan(np.radians(FOV_DEG) / 2)
@@ -103,8 +104,9 @@ def our_pictures(lit: LitScene, samples: int, seeds: int) -> np.ndarray:
         v = ((y[..., None] + spread[1]) * 2 / WIDTH_PX - HEIGHT_PX / WIDTH_PX) * half
         way = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3)
         way /= np.linalg.norm(way, axis=1, keepdims=True)
-        owner = np.repeat(np.arange(WIDTH_PX * HEIGHT_PX), samples)
-        pictures.append(lit.radiance(np.zeros_like(way), way, owner).reshape(HEIGHT_PX, WIDTH_PX, samples).mean(axis=2))
+        key, place = named(samples, WIDTH_PX * HEIGHT_PX)
+        names = Names(key + np.uint32(seed * WIDTH_PX * HEIGHT_PX), place)
+        pictures.append(lit.radiance(np.zeros_like(way), way, names).reshape(HEIGHT_PX, WIDTH_PX, samples).mean(axis=2))
     return np.array(pictures)
 
 

@@ -120,7 +120,7 @@ def lit(folder, content: str, frame: int = 0) -> LitScene:
     lighting = things.lighting(moment, name, 0)
     assert lighting is not None
     pictures = {one.name: decoded(b64decode(one.encoded), one.suffix, one.space) for one in dataset.pictures}
-    return LitView(targets, occluders, lighting, pictures, 0.0, (550.0,)).in_light(0, 16)
+    return LitView(targets, occluders, lighting, pictures, 0.0, (550.0,)).in_light(0)
 
 
 def wall_light(folder, content: str, at=(0.0, 0.0, 500.0), frame: int = 0) -> float:

@@ -7,6 +7,7 @@ JCGT 9(4), 2020, with the hash of Laine and Karras in the form improved by Vegda
 import numpy as np
 
 from pipeline.jit.decorators import inline
+from pipeline.records.shapes import Num
 
 DIMENSIONS = 7
 """Random numbers of a ray: two say where it goes, two where on a square it starts, and three how it is diffracted."""
@@ -29,8 +30,12 @@ def sobol_bits(count: int) -> np.ndarray:
     (DIMENSIONS, count) uint32
         Bit 0 holds the most significant binary digit.
     """
-    index = np.arange(count, dtype=np.uint32)
-    points = np.zeros((DIMENSIONS, count), np.uint32)
+    return sobol_bits_at(np.arange(count, dtype=np.uint32))
+
+
+def sobol_bits_at(index: Num[np.ndarray, "n"]) -> np.ndarray:
+    """Points with some indices (n,) uint32, as `sobol_bits`."""
+    points = np.zeros((DIMENSIONS, len(index)), np.uint32)
     for dimension in range(DIMENSIONS):
         for bit, direction in enumerate(_directions(dimension)):
             points[dimension] ^= np.where(index >> np.uint32(bit) & np.uint32(1), direction, np.uint32(0))
@@ -71,15 +76,27 @@ def hash32(a, b):
 @inline
 def scrambled(bits, seed):
     """A coordinate in [0, 1) of a point from `sobol_bits`, Owen-scrambled by `seed`."""
+    return scrambled_bits(bits, seed) * 2.3283064365386963e-10
+
+
+@inline
+def scrambled_bits(bits, seed):
+    """The same as an integer, whose most significant digit is that of the coordinate."""
     x = np.uint32(bits)
     x ^= np.uint32(x * np.uint32(0x3D20ADEA))
     x = np.uint32(x + np.uint32(seed))
     x = np.uint32(x * (np.uint32(seed) >> np.uint32(16) | np.uint32(1)))
     x ^= np.uint32(x * np.uint32(0x05526C56))
     x ^= np.uint32(x * np.uint32(0x53A22864))
+    return reversed_bits(x)
+
+
+@inline
+def reversed_bits(x):
+    """The 32 bits of a number, the last one first."""
     x = (x >> np.uint32(1)) & np.uint32(0x55555555) | (x & np.uint32(0x55555555)) << np.uint32(1)
     x = (x >> np.uint32(2)) & np.uint32(0x33333333) | (x & np.uint32(0x33333333)) << np.uint32(2)
     x = (x >> np.uint32(4)) & np.uint32(0x0F0F0F0F) | (x & np.uint32(0x0F0F0F0F)) << np.uint32(4)
     x = (x >> np.uint32(8)) & np.uint32(0x00FF00FF) | (x & np.uint32(0x00FF00FF)) << np.uint32(8)
     x = x >> np.uint32(16) | x << np.uint32(16)
-    return np.uint32(x) * 2.3283064365386963e-10
+    return np.uint32(x)

@@ -41,6 +41,6 @@ class GlowingView:
     occluders: Sequence[tuple[Occluder, np.ndarray]]
     colours: Sequence[Colours]
 
-    def in_light(self, number: int, samples: int) -> TargetLight:
+    def in_light(self, number: int) -> TargetLight:
         """The view at one of its wavelengths."""
         return TargetLight(inked(self.targets, self.colours, number), self.background, self.occluders)

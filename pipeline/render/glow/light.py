@@ -17,6 +17,7 @@ from pipeline.render.footprints import TOUCHING_MM, Sight
 from pipeline.render.glow.boxes import may_meet
 from pipeline.render.glow.sheets import first_sheet
 from pipeline.render.patch_light import PatchLight
+from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.surroundings import in_vision
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.patches import PLANE, Patch
@@ -59,8 +60,8 @@ class TargetLight:
             others = [in_vision(occluder, pose) for occluder, pose in occluders]
             self._scene = MeshScene([*(light.mesh_in_vision() for light in self._lights), *others])
 
-    def in_light(self, number: int, samples: int) -> "TargetLight":
-        """The same for every wavelength and any number of rays: nothing here has a colour."""
+    def in_light(self, number: int) -> "TargetLight":
+        """The same for every wavelength: nothing here has a colour."""
         return self
 
     def seen(self, sight: Sight) -> np.ndarray:
@@ -69,7 +70,7 @@ class TargetLight:
 
     def add(
         self,
-        rays: Leaving,
+        of_pixels: PixelRays,
         pixels: Int64[np.ndarray, "n"],
         wanted: Bool[np.ndarray, "m"],
         image: Float64[np.ndarray, "m"],
@@ -81,6 +82,7 @@ class TargetLight:
         wanted, image : (m,) bool, (m,) float64
             Selected pixels, and the image, by pixel.
         """
+        rays = of_pixels.leaving
         if self._is_one_sheet:
             self._lights[0].add(self._background, rays, pixels, wanted, image)
             return

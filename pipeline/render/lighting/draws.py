@@ -1,79 +1,89 @@
-"""Random numbers of paths: functions of the ray that left the camera, its place among those of its pixel, and the stage
-of the path; of nothing else. So a tile, a window or another number of workers gives the same bytes.
+"""Random numbers of paths: functions of seed, pixel and microlens, of the place of a ray among those of its pixel, and
+of the stage of the path; of nothing else. So a tile, a window or another number of workers gives the same bytes.
 
-Every pair of numbers is a point of a two-dimensional Sobol set, Owen-scrambled, whose points are taken in an order that
-is scrambled, too: neighbouring rays of a pixel fill the square evenly at each stage, and the stages are independent.
-Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020.
+Every pair of numbers is a point of a two-dimensional Sobol sequence, Owen-scrambled, whose points are taken in an order
+that is scrambled, too: rays of a pixel fill the square evenly at each stage, and the stages are independent. All
+wavelengths and all passes of a replica share one sequence, each its own stretch: together they fill the square more
+evenly than alone. Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.tracing.sobol import hash32, scrambled, sobol_bits
+from pipeline.camera.tracing.sobol import hash32, reversed_bits, scrambled, scrambled_bits, sobol_bits_at
 from pipeline.jit.decorators import inline, kernel
 
-LAMP, SCATTER, SURVIVAL = range(3)
-"""Stages of a vertex of a path [1]: the point on a lamp, the next direction, and whether the path goes on."""
+LAMP, SCATTER, SURVIVAL, CHOICE = range(4)
+"""Stages of a vertex of a path [1]: points on lamps, the next direction, whether the path goes on, and the lamp that is
+asked."""
 STAGES = 4
-"""Stages reserved for each vertex [1]."""
+"""Stages of each vertex [1]."""
+_STREAM = 1 << 26
+"""First stream of random numbers of paths, one for each microlens of a pixel: far behind those of rays."""
+_BYTES = 4
+"""Bytes of an index of the sequence [1]."""
 
 
-class Points(NamedTuple):
-    """Sobol points for the kernels.
+class Names(NamedTuple):
+    """What the random numbers of rays depend on.
 
     Attributes
     ----------
-    bits : (2, size) uint32
-        Numbers from `camera.tracing.sobol`.
-    turned : (size,) uint32
-        Binary digits of each index, the last one first.
+    key : (n,) uint32
+        The same for all rays of a pixel through a microlens.
+    place : (n,) int64
+        Place of each among them.
     """
 
-    bits: np.ndarray
-    turned: np.ndarray
+    key: np.ndarray
+    place: np.ndarray
 
 
-def points_of(samples: int) -> Points:
-    """Points for pixels with so many rays, a power of two."""
-    digits = max(1, samples.bit_length() - 1)
-    index = np.arange(1 << digits, dtype=np.uint32)
-    turned = np.zeros_like(index)
-    for digit in range(digits):
-        turned |= (index >> np.uint32(digit) & np.uint32(1)) << np.uint32(digits - 1 - digit)
-    return Points(np.ascontiguousarray(sobol_bits(len(index))[:2]), turned)
+@functools.cache
+def points() -> np.ndarray:
+    """Second coordinates of the sequence by the bytes of the index, which are added without carry, (4, 256) uint32."""
+    first = np.arange(256, dtype=np.uint32)
+    return np.stack([sobol_bits_at(first << np.uint32(8 * byte))[1] for byte in range(_BYTES)])
 
 
 @inline
 def draw(points, key, place, stage):
     """Two numbers in [0, 1) for the ray at a place of a pixel with a key."""
-    size = points.turned.size
     seed = hash32(key, np.uint32(3 * stage))
-    # Places beyond the points are those of more rays than asked for; they begin again with another key.
-    turn, own = place // size, place % size
-    seed = hash32(seed, np.uint32(turn))
-    shuffled = int(scrambled(points.turned[own], seed) * size)
-    u = scrambled(points.bits[0, shuffled], hash32(seed, np.uint32(1)))
-    v = scrambled(points.bits[1, shuffled], hash32(seed, np.uint32(2)))
-    return u, v
+    index = scrambled_bits(reversed_bits(np.uint32(place)), seed)
+    second = points[0, index & np.uint32(255)]
+    for byte in range(1, _BYTES):
+        second ^= points[byte, index >> np.uint32(8 * byte) & np.uint32(255)]
+    # The first coordinate is the index with its digits turned round, as all bits are here.
+    return scrambled(index, hash32(seed, np.uint32(1))), scrambled(second, hash32(seed, np.uint32(2)))
 
 
 @kernel
-def name_rays(owner, words, key, place):
-    """Key and place of each ray: rays of one owner follow one another, and the first one names all of them.
+def name_rays(seed, light, squares, owner, key, place):
+    """Name rays of some pixels; rays of one owner follow one another.
 
     Parameters
     ----------
+    seed : int
+        The same for all wavelengths.
+    light : (int, int)
+        The wavelength among all of the image, and their number.
+    squares : camera.tracing.records.Squares
     owner : (n,) int64
-    words : (n, 12) uint32
-        The bits of origin and direction.
+        Pixel times the number of microlenses, plus the microlens.
     key, place : (n,) uint32, (n,) int64
         Written.
     """
+    number, lights = light
+    microlenses = squares.skipped.shape[1]
     for i in range(owner.size):
         if i > 0 and owner[i] == owner[i - 1]:
             key[i], place[i] = key[i - 1], place[i - 1] + 1
             continue
-        key[i], place[i] = np.uint32(0), 0
-        for k in range(words.shape[1]):
-            key[i] = hash32(key[i], words[i, k])
+        n, j = owner[i] // microlenses, owner[i] % microlenses
+        base = hash32(hash32(seed, squares.pixels[n, 0]), squares.pixels[n, 1])
+        # A later pass has as many rays as all before it: their stretches lie behind those of all wavelengths so far.
+        stretch = number + lights if squares.skipped[n, j] > 0 else number
+        key[i], place[i] = hash32(base, _STREAM + j), stretch * squares.counts[n, j]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pipeline.camera.tracer import SEED_STEP
 from pipeline.camera.tracing.records import Leaving
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Bool, Float64, Int64, Num
@@ -16,17 +17,18 @@ from pipeline.render import sheet_image
 from pipeline.render.embree import MeshScene
 from pipeline.render.footprints import Sight
 from pipeline.render.glow.inks import inked
+from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
-from pipeline.render.lighting import shapes
 from pipeline.render.lighting.albedo import layers
-from pipeline.render.lighting.draws import name_rays, points_of
+from pipeline.render.lighting.draws import Names
 from pipeline.render.lighting.lamps import lamps_of
 from pipeline.render.lighting.material_kernels import THRESHOLD
 from pipeline.render.lighting.materials import MaterialTable
-from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows
+from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows, candidates_at
 from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.lighting.shape_kernels import find_holes
 from pipeline.render.patch_light import PatchLight
+from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
 from pipeline.render.spectral.spectra import weights_of_rgb
 from pipeline.targets.occluder import Occluder
@@ -67,23 +69,18 @@ class LitView:
     wavelengths_nm: tuple[float, ...]
     colours: Sequence[Colours] = ()
 
-    def in_light(self, number: int, samples: int) -> "LitScene":
-        """The view at one of its wavelengths, for pixels with so many rays."""
+    def in_light(self, number: int) -> "LitScene":
+        """The view at one of its wavelengths."""
         seen = replace(self, targets=inked(self.targets, self.colours, number), colours=())
-        return LitScene(seen, self.wavelengths_nm[number], samples)
+        return LitScene(seen, number)
 
 
 class LitScene:
-    """A view at one wavelength.
+    """A view at one of its wavelengths, by its number."""
 
-    Parameters
-    ----------
-    samples : int
-        Rays of a pixel; what random numbers are spread over.
-    """
-
-    def __init__(self, view: LitView, wavelength_nm: float, samples: int) -> None:
-        raised, lighting = weights_of_rgb(wavelength_nm), view.lighting
+    def __init__(self, view: LitView, number: int) -> None:
+        self._light = number, len(view.wavelengths_nm)
+        raised, lighting = weights_of_rgb(view.wavelengths_nm[number]), view.lighting
         table = MaterialTable(view.pictures, raised)
         self._art: list[PatchLight] = []
         pieces = []
@@ -105,7 +102,7 @@ class LitScene:
         self._lamps = lamps_of(lighting.lamps, view.pictures, raised, shining, view.background)
         self._has_holes = bool((self._materials.flags[:, THRESHOLD] > 0).any())
         self._gap_mm = max(_GAP_MM, _GAP * float(np.abs(corners).max(initial=0.0)))
-        self._scene = layers(), points_of(samples), self._gap_mm
+        self._scene = layers(), draws.points(), self._gap_mm
         self._bounces = lighting.bounces
 
     def seen(self, sight: Sight) -> np.ndarray:
@@ -114,31 +111,29 @@ class LitScene:
 
     def add(
         self,
-        rays: Leaving,
+        of_pixels: PixelRays,
         pixels: Int64[np.ndarray, "n"],
         wanted: Bool[np.ndarray, "m"],
         image: Float64[np.ndarray, "m"],
     ) -> None:
         """Add the light of rays to their pixels, as `light.TargetLight.add`."""
-        some = wanted[pixels]
-        rays, pixels = Leaving(*_those(rays, some)), pixels if some.all() else pixels[some]
-        sheet_image.add_values(rays.share, self.radiance(rays.origin, rays.direction, rays.owner), pixels, image)
+        some, names = wanted[pixels], self._names(of_pixels)
+        rays, names = Leaving(*_those(of_pixels.leaving, some)), Names(*_those(names, some))
+        light = self.radiance(rays.origin, rays.direction, names)
+        sheet_image.add_values(rays.share, light, pixels if some.all() else pixels[some], image)
 
     def radiance(
-        self,
-        origin_mm: Float64[np.ndarray, "n 3"],
-        direction: Float64[np.ndarray, "n 3"],
-        owner: Int64[np.ndarray, "n"],
+        self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"], names: Names
     ) -> np.ndarray:
-        """Radiance that arrives along each ray, (n,); rays of one owner follow one another."""
-        light, paths = np.zeros(len(owner)), _first(origin_mm, direction, owner)
+        """Radiance that arrives along each ray, (n,)."""
+        light, paths = np.zeros(len(origin_mm)), _first(origin_mm, direction, names)
         for vertex in range(self._bounces + 2):
             if vertex > self._bounces and self._lamps.glow.chance == 0.0:
                 paths = self._reaching(paths)
             if not len(paths.power):
                 break
             hits = self._meet(paths)
-            kernels.gather(self._lamps, paths, hits, light)
+            kernels.gather(self._lamps, candidates_at(vertex - 1), paths, hits, light)
             lit = np.isfinite(hits.distance)
             if vertex > self._bounces or not lit.any():
                 break
@@ -150,6 +145,15 @@ class LitScene:
             paths = Paths(*_those(paths, goes_on))
         return light
 
+    def _names(self, rays: PixelRays) -> Names:
+        """What the random numbers of rays depend on."""
+        owner = np.ascontiguousarray(rays.leaving.owner)
+        names = Names(np.empty(len(owner), np.uint32), np.empty(len(owner), np.int64))
+        # Each wavelength has a seed of its own, by this step; paths of all of them share one.
+        seed = np.uint32((rays.seed - self._light[0] * SEED_STEP) & 0xFFFFFFFF)
+        draws.name_rays(seed, self._light, rays.squares, owner, *names)
+        return names
+
     def _reaching(self, paths: Paths) -> Paths:
         """The paths that meet a lamp unless something is in their way: nothing else counts after the last surface."""
         reaches = np.zeros(len(paths.power), bool)
@@ -160,7 +164,8 @@ class LitScene:
         """Add the light that lamps send to some surfaces directly."""
         count = len(paths.power)
         shadows = Shadows(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count))
-        kernels.send_to_lamps(self._lamps, self._scene, vertex, paths, hits, shadows)
+        step = vertex, candidates_at(vertex)
+        kernels.send_to_lamps(self._lamps, self._scene, step, paths, hits, shadows)
         some = shadows.light > 0.0
         shadows = Shadows(*_those(shadows, some))
         triangle = self._first_triangle(shadows.origin, shadows.direction)
@@ -206,11 +211,8 @@ def _those(arrays: Iterable[np.ndarray], some: np.ndarray) -> list[np.ndarray]:
     return [values.take(rows, axis=0) for values in arrays]
 
 
-def _first(origin: np.ndarray, direction: np.ndarray, owner: np.ndarray) -> Paths:
+def _first(origin: np.ndarray, direction: np.ndarray, names: Names) -> Paths:
     """The rays of the camera as paths."""
-    count = len(owner)
-    words = np.ascontiguousarray(np.concatenate([origin, direction], axis=1)).view(np.uint32)
-    key, place = np.empty(count, np.uint32), np.empty(count, np.int64)
-    name_rays(np.ascontiguousarray(owner), words, key, place)
-    rays = np.arange(count)
-    return Paths(origin.copy(), direction.copy(), np.ones(count), np.zeros(count), np.zeros(count), key, place, rays)
+    count = len(origin)
+    power, none, rays = np.ones(count), np.zeros(count), np.arange(count)
+    return Paths(origin.copy(), direction.copy(), power, none, none.copy(), names.key, names.place, rays)

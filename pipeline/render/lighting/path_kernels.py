@@ -26,7 +26,7 @@ from pipeline.render.lighting.lamp_kernels import (
 )
 from pipeline.render.lighting.lamp_kernels import RADIANCE as OF_LAMP
 from pipeline.render.lighting.material_kernels import EMISSION, input_at, paint_at
-from pipeline.render.lighting.reflection import Paint, reflected, scattered
+from pipeline.render.lighting.reflection import Paint, Seen, reflected, reflected_as, scattered, seen_along
 from pipeline.render.lighting.shape_kernels import (
     glow_density,
     path_to,
@@ -41,6 +41,8 @@ _GAP = 2e-6
 """Gap between a surface and the rays that leave it, as a part of the coordinates there [1]: single precision
 moves points by 6e-8 of them.
 """
+_CANDIDATES = 8
+"""Points of lamps of which a surface that the camera sees asks one [1]."""
 _LEAST = 0.05
 """Least probability with which a path goes on [1]: it bounds what one path can add."""
 
@@ -158,11 +160,13 @@ def meet(shapes, materials, albedo, paths, hits):
 
 
 @kernel
-def gather(lamps, paths, hits, light):
+def gather(lamps, asked, paths, hits, light):
     """Add the light that paths meet: lamps before or beyond surfaces, and surfaces that shine.
 
     Parameters
     ----------
+    asked : int
+        Points of lamps that were candidates where the paths come from, `candidates_at`.
     light : (rays,) float64
         Radiance of each ray of the camera, added to.
     hits.distance :
@@ -178,30 +182,30 @@ def gather(lamps, paths, hits, light):
         if own >= 0:
             hits.distance[i] = math.inf
             if bright > 0.0:
-                chance = lamps.table[own, CHANCE] * density(lamps.table, own, start, nearest, bright)
+                chance = asked * lamps.table[own, CHANCE] * density(lamps.table, own, start, nearest, bright)
                 light[paths.ray[i]] += paths.power[i] * lamps.table[own, OF_LAMP] * _share(paths.density[i], chance)
         elif nearest < math.inf:
             if hits.emission[i] != 0.0:
-                chance = glow_density(lamps.glow, hits.triangle[i], way, nearest)
+                chance = asked * glow_density(lamps.glow, hits.triangle[i], way, nearest)
                 light[paths.ray[i]] += paths.power[i] * hits.emission[i] * _share(paths.density[i], chance)
         else:
-            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, way)
+            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, asked, paths, i, way)
 
 
 @inline
 def _share(own, other):
-    """Weight of the balance heuristic; rays of the camera are found in one way only."""
-    return own / (own + other) if own > 0.0 else 1.0
+    """Weight of the power heuristic; rays of the camera are found in one way only."""
+    return 1.0 / (1.0 + (other / own) ** 2) if own > 0.0 else 1.0
 
 
 @inline
-def _from_far(lamps, paths, i, way):
+def _from_far(lamps, asked, paths, i, way):
     """Weighted radiance of domes and distant lamps, or the background that the camera sees."""
     total, has_dome = 0.0, False
     for k in range(lamps.table.shape[0]):
         has_dome = has_dome or lamps.table[k, KIND] == DOME
         radiance, chance = far_light(lamps, k, way, paths.cosine[i])
-        total += radiance * _share(paths.density[i], lamps.table[k, CHANCE] * chance)
+        total += radiance * _share(paths.density[i], asked * lamps.table[k, CHANCE] * chance)
     return total if has_dome or paths.density[i] > 0.0 else total + lamps.background
 
 
@@ -223,41 +227,93 @@ def _gap(point, least_mm):
     return max(least_mm, _GAP * (abs(point[0]) + abs(point[1]) + abs(point[2])))
 
 
+def candidates_at(vertex: int) -> int:
+    """Number of points of lamps of which one is asked, at the surface that the camera sees, 0, and at others."""
+    return _CANDIDATES if vertex == 0 else 1
+
+
 @kernel
-def send_to_lamps(lamps, scene, vertex, paths, hits, shadows):
-    """Make a ray from each surface to a point of one lamp, or of a surface that shines."""
+def send_to_lamps(lamps, scene, step, paths, hits, shadows):
+    """Make a ray from each surface to a point of one lamp, or of a surface that shines.
+
+    A few points are candidates. One of them is asked, the more often the more light it may send; if nothing is in
+    between, the light of all of them arrives. So only shadows have the noise of a single point.
+
+    Parameters
+    ----------
+    step : (int, int)
+        The vertex, and `candidates_at` it.
+    """
     layers, points, gap_mm = scene
+    vertex, asked = step
+    for i in range(paths.power.size):
+        shadows.light[i], total, kept = 0.0, 0.0, -1
+        place, paint = _place(layers, paths, hits, i), _paint(hits, i)
+        dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.CHOICE)[0]
+        for c in range(asked):
+            pair = draws.draw(points, paths.key[i], asked * paths.place[i] + c, draws.STAGES * vertex + draws.LAMP)
+            k, way, end, value = _candidate(lamps, layers, asked, place, paint, pair)
+            if value > 0.0:
+                total += value
+                if dice * total < value:
+                    dice, kept, shadows.end[i] = dice * total / value, k, end
+                    for axis in range(3):
+                        shadows.direction[i, axis] = way[axis]
+                else:
+                    dice = (dice * total - value) / (total - value)
+        if kept < 0:
+            continue
+        way = row(shadows.direction, i)
+        start = _start(hits, i, way, gap_mm)
+        if not blocked_by_lamp(lamps.table, kept, start, way, shadows.end[i]):
+            shadows.light[i] = paths.power[i] * total
+            for axis in range(3):
+                shadows.origin[i, axis] = start[axis]
+
+
+class Place(NamedTuple):
+    """A place of a surface: point, unit axes of its frame and normal of the triangle, and how it is seen."""
+
+    point: tuple[float, float, float]
+    x: tuple[float, float, float]
+    y: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    flat: tuple[float, float, float]
+    seen: Seen
+
+
+@inline
+def _place(layers, paths, hits, i):
+    """Where a path meets a surface."""
+    normal = row(hits.normal, i)
+    x, y = across(normal)
+    seen = seen_along(layers, _paint(hits, i), local(times(-1.0, row(paths.direction, i)), x, y, normal))
+    return Place(row(hits.point, i), x, y, normal, row(hits.flat, i), seen)
+
+
+@inline
+def _candidate(lamps, layers, asked, place, paint, pair):
+    """A point of a lamp: the lamp, direction, path to it, and the light that it sends if nothing is in between."""
     count = lamps.table.shape[0]
     last = count if lamps.glow.chance > 0.0 else count - 1
-    for i in range(paths.power.size):
-        shadows.light[i] = 0.0
-        pair = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.LAMP)
-        k, u = 0, pair[0]
-        while k < last and u >= lamps.table[k, CHANCE]:
-            u -= lamps.table[k, CHANCE]
-            k += 1
-        normal, flat, point = row(hits.normal, i), row(hits.flat, i), row(hits.point, i)
-        if k == count:
-            chance, spot = 1.0, (min(u / lamps.glow.chance, 1.0 - 1e-16), pair[1])
-            way, end, radiance, by_lamp = sample_glow(lamps.glow, point, spot)
-        else:
-            chance = lamps.table[k, CHANCE]
-            spot = min(u / chance, 1.0 - 1e-16), pair[1]
-            way, end, radiance, by_lamp = sample_lamp(lamps, k, point, normal, spot)
-        if not (radiance > 0.0 and by_lamp > 0.0 and dot(way, flat) > 0.0):
-            continue
-        x, y = across(normal)
-        seen = local(times(-1.0, row(paths.direction, i)), x, y, normal)
-        value, by_surface = reflected(layers, _paint(hits, i), seen, local(way, x, y, normal))
-        if by_lamp == math.inf:
-            value *= radiance / chance
-        else:
-            value *= radiance / (chance * by_lamp + by_surface)
-        start = _start(hits, i, way, gap_mm)
-        if value > 0.0 and not blocked_by_lamp(lamps.table, k, start, way, end):
-            shadows.light[i], shadows.end[i] = paths.power[i] * value, end
-            for axis in range(3):
-                shadows.origin[i, axis], shadows.direction[i, axis] = start[axis], way[axis]
+    k, u = 0, pair[0]
+    while k < last and u >= lamps.table[k, CHANCE]:
+        u -= lamps.table[k, CHANCE]
+        k += 1
+    if k == count:
+        chance, spot = 1.0, (min(u / lamps.glow.chance, 1.0 - 1e-16), pair[1])
+        way, end, radiance, by_lamp = sample_glow(lamps.glow, place.point, spot)
+    else:
+        chance = lamps.table[k, CHANCE]
+        spot = min(u / chance, 1.0 - 1e-16), pair[1]
+        way, end, radiance, by_lamp = sample_lamp(lamps, k, place.point, place.normal, spot)
+    if not (radiance > 0.0 and by_lamp > 0.0 and dot(way, place.flat) > 0.0):
+        return k, way, end, 0.0
+    value, by_surface = reflected_as(layers, paint, place.seen, local(way, place.x, place.y, place.normal))
+    if by_lamp == math.inf:
+        return k, way, end, value * radiance / (asked * chance)
+    chance *= asked * by_lamp
+    return k, way, end, value * radiance / chance * _share(chance, by_surface)
 
 
 @kernel

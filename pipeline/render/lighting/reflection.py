@@ -74,6 +74,31 @@ class Layer(NamedTuple):
     returned: float
 
 
+class Seen(NamedTuple):
+    """A surface as it is seen along a direction: what does not depend on where light comes from.
+
+    Attributes
+    ----------
+    direction : (float, float, float)
+    layer : Layer
+        In this direction.
+    many, lost : float
+        Of the light that single reflections leave out, the part that comes back later; and what they leave out on
+        average over a hemisphere.
+    kept : float
+        Mean part of light that the layer lets through to the paint.
+    chance : float
+        Probability with which `scattered` follows the layer.
+    """
+
+    direction: tuple[float, float, float]
+    layer: Layer
+    many: float
+    lost: float
+    kept: float
+    chance: float
+
+
 @inline
 def _at(x):
     """Node below a number in [0, 1], and the rest."""
@@ -141,22 +166,37 @@ def fresnel(facing, cosine):
 @inline
 def reflected(layers, paint, seen, lit):
     """Bidirectional reflectance times the cosine of the light, and the density with which `scattered` finds it."""
+    return reflected_as(layers, paint, seen_along(layers, paint, seen), lit)
+
+
+@inline
+def seen_along(layers, paint, seen):
+    """The surface as it is seen along a direction."""
+    if paint.alpha == 0.0:
+        return Seen(seen, Layer(0.0, 0.0), 0.0, 1.0, 1.0, 0.0)
+    layer = _layer(layers, paint, seen[2])
+    i, a = _at(math.sqrt(paint.alpha))
+    lost = max(1.0 - _between(layers.means, i, a, 0), 1e-9)
+    kept = max(1.0 - _mean_returned(layers, paint), 1e-9)
+    return Seen(seen, layer, _many(layers, paint), lost, kept, specular_chance(paint, layer))
+
+
+@inline
+def reflected_as(layers, paint, as_seen, lit):
+    """What `reflected` returns, for many directions of light."""
+    seen, one = as_seen.direction, as_seen.layer
     if not (seen[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
     if paint.alpha == 0.0:
         return paint.diffuse * lit[2] / math.pi, lit[2] / math.pi
-    one, other = _layer(layers, paint, seen[2]), _layer(layers, paint, lit[2])
-    i, a = _at(math.sqrt(paint.alpha))
-    mean = _between(layers.means, i, a, 0)
-    many = _many(layers, paint) * (1.0 - one.whole) * (1.0 - other.whole) / max(1.0 - mean, 1e-9)
-    below = paint.diffuse * (1.0 - one.returned) * (1.0 - other.returned)
-    below /= max(1.0 - _mean_returned(layers, paint), 1e-9)
+    other = _layer(layers, paint, lit[2])
+    many = as_seen.many * (1.0 - one.whole) * (1.0 - other.whole) / as_seen.lost
+    below = paint.diffuse * (1.0 - one.returned) * (1.0 - other.returned) / as_seen.kept
     half = unit((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
     glance = max(dot(seen, half), 1e-12)
     facets, visible = _facets(paint.alpha, half[2]), _masking(paint.alpha, seen[2])
     once = fresnel(paint.facing, glance) * facets * visible * _masking(paint.alpha, lit[2]) / (4.0 * seen[2])
-    chance = specular_chance(paint, one)
-    density = chance * facets * visible / (4.0 * seen[2]) + (1.0 - chance) * lit[2] / math.pi
+    density = as_seen.chance * facets * visible / (4.0 * seen[2]) + (1.0 - as_seen.chance) * lit[2] / math.pi
     return once + (many + below) * lit[2] / math.pi, density
 
 
