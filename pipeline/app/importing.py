@@ -67,10 +67,25 @@ def import_camera(path: Path, lens: Path | None = None) -> Imported:
     return Imported(text=text, warnings=tuple(_warnings(path, lost)))
 
 
+def require_free(out: Path) -> None:
+    """Refuse the path of a new stage where none can be written.
+
+    Raises
+    ------
+    UsageError
+        It has another suffix, something is there, or there is no such folder.
+    """
+    if out.suffix != ".usda":
+        raise UsageError(f"{out} must end in .usda", hint=f"write {out.with_suffix('.usda')}" if out.name else None)
+    if out.exists():
+        raise UsageError(f"{out} exists", hint="choose another name, or remove it")
+    if not out.parent.is_dir():
+        raise UsageError(f"{out} cannot be written: there is no folder {out.parent}", hint=f"mkdir -p {out.parent}")
+
+
 def write_stage(text: str, out: Path) -> list[Problem]:
     """Write a new stage, check it, and return its problems."""
-    if out.suffix != ".usda":
-        raise UsageError(f"{out} must end in .usda")
+    require_free(out)
     try:
         with out.open("x", encoding="utf-8", newline="\n") as stream:
             stream.write(text)

@@ -46,9 +46,23 @@ def library(kind: str | None = None) -> dict[str, list[Part]]:
         There is no such kind.
     """
     if kind is not None and kind not in KINDS:
-        hint = did_you_mean(kind, KINDS) or f"there are {', '.join(KINDS)}"
+        hint = _of_part(Path(kind).stem) or did_you_mean(kind, KINDS) or f"there are {', '.join(KINDS)}"
         raise UsageError(f"the library has no {kind}", hint=hint)
-    return {one: [_part(path) for path in sorted((share("stages") / one).glob("*.usda"))] for one in _kinds(kind)}
+    return {one: [_part(path) for path in _files(one)] for one in _kinds(kind)}
+
+
+def _of_part(name: str) -> str | None:
+    """A hint for the name of a part in the place of a kind."""
+    kind = next((one for one in KINDS for path in _files(one) if path.stem == name), None)
+    if kind is None:
+        return None
+    verb = {"lenses": "show", "rigs": "show", "targets": "target"}.get(kind)
+    more = f", `pipeline {verb} {kind}/{name}.usda` tells more" if verb else ""
+    return f"it is one of the {kind}: `pipeline library {kind}` lists it{more}"
+
+
+def _files(kind: str) -> list[Path]:
+    return sorted((share("stages") / kind).glob("*.usda"))
 
 
 def _kinds(kind: str | None) -> tuple[str, ...]:

@@ -231,6 +231,8 @@ def show(
         return [ShownLens(loaded.lens, loaded.problems)]
     if not names:
         hint = "name a dataset, a rig or a lens; a camera is a Camera with PlenCameraAPI"
+        if loaded.targets:
+            hint = f"`pipeline target {path}` describes a target"
         file = shown_path(Path(path).resolve())
         raise StageError([Problem(code="no-camera", message="the stage holds no camera", file=file, line=1, hint=hint)])
     wanted = loaded.cameras if camera is None else [loaded.cameras[chosen(path, "camera", names, camera)]]

@@ -35,8 +35,24 @@ def test_the_library_lists_every_stage_with_published_figures(in_this_process):
 def test_a_mistyped_kind_or_verb_gets_a_suggestion(in_this_process):
     code, text, log = in_this_process("library", "lense")
     assert (code, text) == (2, "") and 'did you mean "lenses"' in log
+    code, _, log = in_this_process("library", "charuco_8x5")
+    assert code == 2 and "`pipeline target targets/charuco_8x5.usda`" in log
     code, _, log = in_this_process("libary")
     assert code == 2 and "library" in log
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (("build", "x.usda", "--workers", "2"), "--jobs"),
+        (("build", "x.usda", "--output", "y"), "--out"),
+        (("new", "dataset", "x.usda", "--frames", "3"), "--poses"),
+        (("build", "x.usda", "--retires", "3"), "--retries"),
+    ],
+)
+def test_an_option_by_the_name_that_others_give_it_gets_ours(in_this_process, words, meant):
+    code, _, log = in_this_process(*words)
+    assert code == 2 and meant in log.partition("Possible options: ")[2]
 
 
 def test_the_doctor_finds_nothing_wrong_here(in_this_process):

@@ -58,6 +58,8 @@ def test_a_new_rig_is_focused_and_stopped_as_asked(pipeline):
     ("changed", "said"),
     [
         ({"--rig": "rigs/convention_100mm.usda"}, 'did you mean "rigs/conventional_100mm.usda"?'),
+        ({"--rig": "conventional_100mm"}, 'did you mean "rigs/conventional_100mm.usda"?'),
+        ({"--rig": "nothing/like_it.usda"}, "`pipeline library`"),
         ({"--rig": "targets/charuco_8x5.usda"}, "targets/charuco_8x5.usda holds no camera"),
         ({"--target": "rigs/conventional_100mm.usda"}, "rigs/conventional_100mm.usda holds no target"),
         ({"--camera": "Kamera"}, 'did you mean "Camera"?'),
@@ -71,6 +73,14 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(pipeline, changed, sai
     assert (code, output) == (2, "")
     assert said in log
     assert not list(Path().glob("*.usda"))
+
+
+@pytest.mark.parametrize(("out", "said"), [("no/such/x.usda", "mkdir -p no/such"), ("x.usd", "write x.usda")])
+@pytest.mark.parametrize("verb", ["dataset", "rig"])
+def test_a_place_where_no_stage_can_be_written_is_refused_at_once(pipeline, verb, out, said):
+    of_rig = ("--lens", "lenses/tessar_100mm_zemax.usda", "--sensor", "sensors/none.usda", "--focus", "1000")
+    code, output, log = pipeline("new", verb, out, *(PARTS if verb == "dataset" else of_rig))
+    assert (code, output) == (2, "") and said in log
 
 
 def test_a_file_that_is_there_stays(pipeline):

@@ -13,6 +13,7 @@ import pages
 import pytest
 import schema_reference
 from builds import tiny
+from other_commands import refusal_of_other
 from pages import ROOT
 from typer.testing import CliRunner
 
@@ -73,6 +74,32 @@ def test_every_command_is_one_that_the_parser_takes(page):
 )
 def test_the_parser_refuses_what_the_command_would(words, reason):
     assert (reason in pages.refusal(words.split())) and bool(reason) == bool(pages.refusal(words.split()))
+
+
+@pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)
+def test_every_other_command_is_one_that_its_program_takes(page):
+    typed = [words for block in pages.blocks(page) for line in block.commands if (words := pages.words_of(line))]
+    others = [words for words in typed if words[0] != "pipeline"]
+    assert {" ".join(words): refusal_of_other(words) for words in others if refusal_of_other(words)} == {}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ("dask wroker --nthreads 1", "no verb"),
+        ("dask worker --scheduler-file x.json --nthreds 1", "unexpected"),
+        ("dask worker --scheduler-file x.json --nworkers 8", ""),
+        ("pip install plenoptic-pipeline[clutser]", "no extra"),
+        ("make tets", "no target"),
+        ("python benchmarks/trase.py", "no file"),
+        ("python examples/06_arena/tables.py --breif", "no option"),
+        ("export PIPELINE_CASH=x", "nothing reads"),
+        ("rm -rf build", "no test knows"),
+    ],
+)
+def test_other_commands_are_refused_as_their_programs_would(words, reason):
+    found = refusal_of_other(words.split())
+    assert reason in found and bool(reason) == bool(found)
 
 
 @pytest.mark.parametrize("page", pages.PAGES, ids=pages.name_of)

@@ -1,7 +1,7 @@
 // Curves by uPlot; histograms, spots and maps as SVG and canvas of their own.
 
 import uPlot from "uplot";
-import { colour, count, figure, h, s } from "./dom";
+import { colour, count, figure, h, measured, s } from "./dom";
 import type { Chart, Histogram, Residuals, Spot } from "./records";
 
 export const LINES = ["#2f7fe0", "#e8702a", "#27a05a", "#c8489a", "#8f63e8", "#b8901a", "#1a9aa8", "#d0483c"];
@@ -117,7 +117,7 @@ function spotOf(spot: Spot, reach: number): HTMLElement {
   const dots = spot.dx_px.map((dx, i) => s("circle", { cx: at(dx).toFixed(1), cy: at(spot.dy_px[i]).toFixed(1), r: 1.1, class: "dot" }));
   const half = size / 2 / reach / 2;
   const square = s("rect", { x: size / 2 - half, y: size / 2 - half, width: 2 * half, height: 2 * half, class: "pixel" });
-  const words = spot.dx_px.length ? `${figure(spot.rms_px)} px rms` : "no light";
+  const words = spot.dx_px.length ? `${measured(spot.rms_px)} px rms` : "no light";
   return h("div", { class: "spot" }, s("svg", { viewBox: `0 0 ${size} ${size}`, role: "img", "aria-label": `spot at ${spot.place}, ${figure(spot.distance_mm)} mm: ${words}` }, square, ...dots), h("small", {}, words));
 }
 

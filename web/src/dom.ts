@@ -40,6 +40,14 @@ export function figure(value: number | null | undefined, digits = 3): string {
   return Number(mantissa) === 1 ? `10${raised}` : `${Number(mantissa)} × 10${raised}`;
 }
 
+/** A measured number: as `figure`, with the zeros at its end. */
+export function measured(value: number | null | undefined, digits = 3): string {
+  const words = figure(value, digits);
+  if (words === "–" || words === "0") return words;
+  const size = Math.abs(value!);
+  return size >= 1e-3 && size < 10 ** digits ? value!.toPrecision(digits) : words.replace(/^\S+(?= ×)/, () => value!.toExponential(digits - 1).split("e")[0]);
+}
+
 /** A number with all of its digits, as the tables on disk have it. */
 export function exact(value: number | string | null): string {
   if (value === null) return "–";

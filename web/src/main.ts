@@ -72,11 +72,18 @@ function follow(links: HTMLAnchorElement[]): void {
     }
     const current = [...links].reverse().find((link) => crossing.has(link.hash));
     for (const link of current ? links : []) {
-      if (link === current) link.setAttribute("aria-current", "location");
+      if (link === current) mark(link);
       else link.removeAttribute("aria-current");
     }
   }, { rootMargin: "-20% 0px -70% 0px" });
   document.querySelectorAll("section").forEach((one) => watcher.observe(one));
+}
+
+/** Marks a link, and brings it into sight where a narrow window cuts the row of links. */
+function mark(link: HTMLAnchorElement): void {
+  link.setAttribute("aria-current", "location");
+  const row = link.parentElement!;
+  row.scrollLeft = link.offsetLeft - row.offsetLeft - (row.clientWidth - link.offsetWidth) / 2;
 }
 
 async function begin(): Promise<void> {

@@ -2,7 +2,7 @@
 
 import { chartOf, histogramOf, mapOf, spotsOf } from "./charts";
 import { load } from "./data";
-import { bytes, count, figure, h, s, whenSeen } from "./dom";
+import { bytes, count, figure, h, measured, s, whenSeen } from "./dom";
 import { timelineOf } from "./timeline";
 import type { CameraPart, History, Optics, Page } from "./records";
 import type { State } from "./state";
@@ -29,7 +29,7 @@ export function overview(page: Page): HTMLElement[] {
   return [
     h("div", { class: "cards" },
       card("rows of truth", count(rows), `${count(points)} target points in ${count(page.frames.length)} ${page.frames.length === 1 ? "frame" : "frames"}`),
-      card("largest difference", claims.length ? `${figure(Math.max(...claims), 2)} px` : "–", "in the rows that the certificate solved again"),
+      card("largest difference", claims.length ? `${measured(Math.max(...claims), 2)} px` : "–", "in the rows that the certificate solved again"),
       card("cameras", count(bodies), bodies === page.cameras.length ? [...new Set(page.cameras.map((one) => one.kind))].join(", ") : `${page.cameras.length} channels`),
       card("frames", count(page.frames.length), frames(page.frames)),
       card("targets", count(page.targets.length), page.targets.map((one) => `${one.kind}, ${one.points} points`).join("; ")),
@@ -58,7 +58,7 @@ function certificate(camera: CameraPart): HTMLElement {
     .filter((one): one is [string, number] => !!one[1]);
   const bars = (found.by_distance_from_cell_edge as any[]).filter((part) => part.rows).map((part) =>
     h("tr", {}, h("th", { scope: "row" }, `${part.from_px}${part.to_px === null ? " px and more" : ` to ${part.to_px} px`}`),
-      h("td", { class: "number" }, count(part.rows)), h("td", { class: "number" }, figure(part.rms_px, 2)), h("td", { class: "number" }, figure(part.max_px, 2)),
+      h("td", { class: "number" }, count(part.rows)), h("td", { class: "number" }, measured(part.rms_px, 2)), h("td", { class: "number" }, measured(part.max_px, 2)),
       h("td", { class: "gauge-cell" }, h("span", { class: "gauge-bar", style: `width:${x(part.max_px)}%` }))));
   return h("div", { class: `certificate ${verdict}` },
     h("div", { class: "certificate-head" }, h("strong", {}, camera.name), h("span", { class: `pill ${verdict}` }, VERDICTS[verdict])),
@@ -66,7 +66,7 @@ function certificate(camera: CameraPart): HTMLElement {
       found.claim_px ? h("span", { class: "gauge-claim", style: `left:${x(found.claim_px)}%`, title: `claim ${found.claim_px} px` }) : null,
       ...marks.map(([name, value]) => h("span", { class: `gauge-mark ${name}`, style: `left:${x(value)}%`, title: `${name} ${value} px` }))),
     h("div", { class: "gauge-scale", "aria-hidden": "true" }, ...[-7, -6, -5, -4, -3, -2, -1, 0].map((power) => h("span", {}, power === 0 ? "1 px" : `10${[...String(power)].map((one) => "⁻⁰¹²³⁴⁵⁶⁷"["-01234567".indexOf(one)]).join("")}`))),
-    h("p", {}, `${found.rows} of ${count(found.of)} rows · rms ${figure(found.rms_px, 2)} px, largest ${figure(found.max_px, 2)} px`, found.claim_px ? ` · claim ${figure(found.claim_px)} px` : "", found.reason ? ` · ${found.reason}` : ""),
+    h("p", {}, `${found.rows} of ${count(found.of)} rows · rms ${measured(found.rms_px, 2)} px, largest ${measured(found.max_px, 2)} px`, found.claim_px ? ` · claim ${figure(found.claim_px)} px` : "", found.reason ? ` · ${found.reason}` : ""),
     bars.length > 1 ? h("details", {}, h("summary", {}, "by distance from the edge of the cell or image"), h("table", {}, h("thead", {}, h("tr", {}, ...["distance", "rows", "rms px", "largest px", ""].map((name) => h("th", { scope: "col" }, name)))), h("tbody", {}, ...bars))) : null);
 }
 

@@ -16,7 +16,7 @@ function use(history: History): HTMLElement {
   const said = parts.map((part) => `${count(part.many)} ${part.words}`).join(", ");
   return h("div", {},
     h("div", { class: "use", role: "img", "aria-label": said }, ...parts.map((part) => h("span", { class: part.look, style: `flex-grow:${part.many / all}` }))),
-    h("p", {}, `${count(history.tasks.length)} tasks: ${said}`, history.seconds === null ? "." : ` · ${seconds(history.seconds)} with ${history.workers} workers.`));
+    h("p", {}, `${count(history.tasks.length)} tasks: ${said}`, history.seconds === null ? "." : ` · ${seconds(history.seconds)} with ${history.workers} worker${history.workers === 1 ? "" : "s"}.`));
 }
 
 /** Tasks that ran, each in the first lane that is free. */
@@ -32,14 +32,19 @@ function lanes(history: History): Element[] {
     if (row < 0) row = ends.length;
     ends[row] = task.end_s!;
     const x = (task.start_s! / whole) * width;
-    return s("rect", { x: x.toFixed(2), y: row * lane + 2, width: Math.max(0.6, ((task.end_s! - task.start_s!) / whole) * width - 0.4).toFixed(2), height: lane - 4, rx: 2, fill: LINES[names.indexOf(task.kind) % LINES.length] },
+    return s("rect", { x: x.toFixed(2), y: row * lane + 2, width: Math.max(0.6, ((task.end_s! - task.start_s!) / whole) * width - 0.4).toFixed(2), height: lane - 4, rx: 2, ...filling(names.indexOf(task.kind)) },
       s("title", {}, `${task.name}: ${seconds(task.start_s)} to ${seconds(task.end_s)}`));
   });
   const ticks = Array.from({ length: 6 }, (_, i) => s("text", { x: (i / 5) * width, y: ends.length * lane + 16, class: "tick", "text-anchor": i === 0 ? "start" : i === 5 ? "end" : "middle" }, seconds((whole * i) / 5)));
   return [
-    s("svg", { viewBox: `0 0 ${width} ${ends.length * lane + 22}`, class: "timeline", role: "img", "aria-label": `${ran.length} tasks in ${seconds(whole)}` }, ...bars, ...ticks),
-    h("p", { class: "legend" }, ...names.map((name, i) => h("span", {}, h("i", { style: `background:${LINES[i % LINES.length]}` }), name))),
+    h("div", { class: "scroll" }, s("svg", { viewBox: `0 0 ${width} ${ends.length * lane + 22}`, class: "timeline", role: "img", "aria-label": `${ran.length} tasks in ${seconds(whole)}` }, ...bars, ...ticks)),
+    h("p", { class: "legend" }, ...names.map((name, i) => h("span", {}, h("i", { style: `background:${filling(i).fill};opacity:${filling(i)["fill-opacity"]}` }), name))),
   ];
+}
+
+/** The colour of a kind of tasks: those of the lines, then the same ones, paler. */
+function filling(number: number): { fill: string; "fill-opacity": number } {
+  return { fill: LINES[number % LINES.length], "fill-opacity": number < LINES.length ? 1 : 0.45 };
 }
 
 function kinds(tasks: TaskRun[]): HTMLElement {

@@ -22,7 +22,11 @@ def found(path: Path) -> Path:
     if (library / path).is_file():
         return library / path
     known = [one.relative_to(library).as_posix() for one in library.glob("*/*.usda")]
-    raise UsageError(f"there is no {path}, and the library has none", hint=did_you_mean(str(path), known))
+    same = [one for one in known if Path(one).stem == path.stem]
+    meant = f'did you mean "{same[0]}"?' if same else did_you_mean(str(path), known)
+    raise UsageError(
+        f"there is no {path}, and the library has none", hint=meant or "`pipeline library` lists what it has"
+    )
 
 
 def asset(path: Path, out: Path) -> str:

@@ -11,7 +11,7 @@ from pipeline.app.authoring.assets import asset, found
 from pipeline.app.authoring.poses import Field, Pose, Wish, poses_that_fill
 from pipeline.app.authoring.stage_text import DatasetText, Placed
 from pipeline.app.chosen import chosen
-from pipeline.app.importing import write_stage
+from pipeline.app.importing import require_free, write_stage
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.scene.dataset import Dataset, TargetEntry
@@ -25,6 +25,8 @@ _FAR_MM = 1e5
 """Distance at which a target waits for its poses [mm]: a hundred metres, behind no lens and inside none."""
 _FITTED = 0.5
 """Diagonal of a fitted target over that of the image, at the middle of the depth of field [1]: it may move and tilt."""
+_WITH = {"camera": "rigs", "target": "targets"}
+"""Kinds of parts of the library that hold one."""
 _CELLS = 8, 6
 """Cells of the image in which the points of all frames are counted, along x and y."""
 
@@ -65,10 +67,9 @@ def new_dataset(
     StageError
         The rig or the target does not pass `check`.
     UsageError
-        A part is missing, the file exists, or the target is too large for the camera.
+        A part is missing, the file cannot be written, or the target is too large for the camera.
     """
-    if out.exists():
-        raise UsageError(f"{out} exists", hint="choose another name, or remove it")
+    require_free(out)
     parts = load(found(rig)), load(found(target))
     for part in parts:
         if part.errors:
@@ -76,7 +77,7 @@ def new_dataset(
     names = [entry.name for entry in parts[0].cameras]
     if not names or not parts[1].targets:
         kind, path = ("camera", rig) if not names else ("target", target)
-        raise UsageError(f"{path} holds no {kind}")
+        raise UsageError(f"{path} holds no {kind}", hint=f"`pipeline library {_WITH[kind]}` lists some that do")
     seen_by = parts[0].cameras[chosen(rig, "camera", names, camera)]
     plan = DatasetText(
         name=identifier(out.stem if out.stem != "dataset" else out.resolve().parent.name),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app.authoring.assets import asset, found
-from pipeline.app.importing import write_stage
+from pipeline.app.importing import require_free, write_stage
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
 from pipeline.scene.load import load
@@ -44,8 +44,9 @@ def new_rig(out: Path, wish: RigWish) -> list[Problem]:
     StageError
         The lens does not pass `check`.
     UsageError
-        A part is missing or is none, or the file exists.
+        A part is missing or is none, or the file cannot be written.
     """
+    require_free(out)
     if (wish.microlenses is None) != (wish.microlens_distance_mm is None):
         raise UsageError("microlenses and their distance from the sensor go together")
     loaded = load(found(wish.lens))

@@ -76,8 +76,30 @@ StageOrPart = Annotated[
 ]
 
 
+_ALSO_CALLED = {
+    "--jobs": ("--workers", "--threads", "--processes", "--cores", "--parallel"),
+    "--out": ("--output", "--outdir", "--output-dir", "--out-dir"),
+    "--force": ("--rebuild", "--no-cache", "--clean"),
+    "--poses": ("--frames", "--views"),
+    "--quiet": ("--silent",),
+}
+"""What other programs call our options: names that no letters bring near."""
+
+
 class Verb(typer.core.TyperCommand):
-    """A verb whose help shows flags without a type of value."""
+    """A verb whose help shows flags without a type of value, and which knows other names of its options."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The words of a command line; an unknown option gets the name that we have for it."""
+        try:
+            return super().parse_args(ctx, args)
+        except typer.TyperException as error:
+            own = {name for parameter in self.params for name in parameter.opts}
+            typed = getattr(error, "option_name", None)
+            meant = [name for name, others in _ALSO_CALLED.items() if typed in others and name in own]
+            if meant:
+                error.possibilities = meant  # type: ignore[attr-defined]
+            raise
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Options and arguments, `--help` included."""
