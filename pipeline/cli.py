@@ -111,7 +111,9 @@ def show(
     camera: Annotated[str | None, typer.Argument(metavar="CAMERA", help="Show only the camera with this name.")] = None,
     as_json: Annotated[
         bool,
-        typer.Option("--json", rich_help_panel=OUTPUT, help="Print one JSON object: camera.json and field curves."),
+        typer.Option(
+            "--json", rich_help_panel=OUTPUT, help="Print one JSON object: camera.json, field curves, point images."
+        ),
     ] = False,
     plot: Annotated[
         Path | None,
@@ -148,11 +150,11 @@ def show(
     shown = cameras_of(stage, camera, tuple(allow_root or ()))
     if plot is not None:
         draw(shown, plot)
-    points = draw_points(shown, AskedPoints(psf, at, distance)) if psf is not None else []
+    points = draw_points(shown, AskedPoints(psf, at, distance)) if psf is not None else None
     for warning in shown[0].warnings:
         note(str(warning))
-    say(plain_json(shown).rstrip("\n") if as_json else "\n\n".join("\n".join(one.page()) for one in shown))
-    for line in points if not as_json else ():
+    say(plain_json(shown, points).rstrip("\n") if as_json else "\n\n".join("\n".join(one.page()) for one in shown))
+    for line in points.lines if points is not None and not as_json else ():
         say(line)
     for file in (plot, psf):
         if file is not None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.app.chosen import chosen
 from pipeline.camera.figures.equivalent_pinhole import pinhole
@@ -180,8 +180,15 @@ def _points_of(entry: CameraEntry, asked: AskedPoints) -> list[PointImage]:
     return point_images(camera, entry.wavelength_nm, asked.at_px, asked.distance_mm, entry.camera)
 
 
-def draw_points(shown: list[Shown | ShownLens], asked: AskedPoints) -> list[str]:
-    """Write the drawing of images of points by one camera; lines for a terminal.
+class DrawnPoints(NamedTuple):
+    """Images of points, as lines for a terminal and as plain values."""
+
+    lines: list[str]
+    plain: list[dict[str, Any]]
+
+
+def draw_points(shown: list[Shown | ShownLens], asked: AskedPoints) -> DrawnPoints:
+    """Write the drawing of images of points by one camera.
 
     Raises
     ------
@@ -192,16 +199,18 @@ def draw_points(shown: list[Shown | ShownLens], asked: AskedPoints) -> list[str]
     if not isinstance(one, Shown):
         raise UsageError("a lens alone has no sensor on which points have images", hint="name a rig or a dataset")
     found, pitch_mm = one.points(asked), one.camera.sensor.pitch_mm
-    rows, told = [], list[str]()
+    rows, told, plain = [], list[str](), list[dict[str, Any]]()
     for entry, images in found:
         light = f"{entry.wavelength_nm:.1f} nm" + ("" if entry.channel is None else f" ({entry.channel.name})")
         rows += [(light, image) for image in images]
         head = [] if entry.channel is None else [f"channel {entry.channel.name}"]
         told += ["", *head, *point_report.lines(images, pitch_mm)]
+        channel = {} if entry.channel is None else {"channel": entry.channel.name}
+        plain += [{**channel, **image.to_plain()} for image in images]
     picture = point_report.drawing(rows, f"{one.name}: images of points by diffraction", pitch_mm)
     with chosen_place("write", asked.picture):
         write_drawing(asked.picture, picture)
-    return told
+    return DrawnPoints(told, plain)
 
 
 def _only(shown: list[Shown | ShownLens]) -> Shown | ShownLens:
@@ -247,8 +256,10 @@ def _shown(entry: CameraEntry, problems: list[Problem]) -> Shown:
     return shown
 
 
-def plain_json(shown: list[Shown | ShownLens]) -> str:
-    """JSON of one camera or lens, or of several cameras by name."""
+def plain_json(shown: list[Shown | ShownLens], points: DrawnPoints | None = None) -> str:
+    """JSON of one camera or lens, with the images of points that were drawn, or of several cameras by name."""
+    if points is not None:
+        return json_bytes({**json.loads(shown[0].json()), "point_images": points.plain}).decode()
     if len(shown) == 1:
         return shown[0].json()
     return json_bytes({one.name: json.loads(one.json()) for one in shown}).decode()

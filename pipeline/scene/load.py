@@ -14,6 +14,7 @@ from pipeline.records.declared import arguments_settled
 from pipeline.roots import allowed_roots, real_path
 from pipeline.scene.check.camera.doubts import check_doubts
 from pipeline.scene.check.dataset import find_dataset
+from pipeline.scene.check.lighting.shone import check_shone
 from pipeline.scene.check.rays import check_rays
 from pipeline.scene.check.seen import check_seen
 from pipeline.scene.check.stage import check
@@ -149,7 +150,7 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
         problems += check_doubts(stage, cameras)
         if not loaded.errors and dataset:
             problems += check_rays(stage, dataset)
-            problems += check_seen(stage, dataset)
+            problems += [*check_seen(stage, dataset), *check_shone(stage, dataset)]
         if loaded.errors:
             return loaded
     layer = flattened(stage)

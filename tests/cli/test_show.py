@@ -163,5 +163,15 @@ def test_images_of_points_are_printed_and_drawn(pipeline, tmp_path):
     drawing = (tmp_path / "points.svg").read_text(encoding="utf-8")
     assert len(list(ElementTree.fromstring(drawing).iter(f"{SVG}image"))) == 3
     assert drawing.count("Airy radius 5.35") == 3
+    code, page, _ = pipeline("show", PAPER, "--psf", "points.svg", "--json")
+    found = json.loads(page)["point_images"]
+    assert code == 0 and [one["place"] for one in found] == [f"microlens type {kind}" for kind in range(3)]
+    for one in found:
+        # Airy's radius and the limit of the aperture are those of its wavelength and numerical aperture.
+        assert one["airy_radius_um"] == pytest.approx(
+            0.61e-3 * one["wavelength_nm"] / one["numerical_aperture"], rel=1e-3
+        )
+        assert one["strehl_ratio"] == pytest.approx(1.0, abs=1e-3)
+        assert len(one["per_mm"]) == len(one["tangential"]) == len(one["sagittal"]) and one["tangential"][0] == 1.0
     code, _, log = pipeline("show", PAPER, "--at", "10", "10")
     assert code == 2 and "--psf" in log

@@ -29,7 +29,7 @@ def view(lamps: tuple[PlacedLamp, ...], half_mm: float, wavelengths_nm: tuple[fl
 
 
 def test_the_known_flux_is_that_of_many_rays_where_light_falls_off_too() -> None:
-    camera = rigs.conventional(12.0, 96, 64, 0.25)
+    camera = rigs.conventional(17.0, 96, 64, 0.4)
     rig = Rig.of(Tracer(camera, 3))
     known = known_flux(Band.of(rig, (0, 8)))
     assert known is not None

@@ -29,6 +29,9 @@ WARNINGS = {
         "overlap",
     ),
     "image-circle",
+    "dark-lamp",
+    "lamp-around-camera",
+    "unlit",
     "not-in-image",
     "invisible-target",
 }

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -86,6 +87,12 @@ class PointImage:
             np.interp(per_mm, self.per_mm, one, right=0.0) for one in (self.tangential, self.sagittal)
         )
         return float(tangential), float(sagittal)
+
+    def to_plain(self) -> dict[str, Any]:
+        """All figures and curves as plain values, without the picture; unknown is None."""
+        names = [name for name in self.__slots__ if not name.startswith("picture")]
+        plain = {name: np.asarray(getattr(self, name)).tolist() for name in names}
+        return {**plain, "saddle_shift_px": None if np.isnan(self.saddle_shift_px).any() else plain["saddle_shift_px"]}
 
 
 def point_images(

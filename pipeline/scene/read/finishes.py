@@ -96,9 +96,7 @@ def _st(mesh: UsdGeom.Mesh, shape: Fans, found: list[Shaded]) -> tuple[Numbers, 
     if not values:
         hint = f"write texCoord2f[] primvars:{names[0]} with an interpolation"
         what = f'the material reads texture coordinates "{names[0]}", which <{mesh.GetPath()}> does not have'
-        error = UnreadableValue(what, mesh.GetPrim())
-        error.hint = hint
-        raise error
+        raise UnreadableValue(what, mesh.GetPrim(), hint=hint)
     return _at_corners(values, primvar.GetInterpolation(), shape, primvar.GetAttr())
 
 

@@ -23,6 +23,8 @@ KINDS = {
     "DomeLight_1": ("dome", (), ()),
 }
 """Kind of the record, attributes of its size, and factors of these, by type of prim."""
+_BRIGHTEST = 1e30
+"""Largest radiance of a lamp [1]: images are single precision, and sums of many rays must fit."""
 _SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
 """Purposes of what is in images."""
 
@@ -78,8 +80,13 @@ def _radiance(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> Rgb:
     colour = np.array(need(prim, "inputs:color")) * scalar
     if need(prim, "inputs:enableColorTemperature"):
         colour = colour * np.array(UsdLux.BlackbodyTemperatureAsRgb(need(prim, "inputs:colorTemperature")))
-    if not np.isfinite(colour).all() or (colour < 0).any():
-        raise UnreadableValue(f"<{prim.GetPath()}> has a radiance of {colour.tolist()}", prim)
+    if (colour < 0).any():
+        hint = "no inputs:intensity and no component of inputs:color is below 0"
+        raise UnreadableValue(f"<{prim.GetPath()}> has a radiance of {colour.tolist()}", prim, hint=hint)
+    if not (colour <= _BRIGHTEST).all():
+        hint = "inputs:exposure is a power of two: 10 makes a lamp about a thousand times as bright"
+        what = f"<{prim.GetPath()}> has a radiance of {colour.tolist()}, and images hold {_BRIGHTEST:g} at most"
+        raise UnreadableValue(what, prim, hint=hint)
     red, green, blue = (colour + 0.0).tolist()
     return red, green, blue
 

@@ -63,8 +63,8 @@ class UnreadableValue(PipelineError):
 
     code = "unreadable-value"
 
-    def __init__(self, what: str, thing: Usd.Prim | Usd.Property) -> None:
-        super().__init__(what)
+    def __init__(self, what: str, thing: Usd.Prim | Usd.Property, hint: str | None = None) -> None:
+        super().__init__(what, hint=hint)
         self.thing = thing
 
 
