@@ -8,11 +8,11 @@ WORKERS = $(shell $(PYTHON) -c 'import os; print(min((os.cpu_count() or 1) + 1, 
 # Which tests make a run long.
 PYTEST = $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal --durations=15 --durations-min=2
 # pytest keeps the tests that it has rewritten, also where the user wants no byte code: each process would rewrite them all.
-test proofs: export PYTHONDONTWRITEBYTECODE =
+test proofs long: export PYTHONDONTWRITEBYTECODE =
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs first-hour lint warm faults mutants bench evaluation picture web site wheel clean
+.PHONY: demo test proofs long first-hour lint warm faults mutants bench evaluation picture web site wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -28,6 +28,10 @@ test: $(STAMP)
 proofs: $(STAMP) warm
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio optiland -e '.[docs]'
 	$(PYTEST) -m heavy
+
+# What takes longer than CI may: the other hostile values and scenes, and the tables of truth in the documents.
+long: $(STAMP) warm
+	$(PYTEST) -m long
 
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)

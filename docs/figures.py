@@ -5,8 +5,8 @@
     python docs/figures.py --run NAME...     run commands anew, and keep what they print in docs/printed/
 
 docs/figures.toml says which command prints what, and where it is quoted. A test compares the documents with what is
-kept, and runs the cheap commands anew; `make proofs` runs the costly ones. Commands run in a copy of the examples, with
-an empty store of results unless PIPELINE_CACHE names one.
+kept, and runs the cheap commands anew; `make proofs` and `make long` run the costly ones. Commands run in a copy of the
+examples, with an empty store of results unless PIPELINE_CACHE names one.
 """
 
 import argparse
@@ -60,7 +60,7 @@ ELSEWHERE = (
 class Command:
     """What prints figures: a table `[[command]]`.
 
-    `costs`: "seconds", which `make test` spends, or "minutes", which `make proofs` does.
+    `costs`: "seconds", which `make test` spends, "minutes" as `make proofs` does, or "long": `make long`.
     """
 
     name: str

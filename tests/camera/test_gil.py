@@ -25,7 +25,7 @@ def test_every_kernel_is_compiled_without_the_lock():
 
 
 def test_a_thread_ticks_while_a_bundle_is_traced(conventional):
-    """Ten ticks or more per second of tracing; a held lock would give one or two in all."""
+    """Ten ticks or more; a held lock would give one or two in all, however busy the machine."""
     tracer = Tracer(conventional)
     n = 2000
     arguments = (np.zeros((n, 2)), np.full(n, -1), parallel_planes(300.0, 600.0), 4096, np.zeros((n, 2), np.int64))
@@ -45,4 +45,4 @@ def test_a_thread_ticks_while_a_bundle_is_traced(conventional):
     stop.set()
     thread.join()
     inside = [at for at in ticks if start < at < start + seconds]
-    assert seconds > 0.2 and len(inside) >= 10 * seconds
+    assert seconds > 0.2 and len(inside) >= 10

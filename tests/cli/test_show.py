@@ -108,7 +108,13 @@ def test_all_cameras_of_a_dataset_are_shown_unless_one_is_named(pipeline, tmp_pa
     assert code == 2 and "Rig.Camera, Left.Camera" in log and not (tmp_path / "lens.svg").exists()
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "stages/lenses").glob("*.usda")), ids=lambda path: path.stem)
+LENSES = [
+    pytest.param(path, marks=[pytest.mark.heavy] * (number % 4 > 0), id=path.stem)
+    for number, path in enumerate(sorted((ROOT / "stages/lenses").glob("*.usda")))
+]
+
+
+@pytest.mark.parametrize("path", LENSES)
 def test_every_lens_of_the_library_can_be_shown(pipeline, path):
     code, page, log = pipeline("show", str(path), "--plot", "lens.svg")
     assert (code, log) == (0, "wrote lens.svg\n") and "nan" not in page

@@ -132,6 +132,7 @@ def test_the_dataset_is_the_papers_camera_with_its_whole_sensor():
     assert entry.truth["method"] == "direct"
 
 
+@pytest.mark.heavy
 def test_a_small_evaluation_runs(tmp_path):
     """Files, verdict, and what holds for any corners: windows do not matter, direct is exact, moments keeps 0.001."""
     command = [sys.executable, str(EXAMPLE / "evaluate.py"), "--small", "--out", str(tmp_path), "--jobs", "2"]

@@ -58,10 +58,10 @@ def test_a_header_that_promises_too_much_costs_nothing(tmp_path, shape):
         header = {"descr": "<f8", "fortran_order": False, "shape": shape}
         np.lib.format.write_array_header_1_0(stream, header)
         stream.write(bytes(64))
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(DamagedFile, match="promises"):
         read_npy(path)
-    assert time.monotonic() - start < 1
+    assert time.process_time() - start < 1
 
 
 def test_objects_are_refused(tmp_path):

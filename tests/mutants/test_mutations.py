@@ -297,6 +297,7 @@ def test_plain_python_knows_every_decorator_of_kernels() -> None:
     assert all(decorators._DECORATED.match(f"@{name}".encode()) for name in JITTED)
 
 
+@pytest.mark.heavy
 def test_a_quadrature_in_plain_python_is_that_of_compiled_kernels(tmp_path) -> None:
     """Through drivers, units, buffers and the tally of rays; nothing is compiled on the way."""
     told = {name: subprocess.run([sys.executable, "-c", load + BUNDLE], **SILENTLY) for name, load in LOADS.items()}

@@ -124,12 +124,14 @@ def small(camera_kind: str) -> Camera:
     return rigs.bare(rigs.tronnier(8.0), Sensor(width_px=9, height_px=7, pitch_mm=1.7), 131.81, (400.0, 470.0))
 
 
+DISPLACED = "displaced conventional", "displaced plenoptic"
+
+
 @pytest.mark.parametrize(
     "kind",
     [
         "conventional",
-        "displaced plenoptic",
-        *(pytest.param(kind, marks=pytest.mark.heavy) for kind in ("plenoptic", "displaced conventional")),
+        *(pytest.param(kind, marks=pytest.mark.heavy) for kind in ("plenoptic", *DISPLACED)),
     ],
 )
 def test_pixels_are_as_bright_as_rays_summed_one_by_one(kind: str) -> None:

@@ -26,7 +26,7 @@ from pipeline.render.imaging import irradiance
 
 POSES = rigs.facing(410.0, 20.0, 3.0, 1.0), rigs.facing(470.0, -35.0, -2.0, 4.0)
 RAYS, GROUPS = 8_000, 16
-QUICK = "biconvex conics, square, tilted discs", "columns, three types", "tilted", "stretched"
+QUICK = "biconvex conics, square, tilted discs", "stretched"
 """Kinds that `make test` tries; `make proofs` tries all."""
 
 

@@ -58,7 +58,8 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Result:
     folder = tmp_path_factory.mktemp("channels")
-    return pipeline.build(stage_at(folder, "conventional", {**TRIANGLE, "again": TRIANGLE["red"]}), folder / "out")
+    stage = stage_at(folder, "conventional", {**TRIANGLE, "again": TRIANGLE["red"]})
+    return pipeline.build(stage, folder / "out", jobs=1)
 
 
 def test_equal_responses_give_equal_tables_and_are_computed_once(built: Result) -> None:
@@ -109,7 +110,7 @@ def test_small_tiles_of_channels_behind_microlenses_give_the_same_bytes(
         if name == "tiles":
             in_small_tiles(monkeypatch)
         monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / f"store of {name}"))
-        outs.append(pipeline.build(stage, tmp_path / name).out)
+        outs.append(pipeline.build(stage, tmp_path / name, jobs=1).out)
     files = [{path.relative_to(out) for path in out.rglob("*") if path.is_file()} for out in outs]
     assert files[0] == files[1]
     for file in files[0] - {Path("manifest.json")}:
@@ -146,7 +147,7 @@ def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> No
         "            uniform double[] plen:response:quantumEfficiency = [0.4, 0.8, 0.2]\n",
     )
     stage.write_text(text, encoding="utf-8")
-    out = pipeline.build(stage, tmp_path / "out").out / "frames/0001/Rig.Camera"
+    out = pipeline.build(stage, tmp_path / "out", jobs=1).out / "frames/0001/Rig.Camera"
     image = OpenEXR.File(str(out / "image.exr"), separate_channels=True).channels()
     numbers = np.asarray(Image.open(out / "raw.tiff"))
     photons = 0.5 * 8000 / 0.8

@@ -347,9 +347,13 @@ def test_a_frame_that_is_dropped_leaves_no_file(conventional):
     assert not (conventional.out / "frames/0002").exists()
 
 
-@pytest.mark.parametrize("tiny", ["conventional", pytest.param("plenoptic", marks=pytest.mark.heavy)])
+@pytest.mark.heavy
+@pytest.mark.parametrize("tiny", ["conventional", "plenoptic"])
 def test_bytes_do_not_depend_on_workers_folder_locale_time_zone_or_hash_seed(tiny, tmp_path, request):
-    """Built here in one process, and from nothing by two workers of another one with other settings."""
+    """Built here in one process, and from nothing by two workers of another one with other settings.
+
+    The short sibling, of toy tasks, is in test_engine_reruns.py.
+    """
     here, folder = request.getfixturevalue(tiny), tmp_path / "elsewhere"
     folder.mkdir()
     there = Workshop(folder, f"tiny_{tiny}")
