@@ -150,7 +150,9 @@ class ShownLens:
     def plot(self, path: Path) -> None:
         """Write the drawing of the lens."""
         if self.camera is None:
-            raise UsageError("a lens without a real image cannot be drawn")
+            raise UsageError(
+                "a lens without a real image cannot be drawn", hint="without --plot its figures are printed"
+            )
         picture = drawing.svg(drawing.with_full_field(self.camera), self.entry.lens_name, film="rear focus")
         with chosen_place("write", path):
             write_drawing(path, picture)

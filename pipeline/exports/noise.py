@@ -53,7 +53,10 @@ class Noise:
             if not 0 <= getattr(self, name) < 1:
                 raise ExportError(f"{name} is a share from 0 to below 1, not {getattr(self, name)}")
         if not (self.noise_px >= 0 and self.outlier_px > 0):
-            raise ExportError("widths of noise are lengths in px")
+            raise ExportError(
+                f"noise_px is {self.noise_px} and outlier_px {self.outlier_px}",
+                hint="widths of noise are lengths in px: noise_px at least 0, outlier_px above 0",
+            )
 
     @property
     def is_none(self) -> bool:

@@ -90,6 +90,8 @@ class FrameTasks:
         self.settings = from_plain(TruthSettings, entry.truth)
         self._labels, self._counts = _labels_of(entry, self.settings), _what_counts(self.settings)
         self._exposure, self._bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
+        lights = self._exposure.wavelengths_nm
+        self._colours = tuple(target.printed.colours(target.target, lights) for target in dataset.targets)
         self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
         self._reads = {"camera": f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
@@ -149,10 +151,7 @@ class FrameTasks:
             occluders=self.painted.occluders(frame, self.entry.name),
             background=self.dataset.background,
             lighting=self.painted.lighting(frame, self.entry.name, self.entry.bounces),
-            colours=tuple(
-                target.printed.colours(target.target, exposure_of(self.entry).wavelengths_nm)
-                for target in self.dataset.targets
-            ),
+            colours=self._colours,
         )
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:

@@ -46,7 +46,9 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Se
     parallel = _heights(lens.surfaces, 1.0, 0.0)
     oblique = _heights(lens.surfaces, 0.0, 1.0)
     if not parallel[stops[0]]:
-        raise PrescriptionError("the entrance pupil lies at infinity, and its diameter opens no stop")
+        raise PrescriptionError(
+            "the entrance pupil lies at infinity, and its diameter opens no stop", hint="state the stop's semi-diameter"
+        )
     # A chief ray starts where it will pass the centre of the stop.
     start = -oblique[stops[0]] / parallel[stops[0]]
     surfaces = []

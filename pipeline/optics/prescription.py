@@ -92,7 +92,10 @@ class Surface:
         if not self.semi_diameter_mm > 0:
             raise PrescriptionError(f"a surface has semi-diameter {self.semi_diameter_mm} mm")
         if not all(map(math.isfinite, (self.conic, *self.even_coefficients, *self.odd_coefficients))):
-            raise PrescriptionError("a conic constant or a coefficient of an asphere is not a finite number")
+            raise PrescriptionError(
+                f"conic constant {self.conic} or coefficients {self.even_coefficients}, {self.odd_coefficients} are not"
+                " finite"
+            )
         if self.semi_diameter_mm > self._equator_mm:
             shape = "a sphere" if self.conic == 0 else f"a conic ({self.conic})"
             raise PrescriptionError(
@@ -114,7 +117,11 @@ class Surface:
         if self.focal_length_mm is not None:
             self._check_ideal()
         elif self.distortion:
-            raise PrescriptionError("only an ideal thin lens has a distortion of its own", code="ideal-lens")
+            raise PrescriptionError(
+                "only an ideal thin lens has a distortion of its own",
+                hint="give the surface a focal_length_mm, or no distortion",
+                code="ideal-lens",
+            )
         _check_displacement("a surface", self.decentre_mm, self.tilt_deg)
 
     def _check_ideal(self) -> None:
@@ -271,7 +278,10 @@ class Prescription:
         settle(self, PrescriptionError)
         held = [i for group in self.groups for i in group.members]
         if len(set(held)) < len(held) or not set(held) <= set(range(len(self.surfaces))):
-            raise PrescriptionError("the groups of a prescription overlap, or hold surfaces that it does not have")
+            raise PrescriptionError(
+                f"groups hold the surfaces {sorted(held)} of {len(self.surfaces)}",
+                hint="a group holds consecutive surfaces of the prescription, and no surface is in two groups",
+            )
         for front, ideal in pairwise(self.surfaces):
             if ideal.focal_length_mm is not None and front.index != 1:
                 raise PrescriptionError(f"an ideal thin lens stands in a medium of index {front.index}", hint="air: 1")

@@ -34,9 +34,9 @@ class Losses:
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
         if not all(one is None or 0 <= one <= 1 for one in self.reflectance):
-            raise PrescriptionError("a coating reflects a share of light between 0 and 1")
+            raise PrescriptionError(f"a coating reflects a share of light between 0 and 1: {self.reflectance}")
         if not all(0 < one <= 1 for one in self.per_mm):
-            raise PrescriptionError("a medium lets a share of light between 0 and 1 pass, and not none")
+            raise PrescriptionError(f"a medium lets a share of light above 0 and up to 1 pass: {self.per_mm} per mm")
 
 
 def reflectance_at(

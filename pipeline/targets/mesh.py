@@ -47,7 +47,10 @@ class MeshTarget:
                 f"{len(self.points_mm)} marked points and {len(self.normals)} normals", hint="one normal per point"
             )
         if not self.points_mm or not np.linalg.norm(np.array(self.normals), axis=1).all():
-            raise TargetError("there are no marked points, or one has a normal of length 0")
+            raise TargetError(
+                "there are no marked points, or one has a normal of length 0",
+                hint="each point needs the normal of the surface there",
+            )
 
     @property
     def kind(self) -> str:

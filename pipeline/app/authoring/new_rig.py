@@ -48,7 +48,10 @@ def new_rig(out: Path, wish: RigWish) -> list[Problem]:
     """
     require_free(out)
     if (wish.microlenses is None) != (wish.microlens_distance_mm is None):
-        raise UsageError("microlenses and their distance from the sensor go together")
+        raise UsageError(
+            "microlenses and their distance from the sensor go together",
+            hint="give --microlenses and --microlens-distance, or neither",
+        )
     loaded = load(found(wish.lens))
     if loaded.errors:
         raise StageError(loaded.problems)

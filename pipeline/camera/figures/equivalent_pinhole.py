@@ -100,7 +100,9 @@ def pinhole(camera: Camera) -> Pinhole | None:
     too wide, or because light reaches too little of the sensor.
     """
     if camera.near_mm is None or camera.far_mm is None:
-        raise CameraError("near and far plane are not settled", hint="camera.focus.focused")
+        raise CameraError(
+            "near and far plane are not settled", hint="camera.focusing.depth_of_field.focused settles them"
+        )
     tracer = Tracer(dataclasses.replace(camera, microlenses=None))
     try:
         rays = _mean_rays(tracer, (camera.near_mm, camera.far_mm))

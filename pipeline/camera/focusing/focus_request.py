@@ -87,7 +87,10 @@ def sensor_distance(request: FocusRequest) -> float:
     wanted = request.focus_distance_mm
     if wanted is None or request.focus_groups:
         if request.sensor_distance_mm is None:
-            raise CameraError("neither a sensor distance nor a focus distance is given")
+            raise CameraError(
+                "neither a sensor distance nor a focus distance is given",
+                hint="give one of them; with focus_groups both",
+            )
         return request.sensor_distance_mm
     near, far = reachable(request)
     if not (near < wanted < far or wanted == far == math.inf):
@@ -129,7 +132,10 @@ def reachable(request: FocusRequest) -> tuple[float, float]:
         return nearest, math.inf
     farthest = lens.object_mm(-least_image)
     if farthest <= nearest:
-        raise CameraError("no object distance can be focused: its image would lie inside the lens")
+        raise CameraError(
+            "no object distance can be focused: its image would lie inside the lens",
+            hint="is the microlens distance, or a thickness of the lens, too large?",
+        )
     return nearest, farthest
 
 
@@ -172,7 +178,7 @@ def with_matched_stop(camera: Camera) -> Camera:
     """
     array, prescription = camera.microlenses, camera.prescription
     if array is None:
-        raise CameraError("a camera without microlenses has no stop that matches them")
+        raise CameraError("a camera without microlenses has no stop that matches them", hint="match_stop=False")
     diameter = matched_stop_mm(first_order(prescription), array, camera.sensor_distance_mm)
     widest = widest_stop_mm(prescription, camera.sensor_distance_mm - array.principal_mm[0][1])
     if diameter > widest:

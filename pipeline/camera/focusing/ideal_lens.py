@@ -79,7 +79,7 @@ def _focused_alike(camera: Camera | FocusRequest, model: str) -> Camera | FocusR
 def _sensor_mm(camera: Camera | FocusRequest, real: FirstOrder, ideal: FirstOrder) -> float:
     """Distance from the ideal lens to the sensor that keeps the plane in focus. [mm]"""
     if camera.sensor_distance_mm is None:
-        raise CameraError("neither a sensor distance nor a focus distance is given")
+        raise CameraError("neither a sensor distance nor a focus distance is given", hint="give one of them")
     reach_mm = camera.microlenses.reach_mm if camera.microlenses else 0.0
     in_focus_mm = real.object_mm(reach_mm - camera.sensor_distance_mm)
     has_image = abs(in_focus_mm - ideal.front_focus_mm) > _AT_FOCUS * ideal.efl_mm

@@ -50,9 +50,13 @@ class Sensor:
     def __post_init__(self) -> None:
         settle(self, CameraError)
         if self.acceptance not in ("all", "cosine", "cone"):
-            raise CameraError(f'a pixel knows no acceptance "{self.acceptance}"')
-        if not (self.acceptance_power > 0 and self.acceptance_half_angle_deg > 0 <= self.acceptance_roll_off_deg):
-            raise CameraError("a pixel's acceptance needs a positive power, or a positive half angle and a roll-off")
+            raise CameraError(f'unknown pixel acceptance "{self.acceptance}"', hint="there are all, cosine and cone")
+        if not (min(self.acceptance_power, self.acceptance_half_angle_deg) > 0 and self.acceptance_roll_off_deg >= 0):
+            raise CameraError(
+                f"acceptance_power {self.acceptance_power}, acceptance_half_angle_deg {self.acceptance_half_angle_deg},"
+                f" acceptance_roll_off_deg {self.acceptance_roll_off_deg}",
+                hint="power and half angle are positive, the roll-off is not negative",
+            )
         if self.width_px < 1 or self.height_px < 1 or not self.pitch_mm > 0:
             raise CameraError(f"a sensor of {self.width_px} x {self.height_px} pixels of {self.pitch_mm} mm")
 
@@ -100,7 +104,10 @@ class Camera:
     def __post_init__(self) -> None:
         settle(self, CameraError, infinite=("near_mm", "far_mm"))
         if any(len(node.indices) != len(self.prescription.surfaces) for node in self.spectrum):
-            raise CameraError("a wavelength of the spectrum does not have one index for every surface of the lens")
+            raise CameraError(
+                "a wavelength of the spectrum does not have one index for every surface of the lens",
+                hint=f"the lens has {len(self.prescription.surfaces)} surfaces",
+            )
         if not self.circle_of_confusion_px > 0:
             raise CameraError(f"a circle of confusion of {self.circle_of_confusion_px} px")
         if self.weight not in WEIGHTS:

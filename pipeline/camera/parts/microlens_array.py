@@ -104,14 +104,19 @@ class MicrolensArray:
                 raise CameraError(f"focal lengths {stated} mm are not those of the faces, {derived} mm")
             object.__setattr__(self, "focal_lengths_mm", derived)
         if not self.focal_lengths_mm or not min(self.pitch_mm, self.distance_mm, *self.focal_lengths_mm) > LEAST_MM:
-            raise CameraError("microlens pitch, distance and focal lengths must be positive")
+            raise CameraError(
+                f"microlenses {self.pitch_mm} mm apart, {self.distance_mm} mm away, f = {self.focal_lengths_mm} mm",
+                hint="pitch, distance and at least one focal length are positive",
+            )
         self._check_types()
         if self.model == "two-plane":
             _ = self.first_orders
 
     def _check_lattice(self) -> None:
         if (self.width_mm is None or self.height_mm is None) == (self.columns is None or self.rows is None):
-            raise CameraError("an array has either width and height or columns and rows")
+            raise CameraError(
+                "the size of the array is not stated, or twice", hint="give width and height, or columns and rows"
+            )
         if min(1 if self.columns is None else self.columns, 1 if self.rows is None else self.rows) < 1:
             raise CameraError(f"an array of {self.columns} x {self.rows} microlenses")
         if not self.pitch_mm > LEAST_MM:
@@ -120,7 +125,10 @@ class MicrolensArray:
         if not _STRETCH[0] < cross / self.pitch_mm < _STRETCH[1]:
             raise CameraError(f"microlens pitches {self.pitch_mm:g} and {cross:g} mm differ by more than a third")
         if self.aperture not in ("cell", "disc") or (self.aperture == "disc") != (self.disc_diameter_mm is not None):
-            raise CameraError("an array has cells for apertures, or discs of a diameter")
+            raise CameraError(
+                f'aperture "{self.aperture}" with a disc diameter of {self.disc_diameter_mm} mm',
+                hint='apertures are "cell", without a diameter, or "disc", with one',
+            )
         if self.disc_diameter_mm is not None and not 0 < self.disc_diameter_mm <= self.nearest_mm + 1e-12:
             raise CameraError(
                 f"discs of {self.disc_diameter_mm:g} mm overlap: neighbours stand {self.nearest_mm:g} mm apart"
@@ -129,7 +137,9 @@ class MicrolensArray:
     def _check_types(self) -> None:
         count = len(self.focal_lengths_mm)
         if bool(self.type_table) != (self.type_period is not None):
-            raise CameraError("a type table and its period go together")
+            raise CameraError(
+                "a type table without a period, or a period without a table", hint="give both, or neither"
+            )
         if self.type_period is None:
             if count != 1 and not (count == 3 and self.layout != "square"):
                 raise CameraError(f"{count} microlens types need a type table; rules exist for 1, and 3 on hexagons")

@@ -173,7 +173,10 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> dict[str
         ours = (step - line if layout == "hexagonal" else line - step) % 3
         kind = theirs(middle[0] + k, middle[1] + l)
         if found.setdefault(ours, kind) != kind:
-            raise CameraError("its types do not repeat as (k - l) mod 3")
+            raise CameraError(
+                "the types of this array do not repeat as (k - l) mod 3",
+                hint="libpleno has no other order: state the array in a stage, with a type table",
+            )
     return {"focal_lengths_mm": tuple(focal[found[kind]] for kind in range(3))}
 
 

@@ -112,9 +112,13 @@ class Irradiation:
     def __post_init__(self) -> None:
         settle(self, SensorError)
         if [self.white_level, self.photon_rate, self.radiance, self.channels or None].count(None) != 3:
-            raise SensorError("an exposure has a white level, a photon rate or a radiance, one of the three")
-        if self.exposure_time_s < 0 or (self.white_level or 0.0) < 0 or (self.photon_rate or 0.0) < 0:
-            raise SensorError("an exposure with a negative time, level or rate")
+            raise SensorError(
+                "the exposure is stated in no way, or in several",
+                hint="give one of white_level, photon_rate, radiance and channels",
+            )
+        for name in ("exposure_time_s", "white_level", "photon_rate"):
+            if (getattr(self, name) or 0.0) < 0:
+                raise SensorError(f"an exposure with the negative {name} {getattr(self, name)}")
 
     def photons_at_one(self, response: SensorResponse, rate: float | None = None) -> float:
         """Mean number of photons in a pixel at relative irradiance 1.

@@ -18,7 +18,7 @@ _AT_ONCE = 1 << 16
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera and frame; the rays of a camera are traced once, and lie in a file meanwhile."""
     if material.scene is None:
-        raise ExportError("this build has no scene")
+        raise ExportError("this material has no scene to measure depth in", hint="export from a finished build")
     scene = material.scene()
     for camera in material.cameras:
         (folder / camera.name).mkdir()
