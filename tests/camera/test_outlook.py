@@ -12,8 +12,9 @@ from laws import rigs
 
 from pipeline.camera.figures.outlook import Fate, outlook
 from pipeline.camera.focusing.depth_of_field import focused, middle_focus
-from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.optics.first_order import first_order
+from pipeline.optics.prescription import Prescription, Surface
 
 TOWARDS = np.array([0.0, 0.0, -1.0])
 CAMERAS = {"conventional": focused(rigs.conventional()), "plenoptic": focused(rigs.plenoptic(extent_mm=3.0))}
@@ -43,6 +44,23 @@ def test_points_in_view_are_seen_and_others_are_not(camera: Camera) -> None:
     assert set(fates(camera, inside)) == {Fate.SEEN}
     assert set(fates(camera, outside)) <= {Fate.OUTSIDE, Fate.NO_LIGHT}
     assert set(fates(camera, inside, -TOWARDS)) == {Fate.AWAY}
+
+
+def test_a_point_in_focus_far_beside_the_field_is_outside_and_not_out_of_focus() -> None:
+    """At 45 degrees a singlet spreads it over more than the image; on the axis it would be seen."""
+    surfaces = (
+        Surface(radius_mm=50.0, thickness_mm=6.0, semi_diameter_mm=12.0, index=1.5168),
+        Surface(radius_mm=-50.0, thickness_mm=3.0, semi_diameter_mm=12.0),
+        Surface(semi_diameter_mm=4.0, is_stop=True),
+    )
+    sensor = Sensor(width_px=160, height_px=120, pitch_mm=0.02)
+    camera = Camera(prescription=Prescription(surfaces=surfaces), sensor=sensor, sensor_distance_mm=51.0)
+    points = np.array([[[500.0, 0.0, 500.0], [0.0, 0.0, 500.0]]])
+
+    found = outlook(camera, points, np.broadcast_to(TOWARDS, points.shape))
+
+    assert found.blur_px[0, 0] > 160
+    assert list(found.fate[0]) == [Fate.OUTSIDE, Fate.SEEN]
 
 
 def test_a_point_before_the_front_focus_is_a_blur() -> None:

@@ -1,6 +1,7 @@
 """`pipeline cache`: what a user asks of the store."""
 
 import json
+import os
 
 import pytest
 
@@ -34,6 +35,13 @@ def test_gc_says_first_and_then_does(pipeline, record):
     assert pipeline("cache", "gc", "--size", "5")[1].startswith("dropped 1 tasks")
     assert json.loads(pipeline("cache", "info", "--json")[1])["bytes"] == 0
     assert pipeline("cache", "gc", "--size", "lots")[0] == 2
+
+
+def test_gc_of_a_read_only_store_says_so_and_looks_for_no_build(pipeline, store, record, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # permissions do not stop root
+    code, _, log = pipeline("cache", "gc", "--size", "5")
+    assert code == 5 and f"{store.root} is read-only" in log and "a build uses" not in log
+    assert pipeline("cache", "gc", "--dry-run", "--size", "5")[1].startswith("would drop 1 tasks")
 
 
 def test_gc_waits_for_no_build(pipeline, store, record, monkeypatch):

@@ -15,6 +15,8 @@ from laws.solving import STEPS, by_quadrature, rig_of, solved
 from naive import polar
 from tolerances import CLOSED_FORM, DIRECT_PX, RULE_OF_BIAS
 
+from pipeline.camera.figures.outlook import covered_mm
+from pipeline.camera.focusing.depth_of_field import focused, middle_focus
 from pipeline.camera.integrals import NODES, Bundles, integrals
 from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, edges
 from pipeline.camera.parts.camera import Sampling, Sensor
@@ -231,3 +233,13 @@ def test_points_before_the_camera_have_candidates_and_others_none(small: Rig) ->
     far_off = tangent_planes(rigs.facing(420.0, 0.0, 2000.0, 0.0), np.zeros((1, 3)))
     assert len(guesses(small, far_off)[0].point) == 0
     assert np.allclose(far_off[0, 0], apply(rigs.facing(420.0, 0.0, 2000.0, 0.0), np.zeros(3)))
+
+
+def test_a_camera_without_microlenses_drops_what_lies_beside_its_image_and_nothing_outside_a_cell() -> None:
+    """A board moved sideways by half the width of the view: points are in the image or beside it, each counted once."""
+    camera = focused(rigs.conventional())
+    board, z_mm = Checkerboard(rows=4, columns=7, square_mm=1.0), middle_focus(camera)
+    counts = solved(rig_of(camera), board, rigs.facing(z_mm, 0.0, covered_mm(camera, z_mm)[0] / 2, 0.0)).counts
+
+    assert counts["dropped_outside_cell"] == 0
+    assert 0 < counts["dropped_outside_image"] == 28 - counts["rows"] < 28

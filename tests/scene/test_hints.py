@@ -46,11 +46,39 @@ def problems(tmp_path, body):
         ("    uniform double plen:background = 0,5\n", "decimals with a point"),
         ("    uniform double plen:background = 6um\n", "without a unit"),
         ("    rel plen:targets = [</Mine/A>, </Mine/A>]\n", "remove one"),
+        ("    rel plen:targets = </Mine/My Board>\n", "without spaces"),
     ],
 )
 def test_what_usd_cannot_parse_comes_with_a_way_to_mend_it(tmp_path, body, hint):
     (one,) = problems(tmp_path, body)
     assert (one.code, one.line) == ("usd-syntax", 11) and hint in one.hint
+
+
+def test_a_rule_of_the_grammar_of_usd_is_not_shown_to_anybody(tmp_path):
+    (one,) = problems(tmp_path, "    rel plen:targets = </Mine/My Board>\n")
+    assert one.message == "USD cannot read it at ' Board>'"
+
+
+def test_a_negative_index_is_understood_as_a_mirror(tmp_path):
+    found = problems(
+        tmp_path,
+        LENS.replace("FILE", "cooke_triplet_50mm")
+        .replace("PRIM", "Stop")
+        .replace("Diameter = 4", "Diameter = 4\n            uniform double plen:index = -1"),
+    )
+    (one,) = (one for one in found if one.code == "out-of-range")
+    assert "mirrors are not simulated" in one.hint
+
+
+@pytest.mark.parametrize(("second", "is_told"), [("Board", False), ("board", True)])
+def test_names_that_only_some_file_systems_distinguish_are_told_from_equal_ones(tmp_path, second, is_told):
+    targets = f"    rel plen:targets = [</Mine/A/Board>, </Mine/B/{second}>]\n"
+    boards = [
+        f'    def Xform "{place}"\n    {{\n        def PlenCheckerboard "{name}"\n        {{\n        }}\n    }}\n'
+        for place, name in (("A", "Board"), ("B", second))
+    ]
+    (one,) = (one for one in problems(tmp_path, targets + "".join(boards)) if one.code == "name-collision")
+    assert ("file systems" in one.hint) == is_told
 
 
 def test_a_target_named_twice_is_told_in_plain_words(tmp_path):

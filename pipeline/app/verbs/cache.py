@@ -1,5 +1,6 @@
 """`pipeline cache`: inspect and clean the store of results."""
 
+import os
 from typing import Annotated
 
 import typer
@@ -52,6 +53,8 @@ def gc(
 
     limit = bytes_of(size) if size else limit_from_environment()
     store = Store(warn=note)
+    if not dry_run and not os.access(store.root, os.W_OK):
+        raise EnvironmentFault(f"{store.root} is read-only", hint="a user who may write to it can collect")
     done = collect(store, limit, dry_run=dry_run, wait_s=10.0)
     if done.busy:
         raise EnvironmentFault(f"a build uses {store.root}", hint="collect when it has ended")

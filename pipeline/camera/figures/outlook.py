@@ -36,7 +36,8 @@ class Fate(IntEnum):
     NO_LIGHT = 1
     """None of it comes through the lens, or none to the microlenses."""
     BLURRED = 2
-    """It is spread over more than the image, or behind microlenses over more than a micro-image."""
+    """It is spread over more than the image, as that of a point on the axis at its distance is; or behind microlenses
+    over more than a micro-image."""
     OUTSIDE = 3
     """It falls beside the image."""
     SEEN = 4
@@ -74,7 +75,11 @@ def _outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outloo
     if array := camera.microlenses:
         blur = _blur_behind_microlenses_px(camera, array, lens, points[:, 2])
     fate = np.where(inside, Fate.SEEN, Fate.OUTSIDE)
-    fate[blur >= widest_blur_px(camera)] = Fate.BLURRED
+    wide = np.flatnonzero(blur >= widest_blur_px(camera))
+    fate[wide] = Fate.BLURRED
+    if not camera.microlenses:  # far beside the field a lens blurs what is in focus, too
+        sharp, on_axis, _ = _light(tracer, table, points[wide] * (0.0, 0.0, 1.0), _fan(lens))
+        fate[wide[on_axis & (sharp < widest_blur_px(camera))]] = Fate.OUTSIDE
     fate[~lit] = Fate.NO_LIGHT
     fate[np.sum(points_mm * front, axis=-1).ravel() >= 0] = Fate.AWAY
     return Outlook(fate.reshape(shape), blur.reshape(shape))

@@ -93,7 +93,7 @@ class Folder:
             yield
         finally:
             for target, kept in self._kept[:_MANY]:
-                self.warn(f"{target} was not delivered by a build and was in the way; it is now {kept.name}")
+                self.warn(f"{target} is not as a build delivered it; it is now {kept.name}")
             if more := self._kept[_MANY:]:
                 self.warn(
                     f"{len(more)} other files in {self.out} stood in the way as well; they now end in .kept1 or so"

@@ -93,15 +93,19 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
 def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
     named = [(camera_name(prim, root), prim, "cameras") for prim in cameras]
     named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
-    seen: dict[tuple[str, str], str] = {}
+    seen: dict[tuple[str, str], tuple[str, str]] = {}
     for name, prim, what in named:
         # Names become file names, and some file systems do not distinguish Rig from rig, or two encodings of an
         # umlaut.
         key = (what, unicodedata.normalize("NFC", name).casefold())
         if key in seen:
-            message = f'two {what} would share the name "{name}": <{seen[key]}> and <{prim.GetPath()}>'
-            yield problem(prim, "name-collision", message, hint="rename one of the prims")
-        seen.setdefault(key, str(prim.GetPath()))
+            other, path = seen[key]
+            message = f'two {what} would share the name "{name}": <{path}> and <{prim.GetPath()}>'
+            hint = "rename one of the prims"
+            if other != name:
+                hint += "; some file systems do not distinguish such names, and files are named by them"
+            yield problem(prim, "name-collision", message, hint=hint)
+        seen.setdefault(key, (name, str(prim.GetPath())))
         if len(name.encode()) > LONGEST_NAME:
             message = f"the name of one of the {what}, {shortened(name)}, has {len(name.encode())} bytes"
             hint = f"names become files and folders: {LONGEST_NAME} bytes are the most"

@@ -114,8 +114,16 @@ def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, spa
     else:
         is_int = attribute.GetTypeName().scalarType == Sdf.ValueTypeNames.Int
         message = f'"{name}" = {int(number) if is_int else number} is outside {span}'
-        hint = "wavelengths are nanometres: 0.55 µm are 550" if name.endswith("avelength") and number < 100 else None
-        yield problem(attribute, "out-of-range", message, hint=hint, time=time)
+        yield problem(attribute, "out-of-range", message, hint=_meaning(name, number), time=time)
+
+
+def _meaning(name: str, number: float) -> str | None:
+    """A hint about a number outside its range, where the intention is well known."""
+    if name.endswith("avelength") and number < 100:
+        return "wavelengths are nanometres: 0.55 µm are 550"
+    if name == "plen:index" and number < 0:
+        return "a negative index is a mirror in other programs; mirrors are not simulated"
+    return None
 
 
 def _check_supported(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:

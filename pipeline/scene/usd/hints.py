@@ -15,6 +15,9 @@ from pipeline.spelling import nearest
 _DUPLICATE = re.compile(r"Duplicate items exist for field '\w+' at '[^']*\.([^']+)'(.*)", re.DOTALL)
 _DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*$")
 _WITH_UNIT = re.compile(r"=\s*[-+]?[\d.]+\s*(?:[a-df-zµ]\w*)\s*$", re.IGNORECASE)
+_OF_THE_GRAMMAR = re.compile(r"parse error matching \S*pegtl.*(?= at ')", re.DOTALL)
+"""What the parser of USD says where a rule of its grammar has no message of its own: the rule, as a type of C++."""
+_SPACE_IN_PATH = re.compile(r"<[^<>\s]+ [^<>]*>")
 _STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
 """Names of files of USD, and of those that `files.lenses` reads."""
@@ -28,6 +31,7 @@ def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
     if duplicate := _DUPLICATE.match(message):
         repeated = _repeated(re.findall(r"<[^>]*>", duplicate[2]))
         return f'"{duplicate[1]}" names {repeated} twice', "remove one"
+    message = _OF_THE_GRAMMAR.sub("USD cannot read it", message)
     try:
         lines = Path(file).read_text(encoding="utf-8", errors="replace").splitlines()
         text = lines[line - 1].partition("#")[0].rstrip()
@@ -37,6 +41,8 @@ def of_syntax(file: str, line: int, message: str) -> tuple[str, str | None]:
         return message, "write decimals with a point, not a comma"
     if _WITH_UNIT.search(text):
         return message, "numbers are written without a unit: lengths in mm, wavelengths in nm, angles in degrees"
+    if _SPACE_IN_PATH.search(text):
+        return message, "names of prims are made of letters, digits and _, without spaces"
     if _ONE_LINE.search(text):
         return message, "give each property a line of its own, and the closing brace as well"
     return message, None

@@ -86,7 +86,9 @@ def solve(
         rig, x_px, guess.cell[rows], lambda some: rig.hit_fraction(moments[some]) >= min_hit_fraction
     )
     rows, counts = rows[kept], {**counts, **dropped}
-    counts["dropped_outside_cell"] += int(np.sum(known & ~near))
+    beside = known & ~near & ~rig.in_image(somewhere, NEARLY_PX)
+    counts["dropped_outside_image"] += int(beside.sum())
+    counts["dropped_outside_cell"] += int(np.sum(known & ~near & ~beside))
     counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
     return _with_blur(rig, search, guess, rows, planes, {**counts, "rows": len(rows), "rays": search.rays})
 
