@@ -46,6 +46,13 @@ def test_plain_sampling_needs_at_least_twenty_times_the_rays(tmp_path: Path) -> 
 
 
 @pytest.mark.heavy
+def test_lit_images_have_little_noise_at_few_rays(tmp_path: Path) -> None:
+    """Single lamps asked by independent wavelengths left 0.2 of the mean."""
+    found = re.search(r"noise over the mean of the image ([\d.]+)", output_of("lit_noise.py", tmp_path))
+    assert found and 0.0 < float(found[1]) < 0.1
+
+
+@pytest.mark.heavy
 def test_the_race_reports_a_rate_per_lens_with_peers_or_without(tmp_path: Path) -> None:
     """Three races, six shapes and two cameras, each with rays per second; about three quarters of rays pass at f/2."""
     text = output_of("trace.py", tmp_path)
