@@ -104,11 +104,12 @@ def test_the_engine_reports_the_price_of_a_node_and_of_having_nothing_to_do(tmp_
 
 @pytest.mark.heavy
 def test_a_schedule_adds_up(tmp_path: Path) -> None:
-    """One worker takes the sum, no number of them less than the critical path."""
+    """One worker takes the sum; n take the critical path or more, at most that and an nth of the sum (Graham 1966)."""
     text = output_of("schedule.py", tmp_path)
     whole, path = map(float, re.findall(r"^sum ([\d.]+) s; critical path ([\d.]+) s", text, re.MULTILINE)[0])
-    times = [float(time) for time in re.findall(r"workers: +([\d.]+) s", text)]
-    assert abs(times[0] - whole) < 0.1 and times == sorted(times, reverse=True) and times[-1] >= path - 0.01
+    times = {int(n): float(time) for n, time in re.findall(r"(\d+) workers: +([\d.]+) s", text)}
+    assert abs(times[1] - whole) < 0.1 and len(times) > 2
+    assert all(path - 0.01 <= time <= path + whole / n + 0.1 for n, time in times.items())
 
 
 @pytest.mark.heavy
@@ -131,12 +132,12 @@ def test_a_cold_start_and_the_truth_of_the_full_rig_have_a_price(tmp_path: Path)
 
 @pytest.mark.heavy
 def test_position_images_by_three_ways(tmp_path: Path) -> None:
-    """Random rays err less the more they are, quadrature less than they, and squares share its cost."""
+    """Random rays err less the more they are, quadrature less than they, and squares share its rays."""
     text = output_of("positions.py", tmp_path)
     errors = [float(error) for error in re.findall(r"random rays +\S+ +\S+ +(\S+)$", text, re.M)]
     assert len(errors) == 10 and errors[4] < errors[0] / 10 and errors[9] < errors[5] / 10
     assert all(float(error) < 1e-5 for error in re.findall(r"8 x 32 nodes +\S+ +\S+ +(\S+)", text))
-    (node,), (square,) = (re.findall(rf"{way} +\S+ +(\S+)", text)[:1] for way in ("3 x 8 nodes", "16 x 16"))
+    (node,), (square,) = (re.findall(rf"{way} +(\S+)", text)[:1] for way in ("3 x 8 nodes", "16 x 16"))
     assert float(square) < float(node) / 4
 
 
