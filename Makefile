@@ -67,6 +67,7 @@ bench: $(STAMP)
 	$(BIN)/python benchmarks/trace.py
 	$(BIN)/python benchmarks/truth.py
 	$(BIN)/python benchmarks/images.py --before 54ef84b --rows 96 --json benchmarks/results/images.json
+	$(BIN)/python benchmarks/single.py
 	$(BIN)/python benchmarks/direct.py
 	$(BIN)/python benchmarks/sampling.py
 	$(BIN)/python benchmarks/positions.py

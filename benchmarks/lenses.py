@@ -10,6 +10,7 @@ import numpy as np
 import pipeline
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.table import towards_sensor
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 
@@ -100,3 +101,12 @@ def tronnier() -> Race:
     )
     prescription = Prescription(surfaces=surfaces)
     return Race(name="Tronnier double Gauss f/2", prescription=prescription, image_mm=first_order(prescription).bfd_mm)
+
+
+def table_of(race: Race) -> np.ndarray:
+    """Table of the surfaces of a race, its image plane behind them."""
+    prescription = race.prescription
+    table = towards_sensor(prescription)
+    plane = np.zeros((1, table.shape[1]))
+    plane[0, :4] = prescription.vertices_from_stop_mm[-1] + race.image_mm, 0.0, 1.0, np.inf
+    return np.vstack([table, plane])

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from kept import keeping
-from lenses import EXAMPLES, Race, codev_double_gauss, tronnier
+from lenses import EXAMPLES, Race, codev_double_gauss, table_of, tronnier
 
 import pipeline
 from pipeline.camera.rig import Rig
@@ -116,7 +116,7 @@ def run_share(race: Race, packets: int, turns: int) -> None:
         return packet.x[0]
 
     position, direction = race.rays(1000 * PACKET, FIELD_DEG)
-    table, start = _table(race), position - [0.0, 0.0, race.prescription.vertices_mm[race.prescription.stop_index]]
+    table, start = table_of(race), position - [0.0, 0.0, race.prescription.vertices_mm[race.prescription.stop_index]]
     rays = np.ascontiguousarray(np.hstack([start, direction])[::1000].T)
     repeat(table, rays, 1)
     shares, rates = [], []
@@ -126,18 +126,9 @@ def run_share(race: Race, packets: int, turns: int) -> None:
     print(f"  {race.name}: {_rates(rates)}, share median {np.median(shares):.1%} (best {max(shares):.1%})")
 
 
-def _table(race: Race) -> np.ndarray:
-    """Surfaces of a lens with its image plane."""
-    prescription = race.prescription
-    table = towards_sensor(prescription)
-    plane = np.zeros((1, table.shape[1]))
-    plane[0, :4] = prescription.vertices_from_stop_mm[-1] + race.image_mm, 0.0, 1.0, np.inf
-    return np.vstack([table, plane])
-
-
 def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray, threads: int) -> tuple[Callable[..., Any], ...]:
     """One turn and how to read its result; rays are traced in place, so they are copied before."""
-    prescription, table = race.prescription, _table(race)
+    prescription, table = race.prescription, table_of(race)
     start = position - [0.0, 0.0, prescription.vertices_mm[prescription.stop_index]]
     heading, alive = direction.copy(), np.ones(len(start))
     ends = [len(start) * i // threads for i in range(threads + 1)]

@@ -10,7 +10,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -118,11 +118,10 @@ def _micro_images() -> None:
     micro_light(tracer, micro_images(tracer))
 
 
-def _pictures(tracer: Tracer) -> None:
+def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
     board, place = Target(Checkerboard(columns=2, rows=1, square_mm=1.0)), np.eye(4)
     place[2, 3] = 100.0
-    occluder = Occluder(vertices_mm=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), triangles=((0, 1, 2),))
-    scenes = [TargetLight([(board, place)], 0.0), TargetLight([(board, place)], 0.0, [(occluder, place)])]
+    scenes = [TargetLight([(board, place)], 0.0, [(occluder, place) for occluder in occluders])]
     rig = Rig.of(tracer)
     white, foreign = irradiance_and_crosstalk(rig, 1, None)
     pictures(rig, 1, scenes, np.array([white - foreign, foreign]))
@@ -134,6 +133,11 @@ def _pictures_of_a_lens() -> None:
 
 def _pictures_behind_microlenses() -> None:
     _pictures(_plenoptic(0.0))
+
+
+def _pictures_of_several() -> None:
+    corners = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    _pictures(_tracer(), [Occluder(vertices_mm=corners, triangles=((0, 1, 2),))])
 
 
 def _paths_of_light() -> None:
@@ -192,7 +196,8 @@ _RUN = {
     "lens": (_bundles, _edges),
     "microlenses": (_microlenses,),
     "micro_images": (_micro_images,),
-    "images": (_pictures_of_a_lens, _pictures_behind_microlenses, _board),
+    "images": (_pictures_of_a_lens, _pictures_behind_microlenses),
+    "company": (_pictures_of_several, _board),
     "shapes": (_shapes,),
     "lighting": (_paths_of_light,),
     "search": (_search,),

@@ -142,6 +142,23 @@ def test_position_images_by_three_ways(tmp_path: Path) -> None:
 
 
 @pytest.mark.heavy
+def test_single_precision_errs_by_its_rounding_and_has_a_bound(tmp_path: Path) -> None:
+    """Half an ulp of float32 is 4e-6 mm where the image plane lies, at 100 mm; a dozen surfaces add some."""
+    text = output_of("single.py", tmp_path)
+    (rms, most), (double, single), (whole, kernel), (gain,) = (
+        [float(number) for number in re.search(pattern, text).groups()]
+        for pattern in (
+            r"off by (\S+) mm rms, (\S+) mm at most",
+            r"float64 ([\d.]+) ns a ray, float32 ([\d.]+) ns",
+            r"image: ([\d.]+) ns a ray, ([\d.]+) of it",
+            r"at most ([\d.]+)$",
+        )
+    )
+    assert 1e-7 < rms < most < 1e-4
+    assert kernel > 0 and abs(gain - whole / (whole - double + single)) < 0.05
+
+
+@pytest.mark.heavy
 def test_frames_start_fewer_rays_than_pixels_have(tmp_path: Path) -> None:
     """Both cameras; each is asked with Embree and without."""
     text = output_of("images.py", tmp_path)

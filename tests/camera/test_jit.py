@@ -332,15 +332,21 @@ def test_a_graph_compiles_what_its_tasks_call():
     assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images")
 
 
-def test_tilted_microlenses_and_bent_targets_have_steps_of_their_own():
+def test_tilted_microlenses_bent_targets_and_company_have_steps_of_their_own():
     focus = task(
         "focus", {"camera": None, "request": {"microlenses": {"model": "thin", "tilt_x_deg": 0.0, "tilt_y_deg": 1.0}}}
     )
     image = task("image", {"view": {"targets": [{"target": {"kind": "mesh"}}]}})
     assert steps_of([focus]) == ("lens", "microlenses")
-    assert steps_of([image, focus]) == ("lens", "microlenses", "images", "shapes")
+    assert steps_of([image, focus]) == ("lens", "microlenses", "images", "company", "shapes")
     lit = task("image", {"view": {"targets": [], "lighting": {"lamps": []}}})
-    assert steps_of([lit]) == ("lens", "images", "lighting")
+    assert steps_of([lit]) == ("lens", "images", "company", "lighting")
+    sheet = {"target": {"surface": {"kind": "flat"}}}
+    assert steps_of([task("image_tile", {"view": {"targets": [sheet]}})]) == ("lens", "images")
+    assert steps_of([task("image_pass", {"view": {"targets": [sheet, sheet]}})]) == ("lens", "images", "company")
+    hidden = {"view": {"targets": [sheet], "occluders": [{}]}}
+    assert steps_of([task("image_tile", hidden)]) == ("lens", "images", "company")
+    assert steps_of([task("truth_tile", {**hidden, "table": {"settings": {"method": "direct"}}})]) == ("lens",)
 
 
 def task(kind, params):
