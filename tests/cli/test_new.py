@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import rigs
+from laws.solving import rig_of, solved
 
 from pipeline.app.authoring.poses import Wish, poses_that_fill
 from pipeline.camera.focusing.depth_of_field import foci
@@ -112,6 +113,17 @@ def test_poses_fill_the_image_and_stay_in_the_depth_of_field(is_plenoptic):
     assert max(depths) < far
     assert max(depths) - min(depths) > 0.6 * (far - near)
     assert max(pose.tilt_deg for pose in poses) > 20
+
+
+def test_what_is_around_the_points_is_in_the_image_as_well():
+    """A board with wider squares in the same poses: where its corners are, the first one has half a square or more.
+
+    Detectors need that: with discs and squares cut by the edge findCirclesGrid found two of eight boards.
+    """
+    camera = rigs.conventional(4.5, 192, 144, 0.05)
+    board, wider = (Checkerboard(columns=4, rows=3, square_mm=square) for square in (1.2, 1.8))
+    for pose in poses_that_fill(camera, Target(board), Wish(count=8, seed=3, blur_px=4.0)):
+        assert len(solved(rig_of(camera), wider, pose.vision_from_target).found.point) == 12
 
 
 def test_a_target_that_is_too_large_is_refused():

@@ -6,13 +6,16 @@ the middle of the image, then tilted less, until it shows enough.
 """
 
 import dataclasses
+import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.stats import qmc
 
+from pipeline.camera.figures.outlook import covered_mm
 from pipeline.camera.focusing.depth_of_field import foci
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
@@ -123,6 +126,15 @@ class Field:
         bundle = Bundles(x_px[None], np.array([NO_MICROLENS]), planes)
         return np.append(integrals(self.rig.tracer, bundle, 1).moments[0, :2], z_mm)
 
+    @cached_property
+    def around_mm(self) -> float:
+        """Width of the surroundings that a detector needs of a point: the distance of its neighbours, so that squares,
+        tags and discs are in the image as a whole, but no more than a quarter of a target of few points.
+        """
+        points = self.target.points().position_mm
+        nearest, _ = KDTree(points).query(points, k=[2])
+        return min(float(np.median(nearest)), self.radius_mm / 2)
+
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""
         points = self.target.points()
@@ -131,6 +143,13 @@ class Field:
         seen = np.full((len(planes), 2), np.nan)
         seen[found.point] = np.stack([found.x_px, found.y_px], axis=1)
         return seen
+
+    def has_room(self, seen_px: np.ndarray, z_mm: float) -> np.ndarray:
+        """Whether what is around points of a target at vision z is in the image as well, (n,) bool."""
+        shown_mm, _ = covered_mm(self.camera, z_mm)
+        room_px = self.around_mm * self.camera.sensor.width_px / shown_mm
+        inside: np.ndarray = np.all(np.abs(seen_px - self.middle_px) <= self.middle_px + 0.5 - room_px, axis=1)
+        return inside
 
 
 def poses_that_fill(camera: Camera, target: AnyTarget, wish: Wish) -> list[Pose]:
@@ -145,7 +164,8 @@ def poses_that_fill(camera: Camera, target: AnyTarget, wish: Wish) -> list[Pose]
     near_mm, far_mm = field.depth_mm(wish.blur_px)
     poses = []
     for numbers in qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.count):
-        tries = (_tried(field, wish, numbers, one, (near_mm, far_mm)) for one in _TRIES)
+        ways = itertools.product((True, False), _TRIES)  # with room around the points if any way leaves some
+        tries = (_tried(field, wish, numbers, (*way, roomy), (near_mm, far_mm)) for roomy, way in ways)
         pose = next(filter(None, tries), None)
         if pose is None:
             what = (
@@ -158,11 +178,13 @@ def poses_that_fill(camera: Camera, target: AnyTarget, wish: Wish) -> list[Pose]
 
 
 def _tried(
-    field: Field, wish: Wish, numbers: np.ndarray, ways: tuple[float, float], depth_mm: tuple[float, float]
+    field: Field, wish: Wish, numbers: np.ndarray, way: tuple[float, float, bool], depth_mm: tuple[float, float]
 ) -> Pose | None:
-    """The pose of six numbers in [0, 1), by one of `_TRIES`; None where it shows too little."""
+    """The pose of six numbers in [0, 1), by one of `_TRIES` and with or without room around points; None where it shows
+    too little.
+    """
     across, down, deep, tilted, about, turned = numbers
-    (pull, lean), (near, far), middle = ways, depth_mm, field.middle_px
+    (pull, lean, roomy), (near, far), middle = way, depth_mm, field.middle_px
     steepest = math.asin(min(1.0, 0.4 * (far - near) / field.radius_mm))
     # The root favours steep tilts: they tell the principal distance from the distance of the target.
     tilt = lean * math.sqrt(tilted) * min(steepest, math.radians(wish.most_tilt_deg))
@@ -176,7 +198,8 @@ def _tried(
     pose[:3, :3] = _turn(2 * math.pi * about, tilt) @ _roll(math.radians(30) * (2 * turned - 1)) @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
     found = Pose(vision_from_target=pose, tilt_deg=math.degrees(tilt), seen_px=field.seen_px(pose))
-    return found if found.seen >= max(1, wish.least_seen * len(found.seen_px)) else None
+    shown = int(field.has_room(found.seen_px, z).sum()) if roomy else found.seen
+    return found if shown >= max(1, wish.least_seen * len(found.seen_px)) else None
 
 
 def _turn(about: float, angle: float) -> np.ndarray:
