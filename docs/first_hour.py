@@ -26,7 +26,7 @@ from chromium import browser, found
 ROOT = Path(__file__).resolve().parents[1]
 BOARD = "examples/02_plenoptic/dataset.usda"
 OUT = "build/02_plenoptic"
-OF_A_FRAME = {"truth_tile", "truth", "image_tile", "image", "certificate"}
+OF_A_BOARD = {"truth_tile", "truth", "image_tile", "image", "certificate", "sheet"}
 """Kinds of tasks that see the board: these, and no others, run again when it changes."""
 
 
@@ -127,7 +127,7 @@ def edit(here: Checkout) -> str:
     executed, cached = map(int, re.search(r"^(\d+) executed, (\d+) cached", said, re.MULTILINE).groups())  # type: ignore[union-attr]
     stage.write_text(before, encoding="utf-8")
     undone = here.run(f"pipeline build {BOARD}")
-    holds = again == OF_A_FRAME and cached > 0 and undone.startswith("0 executed") | ("\n0 executed" in undone)
+    holds = again == OF_A_BOARD and cached > 0 and undone.startswith("0 executed") | ("\n0 executed" in undone)
     kinds = ", ".join(sorted(again))
     return expect(holds, f"{executed} executed ({kinds}), {cached} cached; taken back: 0 executed")
 

@@ -23,7 +23,7 @@ from pipeline.files.tables import read_table
 
 DATA = Path(__file__).parents[1] / "data"
 RAYS = {"rays_tile", "rays"}
-ONCE = {"focus", "planes", "pinhole", "first_order", "frame_poses", "white", "certificate"} | RAYS
+ONCE = {"focus", "parts", "planes", "pinhole", "first_order", "frame_poses", "white", "certificate"} | RAYS
 """Tasks that a camera has one of, if it has rays."""
 TRUTH = {"truth", "certificate"}
 """Truth and what judges it."""
@@ -179,8 +179,8 @@ def test_binary_layers_and_another_folder_rerun_nothing(conventional, tmp_path):
         ("uniform int plen:seed = 3", "uniform int plen:seed = 4", {"image", "white"} | TRUTH | RAYS),
         ("plen:truth:samples = 64", "plen:truth:samples = 128", TRUTH | RAYS),
         ("plen:image:samples = 64", "plen:image:samples = 32", {"image", "white"}),
-        ("plen:squareSize = 1.4", "plen:squareSize = 1.5", {"image"} | TRUTH),
-        ("plen:columns = 3", "plen:columns = 3\n        uniform double plen:black = 0.1", {"image"}),
+        ("plen:squareSize = 1.4", "plen:squareSize = 1.5", {"image", "sheet"} | TRUTH),
+        ("plen:columns = 3", "plen:columns = 3\n        uniform double plen:black = 0.1", {"image", "sheet"}),
         ("plen:seed = 3", "plen:seed = 3\n    uniform double plen:background = 0.2", {"image"}),
         (
             "verticalAperture = 24",
@@ -384,7 +384,7 @@ def test_a_lost_store_costs_time_and_no_byte(conventional, tmp_path, monkeypatch
     before = {name: data for name, (_, data) in _facts(conventional.out).items()}
     shutil.rmtree(conventional.out)
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "fresh"))
-    assert conventional.run() == Counter({"image": 2, "truth": 2} | dict.fromkeys(ONCE, 1))
+    assert conventional.run() == Counter({"image": 2, "truth": 2} | dict.fromkeys({*ONCE, "sheet"}, 1))
     assert {name: data for name, (_, data) in _facts(conventional.out).items()} == before
 
 
