@@ -58,9 +58,9 @@ def noise(judged: Results) -> str:
 
 def _ellipse(covariance: np.ndarray) -> str:
     x, y = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    together = covariance[0, 1] / (x * y) if x > 0 and y > 0 else 0.0
-    # A spread is what is left after noise is taken away, and noise is known roughly: then this is no correlation.
-    return f"{x:.3f} {y:.3f} " + (f"{together:+.1f}" if abs(together) <= 1 else NOTHING)
+    # A spread is what is left after noise is taken away. Noise is known roughly, so what is left may be no ellipse.
+    is_ellipse = x * y > 0 and abs(covariance[0, 1]) <= x * y
+    return f"{x:.3f} {y:.3f} " + (f"{covariance[0, 1] / (x * y):+.1f}" if is_ellipse else NOTHING)
 
 
 def found(judged: Results) -> str:

@@ -1,5 +1,6 @@
 """The arena of example 06: laws of its judge, its exchange of files, contestants that are missing, its tables."""
 
+import copy
 import json
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from pipeline.scene.load import load
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
 sys.path.insert(0, str(EXAMPLE))  # its modules lie beside the script that imports them
 
+import arena  # noqa: E402
 import conditions  # noqa: E402
 import environments  # noqa: E402
 import judge  # noqa: E402
@@ -247,6 +249,26 @@ def test_tables_print_what_was_judged_and_nothing_for_what_was_not_found():
 
     assert "| Good     | +0.010 -0.020 |" in text and "| Good     | 0.020 0.010 +0.0 |" in text
     assert "| Blind    | 0 % +3.0 |" in text and "| Blind    | -     |" in text
+
+
+@pytest.mark.parametrize("covariance_px2", [[[1e-4, 0.0], [0.0, 0.0]], [[1e-6, 5e-6], [5e-6, 1e-6]]])
+def test_a_spread_that_is_no_ellipse_has_no_correlation(covariance_px2):
+    assert tables.spread({"spread_px2": covariance_px2}).split()[-1] == tables.NOTHING
+
+
+def test_a_later_run_keeps_what_an_earlier_one_found_under_the_same_conditions(tmp_path):
+    (tmp_path / "results.json").write_text(json.dumps(RESULTS))
+    (tmp_path / "fields.json").write_text(json.dumps({"Old": [1.0]}))
+    sharp = RESULTS["detectors"]["Blind"]
+    later = {**copy.deepcopy(RESULTS), "detectors": {"Good": sharp, "New": sharp}}
+    others = {**copy.deepcopy(later), "conditions": {"dark": "at night"}}
+    fewer = {**copy.deepcopy(later), "about": {**RESULTS["about"], "repeats": 1}}
+
+    results, fields = arena.with_earlier(copy.deepcopy(later), {"New": [2.0]}, tmp_path)
+    assert results["detectors"] == {"Blind": sharp, "Good": sharp, "New": sharp}
+    assert fields == {"Old": [1.0], "New": [2.0]}
+    for run in (others, fewer):
+        assert arena.with_earlier(copy.deepcopy(run), {}, tmp_path) == (run, {})
 
 
 @pytest.mark.heavy

@@ -10,11 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from public_numbers import codev_lens
 from tolerances import PRINTED_4_MM, PRINTED_6_MM, PRINTED_6_TANGENT
 
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
-from pipeline.optics.prescription import Prescription, Surface
+from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import towards_sensor
 
 LISTING = json.loads((Path(__file__).parent / "codev_double_gauss.json").read_text(encoding="utf-8"))
@@ -24,19 +25,7 @@ FIELDS_DEG = {0: 0.0, 10: 10.0000000023, 14: 14.0000000032}
 @pytest.fixture(scope="module")
 def lens() -> Prescription:
     """The listed lens at 587.6 nm; edges, which are not listed, lie a little outside of all listed rays."""
-    heights = np.max([np.hypot(*np.array(ray["rows"])[:, 1:3].T) for ray in LISTING["rays"]], axis=0)
-    return Prescription(
-        surfaces=tuple(
-            Surface(
-                radius_mm=math.inf if row["radius_mm"] is None else 1 / row["curvature_per_mm"],
-                thickness_mm=row["thickness_mm"],
-                index=row["n_587_6nm"],
-                semi_diameter_mm=row.get("semi_diameter_mm", height + 0.01),
-                is_stop=row.get("stop", False),
-            )
-            for row, height in zip(LISTING["surfaces"], heights, strict=True)
-        )
-    )
+    return codev_lens(LISTING)
 
 
 @pytest.mark.parametrize("ray", LISTING["rays"], ids=lambda ray: ray["what"])
