@@ -43,7 +43,7 @@ def test_the_known_flux_is_that_of_many_rays_where_light_falls_off_too() -> None
     assert known is not None
     known /= rig.tracer.reference_weight_sr
     white = irradiance(rig, 1 << 15, None, (0, 2)).ravel()
-    assert white.min() < 0.8 * white.max(), "vignetting must be part of it"
+    assert white.min() < 0.8, "on the axis it is 1: vignetting must be part of it"
     np.testing.assert_allclose(known, white, atol=2e-3)
     assert abs(np.mean(known - white)) < 2e-4
 
