@@ -133,7 +133,7 @@ def sampled(
 
 
 def _steadied(light: np.ndarray, flux: np.ndarray, known: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """What is to be added to each pixel because its rays happen to carry more or less flux than is known, (n,).
+    """Light to be added to each pixel because its rays happen to carry more or less flux than is known, (n,).
 
     A control variate: the missing flux times the radiance that the pixels on both sides see, of the darker one. They
     have random numbers of their own, so that the sum has no bias, whatever they see. Where all see one radiance, no

@@ -65,7 +65,7 @@ class _Cubics:
 
     @staticmethod
     def of(size_px: int, wanted_px: Int64[np.ndarray, "n"]) -> "_Cubics":
-        """Those that some pixels need, of an edge of so many."""
+        """Cubics that some pixels need, of an edge of so many."""
         count = max(_CUBIC, math.ceil((size_px - 1) / _STEP_PX) + 1)
         step = (size_px - 1) / (count - 1)
         first = np.clip((wanted_px / step).astype(int) - 1, 0, count - _CUBIC)

@@ -35,11 +35,11 @@ class PixelRays:
         Of the random numbers of these rays.
     """
 
-    pixels: np.ndarray
+    pixels: Int64[np.ndarray, "m"]
     squares: Squares
     leaving: Leaving
-    row: np.ndarray
-    way: np.ndarray
+    row: Int64[np.ndarray, "n"]
+    way: Int64[np.ndarray, "n"]
     seed: int
 
 

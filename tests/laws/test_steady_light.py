@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 from laws import rigs
+from laws.dispersion import in_light
 from laws.lit import lamp, matt, plate, towards
-from laws.test_channels import RED, in_light, rig_of, small
 
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.plain import to_plain
@@ -19,6 +20,13 @@ from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Lighting, PlacedLamp
 
 SEEDS = 48
+RED = {600.0: 0.3, 640.0: 0.5, 680.0: 0.2}
+"""Shares of the wavelengths of a channel."""
+
+
+def small() -> Camera:
+    """Few coarse pixels."""
+    return rigs.conventional(4.5, 24, 18, 0.2)
 
 
 def view(lamps: tuple[PlacedLamp, ...], half_mm: float, wavelengths_nm: tuple[float, ...] = (550.0,)) -> LitView:
@@ -31,11 +39,11 @@ def view(lamps: tuple[PlacedLamp, ...], half_mm: float, wavelengths_nm: tuple[fl
 def test_the_known_flux_is_that_of_many_rays_where_light_falls_off_too() -> None:
     camera = rigs.conventional(17.0, 96, 64, 0.4)
     rig = Rig.of(Tracer(camera, 3))
-    known = known_flux(Band.of(rig, (0, 8)))
+    known = known_flux(Band.of(rig, (0, 2)))
     assert known is not None
     known /= rig.tracer.reference_weight_sr
-    white = irradiance(rig, 1 << 13, None, (0, 8)).ravel()
-    assert white.min() < 0.7 * white.max(), "vignetting must be part of it"
+    white = irradiance(rig, 1 << 15, None, (0, 2)).ravel()
+    assert white.min() < 0.8, "on the axis it is 1: vignetting must be part of it"
     np.testing.assert_allclose(known, white, atol=2e-3)
     assert abs(np.mean(known - white)) < 2e-4
 
@@ -66,7 +74,7 @@ def test_a_furnace_behind_a_camera_has_no_noise_of_its_rays() -> None:
 
 def test_the_correction_has_no_bias_at_edges_and_in_several_wavelengths(monkeypatch) -> None:
     """The mean over seeds is that of images of many rays without correction, pixel by pixel and in the sum."""
-    rig = rig_of(in_light(small(), RED))
+    rig = Rig.of(Tracer(in_light(small(), RED), 5))
     scene = view((lamp("rect", (60.0, 40.0), towards((0.2, 0.3, -1.0), (30.0, 60.0, 150.0))),), 6.0, tuple(RED))
 
     def image(samples: int, seed: int) -> np.ndarray:

@@ -27,7 +27,7 @@ _BYTES = 4
 
 
 class Names(NamedTuple):
-    """What the random numbers of rays depend on.
+    """Keys and places, on which the random numbers of rays depend.
 
     Attributes
     ----------

@@ -146,7 +146,7 @@ class LitScene:
         return light
 
     def _names(self, rays: PixelRays) -> Names:
-        """What the random numbers of rays depend on."""
+        """Names of rays, on which their random numbers depend."""
         owner = np.ascontiguousarray(rays.leaving.owner)
         names = Names(np.empty(len(owner), np.uint32), np.empty(len(owner), np.int64))
         # Each wavelength has a seed of its own, by this step; paths of all of them share one.

@@ -284,7 +284,7 @@ class Place(NamedTuple):
 
 @inline
 def _place(layers, paths, hits, i):
-    """Where a path meets a surface."""
+    """Place where a path meets a surface."""
     normal = row(hits.normal, i)
     x, y = across(normal)
     seen = seen_along(layers, _paint(hits, i), local(times(-1.0, row(paths.direction, i)), x, y, normal))

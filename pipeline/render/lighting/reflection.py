@@ -183,7 +183,7 @@ def seen_along(layers, paint, seen):
 
 @inline
 def reflected_as(layers, paint, as_seen, lit):
-    """What `reflected` returns, for many directions of light."""
+    """Values of `reflected`, for many directions of light."""
     seen, one = as_seen.direction, as_seen.layer
     if not (seen[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
