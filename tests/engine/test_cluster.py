@@ -166,6 +166,7 @@ def test_a_scheduler_that_dies_while_the_build_connects_is_the_machines_fault(st
         Dask("tcp://here:1", store, ("toykit.tasks",))
 
 
+@pytest.mark.heavy
 def test_a_worker_with_other_code_refuses(tmp_path, cluster, store, kit):
     graph = toy.graph_of(("lens", "lens", {"power": 1.0}))
     cluster.workers[0].kill()
@@ -176,6 +177,7 @@ def test_a_worker_with_other_code_refuses(tmp_path, cluster, store, kit):
     assert result.state == "failed" and result.machine and "edited after this process" in result.error
 
 
+@pytest.mark.heavy
 def test_a_task_that_takes_too_long_is_given_up(tmp_path, cluster, store):
     graph = toy.graph_of(("slow", "slow", {"folder": str(tmp_path), "name": "a", "seconds": 30}))
     result = run(graph, store, engine=cluster.engine(store, timeout_s=1.0)).results["slow"]
