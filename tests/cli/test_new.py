@@ -116,12 +116,12 @@ def test_poses_fill_the_image_and_stay_in_the_depth_of_field(is_plenoptic):
 
 
 def test_what_is_around_the_points_is_in_the_image_as_well():
-    """A board with wider squares in the same poses: where its corners are, the first one has half a square or more.
+    """A board with wider squares in the same poses: where its corners are, the first one has a third of a square or more.
 
     Detectors need that: with discs and squares cut by the edge findCirclesGrid found two of eight boards.
     """
     camera = rigs.conventional(4.5, 192, 144, 0.05)
-    board, wider = (Checkerboard(columns=4, rows=3, square_mm=square) for square in (1.2, 1.8))
+    board, wider = (Checkerboard(columns=4, rows=3, square_mm=square) for square in (1.2, 1.6))
     for pose in poses_that_fill(camera, Target(board), Wish(count=8, seed=3, blur_px=4.0)):
         assert len(solved(rig_of(camera), wider, pose.vision_from_target).found.point) == 12
 

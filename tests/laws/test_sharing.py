@@ -11,7 +11,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import write_json
 from pipeline.frames import rigid
 from pipeline.records.plain import to_plain
-from pipeline.render import imaging
+from pipeline.render import pixel_rays
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
 from pipeline.targets.patterns.checkerboard import Checkerboard
@@ -44,7 +44,7 @@ def test_scenes_in_company_are_scenes_alone(kind: str, request: pytest.FixtureRe
     assert np.ptp(together[:4], axis=(1, 2)).min() > 0
     for scene, image in zip(SCENES, together, strict=True):
         assert np.array_equal(image, pictures(rig, 16, [scene], parts, ROWS)[0])
-    monkeypatch.setattr(imaging, "_RAYS_PER_CHUNK", 500)
+    monkeypatch.setattr(pixel_rays, "_RAYS_PER_CHUNK", 500)
     assert np.array_equal(together, pictures(rig, 16, SCENES, parts, ROWS))
     first = [pictures(rig, 16, SCENES, parts[:, a - 20 : b - 20], (a, b)) for a, b in ((20, 23), (23, 29))]
     assert np.array_equal(together, np.concatenate(first, axis=1))

@@ -128,12 +128,13 @@ class Field:
 
     @cached_property
     def around_mm(self) -> float:
-        """Width of the surroundings that a detector needs of a point: the distance of its neighbours, so that squares,
-        tags and discs are in the image as a whole, but no more than a quarter of a target of few points.
+        """Width of the surroundings that a detector needs of a point: half of the distance of its neighbours, so that
+        discs and halves of squares are in the image as a whole, but no more than a quarter of a target of few points.
+        A whole square would keep points away from the edge of the image, where distortion is largest.
         """
         points = self.target.points().position_mm
         nearest, _ = KDTree(points).query(points, k=[2])
-        return min(float(np.median(nearest)), self.radius_mm / 2)
+        return min(float(np.median(nearest)), self.radius_mm) / 2
 
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""
