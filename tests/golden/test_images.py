@@ -21,8 +21,8 @@ OF_GOLDEN, OF_TEST = range(100_000, 101_024), range(8)
 CHANCE = 1e-6
 """Probability of each of the three verdicts about a right image [1]: a change of random numbers is no alarm."""
 ROUNDING = 1e-6
-"""Standard deviation below which a pixel has no noise [1]: the file is single precision, and in flat light of a lit scene
-nothing is left to chance.
+"""Standard deviation below which a pixel has no noise [1]: the file is single precision, and flat light of a lit scene
+leaves nothing to chance.
 """
 RARE = 8.0
 """Excess kurtosis of a pixel [1] beyond which the mean of eight images is not near to normal: one ray in hundreds meets
