@@ -116,7 +116,7 @@ def test_poses_fill_the_image_and_stay_in_the_depth_of_field(is_plenoptic):
 
 
 def test_what_is_around_the_points_is_in_the_image_as_well():
-    """A board with wider squares in the same poses: where its corners are, the first one has a third of a square or more.
+    """A board with wider squares in the same poses: its corners lie a third of a square or more farther out.
 
     Detectors need that: with discs and squares cut by the edge findCirclesGrid found two of eight boards.
     """
