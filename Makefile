@@ -24,12 +24,12 @@ test: $(STAMP)
 	$(MAKE) -j2 lint warm
 	$(PYTEST)
 
-# The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks, figures of documents.
+# The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks.
 proofs: $(STAMP) warm
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio optiland -e '.[docs]'
 	$(PYTEST) -m heavy
 
-# What takes longer than CI may: the other hostile values and scenes, and the tables of truth in the documents.
+# What takes longer than CI may, or wants the processor that printed it: the other hostile values and scenes, costly figures.
 long: $(STAMP) warm
 	$(PYTEST) -m long
 

@@ -5,7 +5,7 @@
     python docs/figures.py --run NAME...     run commands anew, and keep what they print in docs/printed/
 
 docs/figures.toml says which command prints what, and where it is quoted. A test compares the documents with what is
-kept, and runs the cheap commands anew; `make proofs` and `make long` run the costly ones. Commands run in a copy of the
+kept, and runs the cheap commands anew; `make long` runs the costly ones. Commands run in a copy of the
 examples, with an empty store of results unless PIPELINE_CACHE names one.
 """
 
@@ -60,7 +60,7 @@ ELSEWHERE = (
 class Command:
     """What prints figures: a table `[[command]]`.
 
-    `costs`: "seconds", which `make test` spends, "minutes" as `make proofs` does, or "long": `make long`.
+    `costs`: "seconds", which `make test` spends, or "minutes", which `make long` does.
     """
 
     name: str

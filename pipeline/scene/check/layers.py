@@ -39,10 +39,14 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
     if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
         hint = "USD falls back to centimetres (0.01); write metersPerUnit = 0.001"
         yield Problem(code="units", message="the stage does not set metersPerUnit", file=file, line=1, hint=hint)
+    hint = 'write upAxis = "Y"'
     if not stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
         message = "the stage does not set upAxis"
-        hint = 'write upAxis = "Y"'
         yield Problem(severity="warning", code="up-axis", message=message, file=file, line=1, hint=hint)
+    elif (axis := UsdGeom.GetStageUpAxis(stage)) not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
+        line = line_of_metadata(stage.GetRootLayer().realPath, "upAxis")
+        message = f'upAxis = "{axis:.40}" is neither Y nor Z'
+        yield Problem(code="up-axis", message=message, file=file, line=line, hint=hint)
 
 
 def _check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
