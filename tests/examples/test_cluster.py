@@ -111,5 +111,6 @@ def test_a_worker_killed_in_mid_run_changes_no_byte(here, stage, tmp_path, monke
         killer.join()
         client.wait_for_workers(2)
     assert killed, "the build was over before a worker could be killed"
-    assert result.exit_code == 0 and result.executed == len(json.loads(here)["tasks"])
+    # A worker that dies after it has stored a result, and before it reports it, leaves one that counts as found.
+    assert result.exit_code == 0 and result.executed + result.cached == len(json.loads(here)["tasks"])
     assert (tmp_path / "out/manifest.json").read_bytes() == here
