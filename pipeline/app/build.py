@@ -1,7 +1,10 @@
 """Build a dataset: turn a stage into its output folder."""
 
+import contextlib
 import dataclasses
+import os
 import platform
+import subprocess
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -24,7 +27,8 @@ from pipeline.graph.devices import on_device
 from pipeline.graph.preview import folder_of, only_images, preview_of
 from pipeline.jit.files import make_folder, read, say, write
 from pipeline.limits import limits
-from pipeline.machine.processor import level
+from pipeline.machine.another_python import command
+from pipeline.machine.processor import level, settings
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
@@ -194,9 +198,9 @@ def _place(options: BuildOptions) -> Callable[[Store, tuple[str, ...]], Engine] 
 def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:
     """Compile the kernels that are missing or damaged in the cache, so that workers need not compile them one by one.
 
-    Without a graph all kernels are compiled, else those that its tasks call. With more than one worker two processes
-    share the work. A list beside the kernels names them. If several builds start together, one compiles and the others
-    wait.
+    Without a graph all kernels are compiled, else those that its tasks call. With more than one worker two other
+    processes share the work. A list beside the kernels names them. If several builds start together, one compiles and
+    the others wait.
 
     Raises
     ------
@@ -215,12 +219,35 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
     make_folder(folder, warn)
     with locked(folder / "lock", errand=Errand(doing="compiles kernels", say=warn)):
         if not _are_whole(listed, warn):
-            from pipeline.app.compile_kernels import compile_kernels, compile_together
-            from pipeline.jit import cache
-
             # If the list exists, few kernels are damaged.
-            (compile_together if workers > 1 and not listed.exists() else compile_kernels)(steps)
-            write(listed, "\n".join(sorted(cache.used)).encode(), warn)
+            names = _compiled_apart(steps) if workers > 1 and not listed.exists() else None
+            if names is None:
+                from pipeline.app.compile_kernels import compile_kernels
+
+                names = compile_kernels(steps)
+            write(listed, "\n".join(sorted(names)).encode(), warn)
+
+
+def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
+    """Files of kernels that two processes compiled, with the settings of workers; None if there is something wrong,
+    which this process meets and reports then.
+    """
+    with contextlib.ExitStack() as last:
+        try:
+            process = subprocess.Popen(
+                command("pipeline.app.compile_kernels:compile_apart", *steps),
+                env={**os.environ, **settings()},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                start_new_session=True,
+                text=True,
+            )
+        except OSError:
+            return None
+        last.enter_context(process)
+        last.callback(process.kill)
+        names, _ = process.communicate()
+    return None if process.returncode else set(names.split())
 
 
 def _are_whole(listed: Path, warn: Callable[[str], None]) -> bool:

@@ -8,14 +8,15 @@ import dataclasses
 import gc
 import os
 import signal
-import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NoReturn
 
 import numpy as np
 
 from pipeline.app.kernel_steps import STEPS
 from pipeline.camera.integrating import edge_kernels
+from pipeline.camera.integrating.polar_bundle import single_hits
 from pipeline.camera.integrating.quadrature import edges
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import micro_light
@@ -24,8 +25,6 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
-from pipeline.machine.another_python import command
-from pipeline.machine.processor import settings
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
 from pipeline.render.glow.light import TargetLight
@@ -43,43 +42,66 @@ from pipeline.targets.target import AnyTarget, Target
 from pipeline.truth.grid import quad_search
 
 
-def compile_kernels(steps: Iterable[str] = STEPS, *, backwards: bool = False) -> None:
-    """Call every kernel of these steps once, with the argument types that real tasks use."""
-    parts = [part for step in steps for part in _RUN[step]]
-    gc.disable()  # The compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
-    try:
-        for part in reversed(parts) if backwards else parts:
-            part()
-    finally:
-        gc.enable()
+def compile_kernels(steps: Iterable[str] = STEPS) -> set[str]:
+    """Call every kernel of these steps once, with the argument types that real tasks use; the files of their code."""
+    with _no_garbage():
+        _call(_parts(steps))
+    return _files()
 
 
-def compile_together(steps: Iterable[str] = STEPS) -> None:
-    """Compile with two processes, one from the first step on and one from the last; each loads what the other
-    compiled.
-    """
-    steps = tuple(steps)
-    with contextlib.ExitStack() as last:
-        with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
-            helper = subprocess.Popen(
-                command("pipeline.app.compile_kernels:help_compiling", *steps),
-                env={**os.environ, **settings()},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
-            )
-            last.callback(helper.wait)
-            last.callback(helper.kill)
-        compile_kernels(steps)
+def compile_apart() -> None:
+    """Compile the steps named on the command line, and print the files of their code.
 
-
-def help_compiling() -> None:
-    """Compile the steps named on the command line. Errors are ignored here: the waiting process meets and reports
-    them.
+    The first part is compiled before this process forks, because all others need it. Then one process goes on from
+    there, and the other from the end; each loads what the other compiled.
     """
     prctl(END_WITH_PARENT, signal.SIGKILL)
-    with contextlib.suppress(Exception):
-        compile_kernels(sys.argv[1:], backwards=True)
+    first, *others = _parts(sys.argv[1:])
+    with _no_garbage(), contextlib.ExitStack() as last:
+        first()
+        with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
+            helper = os.fork()
+            if helper == 0:
+                _help(others[::-1])
+            last.callback(os.waitpid, helper, 0)
+            last.callback(os.kill, helper, signal.SIGKILL)
+        _call(others)
+    print(*_files(), sep="\n")
+
+
+def _help(parts: Iterable[Callable[[], None]]) -> NoReturn:
+    """Compile these parts. Errors are ignored here: the other process meets and reports them."""
+    with contextlib.suppress(BaseException):
+        prctl(END_WITH_PARENT, signal.SIGKILL)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
+        _call(parts)
+    os._exit(0)
+
+
+def _files() -> set[str]:
+    """Names of the files of compiled code that this process has met. Numba must not be loaded before its settings."""
+    from pipeline.jit.cache import used
+
+    return used
+
+
+def _parts(steps: Iterable[str]) -> list[Callable[[], None]]:
+    return [part for step in steps for part in _RUN[step]]
+
+
+def _call(parts: Iterable[Callable[[], None]]) -> None:
+    for part in parts:
+        part()
+
+
+@contextlib.contextmanager
+def _no_garbage() -> Iterator[None]:
+    """The compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def _tracer() -> Tracer:
@@ -99,6 +121,10 @@ _POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
 """The centre of a sensor [mm] and the index for "no microlens"; any position compiles the same code."""
 
 
+def _outlines() -> None:
+    _ = _tracer().arrays
+
+
 def _bundles() -> None:
     _tracer().moments(_POSITION, _NO_LENS, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64))
 
@@ -109,13 +135,19 @@ def _edges() -> None:
     edge_kernels.spread(found.polygons, found.counts, np.zeros((1, 1, 2)))
 
 
+def _single_rays() -> None:
+    single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3)))
+
+
 def _microlenses() -> None:
     micro_images(_plenoptic(1.0))
 
 
 def _micro_images() -> None:
     tracer = _plenoptic(0.0)
-    micro_light(tracer, micro_images(tracer))
+    images = micro_images(tracer)
+    micro_light(tracer, images)
+    images.nearby.nearest(_POSITION)
 
 
 def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
@@ -193,13 +225,14 @@ def _sensor() -> None:
 
 
 _RUN = {
-    "lens": (_bundles, _edges),
+    "lens": (_outlines, _bundles, _edges),
     "microlenses": (_microlenses,),
     "micro_images": (_micro_images,),
     "images": (_pictures_of_a_lens, _pictures_behind_microlenses),
     "company": (_pictures_of_several, _board),
     "shapes": (_shapes,),
     "lighting": (_paths_of_light,),
+    "direct": (_single_rays,),
     "search": (_search,),
     "sensor": (_sensor,),
 }

@@ -8,10 +8,21 @@ from typing import Any
 
 from pipeline.engine.planning.graph import Task
 
-STEPS = ("lens", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor")
+STEPS = (
+    "lens",
+    "microlenses",
+    "micro_images",
+    "images",
+    "company",
+    "shapes",
+    "lighting",
+    "direct",
+    "search",
+    "sensor",
+)
 """Steps: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images; images of a flat sheet;
-images in which one thing may hide another; curved targets; paths of light; the search in position images; the noise of
-raw images.
+images in which one thing may hide another; curved targets; paths of light; single rays of method `direct`; the search
+in position images; the noise of raw images.
 """
 _OF_KIND = {
     "image": "images",
@@ -32,8 +43,8 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
         found.add(_OF_KIND.get(kind, "lens"))
         if task.short_kind == "focus" and _are_bent((task.params["camera"] or task.params["request"])["microlenses"]):
             found.add("microlenses")
-        if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":
-            found.add("search")
+        if kind == "truth":
+            found.add("direct" if task.params["table"]["settings"]["method"] == "direct" else "search")
         view = task.params.get("view") or {}
         if kind == "image" and view and not _is_one_sheet(view):
             found.add("company")

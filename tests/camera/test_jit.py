@@ -320,16 +320,18 @@ def test_processes_that_compile_at_once_do_not_disturb_one_another(tmp_path, sai
 
 
 def test_a_graph_compiles_what_its_tasks_call():
-    """The tiny stage searches in position images, examples 2 and 3 have plain microlenses; no target is bent."""
+    """The tiny stage searches in position images, the examples do not; 2 and 3 have plain microlenses; no target is
+    bent.
+    """
 
     def steps(stage):
         graph = project(ROOT / stage / "dataset.usda").graph
         return steps_of(graph[name] for name in graph)
 
     assert steps("tests/data/tiny_conventional") == ("lens", "images", "search")
-    assert steps("examples/01_conventional") == ("lens", "images")
-    assert steps("examples/02_plenoptic") == ("lens", "micro_images", "images")
-    assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images")
+    assert steps("examples/01_conventional") == ("lens", "images", "direct")
+    assert steps("examples/02_plenoptic") == ("lens", "micro_images", "images", "direct")
+    assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images", "direct")
 
 
 def test_tilted_microlenses_bent_targets_and_company_have_steps_of_their_own():
@@ -346,7 +348,7 @@ def test_tilted_microlenses_bent_targets_and_company_have_steps_of_their_own():
     assert steps_of([task("image_pass", {"view": {"targets": [sheet, sheet]}})]) == ("lens", "images", "company")
     hidden = {"view": {"targets": [sheet], "occluders": [{}]}}
     assert steps_of([task("image_tile", hidden)]) == ("lens", "images", "company")
-    assert steps_of([task("truth_tile", {**hidden, "table": {"settings": {"method": "direct"}}})]) == ("lens",)
+    assert steps_of([task("truth_tile", {**hidden, "table": {"settings": {"method": "direct"}}})]) == ("lens", "direct")
 
 
 def task(kind, params):
@@ -355,17 +357,16 @@ def task(kind, params):
 
 
 def test_a_build_names_the_damaged_kernel_and_compiles_once(tmp_path, monkeypatch):
-    from pipeline.jit import cache
     from pipeline.jit.decorators import cache_folder
 
     monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path))
-    monkeypatch.setattr(cache, "used", {"a", "b"})
     calls, said = [], []
 
     def compile_kernels(steps):
         calls.append(1)
         for name in "ab":
             files.write(cache_folder() / name, name.encode())
+        return {"a", "b"}
 
     monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", compile_kernels)
     compile_once(said.append)

@@ -85,9 +85,39 @@ def test_a_folder_where_nothing_can_be_written_has_no_turns(tmp_path):
     turns.end_all(tmp_path / "file" / "jit")
 
 
-def test_the_process_that_helps_compiles_the_steps_that_it_is_told(tmp_path):
-    """Its errors are silent: without it a build would be slower, and nobody would see why."""
-    helper = command("pipeline.app.compile_kernels:help_compiling", "search")
-    subprocess.run(helper, env={**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path)}, check=True)
-    names = {path.name.rsplit(".", 1)[1].rpartition("-")[0] for path in tmp_path.glob("*/*")}
-    assert {"quads_that_hold-kernel", "solve_quads-kernel", "nearest_positions-kernel"} <= names
+PARTS = """
+import os, sys, time
+from pipeline.app import compile_kernels
+notes = sys.argv[1]
+def part(name):
+    def note():
+        with open(notes, "a") as file:
+            print(name, os.getpid(), file=file, flush=True)
+        time.sleep(2.0)
+    return note
+compile_kernels._RUN = {"lens": [part(name) for name in "abcd"]}
+sys.argv[1:] = ["lens"]
+compile_kernels.compile_apart()
+"""
+
+
+def test_two_processes_compile_from_both_ends_what_follows_the_first_part(tmp_path):
+    """Errors of the second are silent: without it a build would be slower, and nobody would see why."""
+    notes = tmp_path / "notes"
+    subprocess.run([sys.executable, "-c", PARTS, str(notes)], check=True)
+    first, *others = [line.split() for line in notes.read_text().splitlines()]
+    one = first[1]
+    assert [name for name, process in (first, *others) if process == one] == ["a", "b", "c", "d"]
+    assert [name for name, process in others if process != one][:2] == ["d", "c"]
+    assert len({process for _, process in others}) == 2
+
+
+def test_a_process_apart_names_the_files_that_it_compiled(tmp_path):
+    apart = command("pipeline.app.compile_kernels:compile_apart", "search")
+    environment = {**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path)}
+    said = subprocess.run(apart, env=environment, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
+    names = {path.name for path in tmp_path.glob("*/*")}
+    assert set(said) == names
+    assert {"quads_that_hold-kernel", "solve_quads-kernel", "nearest_positions-kernel"} <= {
+        name.rsplit(".", 1)[1].rpartition("-")[0] for name in names
+    }
