@@ -44,6 +44,7 @@ from pipeline.optics.table import (
     TERMS,
     VERTEX,
 )
+from pipeline.records.shapes import Float64
 
 PACKET = 256
 """Rays per packet: eight arrays of 256 doubles fill 16 kB, half of a first-level cache."""
@@ -155,17 +156,37 @@ def _clip(row, packet, count):
 
 
 @kernel
-def trace_rays(table, position, direction, alive):
-    """Trace any number of rays in place: (n, 3) points and unit directions, (n,) float64 flags."""
+def trace_in_place(table, rays):
+    """Trace any number of rays where they lie, (7, n): rows are the fields of `Ray`. Nothing is copied."""
     packet = new_packet()
-    for start in range(0, position.shape[0], PACKET):
-        count = min(PACKET, position.shape[0] - start)
-        for i in range(count):
-            a, b = position[start + i], direction[start + i]
-            put(packet, i, Ray(a[0], a[1], a[2], b[0], b[1], b[2], alive[start + i]))
-        trace_packet(table, packet, count)
-        for i in range(count):
-            ray = ray_of(packet, i)
-            position[start + i, 0], position[start + i, 1], position[start + i, 2] = ray.x, ray.y, ray.z
-            direction[start + i, 0], direction[start + i, 1], direction[start + i, 2] = ray.dx, ray.dy, ray.dz
-            alive[start + i] = ray.alive
+    for start in range(0, rays.shape[1], PACKET):
+        end = min(start + PACKET, rays.shape[1])
+        part = Packet(
+            rays[0, start:end],
+            rays[1, start:end],
+            rays[2, start:end],
+            rays[3, start:end],
+            rays[4, start:end],
+            rays[5, start:end],
+            rays[6, start:end],
+            packet.scratch,
+            packet.weight,
+        )
+        trace_packet(table, part, end - start)
+
+
+def trace_rays(
+    table: Float64[np.ndarray, "surfaces columns"],
+    position: Float64[np.ndarray, "n 3"],
+    direction: Float64[np.ndarray, "n 3"],
+    alive: Float64[np.ndarray, "n"],
+) -> None:
+    """Trace rays in place: (n, 3) points and unit directions, (n,) float64 flags.
+
+    They are copied to rows of components and back. That costs a few rays nothing; for millions `trace_in_place` takes
+    such rows at once.
+    """
+    lanes = np.empty((len(Ray._fields), len(position)))
+    lanes[:3], lanes[3:6], lanes[6] = position.T, direction.T, alive
+    trace_in_place(table, lanes)
+    position[:], direction[:], alive[:] = lanes[:3].T, lanes[3:6].T, lanes[6]

@@ -180,7 +180,7 @@ def test_kernels_are_kept_under_the_names_of_their_modules(tronnier: Prescriptio
     """By these names the copy of the tree knows which to compile again."""
     rays = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1)
     trace_rays(towards_sensor(tronnier), *rays)
-    assert any(name.startswith("pipeline.optics.kernels.trace_rays-") for name in used)
+    assert any(name.startswith("pipeline.optics.kernels.trace_in_place-") for name in used)
 
 
 def test_a_mistake_is_noticed_or_survives_and_is_taken_back(toy: Sandbox, tmp_path: Path) -> None:

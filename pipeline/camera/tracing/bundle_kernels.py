@@ -100,7 +100,7 @@ def bundle_moments(camera, planes, samples, starts, moments):
                     start_x[i] = sx + square * (start_x[i] - 0.5)
                     start_y[i] = sy + square * (start_y[i] - 0.5)
             here, anchor = slice(0, full), Anchor(ax, ay, region_drift(camera, microlens[n]))
-            aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here])
+            aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here], packet.scratch)
             send_packet(camera, microlens[n], start, full, packet)
             cross_packet(planes[own, 0], planes[own, 1], packet, 0, full, crossing)
             started = started or set_pivot(crossing, alive, 0, full, pivot)
@@ -163,7 +163,9 @@ def image_rays(camera, samples, squares, diffraction, rays):
                     draw(bits[6], skipped + first, size, hash32(base, _SPREAD_STREAM + 3 * j + 2), along_y)
                     spread(diffraction, microlens, start_x[here], start_y[here], choice, along_x, along_y)
                 anchor = Anchor(sx, sy, region_drift(camera, microlens))
-                aim_into(region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here])
+                aim_into(
+                    region, fan, anchor, SensorPoints(start_x[here], start_y[here]), x[here], y[here], packet.scratch
+                )
                 held += size
     if held > 0:
         send_mixed(camera, microlens_of, held_by, start, held, packet)

@@ -6,7 +6,6 @@
 import math
 from typing import NamedTuple
 
-from pipeline.camera.parts.polygon import point_in_fan
 from pipeline.camera.tracing.acceptance import BY_AREA, accepted_share, is_limited
 from pipeline.camera.tracing.microlens_kernels import AIM, DISC, FOCAL, MODEL, PLAIN, X, Y, through_microlens
 from pipeline.camera.tracing.records import SensorPoints
@@ -40,20 +39,48 @@ class Anchor(NamedTuple):
 
 
 @unit
-def aim_into(region, fan, anchor, start, x, y):
+def aim_into(region, fan, anchor, start, x, y, scratch):
     """Turn two random numbers of each ray, in x and y, into a point of a region.
+
+    The bits of `point_in_fan`, ray by ray. Here the rays of each step stand side by side: the triangle of a ray is the
+    number of those before it, counted.
 
     Parameters
     ----------
     region, fan : regions.Region, regions.Fan
+        Behind its last vertex the polygon gets its first one again.
     anchor : Anchor
     start : camera.records.SensorPoints
         As many starts as x and y hold.
+    scratch : (SCRATCH, PACKET) float64
     """
+    polygon, cumulative, count, cx, cy = region.polygon, region.cumulative, fan.vertices, fan.x, fan.y
+    place, ax, ay, bx, by, below, above = (
+        scratch[0],
+        scratch[1],
+        scratch[2],
+        scratch[3],
+        scratch[4],
+        scratch[5],
+        scratch[6],
+    )
+    polygon[count, 0], polygon[count, 1] = polygon[0, 0], polygon[0, 1]
     for i in range(x.shape[0]):
-        px, py = point_in_fan(region.polygon, fan.vertices, region.cumulative, fan.x, fan.y, x[i], y[i])
-        x[i] = px + anchor.drift * (start.x[i] - anchor.x)
-        y[i] = py + anchor.drift * (start.y[i] - anchor.y)
+        x[i], place[i] = x[i] * cumulative[count - 1], 0.0
+    for k in range(count - 1):
+        area = cumulative[k]
+        for i in range(x.shape[0]):
+            place[i] += 1.0 if area <= x[i] else 0.0
+    for i in range(x.shape[0]):
+        k = int(place[i])
+        ax[i], ay[i], bx[i], by[i] = polygon[k, 0], polygon[k, 1], polygon[k + 1, 0], polygon[k + 1, 1]
+        below[i], above[i] = cumulative[k - 1] if k > 0 else 0.0, cumulative[k]
+    for i in range(x.shape[0]):
+        share, radius = (x[i] - below[i]) / (above[i] - below[i]), math.sqrt(y[i])
+        ex = (1.0 - share) * (ax[i] - cx) + share * (bx[i] - cx)
+        ey = (1.0 - share) * (ay[i] - cy) + share * (by[i] - cy)
+        x[i] = cx + radius * ex + anchor.drift * (start.x[i] - anchor.x)
+        y[i] = cy + radius * ey + anchor.drift * (start.y[i] - anchor.y)
 
 
 @inline
