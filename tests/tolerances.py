@@ -190,11 +190,13 @@ LATERAL_COLOUR = 0.01
 height, and differ between two wavelengths by a hundredth of that; the pinhole's bundle has a width."""
 
 LIT_ERRORS = 4.5
-"""Standard errors within which a mean of random paths must lie: one of 150,000 comparisons fails by chance."""
+"""Standard errors within which a mean of random paths must lie. The error is that of 64 scrambles, so that by Student's
+law with 63 degrees of freedom one of 33,000 comparisons fails by chance; seeds are fixed, so none does so now and then.
+"""
 
-FURNACE = 1.5e-3
-"""Light that a white surface returns, less 1 [relative]: tables of reflected light are linear between 64 nodes along
-each axis, and off by so much at grazing angles."""
+FURNACE = 5e-4
+"""Light that a white surface returns, less 1 [relative]: tables of reflected light are right to 2e-4, and linear
+between 64 nodes along each axis."""
 
 SAME_COLOUR = 0.01
 """Components of sRGB from 16 wavelengths 20 nm apart, against all between 360 and 780 nm [1]: sums with other steps

@@ -13,7 +13,9 @@ from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 
 RAYS = 1 << 14
-"""Rays along the same line: errors of the mean are then a few thousandths."""
+"""Rays along the same line."""
+SCRAMBLES = 64
+"""Parts into which these rays are divided, each with random numbers of its own."""
 
 
 def towards(z: Sequence[float], centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
@@ -82,10 +84,19 @@ def named(rays: int, pixels: int = 1) -> Names:
 
 
 def looked(
-    lit: LitScene, at_mm: Sequence[float], eye_mm: Sequence[float] = (0.0, 0.0, 0.0), rays: int = RAYS
+    lit: LitScene,
+    at_mm: Sequence[float],
+    eye_mm: Sequence[float] = (0.0, 0.0, 0.0),
+    rays: int = RAYS,
+    scrambles: int = SCRAMBLES,
 ) -> tuple[float, float]:
-    """Mean radiance along many paths from an eye towards a point, and its standard error."""
+    """Mean radiance along many paths from an eye towards a point, and its standard error.
+
+    The points of a path are evenly spread, so that the spread of single rays says nothing about the mean. Scrambles
+    are independent of each other, and each of them has the right mean: what their means differ by is the error.
+    """
     way = np.array(at_mm, float) - np.array(eye_mm, float)
     origin, direction = np.tile(np.array(eye_mm, float), (rays, 1)), np.tile(way / np.linalg.norm(way), (rays, 1))
-    values = lit.radiance(origin, direction, named(rays))
-    return float(values.mean()), float(values.std() / np.sqrt(rays))
+    count = min(scrambles, rays)
+    values = lit.radiance(origin, direction, named(rays // count, count)).reshape(count, -1).mean(axis=1)
+    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(count))

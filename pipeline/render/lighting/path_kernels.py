@@ -35,7 +35,7 @@ from pipeline.render.lighting.shape_kernels import (
     st_at,
     weights,
 )
-from pipeline.render.lighting.vectors import across, along, dot, local, row, times, unit, world
+from pipeline.render.lighting.vectors import across, along, dot, local, minus, row, times, unit, world
 
 _GAP = 2e-6
 """Gap between a surface and the rays that leave it, as a part of the coordinates there [1]: single precision
@@ -263,12 +263,26 @@ def send_to_lamps(lamps, scene, step, paths, hits, shadows):
                     dice = (dice * total - value) / (total - value)
         if kept < 0:
             continue
-        way = row(shadows.direction, i)
-        start = _start(hits, i, way, gap_mm)
+        start, way, shadows.end[i] = _aimed(hits, i, row(shadows.direction, i), shadows.end[i], gap_mm)
         if not blocked_by_lamp(lamps.table, kept, start, way, shadows.end[i]):
             shadows.light[i] = paths.power[i] * total
             for axis in range(3):
-                shadows.origin[i, axis] = start[axis]
+                shadows.origin[i, axis], shadows.direction[i, axis] = start[axis], way[axis]
+
+
+@inline
+def _aimed(hits, i, way, end, gap_mm):
+    """Start, direction and path of a ray to the point that lies so far along a direction from a surface.
+
+    Along the old direction it would meet a surface that shines before that point, by the gap over the cosine there,
+    and seen from beside that surface would stop its own light.
+    """
+    start = _start(hits, i, way, gap_mm)
+    if end == math.inf:
+        return start, way, end
+    off = minus(along(row(hits.point, i), end, way), start)
+    path = math.sqrt(dot(off, off))
+    return start, times(1.0 / path, off), path
 
 
 class Place(NamedTuple):

@@ -18,7 +18,7 @@ from pipeline.jit.decorators import inline
 from pipeline.render.lighting.vectors import dot, unit
 
 NODES = 64
-"""Nodes of the tables along each axis [1]: with them a white furnace is white to 0.001."""
+"""Nodes of the tables along each axis [1]: with them a white furnace is white to 0.0003."""
 LEAST_ALPHA = 1e-3
 """Least width of facets [1]: a roughness of 0.03. A mirror would be a case of its own, and looks the same."""
 ENTRIES = 2
