@@ -1,41 +1,70 @@
-"""Light that a rig of the library gets through its lens: photons of a white scene, and what surfaces take of them."""
+"""Light that lenses of the library let pass: photons of a white scene, and what surfaces and glass take of them."""
 
 import argparse
 import dataclasses
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
+from pxr import Usd
 
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
-from pipeline.optics.transmission import Losses
+from pipeline.optics.prescription import Prescription
+from pipeline.optics.rays import front_grid
+from pipeline.optics.table import towards_sensor
+from pipeline.optics.transmission.coatings import Coating, CoatingData
+from pipeline.optics.transmission.losses import Losses, steepest_deg, transmitted
 from pipeline.render.radiometry import axial_transmission, photon_rate
 from pipeline.render.sensor.irradiation import Radiance
 from pipeline.scene.load import load
+from pipeline.scene.read.losses import read_losses
+from pipeline.scene.read.media import ordered_surfaces
+from pipeline.scene.read.prims import read_prescription
 
-RIG = Path(__file__).resolve().parents[1] / "stages" / "rigs" / "conventional_100mm.usda"
+STAGES = Path(__file__).resolve().parents[1] / "stages"
+RIG = STAGES / "rigs" / "conventional_100mm.usda"
+LENS = STAGES / "lenses" / "double_gauss_100mm_codev.usda"
+"""Four glasses of today's catalogue of Schott, f/2."""
 LIGHT = Radiance(w_per_m2_sr=1.0, wavelength_nm=587.56)
 SEMI_DIAMETERS_MM = (4.0, 8.0, 17.0)
 COATING = 0.005
 """Reflectance of the coated surfaces: a number to compare with, not a maker's."""
+FILM = CoatingData(film_indices=(1.38,), film_thicknesses_nm=(550 / 4 / 1.38,))
+"""A quarter wave of magnesium fluoride at 550 nm, by its textbook index."""
+WAVELENGTHS_NM = (380.0, 400.0, 450.0, 550.0, 650.0)
+_GRID = 201
+"""Rays along each side of a grid over the front of the lens."""
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     camera = load(RIG).cameras[0].camera
     print("| stop, mm | F-number | bundle, sr | photons/s per W m^-2 sr^-1 | bare | coated, 0.5 % |")
     print("|---|---|---|---|---|---|")
     for semi_mm in SEMI_DIAMETERS_MM:
         row(opened(camera, semi_mm))
+    print()
+    stage = Usd.Stage.Open(str(LENS))
+    lens = catalogued(stage)
+    print("| nm | glass alone | and bare surfaces | and films | films as tables without angles |")
+    print("|---|---|---|---|---|")
+    for nm in WAVELENGTHS_NM:
+        print(f"| {nm:g} | {' | '.join(f'{share:.4f}' for share in shares(lens, nm))} |")
+    rays = from_infinity(read_prescription(lens))
+    steepest = steepest_deg(towards_sensor(read_prescription(lens)), *rays).max()
+    print(f"\nsteepest ray: {steepest:.1f} degrees")
 
 
 def row(camera: Camera) -> None:
     """Print one stop."""
     tracer, surfaces = Tracer(camera), camera.prescription.surfaces
     clear = (1.0,) * len(surfaces)
-    bare = axial_transmission(tracer, Losses(reflectance=(None,) * len(surfaces), per_mm=clear))
-    coats = tuple(0.0 if surface.is_stop else COATING for surface in surfaces)
-    coated = axial_transmission(tracer, Losses(reflectance=coats, per_mm=clear))
+    bare = axial_transmission(tracer, Losses(coatings=(None,) * len(surfaces), per_mm=clear))
+    coats = tuple(None if surface.is_stop else Coating(reflectance=(COATING,)) for surface in surfaces)
+    coated = axial_transmission(tracer, Losses(coatings=coats, per_mm=clear))
     number = first_order(camera.prescription).f_number
     diameter = 2 * camera.prescription.stop.semi_diameter_mm
     light = f"{tracer.reference_weight_sr:.5f} | {photon_rate(camera, LIGHT):.3g}"
@@ -49,6 +78,54 @@ def opened(camera: Camera, stop_semi_mm: float) -> Camera:
         for one in camera.prescription.surfaces
     )
     return dataclasses.replace(camera, prescription=dataclasses.replace(camera.prescription, surfaces=surfaces))
+
+
+def catalogued(stage: Usd.Stage) -> Usd.Prim:
+    """The lens of a stage, there with the indices and the absorption of the catalogue of Schott."""
+    stage.SetEditTarget(stage.GetSessionLayer())
+    lens = stage.GetDefaultPrim()
+    for name in ("indexSource", "transmittanceSource"):
+        lens.GetAttribute(f"plen:{name}").Set("catalogue")
+    for surface in ordered_surfaces(lens):
+        glass = surface.GetAttribute("plen:glass")
+        if glass.HasAuthoredValue():
+            glass.Set(f"schott:{glass.Get()}")
+    return lens
+
+
+def shares(lens: Usd.Prim, nm: float) -> list[float]:
+    """Shares of light on the axis from infinity that a lens lets pass: with absorption alone; with bare surfaces, too;
+    with films on those against air; with tables that hold what these films reflect at normal incidence.
+    """
+    prescription, losses = read_prescription(lens, nm), read_losses(lens, nm)
+    media = list(pairwise([1.0, *(surface.index for surface in prescription.surfaces)]))
+    film = FILM.at(nm)
+    assert film is not None
+    films = tuple(film if min(pair) == 1 < max(pair) else None for pair in media)
+    kinds = [
+        (Coating(reflectance=(0.0,)),) * len(media),
+        losses.coatings,
+        films,
+        tuple(one and at_normal(one, *pair) for one, pair in zip(films, media, strict=True)),
+    ]
+    return [mean(prescription, dataclasses.replace(losses, coatings=kind)) for kind in kinds]
+
+
+def at_normal(coating: Coating, before: float, behind: float) -> Coating:
+    """A table without angles: what a coating reflects at normal incidence."""
+    return Coating(reflectance=(float(1 - coating.passed(before, behind, np.ones(1))[0, 0]),))
+
+
+def mean(prescription: Prescription, losses: Losses) -> float:
+    """Mean share of the rays from infinity that pass all apertures."""
+    found = transmitted(towards_sensor(prescription), *from_infinity(prescription), losses)
+    return float(found[found > 0].mean())
+
+
+def from_infinity(prescription: Prescription) -> tuple[np.ndarray, np.ndarray]:
+    """Rays along the axis over the front of a lens: points and directions."""
+    grid = front_grid(towards_sensor(prescription), _GRID)
+    return grid - [0.0, 0.0, 50.0], np.tile([0.0, 0.0, 1.0], (len(grid), 1))
 
 
 if __name__ == "__main__":

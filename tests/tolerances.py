@@ -21,6 +21,9 @@ PRINTED_3_MM = 0.5001e-3
 PRINTED_2_MM = 0.5001e-2
 """Half a unit of a figure printed to two decimals [mm]."""
 
+PRINTED_3_SHARE = 0.5001e-3
+"""Half a unit of a share printed to three decimals [1]."""
+
 PRINTED_BFD_MM = 0.15
 """A back focal distance printed with a prescription [mm]: radii of three decimals and indices of three near 100 mm."""
 
@@ -243,6 +246,10 @@ OPTILAND_STREHL = 5e-3
 OPTILAND_CONTRAST = 6e-3
 """Contrast by optiland's transfer function [1]: its grid of 256 x 256 rays has a ragged edge, and interpolation between
 its frequencies adds to it; 4e-3 is seen."""
+
+COATED_ANGLE = 1e-8
+"""A share of light by an angle from its cosine [1]: near 0 the angle is good to the root of a rounding, 1.5e-8 rad or
+9e-7 degrees, and tables of the tests change by 0.01 per degree."""
 
 MEAN_TRANSMISSION = 2e-3
 """Transmission of a narrow bundle on the axis against that of its axis [relative]: squares of angles of up to 0.1 at

@@ -68,6 +68,26 @@ def traced(
     return position, direction, alive
 
 
+def incidence(
+    row: Float64[np.ndarray, "columns"], point_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]
+) -> np.ndarray:
+    """Cosines of the angles between rays and the normal of a surface where they meet it, (n,); NaN for a missed one.
+
+    Parameters
+    ----------
+    row : (columns,) float64
+        Row of a table from `optics.table`.
+    point_mm, direction : (n, 3) float64
+        Points on the surface and unit directions, in the frame of the table.
+    """
+    if row[POSE]:
+        back = inverse(motion_of(row))
+        point_mm, direction = apply(back, point_mm), direction @ back[:3, :3].T
+    with np.errstate(invalid="ignore"):
+        _, normal = _surface(row, row[CURVATURE], 1.0 + row[CONIC], point_mm)
+        return np.asarray(np.abs(np.sum(normal * direction, axis=1)) / np.linalg.norm(normal, axis=1))
+
+
 def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """From the vertex plane to the surface, and refracted there by Snell's law in vectors.
 

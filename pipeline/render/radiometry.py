@@ -12,7 +12,7 @@ from pipeline.camera.bundle import bundle
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.table import towards_sensor
-from pipeline.optics.transmission import Losses, transmitted
+from pipeline.optics.transmission.losses import Losses, transmitted
 from pipeline.render.sensor.errors import SensorError
 from pipeline.render.sensor.irradiation import ChannelRadiance, Radiance
 

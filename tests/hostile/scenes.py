@@ -238,7 +238,19 @@ _RADIANCE = (
     _of("Camera", image__exposure="radiance", image__radiance=2.0, image__exposureTime=0.01)
     | _of("Sensor", response__fullWell=9000.0, response__gain=0.4, response__bitDepth=12)
     | _of("Lens", transmission="surfaces")
-    | _of("Lens/Front", internalTransmittance=0.99, coatingWavelengths=[500.0, 600.0], coatingReflectance=[0.01, 0.02])
+)
+_TABLES = _of("Lens/Front", coatingWavelengths=[500.0, 600.0], coatingAngles=[0.0, 40.0]) | _of(
+    "Lens/Front",
+    coatingReflectance=[0.01, 0.02, 0.02, 0.03],
+    internalTransmittanceWavelengths=[500.0, 600.0],
+    internalTransmittanceTable=[0.97, 0.98],
+)
+_FILMS = _of("Lens", transmittanceSource="catalogue") | _of(
+    "Lens/Front",
+    coatingFilmIndices=[1.38, 2.1],
+    coatingFilmThicknesses=[100.0, 120.0],
+    internalTransmittance=0.99,
+    internalTransmittanceThickness=25.0,
 )
 
 SCENES: dict[str, Scene] = {
@@ -288,7 +300,8 @@ SCENES: dict[str, Scene] = {
     ),
     "patches": Scene(_of("Board", ink__patch="cyan", paper__patch="white 9.5 (.05 D)")),
     "photons": Scene(_PHOTONS, responds=True),
-    "radiance": Scene(_RADIANCE, responds=True),
+    "radiance": Scene(_RADIANCE | _TABLES, responds=True),
+    "films": Scene(_RADIANCE | _FILMS, responds=True),
     "counted": Scene(_PLENOPTIC | _of("Array", width=None, height=None, columns=3, rows=3)),
     "three types": Scene(_PLENOPTIC | _THREE | _of("Array", typeTable=[0, 1, 2], typePeriod=Gf.Vec2i(3, 1))),
     "plates": Scene(_PLENOPTIC | _of("Array", model="two-plane", index=1.5, thickness=0.1)),

@@ -14,10 +14,10 @@ from tolerances import BISECTED, MEAN_TRANSMISSION
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene, towards_sensor
-from pipeline.optics.transmission import Losses, fresnel, reflectance_at, transmitted
+from pipeline.optics.transmission.coatings import Coating
+from pipeline.optics.transmission.losses import Losses, fresnel, transmitted
 from pipeline.render.imaging import irradiance
 from pipeline.render.radiometry import axial_transmission, photon_rate
 from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
@@ -28,8 +28,13 @@ pytestmark = pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
 """A stop alone has no focal length."""
 SENSOR = Sensor(width_px=32, height_px=32, pitch_mm=0.01)
 GREEN = Radiance(w_per_m2_sr=2.0, wavelength_nm=550.0)
-BARE = Losses(reflectance=(None,) * 11, per_mm=(1.0,) * 11)
+BARE = Losses(coatings=(None,) * 11, per_mm=(1.0,) * 11)
 """The double Gauss of the proofs without coatings, of clear glass."""
+
+
+def flat(*reflectance: float | None) -> tuple[Coating | None, ...]:
+    """Coatings that reflect the same at all angles; None: a bare surface."""
+    return tuple(None if one is None else Coating(reflectance=(one,)) for one in reflectance)
 
 
 def test_a_hole_gives_cos_to_the_fourth() -> None:
@@ -77,7 +82,7 @@ def test_photons_of_a_channel_are_an_integral_over_its_response() -> None:
 def test_a_channel_has_the_photons_of_its_wavelengths_by_their_shares() -> None:
     """One wavelength is the camera in that light, and two of them are their mean, each with its own losses."""
     camera, nm = rigs.conventional(4.5), {450.0: 0.3, 650.0: 0.7}
-    clear, coated = (Losses(reflectance=(share,) * 11, per_mm=(1.0,) * 11) for share in (0.001, 0.02))
+    clear, coated = (Losses(coatings=flat(*(share,) * 11), per_mm=(1.0,) * 11) for share in (0.001, 0.02))
     alone = [
         photon_rate(at(camera, one), Radiance(w_per_m2_sr=2.0, wavelength_nm=550.0, losses=losses))
         for one, losses in zip(nm, (clear, coated), strict=True)
@@ -116,14 +121,14 @@ def test_transmission_is_the_same_either_way() -> None:
     """Rays from the sensor, and the same rays turned round, with bare, coated and absorbing parts."""
     prescription = rigs.tronnier(9.0)
     losses = Losses(
-        reflectance=(None, 0.01, None, 0.02, *(None,) * 7), per_mm=(0.99, 1.0, 0.98, *(1.0,) * 5, 0.97, 1.0, 1.0)
+        coatings=flat(None, 0.01, None, 0.02, *(None,) * 7), per_mm=(0.99, 1.0, 0.98, *(1.0,) * 5, 0.97, 1.0, 1.0)
     )
     rng = np.random.default_rng(3)
     start = np.column_stack([rng.uniform(-5, 5, (200, 2)), np.full(200, -131.0)])
     way = np.column_stack([rng.uniform(-0.1, 0.1, (200, 2)), np.ones(200)])
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     # Seen from the sensor, the medium behind a surface is that of the surface before it.
-    from_sensor = Losses(reflectance=losses.reflectance[::-1], per_mm=(*losses.per_mm[-2::-1], 1.0))
+    from_sensor = Losses(coatings=losses.coatings[::-1], per_mm=(*losses.per_mm[-2::-1], 1.0))
     there = transmitted(towards_scene(prescription), start, way, from_sensor)
     end, direction, passes = traced(towards_scene(prescription), start, way)
     flip = np.array([1.0, -1.0, -1.0])
@@ -136,7 +141,7 @@ def test_transmission_is_the_same_either_way() -> None:
 def test_a_lens_without_losses_and_with_coatings_alone() -> None:
     """Coatings multiply; bare surfaces of the double Gauss lose what their indices say."""
     tracer = Tracer(rigs.conventional(2.0))
-    coated = Losses(reflectance=(0.01,) * 11, per_mm=(1.0,) * 11)
+    coated = Losses(coatings=flat(*(0.01,) * 11), per_mm=(1.0,) * 11)
     assert axial_transmission(tracer, None) == 1
     assert axial_transmission(tracer, coated) == pytest.approx(0.99**11, rel=BISECTED)
     indices = [1.0, *(surface.index for surface in tracer.camera.prescription.surfaces)]
@@ -148,14 +153,6 @@ def test_glass_absorbs_by_the_length_of_the_way() -> None:
     """Near the axis the way in each glass is its thickness."""
     tracer = Tracer(rigs.conventional(0.2))
     glass = tuple(0.99 if surface.index > 1 else 1.0 for surface in tracer.camera.prescription.surfaces)
-    losses = Losses(reflectance=(0.0,) * 11, per_mm=glass)
+    losses = Losses(coatings=flat(*(0.0,) * 11), per_mm=glass)
     length = sum(one.thickness_mm for one in tracer.camera.prescription.surfaces if one.index > 1)
     assert axial_transmission(tracer, losses) == pytest.approx(0.99**length, rel=MEAN_TRANSMISSION)
-
-
-def test_a_coating_is_read_between_the_entries_of_its_table() -> None:
-    assert reflectance_at(550.0, (500.0, 600.0), (0.01, 0.03)) == pytest.approx(0.02)
-    assert reflectance_at(450.0, (500.0, 600.0), (0.01, 0.03)) == 0.01
-    assert reflectance_at(550.0, (), ()) is None
-    with pytest.raises(PrescriptionError):
-        reflectance_at(550.0, (600.0, 500.0), (0.01, 0.03))

@@ -253,6 +253,20 @@ RADIANCE = LEVEL | {
 }
 LOSSY = RADIANCE | {(LENS, "plen:transmission"): "surfaces"}
 COATED = LOSSY | {(GLASS, "plen:coatingWavelengths"): [500.0, 600.0], (GLASS, "plen:coatingReflectance"): [0.01, 0.02]}
+BY_ANGLE = COATED | {
+    (GLASS, "plen:coatingAngles"): [0.0, 30.0],
+    (GLASS, "plen:coatingReflectance"): [0.01, 0.02, 0.03, 0.04],
+}
+FILMS = LOSSY | {
+    (GLASS, "plen:coatingFilmIndices"): [1.38, 2.1],
+    (GLASS, "plen:coatingFilmThicknesses"): [99.0, 130.0],
+}
+ABSORBING = LOSSY | {
+    (GLASS, "plen:internalTransmittanceWavelengths"): [500.0, 600.0],
+    (GLASS, "plen:internalTransmittanceTable"): [0.9, 0.97],
+}
+KNOWN = {("A/Lens/S8", "plen:internalTransmittance"): 0.99}
+"""The one glass of the lens whose absorption the catalogue does not have."""
 HOT = LEVEL | {(SENSOR, "plen:response:hotShare"): 0.01, (SENSOR, "plen:response:hotCurrent"): 900.0}
 WARM = LEVEL | {
     (SENSOR, f"plen:response:{name}"): value
@@ -285,7 +299,16 @@ RAW_IMAGES = {
     "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
     "plen:image:radiance": [Case(A, 3.0, RAW, given=RADIANCE)],
     "plen:transmission": [Case(LENS, "surfaces", RAW, given=RADIANCE)],
+    "plen:transmittanceSource": [Case(LENS, "catalogue", RAW, given=LOSSY | KNOWN)],
     "plen:internalTransmittance": [Case(GLASS, 0.99, RAW, given=LOSSY)],
+    "plen:internalTransmittanceThickness": [
+        Case(GLASS, 25.0, RAW, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99})
+    ],
+    "plen:internalTransmittanceWavelengths": [Case(GLASS, [500.0, 620.0], RAW, given=ABSORBING)],
+    "plen:internalTransmittanceTable": [Case(GLASS, [0.9, 0.95], RAW, given=ABSORBING)],
+    "plen:coatingAngles": [Case(GLASS, [0.0, 40.0], RAW, given=BY_ANGLE)],
+    "plen:coatingFilmIndices": [Case(GLASS, [1.38, 2.0], RAW, given=FILMS)],
+    "plen:coatingFilmThicknesses": [Case(GLASS, [99.0, 120.0], RAW, given=FILMS)],
     "plen:coatingWavelengths": [Case(GLASS, [500.0, 620.0], RAW, given=COATED)],
     "plen:coatingReflectance": [Case(GLASS, [0.01, 0.03], RAW, given=COATED)],
     "plen:image:photonRate": [Case(A, 2e6, RAW, given=PHOTONS)],

@@ -29,6 +29,7 @@ WARNINGS = {
         "overlap",
     ),
     "image-circle",
+    "coating-range",
     "dark-lamp",
     "lamp-around-camera",
     "unlit",

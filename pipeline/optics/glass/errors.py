@@ -37,3 +37,15 @@ class BadFormula(GlassError):
     """A written dispersion formula that cannot be evaluated."""
 
     code = "glass-formula"
+
+
+class UnknownAbsorption(GlassError):
+    """A glass whose absorption is in no table."""
+
+    code = "unknown-absorption"
+
+
+class BadAbsorption(GlassError):
+    """An internal transmittance that no glass has."""
+
+    code = "internal-transmittance"

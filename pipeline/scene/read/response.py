@@ -2,15 +2,11 @@
 
 from pxr import Usd
 
-from pipeline.optics.transmission import Losses, reflectance_at
 from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.scene.read.channels import channel_prims, effective_nm, illuminant_of, wavelengths_of
-from pipeline.scene.read.media import ordered_surfaces
+from pipeline.scene.read.losses import losses_at
 from pipeline.scene.usd.values import need, read, target
-
-_CATALOGUE_MM = 10.0
-"""Thickness for which glass catalogues state internal transmittances [mm]."""
 
 _NUMBERS = {
     "quantum_efficiency": "quantumEfficiency",
@@ -74,7 +70,7 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
 def _read_radiance(camera: Usd.Prim) -> Radiance:
     """The light before the lens of a camera of one wavelength that is exposed by it."""
     wavelength_nm = need(camera, "plen:camera:wavelength")
-    losses = _losses_at(camera, wavelength_nm)
+    losses = losses_at(camera, wavelength_nm)
     return Radiance(w_per_m2_sr=need(camera, "plen:image:radiance"), wavelength_nm=wavelength_nm, losses=losses)
 
 
@@ -86,27 +82,5 @@ def _read_channel_radiance(camera: Usd.Prim, channel: Usd.Prim) -> ChannelRadian
         channel=channel.GetName(),
         w_per_m2_sr=need(camera, "plen:image:radiance"),
         effective_nm=effective_nm(channel, illuminant),
-        losses=tuple(_losses_at(camera, float(nm)) for nm in wavelengths_nm),
-    )
-
-
-def _losses_at(camera: Usd.Prim, wavelength_nm: float) -> Losses | None:
-    """Losses of the lens of a camera; None: it is ideal."""
-    lens = target(camera, "plen:camera:lens", "PlenLens")
-    return None if need(lens, "plen:transmission") == "ideal" else read_losses(lens, wavelength_nm)
-
-
-def read_losses(lens: Usd.Prim, wavelength_nm: float) -> Losses:
-    """Coatings and glasses of a lens at a wavelength.
-
-    Raises
-    ------
-    PrescriptionError
-        A coating has no table.
-    """
-    surfaces = ordered_surfaces(lens)
-    coats = [tuple(need(one, f"plen:coating{what}")) for one in surfaces for what in ("Wavelengths", "Reflectance")]
-    return Losses(
-        reflectance=tuple(reflectance_at(wavelength_nm, *pair) for pair in zip(coats[::2], coats[1::2], strict=True)),
-        per_mm=tuple(need(one, "plen:internalTransmittance") ** (1 / _CATALOGUE_MM) for one in surfaces),
+        losses=tuple(losses_at(camera, float(nm)) for nm in wavelengths_nm),
     )

@@ -9,6 +9,7 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import PipelineError
+from pipeline.scene.check.camera.losses import check_angles
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.read.media import ordered_surfaces
 from pipeline.scene.usd.hints import of_reader
@@ -34,6 +35,7 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
             yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
         except ArithmeticError:
             continue  # a pupil on the sensor or at infinity: no figure tells whether that was intended
+        yield from check_angles(prim, camera)
 
 
 def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:

@@ -5,13 +5,12 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.errors import PipelineError
-from pipeline.optics.transmission import reflectance_at
+from pipeline.scene.check.camera.losses import check_losses
 from pipeline.scene.read.channels import channel_prims
-from pipeline.scene.read.media import ordered_surfaces
 from pipeline.scene.read.response import has_response, read_response
 from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read, target
+from pipeline.scene.usd.values import UnreadableValue, read
 
 MONO = "mono"
 """The channel of a sensor that has no channels."""
@@ -58,10 +57,4 @@ def _check_radiance(camera: Usd.Prim) -> Iterator[Problem]:
     if read(camera, "plen:camera:weight") == "area":
         message = "radiance gives photons only where rays weigh irradiance, not area"
         yield problem(exposure, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
-    lens = target(camera, "plen:camera:lens", "PlenLens")
-    for surface in ordered_surfaces(lens) if lens else ():
-        table = (tuple(read(surface, f"plen:coating{what}") or ()) for what in ("Wavelengths", "Reflectance"))
-        try:
-            reflectance_at(1.0, *table)
-        except PipelineError as error:
-            yield problem(surface.GetAttribute("plen:coatingReflectance"), error.code, error.what, hint=error.hint)
+    yield from check_losses(camera)

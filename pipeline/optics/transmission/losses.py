@@ -1,17 +1,20 @@
 """Share of light that passes the surfaces and the glass of a lens, ray by ray, by NumPy.
 
 Fresnel's equations for unpolarised light at every bare surface: half of it is polarised along the surface, half across,
-and both halves keep to themselves in a centred lens near its meridional planes. A coating is a reflectance, the same at
-all angles. Light that is reflected twice and arrives after all is lost here.
+and both halves keep to themselves in a centred lens near its meridional planes. Light that is reflected twice and
+arrives after all is lost here.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.optics.prescription import PrescriptionError
-from pipeline.optics.rays import traced
+from pipeline.optics.rays import incidence, traced
 from pipeline.optics.table import INDEX_RATIO, TERMS
+from pipeline.optics.transmission.coatings import Coating, angles_deg
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
 
@@ -22,40 +25,19 @@ class Losses:
 
     Attributes
     ----------
-    reflectance : tuple of float or None
-        Reflectance of the coating of each surface; None: a bare one.
+    coatings : tuple of Coating or None
+        Coating of each surface; None: a bare one.
     per_mm : tuple of float
         Share of light that a millimetre of the medium behind each surface lets pass.
     """
 
-    reflectance: tuple[float | None, ...]
+    coatings: tuple[Coating | None, ...]
     per_mm: tuple[float, ...]
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
-        if not all(one is None or 0 <= one <= 1 for one in self.reflectance):
-            raise PrescriptionError(f"a coating reflects a share of light between 0 and 1: {self.reflectance}")
         if not all(0 < one <= 1 for one in self.per_mm):
             raise PrescriptionError(f"a medium lets a share of light above 0 and up to 1 pass: {self.per_mm} per mm")
-
-
-def reflectance_at(
-    wavelength_nm: float, wavelengths_nm: tuple[float, ...], reflectance: tuple[float, ...]
-) -> float | None:
-    """Reflectance of a coating by its table; None for an empty one.
-
-    Raises
-    ------
-    PrescriptionError
-        The table is none.
-    """
-    if len(wavelengths_nm) != len(reflectance) or any(np.diff(wavelengths_nm) <= 0):
-        raise PrescriptionError(
-            f"a coating has {len(wavelengths_nm)} wavelengths and {len(reflectance)} reflectances",
-            hint="as many of both, and wavelengths ascending",
-            code="coating",
-        )
-    return float(np.interp(wavelength_nm, wavelengths_nm, reflectance)) if wavelengths_nm else None
 
 
 def transmitted(
@@ -77,20 +59,59 @@ def transmitted(
     """
     across, along = np.ones(len(position_mm)), np.ones(len(position_mm))
     alive = np.ones(len(position_mm), bool)
-    for row, coat, glass in zip(table, losses.reflectance, (1.0, *losses.per_mm[:-1]), strict=True):
-        point, bent, passes = traced(row[None], position_mm, direction)
-        way = np.sum((point - position_mm) * direction, axis=1)
-        inside = np.asarray(glass ** np.where(np.isfinite(way), np.maximum(way, 0.0), 0.0))
+    met = _met(table, position_mm, direction)
+    for at, coat, glass in zip(met, losses.coatings, (1.0, *losses.per_mm[:-1]), strict=True):
+        inside = np.asarray(glass ** np.where(np.isfinite(at.way_mm), np.maximum(at.way_mm, 0.0), 0.0))
         if coat is not None:
-            shares = np.full((2, len(way)), 1 - coat)
-        elif row[TERMS] < 0 or row[INDEX_RATIO] == 1:
-            shares = np.ones((2, len(way)))
+            shares = coat.passed(at.before, at.behind, at.cosine)
+        elif at.row[TERMS] < 0 or at.row[INDEX_RATIO] == 1:
+            shares = np.ones((2, len(alive)))
         else:
-            shares = fresnel(row[INDEX_RATIO], direction, bent)
+            shares = fresnel(at.row[INDEX_RATIO], at.direction, at.bent)
         across, along = across * shares[0] * inside, along * shares[1] * inside
-        alive &= passes
-        position_mm, direction = point, bent
+        alive &= at.passes
     return np.where(alive, (across + along) / 2, 0.0)
+
+
+def steepest_deg(
+    table: Float64[np.ndarray, "surfaces columns"],
+    position_mm: Float64[np.ndarray, "n 3"],
+    direction: Float64[np.ndarray, "n 3"],
+) -> np.ndarray:
+    """Largest angle at which rays that pass a table meet each surface, (surfaces,), as tables of coatings count it;
+    0 where no ray passes. The arguments are those of `transmitted`.
+    """
+    alive, angles = np.ones(len(position_mm), bool), []
+    for at in _met(table, position_mm, direction):
+        angles.append(angles_deg(at.before, at.behind, at.cosine))
+        alive &= at.passes
+    return np.array([one[alive].max(initial=0.0) for one in angles])
+
+
+class _Met(NamedTuple):
+    """Rays at a surface: its row, the way there, directions before and behind, which pass, cosines of the angles of
+    incidence, and the indices before and behind.
+    """
+
+    row: np.ndarray
+    way_mm: np.ndarray
+    direction: np.ndarray
+    bent: np.ndarray
+    passes: np.ndarray
+    cosine: np.ndarray
+    before: float
+    behind: float
+
+
+def _met(table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray) -> Iterator[_Met]:
+    """Rays at one surface after the other."""
+    behind = 1.0
+    for row in table:
+        before, behind = behind, behind / row[INDEX_RATIO]
+        point, bent, passes = traced(row[None], position_mm, direction)
+        way_mm = np.sum((point - position_mm) * direction, axis=1)
+        yield _Met(row, way_mm, direction, bent, passes, incidence(row, point, direction), before, behind)
+        position_mm, direction = point, bent
 
 
 def fresnel(index_ratio: float, before: Float64[np.ndarray, "n 3"], behind: Float64[np.ndarray, "n 3"]) -> np.ndarray:

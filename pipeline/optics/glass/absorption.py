@@ -1,0 +1,108 @@
+"""Absorption of glass over the wavelength: as stated for a thickness, or of the table that ships with the package.
+
+Between two entries the coefficient of absorption is linear, so the logarithm of the internal transmittance is. A glass
+that is stated for 10 mm and for 25 mm is then the same glass at every wavelength.
+"""
+
+import gzip
+import math
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.optics.glass.errors import BadAbsorption, OutOfRange, UnknownAbsorption
+from pipeline.optics.glass.medium import Medium
+
+_TABLE = Path(__file__).with_name("absorption.csv.gz")
+_OWN = 'write "plen:internalTransmittanceTable" on the surface, with its source'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Absorption:
+    """Absorption of a medium.
+
+    Attributes
+    ----------
+    label : str
+        For people: messages.
+    wavelengths_nm : tuple of float
+        Ascending.
+    coefficients_per_mm : tuple of float
+        Coefficient a of absorption at each of them: exp(-a d) of the light is left after d mm (Beer and Lambert).
+    """
+
+    label: str
+    wavelengths_nm: tuple[float, ...]
+    coefficients_per_mm: tuple[float, ...]
+
+    def share_per_mm(self, wavelength_nm: float) -> float:
+        """Share of light that a millimetre lets pass.
+
+        Raises
+        ------
+        OutOfRange
+            The wavelength is not between the first and the last entry.
+        """
+        low, high = self.wavelengths_nm[0], self.wavelengths_nm[-1]
+        if not low <= wavelength_nm <= high:
+            what = f"the absorption of {self.label} is known from {low:.7g} to {high:.7g} nm"
+            raise OutOfRange(
+                f"{what}, not at {wavelength_nm:.7g} nm", hint="add entries from its source: none is guessed"
+            )
+        return math.exp(-float(np.interp(wavelength_nm, self.wavelengths_nm, self.coefficients_per_mm)))
+
+
+def stated(
+    wavelengths_nm: tuple[float, ...], transmittance: tuple[float, ...], thickness_mm: float, label: str = "the medium"
+) -> Absorption:
+    """Absorption by internal transmittances of a thickness, as catalogues of glass print them.
+
+    Raises
+    ------
+    BadAbsorption
+        There are not as many of both, wavelengths do not ascend, or light is gained or lost altogether.
+    """
+    if not wavelengths_nm or len(wavelengths_nm) != len(transmittance):
+        what = f"an internal transmittance has {len(wavelengths_nm)} wavelengths and {len(transmittance)} values"
+        raise BadAbsorption(what, hint="as many of both")
+    for before, after in pairwise(wavelengths_nm):
+        if not before < after:
+            what = f"wavelengths of an internal transmittance do not ascend: {after:.7g} nm follow {before:.7g}"
+            raise BadAbsorption(
+                what, hint="write them in ascending order, and their values in the same", code="glass-wavelengths"
+            )
+    if not all(0 < one <= 1 for one in transmittance) or not thickness_mm > 0:
+        raise BadAbsorption(f"internal transmittances are above 0 and at most 1: {transmittance} of {thickness_mm} mm")
+    coefficients = tuple(-math.log(one) / thickness_mm + 0.0 for one in transmittance)
+    return Absorption(label=label, wavelengths_nm=wavelengths_nm, coefficients_per_mm=coefficients)
+
+
+def measured(medium: Medium) -> Absorption | None:
+    """Absorption of a medium by the table that ships with the package; None for air, which absorbs nothing.
+
+    Raises
+    ------
+    UnknownAbsorption
+        The table does not have it.
+    """
+    if medium.label == "air":
+        return None
+    row = _rows().get(medium.label.casefold())
+    if row is None:
+        raise UnknownAbsorption(f"the absorption of {medium.label} is not known", hint=_OWN)
+    wavelengths_um, extinction = (np.array(text.split(), float) for text in row)
+    # a = 4 pi k / wavelength, with the extinction coefficient k of the complex index (Born and Wolf, section 14.1).
+    coefficients = 4 * np.pi * extinction / (1000 * wavelengths_um) * 1e6
+    nm = tuple((1000 * wavelengths_um).tolist())
+    return Absorption(label=medium.label, wavelengths_nm=nm, coefficients_per_mm=tuple(coefficients.tolist()))
+
+
+@cache
+def _rows() -> dict[str, tuple[str, str]]:
+    """Wavelengths [um] and extinction coefficients of each glass, as texts, by `vendor:name` in small letters."""
+    with gzip.open(_TABLE, "rt", encoding="utf-8") as stream:
+        rows = (line.rstrip("\n").split(",") for line in list(stream)[1:])
+        return {f"{vendor}:{glass}".casefold(): (wavelengths, k) for vendor, glass, wavelengths, k in rows}

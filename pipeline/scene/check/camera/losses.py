@@ -1,0 +1,103 @@
+"""Coatings and absorption of a lens whose camera counts photons: whether they can be, and cover the light it sees."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from pxr import Usd
+
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.tracer import Tracer
+from pipeline.errors import PipelineError
+from pipeline.optics.glass.errors import GlassError
+from pipeline.optics.prescription import PrescriptionError
+from pipeline.optics.rays import front_grid
+from pipeline.optics.table import towards_scene
+from pipeline.optics.transmission.coatings import CoatingData
+from pipeline.optics.transmission.losses import steepest_deg
+from pipeline.render.spectral.nodes import SpectrumError
+from pipeline.scene.read.losses import loses_light, read_absorption, read_coating, wavelengths_seen
+from pipeline.scene.read.media import ordered_surfaces
+from pipeline.scene.usd.problems import Problem
+from pipeline.scene.usd.source_locations import problem
+from pipeline.scene.usd.values import UnreadableValue, read, target
+
+_BLAMED = {
+    "coating": "plen:coatingReflectance",
+    "coating-wavelengths": "plen:coatingWavelengths",
+    "coating-angles": "plen:coatingAngles",
+    "coating-films": "plen:coatingFilmIndices",
+    "internal-transmittance": "plen:internalTransmittanceTable",
+    "glass-wavelengths": "plen:internalTransmittanceWavelengths",
+}
+"""The attribute to mend, by the code of an error; errors of other codes concern the glass."""
+_GRID = 81
+"""Rays along each side of a grid over the rear surface: odd, so that one of them is the axis."""
+_SLACK_DEG = 0.005
+"""Angle beyond the end of a table of which nobody is warned: half a unit of the last digit that the message prints."""
+
+
+def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
+    """Problems of what the surfaces and glasses of the lens of a Camera take, at the wavelengths that it sees."""
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    if not lens:
+        return
+    try:
+        seen_nm = wavelengths_seen(camera) if loses_light(lens) else []
+    except (SpectrumError, UnreadableValue):
+        return  # reported where the channel or the value is checked
+    for surface in ordered_surfaces(lens):
+        try:
+            coating = read_coating(surface)
+            absorption = read_absorption(surface, lens) if seen_nm else None
+            if absorption is not None:
+                for nm in (min(seen_nm), max(seen_nm)):
+                    absorption.share_per_mm(nm)
+        except UnreadableValue:
+            continue  # reported where the value is checked
+        except (PrescriptionError, GlassError) as error:
+            yield _wrong(surface, error)
+        else:
+            yield from _check_covered(surface, coating, seen_nm)
+
+
+def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
+    """Warnings of coatings that the light on the axis of a focused camera meets at angles beyond their tables."""
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    if read(camera, "plen:image:exposure") != "radiance" or not lens or not loses_light(lens):
+        return
+    tables = [read_coating(surface).angles_deg for surface in ordered_surfaces(lens)]
+    if not any(tables):
+        return
+    table, film_mm = towards_scene(parts.prescription), np.array([0.0, 0.0, Tracer(parts).film_z_mm])
+    way = front_grid(table, _GRID) - film_mm
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    met = steepest_deg(table, np.tile(film_mm, (len(way), 1)), way)[::-1]
+    for surface, angles_deg, met_deg in zip(ordered_surfaces(lens), tables, met, strict=True):
+        if angles_deg and met_deg > angles_deg[-1] + _SLACK_DEG:
+            what = f"the table of the coating ends at {angles_deg[-1]:g} degrees, and light of the axis comes at"
+            yield _short(surface, "plen:coatingAngles", f"{what} up to {met_deg:.2f}")
+
+
+def _wrong(surface: Usd.Prim, error: PipelineError) -> Problem:
+    blamed = surface.GetAttribute(_BLAMED.get(error.code, "plen:glass"))
+    written = surface.GetAttribute("plen:internalTransmittanceWavelengths")
+    if error.code == "wavelength-out-of-range" and written.HasAuthoredValue():
+        blamed = written
+    return problem(blamed if blamed.HasAuthoredValue() else surface, error.code, error.what, hint=error.hint)
+
+
+def _check_covered(surface: Usd.Prim, coating: CoatingData, seen_nm: Sequence[float]) -> Iterator[Problem]:
+    """Warnings of a coating whose table does not reach the wavelengths of its camera or the axis."""
+    table_nm = coating.wavelengths_nm
+    outside = [nm for nm in seen_nm if not table_nm[0] <= nm <= table_nm[-1]] if table_nm else []
+    if outside:
+        what = f"the table of the coating covers {table_nm[0]:.7g} to {table_nm[-1]:.7g} nm, and the camera sees"
+        yield _short(surface, "plen:coatingWavelengths", f"{what} {', '.join(f'{nm:.5g}' for nm in outside)} nm")
+    if seen_nm and coating.angles_deg and coating.angles_deg[0] > 0:
+        what = f"the table of the coating starts at {coating.angles_deg[0]:g} degrees, and light of the axis comes at 0"
+        yield _short(surface, "plen:coatingAngles", what)
+
+
+def _short(surface: Usd.Prim, name: str, what: str) -> Problem:
+    hint = "the last value counts beyond the end: add entries if that is wrong"
+    return problem(surface.GetAttribute(name), "coating-range", what, hint=hint, severity="warning")
