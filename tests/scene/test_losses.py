@@ -41,6 +41,12 @@ def test_an_ideal_lens_takes_nothing_and_bare_clear_surfaces_have_no_tables(stag
     assert losses_at(stage.GetPrimAtPath(CAMERA), 550.0) is None
 
 
+def test_a_model_camera_has_no_surfaces_that_could_take_light(stage: Usd.Stage) -> None:
+    """Its lens is ideal, whatever the prescription that it stands for says."""
+    stage.GetPrimAtPath(CAMERA).GetAttribute("plen:camera:model").Set("thinLens")
+    assert losses_at(stage.GetPrimAtPath(CAMERA), 550.0) is None
+
+
 def test_tables_and_films_of_a_stage_are_those_of_the_surface_at_the_wavelength(stage: Usd.Stage) -> None:
     write(stage, f"{LENS}/S1", coatingWavelengths=[500, 600], coatingAngles=[0, 30])
     write(stage, f"{LENS}/S1", coatingReflectance=[0.01, 0.03, 0.02, 0.06])

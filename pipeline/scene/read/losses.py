@@ -31,12 +31,13 @@ def losses_at(camera: Usd.Prim, wavelength_nm: float) -> Losses | None:
         The absorption of a glass is not known, or not at that wavelength.
     """
     lens = target(camera, "plen:camera:lens", "PlenLens")
-    return read_losses(lens, wavelength_nm) if loses_light(lens) else None
+    return read_losses(lens, wavelength_nm) if loses_light(camera, lens) else None
 
 
-def loses_light(lens: Usd.Prim) -> bool:
-    """Whether surfaces and glasses of a PlenLens take light."""
-    return bool(need(lens, "plen:transmission") == "surfaces")
+def loses_light(camera: Usd.Prim, lens: Usd.Prim) -> bool:
+    """Whether surfaces and glasses of the lens of a camera take light: a model camera has none."""
+    is_ideal = need(camera, "plen:camera:model") != "prescription"
+    return not is_ideal and bool(need(lens, "plen:transmission") == "surfaces")
 
 
 def wavelengths_seen(camera: Usd.Prim) -> list[float]:

@@ -42,7 +42,7 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
     if not lens:
         return
     try:
-        seen_nm = wavelengths_seen(camera) if loses_light(lens) else []
+        seen_nm = wavelengths_seen(camera) if loses_light(camera, lens) else []
     except (SpectrumError, UnreadableValue):
         return  # reported where the channel or the value is checked
     for surface in ordered_surfaces(lens):
@@ -63,7 +63,7 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
 def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
     """Warnings of coatings that the light on the axis of a focused camera meets at angles beyond their tables."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
-    if read(camera, "plen:image:exposure") != "radiance" or not lens or not loses_light(lens):
+    if read(camera, "plen:image:exposure") != "radiance" or not lens or not loses_light(camera, lens):
         return
     tables = [read_coating(surface).angles_deg for surface in ordered_surfaces(lens)]
     if not any(tables):
