@@ -142,7 +142,7 @@ def test_the_search_finds_the_edge_that_bisection_finds(make, steps: int) -> Non
     open_ = found.probe(owner, centre + limit[:, None] * along) != PASSES
     for _ in range(40):
         middle = (low + high) / 2
-        here = found.probe(owner, centre + middle[:, None] * along)
+        here = found.probe(owner, centre + middle[:, None] * along, is_named=True)
         low, high = np.where(here == PASSES, middle, low), np.where(here == PASSES, high, middle)
         last = np.where(here == PASSES, last, here)
     assert open_.sum() > 20
@@ -162,8 +162,8 @@ def test_what_blocks_a_ray_is_the_same_alone_and_among_the_rays_of_others(kind: 
     positions, lens = plenoptic_positions(tracer, 5)
     found, owner = bounded(tracer.arrays, positions, lens), np.repeat(np.arange(5), 40)
     points = tracer.vertices_mm[lens[owner]] + rng.uniform(-0.15, 0.15, (len(owner), 2))
-    together = found.probe(owner, points)
-    alone = [found.probe(owner[i : i + 1], points[i : i + 1])[0] for i in range(len(owner))]
+    together = found.probe(owner, points, is_named=True)
+    alone = [found.probe(owner[i : i + 1], points[i : i + 1], is_named=True)[0] for i in range(len(owner))]
     assert together.tolist() == alone
     assert PASSES in alone and np.max(alone) >= len(tracer.table) and len(set(alone)) > 3
 

@@ -37,6 +37,38 @@ class Labels(NamedTuple):
     clearance: np.ndarray
 
 
+class Rays(NamedTuple):
+    """Ways from inner points of bundles to the edge, in pieces on which the weight is smooth.
+
+    Attributes
+    ----------
+    centres : (n, 2) float64
+        Inner points [mm].
+    owner : (m,) int64
+        Sensor position of each, ascending.
+    along : (m, 2) float64
+        Unit vector of its direction.
+    share : (m,) float64
+        Angle that it stands for [rad].
+    start, length : (m, pieces) float64
+        Of its pieces [mm].
+    """
+
+    centres: np.ndarray
+    owner: np.ndarray
+    along: np.ndarray
+    share: np.ndarray
+    start: np.ndarray
+    length: np.ndarray
+
+
+class Rule(NamedTuple):
+    """Nodes and weights of a quadrature on [0, 1], (k,) each."""
+
+    node: np.ndarray
+    weight: np.ndarray
+
+
 class Nodes(NamedTuple):
     """Nodes of quadratures over bundles.
 
@@ -117,8 +149,8 @@ def spread(polygons, counts, points):
 
 
 @kernel
-def probe(camera, positions, microlens, owner, points, label):
-    """Trace one ray through each point and say what blocks it.
+def probe(camera, positions, microlens, owner, points, is_named, label):
+    """Trace one ray through each point and say whether it passes, or what blocks it.
 
     Parameters
     ----------
@@ -126,8 +158,10 @@ def probe(camera, positions, microlens, owner, points, label):
         Sensor position that a ray starts from, ascending.
     points : (m, 2) float64
         Points of the sampling plane.
+    is_named : bool
+        Whether labels name what blocks a ray, see `label_packet`, which costs more; else all of these are 0.
     label : (m,) int64
-        Written: see `label_packet`.
+        Written.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     here = np.empty(PACKET, np.int64)
@@ -136,9 +170,13 @@ def probe(camera, positions, microlens, owner, points, label):
         size = min(PACKET, owner.shape[0] - first)
         part = slice(first, first + size)
         _set_rays(positions, owner[part], points[part], start, packet)
-        label_packet(camera, microlens, owner[part], points[part], start, size, packet, found)
+        if is_named:
+            label_packet(camera, microlens, owner[part], points[part], start, size, packet, found)
+        else:
+            send_mixed(camera, microlens, owner[part], start, size, packet)
         for i in range(size):
-            label[first + i] = here[i]
+            passes = PASSES if packet.alive[i] > 0.0 else 0
+            label[first + i] = here[i] if is_named else passes
 
 
 @unit
@@ -214,21 +252,26 @@ def label_surfaces(table, base, unknown, packet, size, labels):
 
 
 @kernel
-def integrate(camera, planes, positions, microlens, nodes, moments, whole):
-    """Sum moments on two planes of each position over nodes of a quadrature.
+def integrate(camera, planes, positions, microlens, rays, rule, moments, whole):
+    """Sum moments on two planes of each position over nodes of a quadrature; returns the number of nodes.
 
     Sums do not depend on what else is in a packet: rays of one position follow each other from its first on.
 
     Parameters
     ----------
     planes : (n, 2, 4, 3) float64
-    nodes : Nodes
+    rays : Rays
+    rule : Rule
+        Along each piece of a way.
     moments : (n, COLUMNS) float64
         Written where a position has nodes, but for the free weight.
     whole : (n,) bool
         Written: every node passes.
     """
-    owner, points, measure = nodes
+    most = rays.start.size * rule.node.shape[0]
+    owner, points, measure = np.empty(most, np.int64), np.empty((most, 2)), np.empty(most)
+    count = _lay(rays, rule, Nodes(owner, points, measure))
+    owner, points, measure = owner[:count], points[:count], measure[:count]
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     alive, weight, crossing = packet.alive, packet.weight, np.empty((4, PACKET))
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
@@ -258,6 +301,27 @@ def integrate(camera, planes, positions, microlens, nodes, moments, whole):
                 finish(sums, total, pivot, 1.0, moments[n])
             begin = end
         first += size
+    return count
+
+
+@inline
+def _lay(rays, rule, nodes):
+    """Lay nodes along all ways and return their number; pieces may be empty."""
+    count = 0
+    for d in range(rays.owner.shape[0]):
+        n, cx, cy = rays.owner[d], rays.along[d, 0], rays.along[d, 1]
+        for k in range(rays.start.shape[1]):
+            start, length = rays.start[d, k], rays.length[d, k]
+            width = length * rays.share[d]
+            for j in range(rule.node.shape[0]):
+                r = start + length * rule.node[j]
+                measure = r * (width * rule.weight[j])
+                if measure > 0.0:
+                    nodes.owner[count], nodes.measure[count] = n, measure
+                    nodes.points[count, 0] = rays.centres[n, 0] + r * cx
+                    nodes.points[count, 1] = rays.centres[n, 1] + r * cy
+                    count += 1
+    return count
 
 
 @kernel

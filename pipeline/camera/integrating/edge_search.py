@@ -22,6 +22,9 @@ how far apart the bounds may stay."""
 _TRUNCATION, _SLACK = 0.05, 4.0
 """A search steps beyond its estimate by this share of the squared width, and may lag one halving behind bisection."""
 
+_KNOWN = 64
+"""Angles whose cosines are kept: ways from different points often have the same."""
+
 
 class Spokes(NamedTuple):
     """Ways from inner points of bundles.
@@ -34,11 +37,14 @@ class Spokes(NamedTuple):
         Direction [rad].
     limit : (m,) float64
         Distance of the bound of what passes, from `reach` [mm].
+    along : (2, m) float64
+        Cosine and sine of the angle, from `reach`.
     """
 
     owner: np.ndarray
     angle: np.ndarray
     limit: np.ndarray
+    along: np.ndarray
 
 
 @kernel
@@ -47,19 +53,33 @@ def reach(polygons, counts, centres, spokes, side):
 
     Edges of no length are passed over: rounding turns them anywhere, also across the polygon.
     """
-    owner, angle, limit = spokes
-    for f in range(owner.shape[0]):
-        n, c, s = owner[f], math.cos(angle[f]), math.sin(angle[f])
-        limit[f] = np.inf
+    owner, angle, limit, along = spokes
+    known, first = np.full((3, _KNOWN), np.nan), 0
+    while first < owner.shape[0]:
+        n, end = owner[first], first
+        while end < owner.shape[0] and owner[end] == n:
+            _turn(angle, end, end - first, known, along)
+            limit[end], end = np.inf, end + 1
         for i in range(counts[n]):
             j = i + 1 if i + 1 < counts[n] else 0
             ex, ey = polygons[n, j, 0] - polygons[n, i, 0], polygons[n, j, 1] - polygons[n, i, 1]
-            across = c * ey - s * ex
-            if across > 0.0 and ex * ex + ey * ey > SHORTEST_EDGE_MM * SHORTEST_EDGE_MM:
+            if ex * ex + ey * ey > SHORTEST_EDGE_MM * SHORTEST_EDGE_MM:
                 px, py = polygons[n, i, 0] - centres[n, 0], polygons[n, i, 1] - centres[n, 1]
-                distance = (px * ey - py * ex) / across
-                if distance < limit[f]:
-                    limit[f], side[f] = distance, i
+                for f in range(first, end):
+                    across = along[0, f] * ey - along[1, f] * ex
+                    distance = (px * ey - py * ex) / across
+                    nearer = (across > 0.0) & (distance < limit[f])
+                    limit[f], side[f] = distance if nearer else limit[f], i if nearer else side[f]
+        first = end
+
+
+@inline
+def _turn(angle, f, place, known, along):
+    """Cosine and sine of the angle of a way: mostly those of the way at the same place from the inner point before."""
+    k = place % _KNOWN
+    if known[0, k] != angle[f]:
+        known[0, k], known[1, k], known[2, k] = angle[f], math.cos(angle[f]), math.sin(angle[f])
+    along[0, f], along[1, f] = known[1, k], known[2, k]
 
 
 @kernel
@@ -80,7 +100,7 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
     radius, label : (m,) float64, (m,) int64
         Written: where light ends, and what ends it; the bound itself, and no label, where a ray passes there.
     """
-    owner, angle, limit = spokes
+    owner, _, limit, towards = spokes
     packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
     x, y, start = packet.x, packet.y, SensorPoints(start_x, start_y)
     way, at, points = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64), np.empty((PACKET, 2))
@@ -91,7 +111,7 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
     while True:
         while size < PACKET and following < owner.shape[0]:
             way[size], following = following, following + 1
-            along[0, size], along[1, size] = math.cos(angle[way[size]]), math.sin(angle[way[size]])
+            along[0, size], along[1, size] = towards[0, way[size]], towards[1, way[size]]
             search[LOW, size], search[HIGH, size], search[INNER, size] = 0.0, 1.0, 1.0
             search[OUTER, size], search[HERE, size], search[ROOM, size] = -1.0, 1.0, _SLACK
             size += 1

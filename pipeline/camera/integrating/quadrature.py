@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.camera import boundary
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.edge_kernels import PASSES, Nodes
+from pipeline.camera.integrating.edge_kernels import PASSES, Rays, Rule
 from pipeline.camera.integrating.flux import PROBES, holds_all
 from pipeline.camera.integrating.ways import Ways
 from pipeline.camera.parts.gauss import unit_nodes
@@ -105,22 +105,13 @@ class Edges(Ways):
         owner, angle, share = boundary.directions(self.lit, self.corners, nodes[1], _LEAST_PER_ARC)
         radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
         if len(owner):
-            node, weight = unit_nodes(nodes[0])
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-            start, length = self._pieces(owner, along, radius)
-            r = (start[..., None] + length[..., None] * node).reshape(len(owner), -1)
-            points = np.empty((*r.shape, 2))
-            for axis in (0, 1):  # one by one: NumPy is slow where the innermost axis has two elements
-                points[..., axis] = self.centres[owner, axis, None] + r * along[:, axis, None]
-            points = points.reshape(-1, 2)
-            measure = (r * ((length * share[:, None])[..., None] * weight).reshape(r.shape)).ravel()
-            whole, who, some = np.zeros(n, bool), np.repeat(owner, r.shape[1]), measure > 0
-            if not some.all():  # parts may be empty
-                who, points, measure = who[some], points[some], measure[some]
-            inside, planes = Nodes(who, points, measure), np.ascontiguousarray(planes)
-            edge_kernels.integrate(self.arrays, planes, self.positions, self.microlens, inside, result, whole)
-            edge_kernels.integrate.count(len(who), len(self.arrays.table))
-            rays += len(who) + len(owner)
+            ways = Rays(self.centres, owner, along, share, *self._pieces(owner, along, radius))
+            whole, rule = np.zeros(n, bool), Rule(*unit_nodes(nodes[0]))
+            given = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
+            count = edge_kernels.integrate(*given, ways, rule, result, whole)
+            edge_kernels.integrate.count(count, len(self.arrays.table))
+            rays += count + len(owner)
             whole &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:
                 held, more = holds_all(self, owner, angle, radius, share, PROBES * nodes[1])

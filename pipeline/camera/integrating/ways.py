@@ -57,10 +57,16 @@ class Ways:
         edge_kernels.spread(self.polygons[rows], self.counts[rows], points)
         return points
 
-    def probe(self, owner: Int64[np.ndarray, "n"], points: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Labels, as of `probes.probe`, of what blocks the ray of each position through each point; owners ascend."""
-        label = np.empty(len(owner), np.int64)
-        edge_kernels.probe(self.arrays, self.positions, self.microlens, owner, np.ascontiguousarray(points), label)
+    def probe(
+        self, owner: Int64[np.ndarray, "n"], points: Float64[np.ndarray, "n 2"], is_named: bool = False
+    ) -> np.ndarray:
+        """Labels, as of `edge_kernels.probe`, of what blocks the ray of each position through each point; owners
+        ascend.
+
+        Without names, which cost more, all that are blocked have one label.
+        """
+        label, points = np.empty(len(owner), np.int64), np.ascontiguousarray(points)
+        edge_kernels.probe(self.arrays, self.positions, self.microlens, owner, points, is_named, label)
         edge_kernels.probe.count(len(owner), len(self.arrays.table))
         return label
 
@@ -71,10 +77,11 @@ class Ways:
 
         The radius errs by less than 2^-(steps + 1) of the way to the polygon.
         """
-        spokes, label = Spokes(owner, angle, np.empty(len(owner))), np.empty(len(owner), np.int64)
+        m = len(owner)
+        spokes, label = Spokes(owner, angle, np.empty(m), np.empty((2, m))), np.empty(m, np.int64)
         edge_search.reach(self.polygons, self.counts, self.centres, spokes, label)
         label += _POLYGON
-        radius = np.empty(len(owner))
+        radius = np.empty(m)
         way = self.positions, self.microlens, self.centres, spokes
         rays = edge_search.find_edges(self.arrays, *way, steps, radius, label)
         edge_search.find_edges.count(rays, len(self.arrays.table))

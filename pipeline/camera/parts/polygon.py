@@ -40,15 +40,22 @@ def fan(polygon, count, cumulative):
 
 
 @inline
-def point_in_fan(polygon, count, cumulative, cx, cy, u, v):
-    """Map the unit square onto the polygon, uniform in area: u picks triangle and angle, sqrt(v) the radius."""
-    area = cumulative[count - 1]
-    wanted = u * area
-    i = min(int(u * count), count - 1)
+def triangle_of(cumulative, count, wanted, first):
+    """Number of the first triangle of a fan up to which the areas exceed `wanted`, searched from number `first` on."""
+    i = min(first, count - 1)
     while i > 0 and cumulative[i - 1] > wanted:
         i -= 1
     while i < count - 1 and cumulative[i] <= wanted:
         i += 1
+    return i
+
+
+@inline
+def point_in_fan(polygon, count, cumulative, cx, cy, u, v):
+    """Map the unit square onto the polygon, uniform in area: u picks triangle and angle, sqrt(v) the radius."""
+    area = cumulative[count - 1]
+    wanted = u * area
+    i = triangle_of(cumulative, count, wanted, int(u * count))
     below = cumulative[i - 1] if i > 0 else 0.0
     share = (wanted - below) / (cumulative[i] - below)
     j = i + 1 if i + 1 < count else 0

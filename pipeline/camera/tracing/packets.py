@@ -6,6 +6,7 @@
 import math
 from typing import NamedTuple
 
+from pipeline.camera.parts.polygon import triangle_of
 from pipeline.camera.tracing.acceptance import BY_AREA, accepted_share, is_limited
 from pipeline.camera.tracing.microlens_kernels import AIM, DISC, FOCAL, MODEL, PLAIN, X, Y, through_microlens
 from pipeline.camera.tracing.records import SensorPoints
@@ -13,6 +14,9 @@ from pipeline.camera.tracing.sobol import scrambled
 from pipeline.jit.decorators import inline, unit
 from pipeline.optics.crossing import Ray, put, ray_of
 from pipeline.optics.kernels import Packet, trace_packet
+
+_MANY = 12
+"""Triangles of a fan from which on a search is faster than to count."""
 
 
 class Plain(NamedTuple):
@@ -42,8 +46,8 @@ class Anchor(NamedTuple):
 def aim_into(region, fan, anchor, start, x, y, scratch):
     """Turn two random numbers of each ray, in x and y, into a point of a region.
 
-    The bits of `point_in_fan`, ray by ray. Here the rays of each step stand side by side: the triangle of a ray is the
-    number of those before it, counted.
+    The bits of `point_in_fan`, ray by ray. Here the rays of each step stand side by side: in a fan of few triangles the
+    one of a ray is not searched but counted, as the number of those before it.
 
     Parameters
     ----------
@@ -65,12 +69,17 @@ def aim_into(region, fan, anchor, start, x, y, scratch):
         scratch[6],
     )
     polygon[count, 0], polygon[count, 1] = polygon[0, 0], polygon[0, 1]
-    for i in range(x.shape[0]):
-        x[i], place[i] = x[i] * cumulative[count - 1], 0.0
-    for k in range(count - 1):
-        area = cumulative[k]
+    if count > _MANY:
         for i in range(x.shape[0]):
-            place[i] += 1.0 if area <= x[i] else 0.0
+            place[i] = triangle_of(cumulative, count, x[i] * cumulative[count - 1], int(x[i] * count))
+            x[i] *= cumulative[count - 1]
+    else:
+        for i in range(x.shape[0]):
+            x[i], place[i] = x[i] * cumulative[count - 1], 0.0
+        for k in range(count - 1):
+            area = cumulative[k]
+            for i in range(x.shape[0]):
+                place[i] += 1.0 if area <= x[i] else 0.0
     for i in range(x.shape[0]):
         k = int(place[i])
         ax[i], ay[i], bx[i], by[i] = polygon[k, 0], polygon[k, 1], polygon[k + 1, 0], polygon[k + 1, 1]

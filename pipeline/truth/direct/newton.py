@@ -111,12 +111,7 @@ class Search:
         self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], self.planes[rows, 0])
         self.inverse[rows] = _inverse(self.jacobian[rows])
         self._derive(rows[np.isnan(self.inverse[rows]).any(axis=(1, 2))])
-        for _ in range(_STEPS):
-            step = self._newton_step(rows)
-            rows = rows[np.hypot(*step.T) > _ROUGH_PX]
-            rows = rows[may_exist(self.x_px[rows], rows, GRACE_PX)]
-            if not len(rows):
-                break
+        self._step_nearer(rows, may_exist)
         rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
         rows = rows[may_exist(self.x_px[rows], rows, NEARLY_PX)]
         self._derive(rows)
@@ -186,30 +181,45 @@ class Search:
 
     def _derive(self, rows: np.ndarray) -> None:
         """Derivatives of J by central differences; one-sided at the edge of the light."""
+        if not len(rows):
+            return
         here, self.anchor_px[rows] = self.residual[rows], self.x_px[rows]
-        for i, axis in enumerate(np.eye(2) * _DIFFERENCE_PX):
-            plus, minus = (self._j(rows, self.x_px[rows] + sign * axis) for sign in (1, -1))
+        ends = _DIFFERENCE_PX * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+        x_px = (self.x_px[rows] + ends[:, None]).reshape(-1, 2)
+        found = self._j(np.tile(rows, len(ends)), x_px).reshape(2, 2, -1, 2)
+        for i, (plus, minus) in enumerate(found):
             change = (plus - minus) / 2
             change = np.where(np.isnan(plus), here - minus, change)
             change = np.where(np.isnan(minus), plus - here, change)
             self.jacobian[rows, :, i] = change / _DIFFERENCE_PX
         self.inverse[rows] = _inverse(self.jacobian[rows])
 
-    def _newton_step(self, rows: np.ndarray) -> np.ndarray:
-        """One step with Broyden's update, halved if it leads to a position without light. Returns the steps, (n, 2);
-        NaN: no light found.
+    def _step_nearer(self, rows: np.ndarray, may_exist: MayExist) -> None:
+        """Steps with Broyden's update, each halved while it leads to a position without light.
+
+        Rows do not wait for each other: while one retreats, others take their next steps, so that J is asked for many
+        positions at a time.
         """
+        step, retreats, steps = np.empty_like(self.x_px), np.zeros(len(self.x_px), int), np.zeros(len(self.x_px), int)
+        step[rows] = self._next_step(rows)
+        while len(rows):
+            j = self._j(rows, self.x_px[rows] + step[rows])
+            is_dark = np.isnan(j[:, 0]) & ~np.isnan(step[rows, 0]) & (retreats[rows] < _RETREATS)
+            dark, done = rows[is_dark], rows[~is_dark]
+            step[dark] /= 2
+            retreats[dark] += 1
+            self.x_px[done] += step[done]
+            self._update(done, step[done], j[~is_dark])
+            steps[done] += 1
+            done = done[(np.hypot(*step[done].T) > _ROUGH_PX) & (steps[done] < _STEPS)]
+            done = done[may_exist(self.x_px[done], done, GRACE_PX)]
+            step[done], retreats[done] = self._next_step(done), 0
+            rows = np.sort(np.concatenate([dark, done]))
+
+    def _next_step(self, rows: np.ndarray) -> np.ndarray:
+        """Steps of Newton's method from where rows are, (n, 2), shortened to what may be trusted; NaN without light."""
         step = -_times(self.inverse[rows], self.residual[rows])
         step *= np.minimum(1.0, _LONGEST_STEP_PX / np.maximum(np.hypot(*step.T), 1e-300))[:, None]
-        j = self._j(rows, self.x_px[rows] + step)
-        for _ in range(_RETREATS):
-            dark = np.flatnonzero(np.isnan(j[:, 0]) & ~np.isnan(step[:, 0]))
-            if not len(dark):
-                break
-            step[dark] /= 2
-            j[dark] = self._j(rows[dark], self.x_px[rows[dark]] + step[dark])
-        self.x_px[rows] += step
-        self._update(rows, step, j)
         return step
 
     def _update(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
