@@ -197,6 +197,10 @@ LIT_ERRORS = 4.5
 law with 63 degrees of freedom one of 33,000 comparisons fails by chance; seeds are fixed, so none does so now and then.
 """
 
+KNOWN_FLUX = 6e-4
+"""Light of a pixel by cubics against quadrature at the pixel [relative to the axis]: 4e-4 is seen where vignetting
+begins between two of the positions that a cubic passes."""
+
 FURNACE = 5e-4
 """Light that a white surface returns, less 1 [relative]: tables of reflected light are right to 2e-4, and linear
 between 64 nodes along each axis."""

@@ -12,6 +12,7 @@ from pipeline.render.band import Band
 from pipeline.render.glow.inks import GlowingView
 from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import Rows, colours, irradiance_and_crosstalk, pictures, sampled
+from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.passes import Batch, batch_of
 
@@ -32,6 +33,19 @@ def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.
     shared = _shared(rig.tracer, batch_of(samples))
     parts = [irradiance_and_crosstalk(one, shared, None, rows) for one in rig.in_each_light]
     return np.stack([np.stack(part) for part in parts], axis=-1)
+
+
+def known_white_parts(rig: Rig, rows: Rows | None = None) -> np.ndarray | None:
+    """The arrays of `white_parts` by quadrature, without noise; None where `known_flux` knows nothing."""
+    parts = []
+    for one in rig.in_each_light:
+        band = Band.of(one, rows)
+        flux = known_flux(band)
+        if flux is None:
+            return None
+        parts.append(flux.reshape(band.shape) / one.tracer.reference_weight_sr)
+    white = np.stack(parts, axis=-1)
+    return np.stack([white, np.zeros_like(white)])
 
 
 def pictures_in_lights(

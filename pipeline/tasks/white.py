@@ -27,7 +27,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     elif params.tiles:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
     else:
-        white, foreign = white_rows(params.exposure, inputs, out)
+        white, foreign = white_rows(params, inputs, out)
     white, foreign = in_all(tracer, white), in_all(tracer, foreign)
     if tracer.camera.microlenses is not None:
         parts = [_crosstalk(white, foreign), *parts]

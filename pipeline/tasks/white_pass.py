@@ -2,7 +2,10 @@
 
 from pathlib import Path
 
-from pipeline.render.in_lights import in_all, white_parts
+import numpy as np
+
+from pipeline.render.in_lights import in_all, known_white_parts, white_parts
+from pipeline.render.passes import Batch
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
 from pipeline.tasks.artefacts.passes import hand_on, is_over, means_of, write_pass
 from pipeline.tasks.params.images import WhitePass as Params
@@ -14,6 +17,11 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         hand_on(inputs, out)
         return
     rig = imaged_rig(inputs, params.exposure)
-    means = means_of(params.number, params.exposure.samples, inputs, lambda batch: white_parts(rig, batch, params.rows))
+    known = known_white_parts(rig, params.rows) if params.is_lit else None
+
+    def parts(batch: Batch) -> np.ndarray:
+        return white_parts(rig, batch, params.rows) if known is None else known
+
+    means = means_of(params.number, params.exposure.samples, inputs, parts)
     seen = in_all(rig.tracer, means[:, 0])
     write_pass(out, means, seen, params.number + 1, float(seen.mean(axis=0).sum()))

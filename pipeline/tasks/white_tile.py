@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.files.npy import write_npy
-from pipeline.render.in_lights import white_parts
+from pipeline.render.in_lights import known_white_parts, white_parts
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
-from pipeline.tasks.params.images import Exposure
+from pipeline.tasks.params.images import White
 from pipeline.tasks.params.images import WhiteTile as Params
 
 WHITE, FOREIGN = "white.npy", "foreign.npy"
@@ -15,16 +15,17 @@ WHITE, FOREIGN = "white.npy", "foreign.npy"
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write both arrays."""
-    white_rows(params.exposure, inputs, out, params.rows)
+    white_rows(params, inputs, out, params.rows)
 
 
 def white_rows(
-    exposure: Exposure, inputs: Inputs, out: Path, rows: tuple[int, int] | None = None
+    params: White | Params, inputs: Inputs, out: Path, rows: tuple[int, int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows from the first to an end, by default all, (h, w, wavelengths) float64 each, written for images: the white
     image, and its part through other microlenses than that of the pixel's cell."""
-    rig = imaged_rig(inputs, exposure)
-    white, foreign = white_parts(rig, exposure.samples, rows)
+    rig = imaged_rig(inputs, params.exposure)
+    known = known_white_parts(rig, rows) if params.is_lit else None
+    white, foreign = white_parts(rig, params.exposure.samples, rows) if known is None else known
     for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
         write_npy(out / name, np.ascontiguousarray(pixels))
     return white, foreign

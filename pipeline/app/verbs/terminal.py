@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from pipeline.errors import EnvironmentFault
+from pipeline.errors import EnvironmentFault, UsageError
 from pipeline.places import flaw_of
 
 OUTPUT, RUNNING, CHECKING, READING = "Output", "Running", "Checking results", "Reading the stage"
@@ -107,11 +107,33 @@ class Verb(typer.core.TyperCommand):
 
 
 class Family(typer.core.TyperGroup):
-    """A group of verbs whose help shows flags without a type of value."""
+    """A group of verbs whose help shows flags without a type of value, and which completes a shell by its name."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The words of a command line; a shell that is named after an option of completion is the one to complete.
+
+        Typer takes the shell that runs in any case, and drops the name without a word.
+        """
+        option, _, shell = " ".join(args).replace("=", " ", 1).partition(" ")
+        if ctx.parent is None and shell and option in ("--install-completion", "--show-completion"):
+            _complete(ctx, option, shell)
+        return super().parse_args(ctx, args)
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Options, `--help` included."""
         return _flags_plain(super().get_params(ctx))
+
+
+def _complete(ctx: Any, option: str, shell: str) -> None:
+    """Install or print the completion of a named shell, and end."""
+    from typer.completion import Shells, install_callback, show_callback
+
+    if shell not in list(Shells):
+        hint = f"{option} with one of {', '.join(sorted(Shells))}; without a name it takes the shell that runs"
+        raise UsageError(f'"{shell}" is no shell that can be completed', hint=hint)
+    act = install_callback if option == "--install-completion" else show_callback
+    with ctx:
+        act(ctx, next(one for one in ctx.command.params if option in one.opts), shell)
 
 
 def _flags_plain(parameters: list[Any]) -> list[Any]:

@@ -30,10 +30,15 @@ class Exposure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class White:
-    """The image of a white scene; with `noise`, the standard error that was asked for, from the last passes."""
+    """The image of a white scene; with `noise`, the standard error that was asked for, from the last passes.
+
+    `is_lit`: beside images of a scene with lamps. These know the flux of their pixels, and so does the white image
+    then. Without lamps both have the same rays, whose noise is not in their quotient.
+    """
 
     exposure: Exposure
     tiles: int
+    is_lit: bool
     noise: float | None = None
 
 
@@ -43,6 +48,7 @@ class WhiteTile:
 
     exposure: Exposure
     rows: tuple[int, int]
+    is_lit: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +76,7 @@ class WhitePass:
 
     exposure: Exposure
     rows: tuple[int, int]
+    is_lit: bool
     number: int
 
 
