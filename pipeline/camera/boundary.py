@@ -105,10 +105,13 @@ def corners(label_at: LabelAt, rows: Int64[np.ndarray, "n"], label: Int64[np.nda
     before, after = label[region, place], np.roll(label, -1, axis=1)[region, place]
     owner, left = rows[region], even_angles(count)[place]
     right = left + 2 * np.pi / count
-    for _ in range(steps):
+    for _ in range(steps if len(owner) else 0):
         middle = (left + right) / 2
         here = label_at(owner, middle)
         is_left, new = here == before, (here != before) & (here != after)
+        if not new.any():
+            left, right = np.where(is_left, middle, left), np.where(is_left, right, middle)
+            continue
         parts = (
             (owner, np.where(is_left, middle, left), np.where(is_left, right, middle), before),
             (owner[new], middle[new], right[new], here[new]),

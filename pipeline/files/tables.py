@@ -115,14 +115,16 @@ def _parsed(path: str | Path, lines: list[str]) -> Table:
 
 
 def _cells(column: Sequence[Any] | np.ndarray) -> list[str]:
-    if isinstance(column, np.ndarray):
-        values = column.tolist()
-        if column.dtype.kind == "f":
-            return [repr(value) if value == value else "" for value in values]
-        if column.dtype.kind in "iu":
-            return [str(value) for value in values]
-        return [_cell(value) for value in values]
-    return [_cell(value) for value in column]
+    """Cells of a column; columns of one kind, as nearly all are, without asking each value what it is."""
+    values = column.tolist() if isinstance(column, np.ndarray) else list(column)
+    kinds = set(map(type, values))
+    if kinds <= {float, np.float64}:
+        return [float.__repr__(value) if value == value else "" for value in values]
+    if kinds <= {int, np.int64}:
+        return list(map(str, values))
+    if kinds == {str} and _is_bare("".join(values)):
+        return values
+    return [_cell(value) for value in values]
 
 
 def _cell(value: Any) -> str:
@@ -136,6 +138,11 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool | np.bool_ | int | np.integer):
         return str(int(value))
     raise TypeError(f"a table cannot hold a {type(value).__name__}")
+
+
+def _is_bare(text: str) -> bool:
+    """Whether no part of a text would have to be quoted."""
+    return not any(mark in text for mark in ',"\n\r#') and text.split() in ([], [text])
 
 
 def _quoted(text: str) -> str:

@@ -165,7 +165,7 @@ def inner_points(
     rays = _settle_centres(found)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
     radius, _, _, more = found.find(owner, angle, _FIRST_STEPS)
-    return replace(found, rays=rays + more + _move_to_middle(found, owner, angle, radius))
+    return replace(found, rays=rays + more + _move_to_middle(found, owner, radius))
 
 
 def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]) -> Edges:
@@ -192,11 +192,18 @@ def _settle_centres(found: Edges) -> int:
     return len(candidates) + label.size
 
 
-def _move_to_middle(found: Edges, owner: np.ndarray, angle: np.ndarray, radius: np.ndarray) -> int:
-    """Move inner points to the centroids of their regions where those pass."""
+def _along(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cosines and sines of so many ways in the first directions, point by point, (count,) each."""
+    angle, points = boundary.even_angles(_FIRST_DIRECTIONS), count // _FIRST_DIRECTIONS
+    return np.tile(np.cos(angle), points), np.tile(np.sin(angle), points)
+
+
+def _move_to_middle(found: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
+    """Move inner points to the centroids of their regions, which the first directions enclose, where those pass."""
     n = len(found.positions)
     area = np.bincount(owner, 1.5 * radius**2, n)
-    moved = np.stack([np.bincount(owner, radius**3 * along(angle), n) for along in (np.cos, np.sin)], axis=1)
+    lever = radius**3
+    moved = np.stack([np.bincount(owner, lever * along, n) for along in _along(len(owner))], axis=1)
     some = np.flatnonzero(area > 0)
     middle = found.centres[some] + moved[some] / area[some, None]
     passed = found.probe(some, middle) == PASSES
