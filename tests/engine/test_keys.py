@@ -1,5 +1,6 @@
 """Keys: equal for equal work, different for everything else."""
 
+import functools
 import json
 import math
 import subprocess
@@ -194,9 +195,9 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
     """
     kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if "def run(" in path.read_text(encoding="utf-8")]
     assert len(kinds) >= 8
-    alike = defaultdict(list)
+    alike, modules, known = defaultdict(list), {}, packages_distributions()
     for kind in kinds:
-        alike[frozenset(code_of(f"pipeline.tasks.{kind}")["libraries"])].append(f"pipeline.tasks.{kind}")
+        alike[frozenset(code_of(f"pipeline.tasks.{kind}", modules)["libraries"])].append(f"pipeline.tasks.{kind}")
     chains = chains_of(alike)
     assert len(chains) < len(alike)
     code = "import sys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
@@ -212,7 +213,6 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
         loaded -= {"matplotlib", "mpl_toolkits", "cycler", "fontTools", "pyparsing", "kiwisolver", "packaging"}
         loaded -= {"OpenImageIO", "charset_normalizer", "requests", "urllib3", "certifi", "idna"}
         loaded -= {"scipy"} if "colour-science" in libraries else set()
-        known = packages_distributions()
         loaded = {known[name][0].lower() for name in loaded if name in known and name not in ("pip", "setuptools")}
         assert loaded - libraries == set(), names
 
@@ -251,14 +251,15 @@ def test_a_misspelt_task_gets_a_hint(tmp_path):
 
 def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path, monkeypatch):
     store, parsed = Store(tmp_path / "store"), []
-    parse = task_code._parsed
+    parse, read = task_code._parsed, task_code._read.__wrapped__
     monkeypatch.setattr(
         task_code, "_parsed", lambda tree, name, is_package: parsed.append(name) or parse(tree, name, is_package)
     )
 
     def in_a_new_process():
-        task_code._read.cache_clear()
-        task_code._remembered.clear()
+        # New ones, because the tests after this one need what those of this process hold.
+        monkeypatch.setattr(task_code, "_read", functools.lru_cache(read))
+        monkeypatch.setattr(task_code, "_remembered", {})
         parsed.clear()
         with task_code.remembering(store):
             return code_of("toykit.tasks.lens"), list(parsed)

@@ -24,7 +24,7 @@ from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load
 from pipeline.share import share
 
-QUICK = 8
+QUICK = 16
 """One of so many attributes is changed in `make test`, all of them in `make proofs`."""
 
 
