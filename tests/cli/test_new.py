@@ -39,7 +39,7 @@ def test_a_new_dataset_passes_check_and_is_the_same_again(pipeline):
 def test_another_seed_gives_other_poses(pipeline):
     texts = []
     for seed in ("1", "2"):
-        pipeline("new", "dataset", f"{seed}.usda", *PARTS, "--poses", "2", "--fit", "--seed", seed)
+        pipeline("new", "dataset", f"{seed}.usda", *PARTS, "--poses", "1", "--fit", "--seed", seed)
         texts.append(Path(f"{seed}.usda").read_text(encoding="utf-8").partition("timeSamples")[2])
     assert texts[0] != texts[1]
 

@@ -158,6 +158,7 @@ def test_direct_finds_every_row_that_a_dense_scan_finds(small: Rig) -> None:
     assert np.max(both) < 2 * DIRECT_PX
 
 
+@pytest.mark.heavy
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 @given(
     stop_mm=st.floats(2.0, 12.0),
@@ -166,7 +167,10 @@ def test_direct_finds_every_row_that_a_dense_scan_finds(small: Rig) -> None:
     seed=st.integers(0, 9),
 )
 def test_all_methods_agree_within_what_they_state(stop_mm, distance_mm, tilt_deg, seed, tmp_path_factory) -> None:
-    """Random conventional rigs and poses: position images of the target's own plane, moments and direct."""
+    """Random conventional rigs and poses: position images of the target's own plane, moments and direct.
+
+    The short sibling, of random scenes, is in test_methods.py.
+    """
     from pipeline.tasks.positions import position_image
     from pipeline.truth.grid.correspond import correspond
     from pipeline.truth.grid.second_order import corrected
