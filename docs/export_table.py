@@ -43,4 +43,4 @@ def _row(name: str, one: Convention) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
-    print_or_write(__doc__ or "", table(), PAGE, "docs/export_table.py")
+    print_or_write(__doc__ or "", table, PAGE, "docs/export_table.py")

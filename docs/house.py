@@ -117,4 +117,4 @@ def _row(room: str, found: list[Module]) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
-    print_or_write(__doc__ or "", sheet(), PAGE, "docs/house.py")
+    print_or_write(__doc__ or "", sheet, PAGE, "docs/house.py")

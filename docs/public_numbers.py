@@ -370,4 +370,4 @@ def numbers(values: Any, digits: int) -> str:
 
 
 if __name__ == "__main__":
-    print_or_write(__doc__ or "", tables(), PAGE, "docs/public_numbers.py")
+    print_or_write(__doc__ or "", tables, PAGE, "docs/public_numbers.py")

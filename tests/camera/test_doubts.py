@@ -49,7 +49,11 @@ def test_light_ends_where_the_kernels_pass_no_ray_any_more() -> None:
     assert doubt.code == "image-circle"
 
 
-@pytest.mark.parametrize("camera", [CONVENTIONAL, rigs.displaced(CONVENTIONAL)], ids=["centred", "displaced"])
+@pytest.mark.parametrize(
+    "camera",
+    [pytest.param(CONVENTIONAL, marks=pytest.mark.heavy), rigs.displaced(CONVENTIONAL)],
+    ids=["centred", "displaced"],
+)
 def test_light_comes_through_a_stop_however_narrow(camera: Camera) -> None:
     """Half of a millimetre down to a tenth of a micrometre; and no farther out than through a wide one."""
     for wide_mm in (0.5, 0.02, 1e-4):

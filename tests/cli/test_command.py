@@ -208,7 +208,10 @@ def test_ctrl_c_once_lets_running_tasks_end(command, pipeline, stage, tmp_path, 
     assert next(task for task in states if task["name"] == "slow/a")["state"] == "cached"
 
 
-@pytest.mark.parametrize(("jobs", "signals", "code"), [("-j2", 2, 130), ("-j1", 2, 130), ("-j2", 1, 143)])
+@pytest.mark.parametrize(
+    ("jobs", "signals", "code"),
+    [("-j1", 2, 130), ("-j2", 1, 143), pytest.param("-j2", 2, 130, marks=pytest.mark.heavy)],
+)
 def test_ctrl_c_twice_and_sigterm_stop_at_once(command, pipeline, stage, tmp_path, jobs, signals, code):
     process = command("build", stage(**slow(tmp_path, 60)), jobs)
     started(tmp_path)

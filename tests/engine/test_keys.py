@@ -1,5 +1,6 @@
 """Keys: equal for equal work, different for everything else."""
 
+import functools
 import json
 import math
 import subprocess
@@ -168,42 +169,54 @@ def test_another_python_library_or_machine_is_another_key(kit, monkeypatch, tmp_
     assert len(keys) == 4
 
 
-def chains_of(sets):
-    """Some sets in few lists, in each of which every set contains the one before it."""
-    chains = []
-    for one in sorted(sets, key=len):
-        fitting = [chain for chain in chains if chain[-1] < one]
-        if fitting:
-            max(fitting, key=lambda chain: len(chain[-1])).append(one)
-        else:
-            chains.append([one])
-    return chains
+FORKING = """
+import json, os, sys
+def visit(modules, below):
+    for name in modules:
+        __import__(name)
+    print(json.dumps([modules, sorted({name.split(".")[0] for name in sys.modules})]), flush=True)
+    for one in below:
+        if os.fork() == 0:
+            visit(*one)
+            os._exit(0)
+        assert os.wait()[1] == 0
+visit(*json.loads(sys.argv[1]))
+"""
+"""A program that imports the modules of a tree, [modules, [branches below]]: each branch in a fork of the one above."""
 
 
-def told_by(lines):
-    """What the lines of a program print, each one line."""
-    command = [sys.executable, "-c", "\n".join(lines)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+def tree_of(alike):
+    """Modules by their libraries as the tree of such a program: below each set are those that hold it and more."""
+    root = [[], []]
+    nodes = {frozenset(): root} | {libraries: [names, []] for libraries, names in alike.items()}
+    for libraries in alike:
+        smaller = [other for other in nodes if other < libraries]
+        nodes[max(smaller, key=len)][1].append(nodes[libraries])
+    return root
+
+
+def loaded_by(alike):
+    """Top names of all that is loaded after the modules that have the same libraries, by the first of them."""
+    command = [sys.executable, "-c", FORKING, json.dumps(tree_of(alike))]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    return {modules[0]: loaded for modules, loaded in map(json.loads, lines) if modules}
 
 
 def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
     """Every distribution whose modules are loaded after a task's module was imported, by a process that starts bare.
 
-    Tasks share a process where each names all libraries of those before it: what one of them loads beyond its own is
-    seen all the same.
+    It is a fork of one that imported tasks with fewer libraries, all of which it names, too: what a task loads beyond
+    its own is seen all the same.
     """
     kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if "def run(" in path.read_text(encoding="utf-8")]
     assert len(kinds) >= 8
-    alike = defaultdict(list)
+    alike, modules, known = defaultdict(list), {}, packages_distributions()
     for kind in kinds:
-        alike[frozenset(code_of(f"pipeline.tasks.{kind}")["libraries"])].append(f"pipeline.tasks.{kind}")
-    chains = chains_of(alike)
-    assert len(chains) < len(alike)
-    code = "import sys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
-    lines = [told for chain in chains for told in told_by([f"import {', '.join(alike[one])}; {code}" for one in chain])]
-    for libraries, line in zip((one for chain in chains for one in chain), lines, strict=True):
-        names = alike[libraries]
-        loaded = {name for name in line.split() if is_foreign(name) and not name.startswith("_")}
+        alike[frozenset(code_of(f"pipeline.tasks.{kind}", modules)["libraries"])].append(f"pipeline.tasks.{kind}")
+    found = loaded_by(alike)
+    assert len(found) == len(alike)
+    for libraries, names in alike.items():
+        loaded = {name for name in found[names[0]] if is_foreign(name) and not name.startswith("_")}
         # numba reads a .numba_config.yaml if PyYAML happens to be there: settings, no numbers.
         # colour loads SciPy, and pandas and Matplotlib with its Pillow if these happen to be there, for its spectra and
         # plots: no task asks for them.
@@ -212,7 +225,6 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
         loaded -= {"matplotlib", "mpl_toolkits", "cycler", "fontTools", "pyparsing", "kiwisolver", "packaging"}
         loaded -= {"OpenImageIO", "charset_normalizer", "requests", "urllib3", "certifi", "idna"}
         loaded -= {"scipy"} if "colour-science" in libraries else set()
-        known = packages_distributions()
         loaded = {known[name][0].lower() for name in loaded if name in known and name not in ("pip", "setuptools")}
         assert loaded - libraries == set(), names
 
@@ -251,14 +263,15 @@ def test_a_misspelt_task_gets_a_hint(tmp_path):
 
 def test_a_store_remembers_what_sources_say_and_no_edit_is_missed(kit, tmp_path, monkeypatch):
     store, parsed = Store(tmp_path / "store"), []
-    parse = task_code._parsed
+    parse, read = task_code._parsed, task_code._read.__wrapped__
     monkeypatch.setattr(
         task_code, "_parsed", lambda tree, name, is_package: parsed.append(name) or parse(tree, name, is_package)
     )
 
     def in_a_new_process():
-        task_code._read.cache_clear()
-        task_code._remembered.clear()
+        # New ones, because the tests after this one need what those of this process hold.
+        monkeypatch.setattr(task_code, "_read", functools.lru_cache(read))
+        monkeypatch.setattr(task_code, "_remembered", {})
         parsed.clear()
         with task_code.remembering(store):
             return code_of("toykit.tasks.lens"), list(parsed)

@@ -73,7 +73,13 @@ def build_as(place, user, umask):
     return in_fork(work), said.read_text()
 
 
-@pytest.mark.parametrize(("mode", "umask"), [(0o2770, 0o022), (0o770, 0o077), (0o777, 0o077)])
+@pytest.mark.parametrize(
+    ("mode", "umask"),
+    [
+        (0o2770, 0o022),
+        *(pytest.param(mode, 0o077, marks=pytest.mark.heavy) for mode in (0o770, 0o777)),
+    ],
+)
 def test_users_of_a_group_go_on_where_the_other_was(place, mode, umask):
     make_store(place, mode)
     assert build_as(place, FIRST, umask) == (0, "")

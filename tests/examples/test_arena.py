@@ -1,6 +1,7 @@
 """The arena of example 06: laws of its judge, its exchange of files, contestants that are missing, its tables."""
 
 import copy
+import itertools
 import json
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from shorter import few
 from tolerances import SIGMAS
 
 from pipeline.scene.load import load
@@ -213,12 +215,11 @@ def test_every_contestant_has_a_script_and_pinned_packages_or_a_system():
         assert bool(row.packages) != bool(row.system) and all("==" in package for package in row.packages), row.name
 
 
-def test_all_stages_of_the_arena_are_flawless(tmp_path):
-    texts = {
-        f"{one.name} {board}": conditions.stage_text(one, board)
-        for one in conditions.CONDITIONS
-        for board in conditions.BOARDS
-    }
+@pytest.mark.parametrize("step", few([len(conditions.BOARDS) + 1], 1))
+def test_all_stages_of_the_arena_are_flawless(tmp_path, step):
+    """In `make test` with boards that take turns."""
+    pairs = list(itertools.product(conditions.CONDITIONS, conditions.BOARDS))[::step]
+    texts = {f"{one.name} {board}": conditions.stage_text(one, board) for one, board in pairs}
     texts |= {camera: conditions.calibration_text(camera) for camera in conditions.CALIBRATION_CAMERAS}
     problems = {}
     for number, (name, text) in enumerate(texts.items()):

@@ -106,8 +106,12 @@ def test_a_pinhole_camera_is_found_as_it_was(tmp_path):
     assert boards == pytest.approx(0, abs=0.01)
 
 
+@pytest.mark.heavy
 def test_the_lens_of_the_example_is_found_as_far_as_it_is_a_pinhole(tmp_path, monkeypatch):
-    """With a quarter of its rays; doubtful corners are solved directly, so what is left is what no pinhole can be."""
+    """With a quarter of its rays; doubtful corners are solved directly, so what is left is what no pinhole can be.
+
+    The short sibling is `test_a_pinhole_camera_is_found_as_it_was`.
+    """
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     stage = tmp_path / "coarse.usda"
     stage.write_text(COARSE)

@@ -15,7 +15,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from pipeline.scene.load import load
 from pipeline.share import share
 
-FEW = 100
+FEW = 200
 """`make test` tries one of so many values."""
 SHARDS = [pytest.param(n, marks=pytest.mark.heavy if n % 3 == 0 else pytest.mark.long) for n in range(30)]
 """`make proofs` tries a third of all values, `make long` the others."""

@@ -11,6 +11,7 @@ from laws.bounds import plenoptic_positions
 from naive import textbook
 from naive.kinds import camera_with
 from published.library import prescription
+from shorter import one_in
 from tolerances import SIGMAS
 
 from pipeline.camera.integrals import Bundles, integrals
@@ -41,7 +42,7 @@ def fully_open(name: str) -> Camera:
     return rigs.bare(lens, sensor, -first_order(lens).image_mm(DISTANCE_MM), (550.0, 650.0))
 
 
-@pytest.mark.parametrize("name", FAST)
+@pytest.mark.parametrize("name", one_in(len(FAST), FAST))
 def test_direct_has_all_the_light_at_the_corners_of_the_field(name: str) -> None:
     """Hit fraction and mean hit on a board out of focus, against textbook rays all over the rear surface."""
     tracer, pose, rng = Tracer(fully_open(name)), rigs.facing(560.0, 20.0), np.random.default_rng(7)

@@ -14,6 +14,7 @@ from laws.fast_lens import PIXEL_MM, POINT_MM, fast
 from laws.holes import behind_a_hole, detail_of
 from laws.solving import STEPS, by_quadrature, rig_of, solved
 from naive import polar
+from shorter import one_in
 from tolerances import CLOSED_FORM, DIRECT_PX, NOISY_PX, ORDER, STRATIFIED
 
 from pipeline.camera.parts.camera import WEIGHTS, Camera, Sensor
@@ -149,7 +150,7 @@ def seen_mm(camera: Camera, plane: np.ndarray) -> np.ndarray:
     return np.array([x, y]) / white
 
 
-@pytest.mark.parametrize("weight", WEIGHTS)
+@pytest.mark.parametrize("weight", one_in(len(WEIGHTS), WEIGHTS))
 def test_an_image_and_a_truth_of_different_weights_are_caught(weight: str, tilted) -> None:
     """Rendered light of a pixel at a row's position comes from the row's point on average, if both weigh alike.
 

@@ -103,7 +103,9 @@ def test_a_row_has_all_of_the_light_of_its_bundle(region: str) -> None:
         assert np.abs(found.found.jacobian[i] - along).max() < DERIVATIVE * np.abs(along).max()
 
 
-@pytest.mark.parametrize("region", REGIONS)
+@pytest.mark.parametrize(
+    "region", [pytest.param(name, marks=() if name in QUICK else pytest.mark.heavy) for name in REGIONS]
+)
 def test_the_weight_of_reference_is_all_of_the_light_on_the_axis(region: str) -> None:
     """W_ref is an integral, or random rays of a slit would carry their own error into every hit fraction."""
     found = Tracer(camera_with(region)).reference_weight_sr

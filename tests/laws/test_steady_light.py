@@ -24,7 +24,6 @@ from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Lighting, PlacedLamp
 
-SEEDS = 48
 RED = {600.0: 0.3, 640.0: 0.5, 680.0: 0.2}
 """Shares of the wavelengths of a channel."""
 
@@ -113,7 +112,8 @@ def test_behind_microlenses_the_white_image_stays_that_of_rays() -> None:
     )
 
 
-def test_the_correction_has_no_bias_at_edges_and_in_several_wavelengths(monkeypatch) -> None:
+@pytest.mark.parametrize("seeds", [24, pytest.param(48, marks=pytest.mark.heavy)])
+def test_the_correction_has_no_bias_at_edges_and_in_several_wavelengths(seeds: int, monkeypatch) -> None:
     """The mean over seeds is that of images of many rays without correction, pixel by pixel and in the sum."""
     rig = Rig.of(Tracer(in_light(small(), RED), 5))
     scene = view((lamp("rect", (60.0, 40.0), towards((0.2, 0.3, -1.0), (30.0, 60.0, 150.0))),), 6.0, tuple(RED))
@@ -122,10 +122,10 @@ def test_the_correction_has_no_bias_at_edges_and_in_several_wavelengths(monkeypa
         one = dataclasses.replace(rig, tracer=dataclasses.replace(rig.tracer, seed=seed))
         return pictures_in_lights(one, samples, [scene], white_parts(one, samples))[0]
 
-    found = np.array([image(8, seed) for seed in range(SEEDS)])
+    found = np.array([image(8, seed) for seed in range(seeds)])
     monkeypatch.setattr(imaging, "known_flux", lambda band: None)
     plain = np.array([image(512, seed) for seed in range(100, 108)])
-    raw = np.array([image(8, seed) for seed in range(SEEDS)])
+    raw = np.array([image(8, seed) for seed in range(seeds)])
     error = np.sqrt(found.var(axis=0, ddof=1) / len(found) + plain.var(axis=0, ddof=1) / len(plain))
     noisy = error > 1e-4
     z = (found.mean(axis=0) - plain.mean(axis=0))[noisy] / error[noisy]

@@ -82,7 +82,7 @@ def hits_of(camera: Camera, start: np.ndarray, pose: np.ndarray, count: int) -> 
     return textbook.at_plane(position[kept], direction[kept], pose), weight[kept]
 
 
-@pytest.mark.parametrize("distance_mm", [400.0, 470.0])
+@pytest.mark.parametrize("distance_mm", [pytest.param(400.0, marks=pytest.mark.heavy), 470.0])
 def test_blur_columns_are_the_covariance_of_a_brute_force_bundle(tmp_path: Path, distance_mm: float) -> None:
     """Defocused untilted board: hits of random rays all over the rear surface, mapped to the image to first order."""
     camera, board = rigs.conventional(4.5, 24, 18), Checkerboard(columns=2, rows=1, square_mm=1.5)
@@ -142,7 +142,7 @@ def actual_error_px(
     return np.linalg.solve(rows.jacobian, (seen - board.points_mm()[rows.point, :2])[..., None])[..., 0]
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 20.0])
+@pytest.mark.parametrize("tilt_deg", [pytest.param(0.0, marks=pytest.mark.heavy), 20.0])
 def test_sigma_of_conventional_rows_is_their_actual_error(
     conventional: Camera, conventional_grid: RayGrid, tilt_deg: float
 ) -> None:

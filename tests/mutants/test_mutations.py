@@ -251,7 +251,7 @@ def test_nan():
     ("mistake", "noticed_by"),
     [
         (("x, x", "x, -x"), "optics/test_toy.py::test_it"),
-        (("sqrt", "cbrt"), "optics/test_toy.py::test_it"),
+        pytest.param(("sqrt", "cbrt"), "optics/test_toy.py::test_it", marks=pytest.mark.heavy),
         (("fma(x, x, a[0])", "x * x + a[0]"), "optics/test_toy.py::test_rounded_once"),
         (("a[0]", "a[1]"), ""),  # an index beyond an array: Python raises, compiled code does not
         (("", ""), ""),

@@ -7,6 +7,7 @@ import pytest
 from laws import rigs
 from naive import brute, textbook
 from naive.bundles import GROUPS, POSES, RAYS, deviations
+from shorter import few
 from tolerances import SIGMAS
 
 from pipeline.camera.micro_images.centres import micro_images
@@ -42,7 +43,7 @@ def packed_moments(camera: Camera, start: np.ndarray, lens: int) -> np.ndarray:
     return np.concatenate(rows)[:, [*range(COVARIANCE + 10), WEIGHT]]
 
 
-@pytest.mark.parametrize("start_mm", [(0.0, 0.0), (7.0, 4.0), (-14.0, 16.0)])
+@pytest.mark.parametrize("start_mm", few([(-14.0, 16.0)], (0.0, 0.0), (7.0, 4.0)))
 def test_conventional_bundles_are_those_of_rays_all_over_the_rear_surface(start_mm: tuple[float, float]) -> None:
     """At f/2, on the axis, off it and in the vignetted corner: J on two tilted planes, second moments, weight."""
     camera, start = rigs.conventional(17.1, 900, 900), np.array(start_mm)
@@ -64,10 +65,12 @@ def test_conventional_bundles_of_a_displaced_lens_are_those_of_brute_force(start
 @pytest.mark.parametrize(
     ("k", "l", "is_displaced"),
     [
-        (1, 0, False),
         (20, -56, False),
         (-30, 45, True),
-        *(pytest.param(*case, marks=pytest.mark.heavy) for case in ((0, 0, False), (-30, 45, False), (0, 0, True))),
+        *(
+            pytest.param(*case, marks=pytest.mark.heavy)
+            for case in ((1, 0, False), (0, 0, False), (-30, 45, False), (0, 0, True))
+        ),
     ],
 )
 def test_plenoptic_bundles_are_those_of_rays_all_over_the_microlens(k: int, l: int, is_displaced: bool) -> None:

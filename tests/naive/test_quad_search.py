@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from shorter import few
 
 from pipeline.truth.grid import quad_search
 
@@ -83,7 +84,7 @@ def solve(image: np.ndarray, cell: np.ndarray, p: np.ndarray, i: int, j: int) ->
     return quad_search.ACCEPTED, (o[1] + s * e_i, o[0] + t * e_j, math.dist(at(0, 0), p))
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.02, 0.05])
+@pytest.mark.parametrize("noise", few([0.02], 0.0, 0.05))
 def test_kernels_agree_with_the_search_as_the_paper_tells_it(noise: float) -> None:
     """Same quads, same verdict on each with its reason, same solutions."""
     verdicts = set()

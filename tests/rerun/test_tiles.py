@@ -19,8 +19,17 @@ TILED = {"image_tile", "white_tile", "micro_images_tile"}
 @pytest.mark.parametrize(
     ("tiny", "truth", "kinds"),
     [
-        ("plenoptic", 'uniform token plen:truth:method = "moments"', TILED | {"rays_tile"}),
-        ("plenoptic", 'uniform token plen:truth:method = "direct"', TILED | {"truth_tile"}),
+        (
+            "plenoptic",
+            'uniform token plen:truth:method = "direct"\n            uniform bool plen:truth:rays = true',
+            TILED | {"rays_tile", "truth_tile"},
+        ),
+        pytest.param(
+            "plenoptic",
+            'uniform token plen:truth:method = "moments"',
+            TILED | {"rays_tile"},
+            marks=pytest.mark.heavy,
+        ),
         pytest.param(
             "conventional",
             'uniform token plen:truth:method = "image"',

@@ -135,8 +135,15 @@ def test_a_package_that_nobody_touches_is_read(packages):
     assert loaded.errors == [] and "PUBLIC" in loaded.flattened
 
 
-@pytest.mark.parametrize("secret", [SECRET, "#usda 1.0\nTOPSECRET42 = = 1\n"])
-@pytest.mark.parametrize("nth", [1, 2])
+@pytest.mark.parametrize(
+    ("nth", "secret"),
+    [
+        (1, SECRET),
+        (2, "#usda 1.0\nTOPSECRET42 = = 1\n"),
+        pytest.param(2, SECRET, marks=pytest.mark.heavy),
+        pytest.param(1, "#usda 1.0\nTOPSECRET42 = = 1\n", marks=pytest.mark.heavy),
+    ],
+)
 def test_a_package_that_is_exchanged_before_usd_opens_it_is_refused(packages, nth, secret, monkeypatch):
     """USD opens packages by name: what it got is compared with the bytes that were judged, layer by layer."""
     package(packages.parent / "outside/part.usdz", secret)

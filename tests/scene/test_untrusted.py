@@ -89,7 +89,7 @@ def test_a_huge_layer_is_refused_by_its_size(tmp_path):
     assert codes(tmp_path / "s.usda") == ["file-size"]
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("share", [0.5, *(pytest.param(share, marks=pytest.mark.heavy) for share in (0.1, 0.9))])
 def test_a_binary_layer_that_is_cut_ends_in_a_message(tmp_path, share):
     whole = tmp_path / "whole.usdc"
     assert Sdf.Layer.FindOrOpen(str(TINY)).Export(str(whole))

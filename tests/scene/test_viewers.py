@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builds import tiny
+from shorter import few
 
 import pipeline
 from pipeline.app.build import build, project
@@ -96,7 +97,7 @@ def test_the_snippet_of_the_readme_is_seen_as_it_is(stage, tmp_path):
     assert project(out).files["dataset.usda"] == out.read_bytes()
 
 
-@pytest.mark.parametrize("offset", [(0.0, 0.0), (1.5, -0.8)])
+@pytest.mark.parametrize("offset", few([(1.5, -0.8)], (0.0, 0.0)))
 def test_the_frustum_is_the_field_that_real_rays_leave_the_camera_in(stage, tmp_path, offset):
     """Mean rays of the middles of the image's edges, of 800 x 600 pixels; the rest of 1e-3 is distortion and coma."""
     moved = f"{{\n            uniform double2 plen:offset = {offset}\n        }}"

@@ -32,7 +32,9 @@ def test_a_checkerboards_corners_are_opencvs():
     assert np.abs(corners.reshape(-1, 2)[::-1] - on_scan(board.drawing, board.marks().xy_mm, SCALE)).max() < DETECTED_PX
 
 
-@pytest.mark.parametrize(("columns", "rows"), [(5, 4), (4, 4), (6, 3)])
+@pytest.mark.parametrize(
+    ("columns", "rows"), [*(pytest.param(*odd, marks=pytest.mark.heavy) for odd in ((5, 4), (4, 4))), (6, 3)]
+)
 def test_a_charuco_boards_corners_are_opencvs(columns, rows):
     board = Charuco(columns=columns, rows=rows, square_mm=8.0, marker_mm=6.0, dictionary="5x5_100", first_tag=3)
     ids = np.arange(3, 3 + board.tags)
@@ -70,7 +72,7 @@ def tags_in(image: np.ndarray, dictionary: str, border: int = 1) -> tuple[np.nda
     return corners.reshape(-1, 4, 2), numbers.ravel()
 
 
-@pytest.mark.parametrize("border", [1, 2])
+@pytest.mark.parametrize("border", [pytest.param(1, marks=pytest.mark.heavy), 2])
 def test_an_aprilgrids_corners_are_kalibrs(border):
     """Tag t has Kalibr's corners 2 t + 2 columns (t // columns) (and + 1, + 2 columns, + 2 columns + 1); OpenCV sees
     the tags upside down: its first corner is our lower right one."""

@@ -98,7 +98,7 @@ def test_a_cylinder_keeps_lengths_and_its_points_are_one_radius_from_the_axis() 
 
 
 @pytest.mark.parametrize("surface", [*SINGLE, Cube(edge_mm=40.0), Stairs(steps=3, depth_mm=7.0)], ids=name_of)
-@pytest.mark.parametrize("tilt_deg", [0.0, 25.0])
+@pytest.mark.parametrize("tilt_deg", [pytest.param(0.0, marks=pytest.mark.heavy), 25.0])
 def test_a_ray_sees_the_colour_of_the_point_that_it_is_aimed_at(surface, tilt_deg: float) -> None:
     """Random points of all patches, and points a nanometre to either side of an edge; away from the ends of patches,
     and where nothing else of the target stands before them. Backs are black."""
