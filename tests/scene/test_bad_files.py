@@ -29,6 +29,7 @@ WARNINGS = {
         "overlap",
     ),
     "image-circle",
+    "glass-resonance",
     "dark-lamp",
     "lamp-around-camera",
     "unlit",
