@@ -18,7 +18,7 @@ from pipeline.files.png import write_png
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
-from pipeline.render.spectral.spectra import srgb_preview
+from pipeline.render.spectral.preview import srgb_preview
 from pipeline.scene.read.response import read_response
 from pipeline.share import share
 

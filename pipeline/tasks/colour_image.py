@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.png import write_png
-from pipeline.render.spectral.spectra import srgb_preview
+from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs
 from pipeline.tasks.params.images import SPECTRAL
 from pipeline.tasks.params.images import ColourImage as Params

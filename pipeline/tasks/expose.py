@@ -13,7 +13,7 @@ from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.demosaic import has_colours, in_colour
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
-from pipeline.render.spectral.spectra import srgb_preview
+from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.colour_image import LETTERS
 from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF

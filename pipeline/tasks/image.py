@@ -12,7 +12,7 @@ from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.npy import read_npy
 from pipeline.files.png import write_png
 from pipeline.render.in_lights import known_in_lights
-from pipeline.render.spectral.spectra import srgb_preview
+from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, stacked, tracer_alone
 from pipeline.tasks.artefacts.passes import COLOURS, MEANS, ended, part_of
 from pipeline.tasks.image_tile import PIXELS, image_rows

@@ -61,9 +61,9 @@ def test_numba_compiles_as_ever_whatever_lies_in_the_working_directory(tmp_path)
     assert done.stdout.split() == ["0", "3", "1", "0", "0"]
 
 
-def test_previews_are_as_exact_as_ever_whatever_the_library_of_colours_is_told():
-    """It takes its precision from the environment; in single precision, greys between two would round otherwise."""
-    code = "import json, numpy as np; from pipeline.render.spectral.spectra import eotf_inverse_sRGB; "
+def test_the_library_of_colours_is_as_exact_as_ever_whatever_it_is_told():
+    """It takes its precision from the environment; in single precision, spectra would be others."""
+    code = "import json, numpy as np; from colour.models import eotf_inverse_sRGB; "
     code += "print(json.dumps(np.asarray(eotf_inverse_sRGB(np.linspace(0.0, 1.0, 999))).tolist()))"
     right = [12.92 * x if x <= 0.0031308 else 1.055 * x ** (1 / 2.4) - 0.055 for x in np.linspace(0.0, 1.0, 999)]
     pinned = f"from pipeline.machine.processor import pin; pin(); {code}"

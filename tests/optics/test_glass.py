@@ -15,6 +15,7 @@ from tolerances import (
 
 from pipeline.optics.glass.catalogue import catalogue, find, near_names, nearest
 from pipeline.optics.glass.dispersion import C_UM, D_UM, F_UM, Cauchy, Constant, NormalLine, Polynomial, Sellmeier
+from pipeline.optics.glass.doubt import doubt_of
 from pipeline.optics.glass.errors import AmbiguousGlass, BadFormula, GlassMismatch, OutOfRange, UnknownGlass
 from pipeline.optics.glass.row import medium
 
@@ -264,3 +265,34 @@ def test_a_formula_that_is_none_is_refused_with_the_ones_that_are(text):
 def test_a_formula_that_gives_no_index_of_a_glass_is_refused_where_it_is_evaluated(text):
     with pytest.raises(BadFormula, match="at 500 nm"):
         row(text).index(500)
+
+
+def test_no_real_glass_that_a_user_writes_as_a_formula_is_doubted_in_the_visible():
+    """All Sellmeier formulas of the catalogue, at the wavelengths of their range between 400 and 700 nm."""
+    written = [(glass, glass.dispersion) for glass in catalogue() if isinstance(glass.dispersion, Sellmeier)]
+    written = [(glass, formula) for glass, formula in written if not formula.constant and glass.holds(C_UM * 1000)]
+    assert len(written) > 500
+    for glass, formula in written:
+        text = f"sellmeier({', '.join(repr(number) for term in formula.terms for number in term)})"
+        one = medium(glass=text, index=None, abbe=None, wavelength_nm=587.6)
+        for wavelength_nm in np.linspace(max(400.0, glass.min_nm), min(700.0, glass.max_nm), 7):
+            assert doubt_of(one, wavelength_nm) is None, glass.label
+
+
+@pytest.mark.parametrize(
+    ("text", "wavelength_nm", "said"),
+    [
+        ("sellmeier(0.6, 0.23)", 587.6, "resonance at 479.5832 nm"),
+        ("sellmeier(1.1, 0.01, 0.9, 0.5)", 760.0, "resonance at 707.1068 nm"),
+        ("cauchy(1.6, -0.001)", 587.6, "grows with the wavelength"),
+        ("schott(2.3, 0.02, 0, 0, 0, 0)", 587.6, "grows with the wavelength"),
+        ("sellmeier(1.1, 0.01, -0.2, 4)", 587.6, None),
+        ("constant(1.5)", 587.6, None),
+        ("sellmeier(0.6, 0.23)", 900.0, None),
+        ("schott:N-BK7", 587.6, None),
+    ],
+)
+def test_a_formula_is_doubted_near_its_resonance_and_where_its_index_grows(text, wavelength_nm, said):
+    doubt = doubt_of(medium(glass=text, index=None, abbe=None, wavelength_nm=wavelength_nm), wavelength_nm)
+    assert (doubt is None) == (said is None)
+    assert said is None or (said in doubt.what and "um" in doubt.hint)

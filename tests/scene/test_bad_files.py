@@ -29,7 +29,11 @@ WARNINGS = {
         "overlap",
     ),
     "image-circle",
+<<<<<<< HEAD
     "coating-range",
+=======
+    "glass-resonance",
+>>>>>>> sight
     "dark-lamp",
     "lamp-around-camera",
     "unlit",

@@ -83,7 +83,7 @@ def _written(text: str) -> Medium:
         dispersion = _formula(kind.casefold(), [float(number) for number in numbers.split(",")])
     except ValueError:
         raise BadFormula(f'"{text}" is no dispersion formula', hint=f"write one of {_FORMULAS}") from None
-    return Medium(label=text, dispersion=_Checked(text=text, dispersion=dispersion))
+    return Medium(label=text, dispersion=Written(text=text, dispersion=dispersion))
 
 
 def _formula(kind: str, numbers: list[float]) -> Dispersion:
@@ -100,7 +100,7 @@ def _formula(kind: str, numbers: list[float]) -> Dispersion:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Checked:
+class Written:
     """A formula of unknown range: refuses to be evaluated to what no glass has."""
 
     text: str
@@ -113,7 +113,8 @@ class _Checked:
         except (ValueError, ZeroDivisionError, OverflowError):
             n = math.nan
         if not 1 <= n < math.inf:
-            raise BadFormula(f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm')
+            hint = "coefficients belong to wavelengths in um: are their units, signs and order right?"
+            raise BadFormula(f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm', hint=hint)
         return n
 
 

@@ -1,11 +1,10 @@
-"""Spectra of lamps and of sensors that colour-science knows by name, and its transfer function of pictures."""
+"""Spectra of lamps and of sensors that colour-science knows by name."""
 
 import re
 import warnings
 
 import numpy as np
 
-from pipeline.records.shapes import Num
 from pipeline.render.spectral.nodes import SpectrumError, require_spectrum
 from pipeline.spelling import nearest
 
@@ -14,7 +13,6 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")
     from colour.characterisation import MSDS_CAMERA_SENSITIVITIES, SDS_COLOURCHECKERS
     from colour.colorimetry import SDS_ILLUMINANTS, planck_law
-    from colour.models import eotf_inverse_sRGB
     from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
 
 EQUAL_ENERGY = "E"
@@ -162,37 +160,3 @@ def _known(name: str, names: list[str], what: str) -> str:
     best = nearest(name, names)
     hint = f'did you mean "{best}"?' if best else f"known: {', '.join(names)}"
     raise SpectrumError(f'colour-science knows no {what} "{name}"', hint=hint, code=f"unknown-{what}")
-
-
-def srgb_preview(irradiance: Num[np.ndarray, "h w"], white: float) -> np.ndarray:
-    """A neutral picture of a monochromatic image, encoded with the transfer function of sRGB.
-
-    Parameters
-    ----------
-    irradiance : (h, w) float
-        Linear and relative, finite.
-    white : float
-        The irradiance that is shown as white; more is clipped, and so is less than 0.
-
-    Returns
-    -------
-    (h, w, 3) uint8
-        The three components are equal.
-
-    Raises
-    ------
-    ValueError
-        If a pixel is not finite or `white` is not a positive number.
-
-    References
-    ----------
-    IEC 61966-2-1:1999, sRGB.
-    """
-    if not (np.isfinite(white) and white > 0):
-        raise ValueError(f"white must be a positive irradiance, not {white}")
-    unusable = int(np.count_nonzero(~np.isfinite(irradiance)))
-    if unusable:
-        raise ValueError(f"{unusable} of {irradiance.size} pixels hold no finite irradiance")
-    encoded = eotf_inverse_sRGB(np.clip(np.asarray(irradiance, dtype=np.float64) / white, 0.0, 1.0))
-    grey = np.rint(255.0 * encoded).astype(np.uint8)
-    return np.repeat(grey[..., None], 3, axis=2)

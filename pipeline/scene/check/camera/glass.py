@@ -2,18 +2,22 @@
 wavelength.
 """
 
+import contextlib
 from collections.abc import Iterator, Sequence
 
 from pxr import Sdf, Usd
 
+from pipeline.optics.glass.doubt import doubt_of
 from pipeline.optics.glass.errors import GlassError
 from pipeline.optics.glass.medium import Medium
 from pipeline.optics.glass.row import names_an_entry
+from pipeline.render.spectral.nodes import SpectrumError
+from pipeline.scene.read.channels import channel_prims, illuminant_of, wavelengths_of
 from pipeline.scene.read.media import medium_behind, ordered_surfaces
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import UnreadableValue, read
+from pipeline.scene.usd.values import UnreadableValue, read, target
 
 
 def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
@@ -45,12 +49,38 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
             try:
                 medium.index(camera_nm)
             except GlassError as error:
-                hint = "choose a wavelength at which every glass of the lens is known"
+                hint = error.hint or "choose a wavelength at which every glass of the lens is known"
                 yield problem(attribute, error.code, error.what, hint=hint)
     elif camera_nm != lens_nm:
         message = f"the camera sees {camera_nm} nm, but the indices of its lens are printed for {lens_nm} nm"
         hint = 'plen:indexSource = "catalogue" on the lens computes them for any wavelength'
         yield problem(attribute, "printed-wavelength", message, hint=hint)
+
+
+def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
+    """Doubts about formulas in place of glasses, at the wavelengths that a camera or its channels use; one for each
+    surface."""
+    if not _is_catalogue(lens):
+        return
+    seen_nm = _wavelengths_nm(camera)
+    for prim in ordered_surfaces(lens):
+        try:
+            medium = medium_behind(prim, lens)
+            found = next(filter(None, (doubt_of(medium, wavelength_nm) for wavelength_nm in seen_nm)), None)
+        except (GlassError, UnreadableValue):
+            continue  # reported where the glass or the wavelength is checked
+        if found:
+            yield problem(_where(prim), "glass-resonance", found.what, hint=found.hint, severity="warning")
+
+
+def _wavelengths_nm(camera: Usd.Prim) -> list[float]:
+    """Wavelengths at which a camera asks its lens; those that cannot be read are reported where they are checked."""
+    found = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    for channel in channel_prims(sensor) if sensor else []:
+        with contextlib.suppress(SpectrumError, UnreadableValue):
+            found += wavelengths_of(channel, illuminant_of(camera))[0].tolist()
+    return found
 
 
 def _is_catalogue(lens: Usd.Prim) -> bool:

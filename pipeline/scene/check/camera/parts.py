@@ -9,7 +9,7 @@ from pipeline.errors import PipelineError
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.check.camera.channels import check_channels
 from pipeline.scene.check.camera.focus import check_focus, check_request
-from pipeline.scene.check.camera.glass import check_wavelength
+from pipeline.scene.check.camera.glass import check_formulas, check_wavelength
 from pipeline.scene.check.camera.microlenses import check_microlens_glass, check_near_microlenses
 from pipeline.scene.check.camera.response import check_exposure
 from pipeline.scene.read.prims import read_prescription
@@ -33,6 +33,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if lens:
         yield from check_wavelength(camera, lens)
+        yield from check_formulas(camera, lens)
         yield from check_channels(camera, lens)
     if sensor := target(camera, "plen:camera:sensor", "PlenSensor"):
         yield from check_exposure(camera, sensor)
