@@ -29,11 +29,8 @@ WARNINGS = {
         "overlap",
     ),
     "image-circle",
-<<<<<<< HEAD
     "coating-range",
-=======
     "glass-resonance",
->>>>>>> sight
     "dark-lamp",
     "lamp-around-camera",
     "unlit",
