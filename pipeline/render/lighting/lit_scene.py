@@ -30,7 +30,6 @@ from pipeline.render.lighting.shape_kernels import find_holes
 from pipeline.render.patch_light import PatchLight
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
-from pipeline.render.spectral.spectra import weights_of_rgb
 from pipeline.targets.occluder import Occluder
 from pipeline.targets.target import AnyTarget
 
@@ -79,6 +78,8 @@ class LitScene:
     """A view at one of its wavelengths, by its number."""
 
     def __init__(self, view: LitView, number: int) -> None:
+        from pipeline.render.spectral.spectra import weights_of_rgb  # colour-science takes longer than most tasks
+
         self._light = number, len(view.wavelengths_nm)
         raised, lighting = weights_of_rgb(view.wavelengths_nm[number]), view.lighting
         table = MaterialTable(view.pictures, raised)
