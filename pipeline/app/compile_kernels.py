@@ -121,8 +121,8 @@ _POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
 """The centre of a sensor [mm] and the index for "no microlens"; any position compiles the same code."""
 
 
-def _outlines() -> None:
-    _ = _tracer().arrays
+def _single_rays() -> None:
+    single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3)))
 
 
 def _bundles() -> None:
@@ -133,10 +133,6 @@ def _edges() -> None:
     found = edges(_tracer().arrays, _POSITION, _NO_LENS)
     found.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
     edge_kernels.spread(found.polygons, found.counts, np.zeros((1, 1, 2)))
-
-
-def _single_rays() -> None:
-    single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3)))
 
 
 def _microlenses() -> None:
@@ -225,14 +221,13 @@ def _sensor() -> None:
 
 
 _RUN = {
-    "lens": (_outlines, _bundles, _edges),
+    "lens": (_single_rays, _bundles, _edges),
     "microlenses": (_microlenses,),
     "micro_images": (_micro_images,),
     "images": (_pictures_of_a_lens, _pictures_behind_microlenses),
     "company": (_pictures_of_several, _board),
     "shapes": (_shapes,),
     "lighting": (_paths_of_light,),
-    "direct": (_single_rays,),
     "search": (_search,),
     "sensor": (_sensor,),
 }

@@ -4,25 +4,15 @@ If a kernel is missing all the same, the worker that calls it compiles it.
 """
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pipeline.engine.planning.graph import Task
+if TYPE_CHECKING:  # processes that compile load no graphs
+    from pipeline.engine.planning.graph import Task
 
-STEPS = (
-    "lens",
-    "microlenses",
-    "micro_images",
-    "images",
-    "company",
-    "shapes",
-    "lighting",
-    "direct",
-    "search",
-    "sensor",
-)
+STEPS = ("lens", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor")
 """Steps: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images; images of a flat sheet;
-images in which one thing may hide another; curved targets; paths of light; single rays of method `direct`; the search
-in position images; the noise of raw images.
+images in which one thing may hide another; curved targets; paths of light; the search in position images; the noise of
+raw images.
 """
 _OF_KIND = {
     "image": "images",
@@ -35,7 +25,7 @@ _NOT_FLAT = ("warped", "height-map", "cylinder", "mesh")
 _ONE_SHEET = "flat"
 
 
-def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
+def steps_of(tasks: "Iterable[Task]") -> tuple[str, ...]:
     """Names of the steps that these tasks need, in the order of `STEPS`."""
     found = {"lens"}
     for task in tasks:
@@ -43,8 +33,8 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
         found.add(_OF_KIND.get(kind, "lens"))
         if task.short_kind == "focus" and _are_bent((task.params["camera"] or task.params["request"])["microlenses"]):
             found.add("microlenses")
-        if kind == "truth":
-            found.add("direct" if task.params["table"]["settings"]["method"] == "direct" else "search")
+        if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":
+            found.add("search")
         view = task.params.get("view") or {}
         if kind == "image" and view and not _is_one_sheet(view):
             found.add("company")

@@ -7,7 +7,7 @@ functions make no arrays, and count no references to them.
 """
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -53,6 +53,10 @@ class _Machine(JITCodeLibrary):
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
 
+    def finalize(self) -> None:
+        self._linking_libraries = _with_headers(self._linking_libraries)
+        super().finalize()
+
 
 class _Header(JITCodeLibrary):
     """Code to be compiled into others."""
@@ -61,12 +65,22 @@ class _Header(JITCodeLibrary):
         self._final_module.link_in(module)
 
     def finalize(self) -> None:
-        for library in dict.fromkeys(self._linking_libraries):
-            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
                 function.linkage = "linkonce_odr"
         self._shared_module, self._finalized = self._final_module, True
+
+
+def _with_headers(libraries: Iterable[JITCodeLibrary]) -> list[JITCodeLibrary]:
+    """Libraries, and those that the headers among them call, each once."""
+    found: dict[JITCodeLibrary, None] = {}
+    waiting = list(libraries)
+    while waiting:
+        library = waiting.pop(0)
+        if library not in found:
+            found[library] = None
+            waiting += library._linking_libraries if isinstance(library, _Header) else []
+    return list(found)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -116,6 +130,7 @@ class DriverCompiler(CompilerBase):
             if step not in _UNUSED:
                 manager.add_pass(self.backend if step is NoPythonBackend else step, text)
         manager.finalize()
+        manager._ENFORCING = False  # to analyse all anew after each pass; the last one does
         return [manager]
 
 

@@ -16,7 +16,7 @@ from pipeline.app.build import compile_once, project
 from pipeline.app.kernel_steps import steps_of
 from pipeline.engine.planning.graph import Task
 from pipeline.errors import EnvironmentFault
-from pipeline.jit import files
+from pipeline.jit import decorators, files
 from pipeline.jit.cache import KernelCache
 from pipeline.jit.decorators import Kernel, _source_digest, inline, kernel, unit
 
@@ -56,6 +56,23 @@ def test_comments_and_modules_that_no_kernel_reaches_do_not_count(package):
     (package / "apart.py").write_text("Y = 2", encoding="utf-8")
     (package / "units.py").write_text("# a remark\nMM = 1", encoding="utf-8")
     assert _source_digest(package) == before
+
+
+def test_processes_that_are_started_believe_the_digest_only_of_the_same_bytes(monkeypatch):
+    """It takes each of them a third of a second to find by itself."""
+    monkeypatch.delenv(decorators._TOLD, raising=False)
+    digest_of_this = decorators._digest_of_this.__wrapped__
+    digest = digest_of_this()
+    monkeypatch.setattr(decorators, "_source_digest", lambda: "found anew")
+    assert digest_of_this() == digest
+    monkeypatch.setattr(decorators, "_digest_of_bytes", lambda: "of other sources")
+    assert digest_of_this() == "found anew"
+
+
+def test_the_digest_of_bytes_counts_every_source(package):
+    before = decorators._digest_of_bytes(package)
+    (package / "apart.py").write_text("Y = 2", encoding="utf-8")
+    assert decorators._digest_of_bytes(package) != before
 
 
 def twice(x):
@@ -320,18 +337,16 @@ def test_processes_that_compile_at_once_do_not_disturb_one_another(tmp_path, sai
 
 
 def test_a_graph_compiles_what_its_tasks_call():
-    """The tiny stage searches in position images, the examples do not; 2 and 3 have plain microlenses; no target is
-    bent.
-    """
+    """The tiny stage searches in position images, examples 2 and 3 have plain microlenses; no target is bent."""
 
     def steps(stage):
         graph = project(ROOT / stage / "dataset.usda").graph
         return steps_of(graph[name] for name in graph)
 
     assert steps("tests/data/tiny_conventional") == ("lens", "images", "search")
-    assert steps("examples/01_conventional") == ("lens", "images", "direct")
-    assert steps("examples/02_plenoptic") == ("lens", "micro_images", "images", "direct")
-    assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images", "direct")
+    assert steps("examples/01_conventional") == ("lens", "images")
+    assert steps("examples/02_plenoptic") == ("lens", "micro_images", "images")
+    assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images")
 
 
 def test_tilted_microlenses_bent_targets_and_company_have_steps_of_their_own():
@@ -348,7 +363,7 @@ def test_tilted_microlenses_bent_targets_and_company_have_steps_of_their_own():
     assert steps_of([task("image_pass", {"view": {"targets": [sheet, sheet]}})]) == ("lens", "images", "company")
     hidden = {"view": {"targets": [sheet], "occluders": [{}]}}
     assert steps_of([task("image_tile", hidden)]) == ("lens", "images", "company")
-    assert steps_of([task("truth_tile", {**hidden, "table": {"settings": {"method": "direct"}}})]) == ("lens", "direct")
+    assert steps_of([task("truth_tile", {**hidden, "table": {"settings": {"method": "direct"}}})]) == ("lens",)
 
 
 def task(kind, params):

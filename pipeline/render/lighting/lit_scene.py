@@ -78,8 +78,7 @@ class LitScene:
     """A view at one of its wavelengths, by its number."""
 
     def __init__(self, view: LitView, number: int) -> None:
-        # colour-science takes a second and a half to import, and images without lamps need none of it
-        from pipeline.render.spectral.spectra import weights_of_rgb
+        from pipeline.render.spectral.spectra import weights_of_rgb  # colour-science takes longer than most tasks
 
         self._light = number, len(view.wavelengths_nm)
         raised, lighting = weights_of_rgb(view.wavelengths_nm[number]), view.lighting
