@@ -13,6 +13,19 @@ from pipeline.targets.points import TargetPoints, frames_at
 Triple = tuple[float, float, float]
 
 
+def require_faces(triangles: tuple[tuple[int, int, int], ...], vertices: int) -> None:
+    """Refuse a mesh without faces, or with a face that names a vertex which it does not have.
+
+    Raises
+    ------
+    TargetError
+    """
+    if not triangles:
+        raise TargetError("the mesh has no faces", code="bad-mesh")
+    if not 0 <= min(map(min, triangles)) <= max(map(max, triangles)) < vertices:
+        raise TargetError(f"a face names a vertex beyond the {vertices} of the mesh", code="bad-mesh")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshTarget:
     """Flat triangles with points on them, for anything of known shape. Everything is in the target frame.
@@ -38,10 +51,7 @@ class MeshTarget:
     normals: tuple[Triple, ...]
 
     def __post_init__(self) -> None:
-        if not self.triangles:
-            raise TargetError("the mesh has no faces", code="bad-mesh")
-        if not 0 <= min(map(min, self.triangles)) <= max(map(max, self.triangles)) < len(self.vertices_mm):
-            raise TargetError(f"a face names a vertex beyond the {len(self.vertices_mm)} of the mesh", code="bad-mesh")
+        require_faces(self.triangles, len(self.vertices_mm))
         if len(self.points_mm) != len(self.normals):
             raise TargetError(
                 f"{len(self.points_mm)} marked points and {len(self.normals)} normals", hint="one normal per point"

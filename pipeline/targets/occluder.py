@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.targets.errors import TargetError
-from pipeline.targets.mesh import Triple
+from pipeline.targets.mesh import Triple, require_faces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,10 +30,7 @@ class Occluder:
     radiance: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.triangles:
-            raise TargetError("the mesh has no faces", code="bad-mesh")
-        if not 0 <= min(map(min, self.triangles)) <= max(map(max, self.triangles)) < len(self.vertices_mm):
-            raise TargetError(f"a face names a vertex beyond the {len(self.vertices_mm)} of the mesh", code="bad-mesh")
+        require_faces(self.triangles, len(self.vertices_mm))
 
     def corners_mm(self) -> np.ndarray:
         """Corners of the triangles, (m, 3, 3)."""

@@ -4,7 +4,7 @@ import time
 
 
 def started(tmp_path):
-    give_up = time.monotonic() + 20
+    give_up = time.monotonic() + 60
     while not list(tmp_path.glob("ran-*")):
         assert time.monotonic() < give_up
         time.sleep(0.02)

@@ -193,7 +193,7 @@ def test_a_reader_that_goes_away_ends_with_141_and_no_word(command, stage):
     os.close(reading)
     process = command("check", "s.json", stdout=writing)
     os.close(writing)
-    _, log = process.communicate(timeout=30)
+    _, log = process.communicate(timeout=60)
     assert process.returncode == 141 and "Error" not in log
 
 
@@ -202,7 +202,7 @@ def test_ctrl_c_once_lets_running_tasks_end(command, pipeline, stage, tmp_path, 
     process = command("build", stage(**slow(tmp_path, 0.6)), jobs, "slow/a")
     started(tmp_path)
     process.send_signal(signal.SIGINT)
-    _, log = process.communicate(timeout=30)
+    _, log = process.communicate(timeout=60)
     assert process.returncode == 130 and "press Ctrl-C again" in log
     states = json.loads(pipeline("plan", "s.json", "--json")[1])["tasks"]
     assert next(task for task in states if task["name"] == "slow/a")["state"] == "cached"
@@ -219,7 +219,7 @@ def test_ctrl_c_twice_and_sigterm_stop_at_once(command, pipeline, stage, tmp_pat
         process.send_signal(signal.SIGINT)
         assert any("press Ctrl-C again" in line for line in process.stderr)  # two signals at once would count as one
     process.send_signal(signal.SIGINT if code == 130 else signal.SIGTERM)
-    process.communicate(timeout=10)
+    process.communicate(timeout=50)  # less than the task would take
     assert process.returncode == code
     assert not (tmp_path / "build").exists()
     assert pipeline("build", stage(), "-j1")[0] == 0

@@ -113,7 +113,7 @@ def test_a_confined_process_ends_with_its_parent():
     os.kill(child, signal.SIGSTOP)
     parent.kill()
     parent.wait()
-    is_gone = _until(lambda: not Path(f"/proc/{child}/stat").exists() or _state(child) == "Z", seconds=10)
+    is_gone = _until(lambda: not Path(f"/proc/{child}/stat").exists() or _state(child) == "Z")
     if not is_gone:
         os.kill(child, signal.SIGKILL)
     assert is_gone

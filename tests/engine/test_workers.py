@@ -103,7 +103,7 @@ def test_a_worker_ends_with_its_driver(tmp_path, cache, kit):
     paths = [str(kit.parent), str(toy.KIT.parents[1])]
     # The worker inherits stderr: reading it to its end waits for the worker too.
     done = subprocess.run(
-        [sys.executable, "-c", code, str(cache), str(tmp_path), *paths], stderr=subprocess.PIPE, timeout=20, check=False
+        [sys.executable, "-c", code, str(cache), str(tmp_path), *paths], stderr=subprocess.PIPE, timeout=50, check=False
     )
     assert done.returncode == 7
 
