@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
-from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription
@@ -16,7 +16,8 @@ from pipeline.optics.rays import front_grid
 from pipeline.optics.table import towards_sensor
 from pipeline.optics.transmission.coatings import Coating, CoatingData
 from pipeline.optics.transmission.losses import Losses, steepest_deg, transmitted
-from pipeline.render.radiometry import axial_transmission, photon_rate
+from pipeline.render.field_transmission import axial_transmission, field_transmission
+from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.irradiation import Radiance
 from pipeline.scene.load import load
 from pipeline.scene.read.losses import read_losses
@@ -34,6 +35,8 @@ COATING = 0.005
 FILM = CoatingData(film_indices=(1.38,), film_thicknesses_nm=(550 / 4 / 1.38,))
 """A quarter wave of magnesium fluoride at 550 nm, by its textbook index."""
 WAVELENGTHS_NM = (380.0, 400.0, 450.0, 550.0, 650.0)
+CORNER_MM, PITCH_MM = (18.0, 12.0), 0.01
+"""Half of 36 mm x 24 mm, and pixels there."""
 _GRID = 201
 """Rays along each side of a grid over the front of the lens."""
 
@@ -53,6 +56,11 @@ def main() -> None:
     print("|---|---|---|---|---|")
     for nm in WAVELENGTHS_NM:
         print(f"| {nm:g} | {' | '.join(f'{share:.4f}' for share in shares(lens, nm))} |")
+    print()
+    print("| 550 nm | glass alone | and bare surfaces | and films | films as tables without angles |")
+    print("|---|---|---|---|---|")
+    for name, values in field_shares(lens, 550.0).items():
+        print(f"| {name} | {' | '.join(f'{share:.4f}' for share in values)} |")
     rays = from_infinity(read_prescription(lens))
     steepest = steepest_deg(towards_sensor(read_prescription(lens)), *rays).max()
     print(f"\nsteepest ray: {steepest:.1f} degrees")
@@ -94,21 +102,38 @@ def catalogued(stage: Usd.Stage) -> Usd.Prim:
 
 
 def shares(lens: Usd.Prim, nm: float) -> list[float]:
-    """Shares of light on the axis from infinity that a lens lets pass: with absorption alone; with bare surfaces, too;
-    with films on those against air; with tables that hold what these films reflect at normal incidence.
+    """Shares of light on the axis from infinity that a lens lets pass, by kind."""
+    return [mean(read_prescription(lens, nm), losses) for losses in kinds(lens, nm)]
+
+
+def kinds(lens: Usd.Prim, nm: float) -> list[Losses]:
+    """Losses: absorption alone; bare surfaces, too; films on those against air; in their place tables that hold what
+    these films reflect at normal incidence.
     """
     prescription, losses = read_prescription(lens, nm), read_losses(lens, nm)
     media = list(pairwise([1.0, *(surface.index for surface in prescription.surfaces)]))
     film = FILM.at(nm)
     assert film is not None
     films = tuple(film if min(pair) == 1 < max(pair) else None for pair in media)
-    kinds = [
+    coatings = [
         (Coating(reflectance=(0.0,)),) * len(media),
         losses.coatings,
         films,
         tuple(one and at_normal(one, *pair) for one, pair in zip(films, media, strict=True)),
     ]
-    return [mean(prescription, dataclasses.replace(losses, coatings=kind)) for kind in kinds]
+    return [dataclasses.replace(losses, coatings=one) for one in coatings]
+
+
+def field_shares(lens: Usd.Prim, nm: float) -> dict[str, list[float]]:
+    """Shares by kind on the axis and in the corner of an image of what is at infinity."""
+    prescription = read_prescription(lens, nm)
+    size = tuple(round(2 * half / PITCH_MM) for half in CORNER_MM)
+    sensor = Sensor(width_px=size[0], height_px=size[1], pitch_mm=PITCH_MM)
+    focus_mm = -first_order(prescription).rear_focus_mm
+    camera = Camera(prescription=prescription, sensor=sensor, sensor_distance_mm=focus_mm)
+    fields = [one for losses in kinds(lens, nm) if (one := field_transmission(camera, (losses,)))]
+    corners = [one.axis * float(one.relative_rows(0, 1, sensor.width_px)[0, 0]) for one in fields]
+    return {"axis": [one.axis for one in fields], "corner": corners}
 
 
 def at_normal(coating: Coating, before: float, behind: float) -> Coating:

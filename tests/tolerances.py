@@ -271,3 +271,6 @@ ROUNDING_OF_LENGTHS = 1e-12
 
 OPTICSTUDIO_EXIT_PUPIL_MM = 4e-7
 """OpticStudio's exit pupil of the Cooke triplet against ours and optiland's [mm]: it differs by 1.1e-7 and 3.2e-7."""
+
+FIELD_TRANSMISSION = 1e-4
+"""Transmission of a pixel [relative]: what docs/radiometry.md states; random rays of the slow twin err by 3e-5."""

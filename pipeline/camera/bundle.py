@@ -82,7 +82,9 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
     return bundle_behind(tracer, x_px, y_px, int(Rig.of(tracer).microlens_at(position)[0]), samples)
 
 
-def bundle_behind(tracer: Tracer, x_px: float, y_px: float, microlens: int, samples: int) -> Bundle:
+def bundle_behind(
+    tracer: Tracer, x_px: float, y_px: float, microlens: int, samples: int, drawn_at: tuple[int, int] | None = None
+) -> Bundle:
     """The bundle of one image position through one microlens.
 
     Parameters
@@ -92,9 +94,11 @@ def bundle_behind(tracer: Tracer, x_px: float, y_px: float, microlens: int, samp
     samples : int
         Rays to start for each wavelength, a power of two. Positions that are rounded to the same pixel have the same
         random numbers, so that differences between them are smooth.
+    drawn_at : (int, int) or None
+        Pixel whose random numbers rays have instead, so that differences between any positions are smooth.
     """
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
-    pixel = np.array([[round(x_px), round(y_px)]])
+    pixel = np.array([drawn_at or (round(x_px), round(y_px))])
     squares = Squares(pixel, position, np.array([[microlens]]), np.array([[samples]]), np.array([[0]]))
     parts = [_leaving(light, squares, samples) for light in tracer.lights]
     return Bundle(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

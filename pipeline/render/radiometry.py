@@ -6,18 +6,11 @@ of its light that surfaces and glass let pass. Each photon has the energy h c / 
 that stand for it add W T by their shares.
 """
 
-import numpy as np
-
-from pipeline.camera.bundle import bundle
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
-from pipeline.optics.table import towards_sensor
-from pipeline.optics.transmission.losses import Losses, transmitted
+from pipeline.render.field_transmission import axial_transmission
 from pipeline.render.sensor.errors import SensorError
 from pipeline.render.sensor.irradiation import ChannelRadiance, Radiance
-
-_RAYS = 4096
-"""Rays of the bundle whose mean transmission is taken: it varies by percents over a pupil, and they err by 1e-5."""
 
 
 def photon_rate(camera: Camera, radiance: Radiance | ChannelRadiance) -> float:
@@ -37,18 +30,3 @@ def photon_rate(camera: Camera, radiance: Radiance | ChannelRadiance) -> float:
         weight_sr, share = light.tracer.reference_weight_sr, axial_transmission(light.tracer, losses)
         rate += light.share * radiance.photons(radiance.w_per_m2_sr * area_m2 * weight_sr * share)
     return rate
-
-
-def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:
-    """Share of the light of the reference bundle that surfaces and glass of the main lens let pass."""
-    if losses is None:
-        return 1.0
-    position = np.zeros((1, 2))
-    if tracer.lattice is not None:
-        position = tracer.vertices_mm[np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[:1]]
-    x_px, y_px = tracer.pixels_at(position)[0]
-    rays = bundle(tracer.camera, float(x_px), float(y_px), samples=_RAYS)
-    # Light comes the other way: from the vision frame to the lens frame, whose y and z point against it.
-    start, way = rays.origin_mm * [1.0, -1.0, -1.0], rays.direction * [-1.0, 1.0, 1.0]
-    share = transmitted(towards_sensor(tracer.camera.prescription), start - way, way, losses)
-    return float(np.average(share, weights=rays.weight_sr))

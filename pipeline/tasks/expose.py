@@ -1,5 +1,6 @@
 """Task `expose`: the raw image of one camera in one frame, from its linear image, as TIFF, DNG and a preview."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
 from pipeline.tasks.colour_image import LETTERS
 from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF
 from pipeline.tasks.params.exposing import Expose as Params
+from pipeline.tasks.transmission import transmission_of
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
@@ -31,7 +33,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write raw.tiff, raw.dng and raw.png."""
     image = ExrWindows(inputs["image"]["image.exr"])
     shape, response = image.headers[_PART].shape, params.response
-    at_one = _photons_at_one(params, inputs)
+    at_one, lens = _photons_at_one(params, inputs), transmission_of(inputs)
     shot = Shot(
         seed=params.seed,
         camera=params.camera,
@@ -39,9 +41,15 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         exposure_time_s=params.irradiation.exposure_time_s,
     )
 
+    def light(first: int, end: int) -> dict[str, np.ndarray]:
+        pixels = {name: one.astype(float) for name, one in image.rows(_PART, first, end).items()}
+        for name, one in lens.items():
+            pixels[_CHANNELS.get(name, name)] *= one.relative_rows(first, end, shape[1])
+        return pixels
+
     def rows(first: int, end: int) -> np.ndarray:
-        light = _with_margin(image, first, end, response.margin_px)
-        photons = {name: at_one[name] * light[_CHANNELS.get(name, name)].astype(float) for name in response.channels}
+        around = _with_margin(light, shape[0], (first, end), response.margin_px)
+        photons = {name: at_one[name] * around[_CHANNELS.get(name, name)] for name in response.channels}
         return digital_numbers(response, photons, shot, (first, 0))
 
     about = _about(params, at_one)
@@ -71,12 +79,14 @@ def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:
     return dict.fromkeys(response.channels, irradiation.photons_at_one(response, rate))
 
 
-def _with_margin(image: ExrWindows, first: int, end: int, margin: int) -> dict[str, np.ndarray]:
+def _with_margin(
+    light: Callable[[int, int], dict[str, np.ndarray]], height: int, rows: tuple[int, int], margin: int
+) -> dict[str, np.ndarray]:
     """Channels of some rows and the pixels around them; beyond the border of the image its outermost pixels go on."""
-    height = image.headers[_PART].shape[0]
+    first, end = rows
     low, high = max(0, first - margin), min(height, end + margin)
     around = (low - first + margin, end + margin - high), (margin, margin)
-    return {name: np.pad(pixels, around, "edge") for name, pixels in image.rows(_PART, low, high).items()}
+    return {name: np.pad(pixels, around, "edge") for name, pixels in light(low, high).items()}
 
 
 def _about(params: Params, photons_at_one: dict[str, float]) -> dict[str, Any]:

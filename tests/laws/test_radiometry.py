@@ -18,8 +18,9 @@ from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.optics.transmission.coatings import Coating
 from pipeline.optics.transmission.losses import Losses, fresnel, transmitted
+from pipeline.render.field_transmission import axial_transmission
 from pipeline.render.imaging import irradiance
-from pipeline.render.radiometry import axial_transmission, photon_rate
+from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.spectra import effective_nm, illuminant

@@ -17,6 +17,8 @@ TRUTH = {"truth", "certificate"}
 CAMERA = {"focus", "parts", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
 PATTERN = {"expose", "fixed_pattern"}
+LOST = {"expose", "transmission"}
+"""What a lens takes of the light of raw images."""
 RAW = {"expose"}
 """Raw images: what the sensor makes of images that are there. They are made anew where images are."""
 TARGET = {"image"} | TRUTH
@@ -298,19 +300,19 @@ RAW_IMAGES = {
     "plen:image:exposureTime": [Case(A, 0.02, RAW, given=LEVEL), Case(A, 0.02, RAW, given=PHOTONS)],
     "plen:image:whiteLevel": [Case(A, 0.9, RAW, given=LEVEL)],
     "plen:image:radiance": [Case(A, 3.0, RAW, given=RADIANCE)],
-    "plen:transmission": [Case(LENS, "surfaces", RAW, given=RADIANCE)],
-    "plen:transmittanceSource": [Case(LENS, "catalogue", RAW, given=LOSSY | KNOWN)],
-    "plen:internalTransmittance": [Case(GLASS, 0.99, RAW, given=LOSSY)],
+    "plen:transmission": [Case(LENS, "surfaces", LOST, given=RADIANCE)],
+    "plen:transmittanceSource": [Case(LENS, "catalogue", LOST, given=LOSSY | KNOWN)],
+    "plen:internalTransmittance": [Case(GLASS, 0.99, LOST, given=LOSSY)],
     "plen:internalTransmittanceThickness": [
-        Case(GLASS, 25.0, RAW, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99})
+        Case(GLASS, 25.0, LOST, given=LOSSY | {(GLASS, "plen:internalTransmittance"): 0.99})
     ],
-    "plen:internalTransmittanceWavelengths": [Case(GLASS, [500.0, 620.0], RAW, given=ABSORBING)],
-    "plen:internalTransmittanceTable": [Case(GLASS, [0.9, 0.95], RAW, given=ABSORBING)],
-    "plen:coatingAngles": [Case(GLASS, [0.0, 40.0], RAW, given=BY_ANGLE)],
-    "plen:coatingFilmIndices": [Case(GLASS, [1.38, 2.0], RAW, given=FILMS)],
-    "plen:coatingFilmThicknesses": [Case(GLASS, [99.0, 120.0], RAW, given=FILMS)],
-    "plen:coatingWavelengths": [Case(GLASS, [500.0, 620.0], RAW, given=COATED)],
-    "plen:coatingReflectance": [Case(GLASS, [0.01, 0.03], RAW, given=COATED)],
+    "plen:internalTransmittanceWavelengths": [Case(GLASS, [500.0, 620.0], LOST, given=ABSORBING)],
+    "plen:internalTransmittanceTable": [Case(GLASS, [0.9, 0.95], LOST, given=ABSORBING)],
+    "plen:coatingAngles": [Case(GLASS, [0.0, 40.0], LOST, given=BY_ANGLE)],
+    "plen:coatingFilmIndices": [Case(GLASS, [1.38, 2.0], LOST, given=FILMS)],
+    "plen:coatingFilmThicknesses": [Case(GLASS, [99.0, 120.0], LOST, given=FILMS)],
+    "plen:coatingWavelengths": [Case(GLASS, [500.0, 620.0], LOST, given=COATED)],
+    "plen:coatingReflectance": [Case(GLASS, [0.01, 0.03], LOST, given=COATED)],
     "plen:image:photonRate": [Case(A, 2e6, RAW, given=PHOTONS)],
     "plen:response:filters": [Case(SENSOR, ["red", "green", "green", "blue"], given=LEVEL, refused=True)],
     **_response("quantumEfficiency", [0.6]),

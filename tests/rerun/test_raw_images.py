@@ -11,8 +11,11 @@ import pipeline
 from pipeline.app.verifying.readable import unreadable
 from pipeline.files import tiff
 from pipeline.files.exr import Part, read_exr, write_exr
+from pipeline.files.jsonfile import write_json
 from pipeline.files.png import read_png
 from pipeline.files.tiff import read_tiff
+from pipeline.records.plain import to_plain
+from pipeline.render.field_transmission import FieldTransmission
 from pipeline.render.sensor.fixed_pattern import fixed_pattern
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.read_out import Shot, digital_numbers
@@ -119,6 +122,40 @@ def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
     for file in RAW:
         assert (tmp_path / "bands" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
         assert (tmp_path / "rows" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
+
+
+def test_a_raw_image_has_what_the_lens_lets_pass_at_each_pixel(tmp_path, monkeypatch):
+    """Light falls by a hundredth from column to column, before the crosstalk; in bands as in one piece."""
+    write_exr(tmp_path / "image.exr", [Part(name="image", channels={"Y": np.ones((4, 6))})])
+    shares = tuple(0.5 - 0.005 * column for column in range(6))
+    field = FieldTransmission(
+        axis=0.5,
+        axis_px=(0.0, 0.0),
+        places=((0.0, 1.0, 2.0, 3.0), (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)),
+        shares=(shares,) * 4,
+        error=0.0,
+    )
+    write_json(tmp_path / "transmission.json", {"mono": to_plain(field)})
+    quiet = SensorResponse(
+        quantum_efficiency=(1.0,),
+        full_well_e=2e4,
+        gain_dn_per_e=1.0,
+        bit_depth=16,
+        shot_noise=False,
+        crosstalk=(0.0, 0.0, 0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0),
+    )
+    level = Irradiation(exposure_time_s=0.0, white_level=0.5)
+    params = Expose(camera="C", frame=1, seed=0, response=quiet, irradiation=level)
+    inputs = {
+        name: {f"{name}.{end}": tmp_path / f"{name}.{end}"}
+        for name, end in (("image", "exr"), ("transmission", "json"))
+    }
+    for band_px in (1 << 20, 1):
+        monkeypatch.setattr(tiff, "_BAND_PX", band_px)
+        run(params, inputs, tmp_path)
+        # Half of a pixel's electrons go to its right neighbour; the first column goes on beyond the border.
+        expected = [10000, 9950, 9850, 9750, 9650, 9550]
+        assert read_tiff(tmp_path / "raw.tiff")[0].tolist() == [expected] * 4
 
 
 def test_the_preview_shows_black_and_white_as_they_are(tmp_path):

@@ -1,12 +1,14 @@
-"""Parameters of the tasks `expose` and `fixed_pattern`."""
+"""Parameters of the tasks `expose`, `fixed_pattern` and `transmission`."""
 
 from dataclasses import dataclass
 
+from pipeline.optics.transmission.losses import Losses
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import PatternSpread, SensorResponse
 
 TIFF, DNG, PREVIEW = "raw.tiff", "raw.dng", "raw.png"
 MAPS = "fixed_pattern.exr"
+TRANSMISSION = "transmission.json"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,3 +29,18 @@ class FixedPattern:
     camera: str
     shape: tuple[int, int]
     spread: PatternSpread
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LossesOfLight:
+    """Losses of a lens at each wavelength of the light of a camera, or of one of its channels, which is named."""
+
+    channel: str | None
+    of_each: tuple[Losses | None, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transmission:
+    """What the surfaces and the glass of a lens take, in each light that its sensor counts by itself."""
+
+    lights: tuple[LossesOfLight, ...]

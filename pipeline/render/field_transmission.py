@@ -1,0 +1,208 @@
+"""Share of the light of a pixel that surfaces and glass of the main lens let pass, over the whole image.
+
+It is the mean over the rays that leave the camera from the pixel, each weighted as images weigh it. It is smooth over
+the field, so that it is traced at a few nodes, with cubic splines between them. Nodes stand at heights above the
+axis where the lens is symmetric about it, and in a grid over the sensor otherwise.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.camera.bundle import Bundle, bundle, bundle_behind
+from pipeline.camera.parts.camera import Camera
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.optics.table import EDGES, is_centred, towards_sensor
+from pipeline.optics.transmission.losses import Losses, transmitted
+from pipeline.records.declared import settle
+from pipeline.records.shapes import Float64
+from pipeline.render.sensor.errors import SensorError
+
+RAYS = 4096
+"""Rays of a bundle whose mean transmission is taken: it varies by percents over a pupil, and they err by 1e-5."""
+_FIRST_NODES, _MOST_NODES = 5, (65, 33)
+"""Nodes along an axis at first, and at last of one axis and of two: steps are halved until the splines are right."""
+_ERROR = 1e-4
+"""Relative error of a spline at nodes that it does not know, with which the spline through those, too, is right."""
+_BISECTIONS = 12
+"""Halvings of the height at which light ends: below a pixel on any sensor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldTransmission:
+    """Transmission of the lens of a conventional camera over the image.
+
+    Attributes
+    ----------
+    axis : float
+        Share of light that passes on the axis.
+    axis_px : (float, float)
+        Image position x, y of the axis.
+    places : tuple of tuple of float
+        Places of nodes, ascending: heights above the axis alone, or rows and columns [px].
+    shares : tuple of tuple of float
+        Share that passes there, in rows: a single one where places are heights.
+    error : float
+        Largest relative error of the next coarser spline at nodes that it did not know: that of this one is smaller.
+    """
+
+    axis: float
+    axis_px: tuple[float, float]
+    places: tuple[tuple[float, ...], ...]
+    shares: tuple[tuple[float, ...], ...]
+    error: float
+
+    def __post_init__(self) -> None:
+        settle(self, SensorError)
+
+    def relative_rows(self, first: int, end: int, width: int) -> np.ndarray:
+        """Transmission of the pixels of some rows over that of the axis, (end - first, width)."""
+        columns, rows = np.arange(width, dtype=float), np.arange(first, end, dtype=float)
+        nodes, shares = tuple(np.array(one) for one in self.places), np.array(self.shares)
+        if len(nodes) == 2:
+            found = _between(nodes, shares, (rows, columns))
+        else:
+            heights_px = np.hypot(columns - self.axis_px[0], rows[:, None] - self.axis_px[1])
+            inside = np.minimum(heights_px, nodes[0][-1]).ravel()
+            found = _between(nodes, shares[0], (inside,)).reshape(heights_px.shape)
+        return np.asarray(np.clip(found, 0.0, 1.0) / self.axis)
+
+
+def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]) -> FieldTransmission | None:
+    """Transmission of a lens over the image, by the losses at each wavelength of the light.
+
+    None where it is that of the axis everywhere: the lens takes no light; or not known: behind microlenses.
+    """
+    if camera.microlenses is not None or not any(losses_of_each):
+        return None
+    lights = Tracer(camera).lights
+    # As on the axis: the same random numbers for all wavelengths, whose errors then go together.
+    parts = [(one.share, Tracer(one.tracer.camera), losses) for one, losses in zip(lights, losses_of_each, strict=True)]
+    tracer, table = parts[0][1], towards_sensor(parts[0][1].camera.prescription)
+
+    axis_px = tracer.pixels_at(np.zeros((1, 2)))[0]
+    drawn_at = round(axis_px[0]), round(axis_px[1])
+
+    def share(x_px: float, y_px: float) -> float:
+        def of(tracer: Tracer) -> Bundle:
+            return bundle_behind(tracer, float(x_px), float(y_px), NO_MICROLENS, RAYS, drawn_at)
+
+        return _mean([(weight, *_weight_and_share(of(tracer), tracer, losses)) for weight, tracer, losses in parts])
+
+    if is_centred(table) and not table[:, EDGES].any():
+        nodes = _along_heights(tracer, axis_px, share)
+    else:
+        nodes = _over_the_sensor(camera, share)
+    return FieldTransmission(
+        axis=share(*axis_px),
+        axis_px=(axis_px[0], axis_px[1]),
+        places=tuple(tuple(one) for one in nodes.places),
+        shares=tuple(tuple(row) for row in np.atleast_2d(nodes.shares)),
+        error=nodes.error,
+    )
+
+
+def passed_of(rays: Bundle, camera: Camera, losses: Losses) -> np.ndarray:
+    """Share of the light of each ray of a bundle that surfaces and glass let pass, (n,)."""
+    # Light comes the other way: from the vision frame to the lens frame, whose y and z point against it.
+    start, way = rays.origin_mm * [1.0, -1.0, -1.0], rays.direction * [-1.0, 1.0, 1.0]
+    return transmitted(towards_sensor(camera.prescription), start - way, way, losses)
+
+
+def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:
+    """Share of the light of the reference bundle that surfaces and glass of the main lens let pass."""
+    if losses is None:
+        return 1.0
+    position = np.zeros((1, 2))
+    if tracer.lattice is not None:
+        position = tracer.vertices_mm[np.flatnonzero((tracer.lattice.k == 0) & (tracer.lattice.l == 0))[:1]]
+    x_px, y_px = tracer.pixels_at(position)[0]
+    rays = bundle(tracer.camera, float(x_px), float(y_px), samples=RAYS)
+    return float(np.average(passed_of(rays, tracer.camera, losses), weights=rays.weight_sr))
+
+
+class _Nodes(NamedTuple):
+    """Places of nodes along one axis or two, shares of light there, and the error of the coarser spline."""
+
+    places: tuple[np.ndarray, ...]
+    shares: np.ndarray
+    error: float
+
+
+def _weight_and_share(rays: Bundle, tracer: Tracer, losses: Losses | None) -> tuple[float, float]:
+    """Weight of a bundle, and the share of its light that passes; 0, 0 where it is empty."""
+    weight = float(rays.weight_sr.sum())
+    if weight == 0 or losses is None:
+        return weight, float(weight > 0)
+    return weight, float(np.average(passed_of(rays, tracer.camera, losses), weights=rays.weight_sr))
+
+
+def _mean(parts: list[tuple[float, float, float]]) -> float:
+    """Mean share of several wavelengths, each with its share of the signal and its weight; NaN where none has light."""
+    total = sum(of_signal * weight for of_signal, weight, _ in parts)
+    return sum(of_signal * weight * share for of_signal, weight, share in parts) / total if total > 0 else np.nan
+
+
+def _along_heights(tracer: Tracer, axis_px: np.ndarray, share: Callable[[float, float], float]) -> _Nodes:
+    """Nodes at heights from the axis to the farthest corner, or to where light ends."""
+    corner_px = tracer.pixels_at(tracer.camera.sensor.farthest_corner_mm[None])[0] - axis_px
+    farthest_px = float(np.hypot(*corner_px))
+
+    def at(heights_px: np.ndarray) -> np.ndarray:
+        return np.array([share(*(axis_px + height / farthest_px * corner_px)) for height in heights_px])
+
+    lit = end = farthest_px
+    if np.isnan(at(np.array([end]))[0]):
+        lit = 0.0
+        for _ in range(_BISECTIONS):
+            middle = (lit + end) / 2
+            lit, end = (lit, middle) if np.isnan(at(np.array([middle]))[0]) else (middle, end)
+    return _refined((np.linspace(0.0, lit, _FIRST_NODES),), lambda places: at(places[0]))
+
+
+def _over_the_sensor(camera: Camera, share: Callable[[float, float], float]) -> _Nodes:
+    """Nodes in a grid from pixel to pixel of the corners."""
+    ends = camera.sensor.height_px - 1.0, camera.sensor.width_px - 1.0
+    places = tuple(np.linspace(0.0, max(end, 1.0), _FIRST_NODES) for end in ends)
+    return _refined(places, lambda grid: np.array([[share(x_px, y_px) for x_px in grid[1]] for y_px in grid[0]]))
+
+
+def _refined(
+    places: tuple[np.ndarray, ...], shares_at: Callable[[tuple[np.ndarray, ...]], Float64[np.ndarray, "..."]]
+) -> _Nodes:
+    """Nodes whose steps are halved until the spline through the coarser ones is right at the finer ones."""
+    shares = shares_at(places)
+    while True:
+        coarse = _between(places, _filled(shares), finer := tuple(_halved(one) for one in places))
+        places, shares = finer, shares_at(finer)
+        error = float(np.nanmax(np.abs(coarse / shares - 1)))
+        if error <= _ERROR or len(places[0]) >= _MOST_NODES[len(places) - 1]:
+            return _Nodes(places, _filled(shares), error)
+
+
+def _halved(places: np.ndarray) -> np.ndarray:
+    return np.linspace(places[0], places[-1], 2 * len(places) - 1)
+
+
+def _filled(shares: np.ndarray) -> np.ndarray:
+    """The shares, those of dark places replaced by that of the nearest lit one."""
+    from scipy.ndimage import distance_transform_edt
+
+    dark = np.isnan(shares)
+    if not dark.any():
+        return shares
+    return np.asarray(shares[tuple(distance_transform_edt(dark, return_distances=False, return_indices=True))])
+
+
+def _between(nodes: tuple[np.ndarray, ...], shares: np.ndarray, places: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Cubic splines through the shares at nodes, along one axis after the other, at the tensor product of places."""
+    from scipy.interpolate import CubicSpline
+
+    # By height they are even: no slope on the axis.
+    start = (1, np.zeros(())) if len(nodes) == 1 else "not-a-knot"
+    for axis, (own, wanted) in enumerate(zip(nodes, places, strict=True)):
+        shares = CubicSpline(own, shares, axis=axis, bc_type=(start, "not-a-knot"))(wanted)
+    return shares
