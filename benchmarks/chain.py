@@ -4,8 +4,8 @@
 
 Builds of one worker until a task, with all kernels compiled before; what a build until the camera's focus takes is
 subtracted, so that starting Python does not count. Example 02 as its stage says, by the default method of each commit;
-the paper's rig in full, 2173 x 2173 pixels, one board of 40 corners, by `direct` to 0.001 px. The certificate's share is
-what a build until the certificate takes more than one until the tables. With `--small` this commit alone, and the rig.
+the rig of the paper in full, 2173 x 2173 pixels, one board of 40 corners, by `direct` to 0.001 px. The share of the
+certificate is what it takes more than the tables. With `--small` this commit alone, and the rig.
 """
 
 import argparse

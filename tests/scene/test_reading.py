@@ -437,6 +437,7 @@ def test_a_long_array_becomes_what_its_entries_become(array):
 
 def test_answers_are_kept_while_no_stage_changes_and_no_longer():
     stage, name = Usd.Stage.Open(str(TINY)), "plen:camera:wavelength"
+    stage.SetEditTarget(stage.GetSessionLayer())  # layers of files belong to all stages of a process
     camera = next(prim for prim in stage.Traverse() if prim.IsA("Camera"))
     with unchanging():
         with pytest.raises(UnreadableValue):

@@ -40,8 +40,8 @@ def fill_sums(sums, steps, turns):
     """Write `reflection.Layers.sums`: nodes are equally spaced in the root of alpha and in the root of the cosine.
 
     Most facets of a smooth surface lie flat. The few steep ones, whose light goes below the horizon, are the last
-    hundredth of the first number that facets are drawn from, u = 1 - s^4; steps are even in s. Both halves of a turn
-    are alike.
+    hundredth of the first number that facets are drawn from, u = 1 - s^4; steps are even in s. Each counts by its
+    length in u: their sum is 1, so that a mirror loses nothing. Both halves of a turn are alike.
     """
     nodes = sums.shape[0]
     for i in range(nodes):
@@ -51,13 +51,13 @@ def fill_sums(sums, steps, turns):
             seen = math.sqrt(1.0 - cosine * cosine), 0.0, cosine
             whole, grazing = 0.0, 0.0
             for a in range(steps):
-                s = (a + 0.5) / steps
+                s, step = (a + 0.5) / steps, ((a + 1) ** 4 - a**4) / steps**4
                 for b in range(turns):
                     half = _visible_facet(alpha, seen, 1.0 - s**4, 0.5 * (b + 0.5) / turns)
                     glance = seen[0] * half[0] + seen[2] * half[2]
                     lit = 2.0 * glance * half[2] - seen[2]
-                    part = 4.0 * s**3 * _masking(alpha, lit)
+                    part = step * _masking(alpha, lit)
                     off = 1.0 - min(max(glance, 0.0), 1.0)
                     whole += part
                     grazing += part * off**5
-            sums[i, j, 0], sums[i, j, 1] = whole / (steps * turns), grazing / (steps * turns)
+            sums[i, j, 0], sums[i, j, 1] = whole / turns, grazing / turns
