@@ -40,7 +40,7 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
 
 
 def _lossy(irradiation: Irradiation) -> exposing.Transmission | None:
-    """What the lens takes of the light of an exposure by radiance; None: nothing."""
+    """Losses of an exposure by radiance in the lens; None: there are none."""
     lights = [exposing.LossesOfLight(channel=one.channel, of_each=one.losses) for one in irradiation.channels]
     if irradiation.radiance:
         lights = [exposing.LossesOfLight(channel=None, of_each=irradiation.radiance.losses_of_each)]

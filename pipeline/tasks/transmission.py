@@ -23,7 +23,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
 
 
 def transmission_of(inputs: Inputs) -> dict[str, FieldTransmission]:
-    """What the task wrote, by channel; empty where a task does not read it."""
+    """Transmission by channel, as the task wrote it; empty where it is no input."""
     if "transmission" not in inputs:
         return {}
     plain = read_json(inputs["transmission"][TRANSMISSION])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.edge_kernels import PASSES, Labels, label_packet
+from pipeline.camera.integrating.label_kernels import PASSES, Labels, label_packet
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SHORTEST_EDGE_MM
 from pipeline.jit.decorators import inline, kernel

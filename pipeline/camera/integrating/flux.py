@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.integrating.label_kernels import PASSES
 from pipeline.camera.integrating.ways import Ways
 from pipeline.records.shapes import Float64, Int64
 

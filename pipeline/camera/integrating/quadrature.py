@@ -13,8 +13,9 @@ import numpy as np
 
 from pipeline.camera import boundary
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.edge_kernels import PASSES, Rays, Rule
+from pipeline.camera.integrating.edge_kernels import Rays, Rule
 from pipeline.camera.integrating.flux import PROBES, holds_all
+from pipeline.camera.integrating.label_kernels import PASSES
 from pipeline.camera.integrating.ways import Ways
 from pipeline.camera.parts.gauss import unit_nodes
 from pipeline.camera.parts.polygon import MAX_VERTICES

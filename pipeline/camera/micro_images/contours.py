@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.boundary import halved, widened
-from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.integrating.label_kernels import PASSES
 from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays
 from pipeline.camera.micro_images.pinhole_rays import look
 from pipeline.camera.tracing.records import CameraArrays

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.edge_kernels import PASSES, Labels, label_packet
+from pipeline.camera.integrating.label_kernels import PASSES, Labels, label_packet
 from pipeline.camera.tracing.acceptance import HALF_ANGLE, accepted_share, is_limited
 from pipeline.camera.tracing.microlens_kernels import AIM, MODEL, PLAIN, X, Y, aim_for
 from pipeline.camera.tracing.packets import send_mixed
@@ -91,7 +91,7 @@ def look(camera, pencils, rays, is_named, label):
     pencils : Pencils
     rays : Rays
     is_named : bool
-        Whether labels of blocked rays name what blocks them, as `edge_kernels.label_packet` does, which costs more.
+        Whether labels of blocked rays name what blocks them, as `label_kernels.label_packet` does, which costs more.
         Else they are all the same.
     label : (m,) int64
         Written: PASSES or another.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.boundary import corners, directions, even_angles, halved, inner_points, widened
-from pipeline.camera.integrating.edge_kernels import PASSES
+from pipeline.camera.integrating.label_kernels import PASSES
 from pipeline.camera.micro_images import pinhole_kernels
 from pipeline.camera.micro_images.pinhole_kernels import Pencils, Rays, Sectors
 from pipeline.camera.micro_images.pinhole_rays import look

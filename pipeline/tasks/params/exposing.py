@@ -41,6 +41,6 @@ class LossesOfLight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transmission:
-    """What the surfaces and the glass of a lens take, in each light that its sensor counts by itself."""
+    """Losses at the surfaces and in the glass of a lens, in each light that its sensor counts by itself."""
 
     lights: tuple[LossesOfLight, ...]
