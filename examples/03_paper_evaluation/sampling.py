@@ -110,7 +110,7 @@ def _means(camera, planes, samples, starts, independent, stops, result):
                 start_x[i] = sx + width * (start_x[i] - 0.5)
                 start_y[i] = sy + width * (start_y[i] - 0.5)
             anchor = Anchor(sx, sy, region_drift(camera, microlens[n]))
-            aim_into(region, fan_of, anchor, start, x, y)
+            aim_into(region, fan_of, anchor, start, x, y, packet.scratch)
             send_packet(camera, microlens[n], start, PACKET, packet)
             for p in range(planes.shape[0]):
                 started_here = _add(planes[p], packet, started, pivot[p], sums[p])

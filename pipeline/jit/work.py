@@ -77,9 +77,12 @@ class Work:
         return result
 
     def to_plain(self, share: float = 1.0) -> dict[str, Any]:
-        """Plain values for a record, of all or of a share of it: `kernels` that were called, and `loading_seconds`."""
+        """Plain values for a record, of all or of a share of it: `kernels` that were called, and `loading_seconds`.
+
+        Fields that are 0 are left out: half of them are, and a plan reads the records of all tasks.
+        """
         kernels = {
-            name: {field: round(share * value, 4) for field, value in asdict(done).items()}
+            name: {field: part for field, value in asdict(done).items() if (part := round(share * value, 4))}
             for name, done in self.kernels.items()
             if done.calls
         }

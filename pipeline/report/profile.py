@@ -27,21 +27,21 @@ def profile(tasks: Iterable[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
     total = loading = 0.0
     for kind, made in tasks:
         total, loading = total + made["cpu_seconds"], loading + made["loading_seconds"]
-        rays, crossings = (sum(one[name] for one in made["kernels"].values()) for name in ("rays", "crossings"))
+        rays, crossings = (sum(one.get(name, 0) for one in made["kernels"].values()) for name in ("rays", "crossings"))
         _add(kinds, kind, {**made, "count": 1, "seconds": made["cpu_seconds"], "rays": rays, "crossings": crossings})
         for name, one in made["kernels"].items():
-            _add(kernels, name, {**one, "count": one["calls"], "peak_bytes": 0})
+            _add(kernels, name, {**one, "count": one.get("calls", 0)})
     within = sum(row["seconds"] for row in kernels.values())
     facts = {"cpu_seconds": total, "loading_seconds": loading, "other_seconds": max(0.0, total - loading - within)}
     return {**facts, "kinds": _dearest_first(kinds), "kernels": _dearest_first(kernels)}
 
 
 def _add(rows: dict[str, Row], name: str, costs: dict[str, Any]) -> None:
-    """Add the costs of one task or kernel, which may have other fields besides those of a row."""
+    """Add the costs of one task or kernel, which may have other fields besides those of a row, and need not have all."""
     row = rows.setdefault(name, {"name": name, "count": 0, "seconds": 0.0, "rays": 0, "crossings": 0, "peak_bytes": 0})
     for key in _SUMS:
-        row[key] += costs[key]
-    row["peak_bytes"] = max(row["peak_bytes"], costs["peak_bytes"])
+        row[key] += costs.get(key, 0)
+    row["peak_bytes"] = max(row["peak_bytes"], costs.get("peak_bytes", 0))
 
 
 def _dearest_first(rows: dict[str, Row]) -> list[Row]:

@@ -107,7 +107,7 @@ def cost_of_record(record: Record) -> Cost | None:
     made_by = record["made_by"]
     if "cpu_seconds" not in made_by:
         return None
-    rays = sum(one["rays"] for one in made_by.get("kernels", {}).values())
+    rays = sum(one.get("rays", 0) for one in made_by.get("kernels", {}).values())
     return Cost(cpu_seconds=made_by["cpu_seconds"], rays=rays, peak_bytes=made_by["peak_bytes"])
 
 
