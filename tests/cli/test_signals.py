@@ -58,7 +58,7 @@ def test_a_signal_in_the_first_second_ends_without_a_word(tmp_path):
     (tmp_path / "s.usda").write_text("#usda 1.0\n")
     for number, delay_s in ((signal.SIGINT, 0.3), (signal.SIGTERM, 0.45), (signal.SIGHUP, 0.6), (signal.SIGINT, 0.75)):
         code = "import sys; print(1, flush=True); from pipeline.__main__ import main; sys.argv = sys.argv[1:]; main()"
-        arguments = [sys.executable, "-c", code, "pipeline", "check", *["s.usda"] * 200]
+        arguments = [sys.executable, "-c", code, "pipeline", "check", *["s.usda"] * 5000]
         process = subprocess.Popen(
             arguments, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
