@@ -37,7 +37,7 @@ def profile(tasks: Iterable[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
 
 
 def _add(rows: dict[str, Row], name: str, costs: dict[str, Any]) -> None:
-    """Add the costs of one task or kernel, which may have other fields besides those of a row, and need not have all."""
+    """Add the costs of one task or kernel; fields that it does not have are 0."""
     row = rows.setdefault(name, {"name": name, "count": 0, "seconds": 0.0, "rays": 0, "crossings": 0, "peak_bytes": 0})
     for key in _SUMS:
         row[key] += costs.get(key, 0)
