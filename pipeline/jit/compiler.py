@@ -54,7 +54,12 @@ class _Machine(JITCodeLibrary):
         passes.run(self._final_module, builder)
 
     def finalize(self) -> None:
-        self._linking_libraries = _with_headers(self._linking_libraries)
+        found = _with_headers(self._linking_libraries)
+        for header in found:
+            if isinstance(header, _Header):
+                self._reload_init.update(header._reload_init)
+                self._final_module.link_in(header.own_module, preserve=True)
+        self._linking_libraries = [library for library in found if not isinstance(library, _Header)]
         super().finalize()
 
 
@@ -68,7 +73,23 @@ class _Header(JITCodeLibrary):
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
                 function.linkage = "linkonce_odr"
-        self._shared_module, self._finalized = self._final_module, True
+        self._finalized = True
+
+    @property
+    def own_module(self) -> Any:
+        """The code, without that of other headers that it calls."""
+        self._ensure_finalized()
+        return self._final_module
+
+    def _get_module_for_linking(self) -> Any:
+        """The code with all that it calls, for compilers of others: these link what they call themselves, no more."""
+        if self._shared_module is None:
+            whole = self.own_module.clone()
+            for library in _with_headers(self._linking_libraries):
+                own = library.own_module if isinstance(library, _Header) else library._get_module_for_linking()
+                whole.link_in(own, preserve=True)
+            self._shared_module = whole
+        return self._shared_module
 
 
 def _with_headers(libraries: Iterable[JITCodeLibrary]) -> list[JITCodeLibrary]:

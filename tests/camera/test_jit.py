@@ -19,6 +19,7 @@ from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
 from pipeline.jit.cache import KernelCache
 from pipeline.jit.decorators import Kernel, _source_digest, inline, kernel, unit
+from pipeline.optics.kernels import PACKET, new_packet
 
 ROOT = Path(__file__).parents[2]
 SOURCES = {
@@ -115,6 +116,18 @@ class Bomb:
 
     def __reduce__(self):
         return Path.touch, (self.path,)
+
+
+def test_functions_that_others_compile_may_call_ours():
+    """Also those that make arrays, and call code of Numba for it."""
+    made = new_packet.compiled
+
+    @numba.njit
+    def rays():
+        packet = made()
+        return packet.x.shape[0], packet.scratch.shape[1]
+
+    assert rays() == (PACKET, PACKET)
 
 
 @pytest.fixture
