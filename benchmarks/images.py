@@ -22,7 +22,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 BEFORE = "54ef84b"
 _JUDGED_ROWS = 8
-_TURNS = 3
+_TURNS = 9
 """Repetitions of what takes a fraction of a second; the first loads kernels and Embree."""
 _CORNER = ((1.0, -4.0, 395.0), (9.0, -4.0, 395.0), (1.0, 4.0, 395.0))
 _ACROSS = ((-90.0, -90.0, 390.0), (90.0, 90.0, 395.0), (90.0, 90.1, 395.0))

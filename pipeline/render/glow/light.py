@@ -104,15 +104,15 @@ class TargetLight:
         # The choice depends on the ray alone, never on other rays of the call.
         near = np.zeros(len(light), bool)
         may_meet(self._boxes, origin_mm, direction, near)
-        for some, ask in ((np.flatnonzero(near), self._by_embree), (np.flatnonzero(~near), self._by_sheets)):
-            if not len(some):
-                continue
-            if len(some) == len(light):
-                ask(origin_mm, direction, light)
-            else:
-                asked = np.full(len(some), self._background)
-                ask(origin_mm[some], direction[some], asked)
-                light[some] = asked
+        some = np.flatnonzero(near)
+        if len(some) == len(light):
+            self._by_embree(origin_mm, direction, light)
+            return light
+        self._by_sheets(origin_mm, direction, light)  # of all, because most rays are not near, and copies cost more
+        if len(some):
+            asked = np.full(len(some), self._background)
+            self._by_embree(origin_mm[some], direction[some], asked)
+            light[some] = asked
         return light
 
     @property
