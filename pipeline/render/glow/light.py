@@ -105,14 +105,14 @@ class TargetLight:
         near = np.zeros(len(light), bool)
         may_meet(self._boxes, origin_mm, direction, near)
         some = np.flatnonzero(near)
-        if len(some) == len(light):
-            self._by_embree(origin_mm, direction, light)
-            return light
-        self._by_sheets(origin_mm, direction, light)  # of all, because most rays are not near, and copies cost more
-        if len(some):
+        if len(some) < len(light):  # sheets of all rays, because most are not near, and copies cost more
+            self._by_sheets(origin_mm, direction, light)
+        if 0 < len(some) < len(light):
             asked = np.full(len(some), self._background)
             self._by_embree(origin_mm[some], direction[some], asked)
             light[some] = asked
+        elif len(some):
+            self._by_embree(origin_mm, direction, light)
         return light
 
     @property
