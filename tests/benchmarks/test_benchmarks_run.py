@@ -54,12 +54,13 @@ def test_lit_images_have_little_noise_at_few_rays(tmp_path: Path) -> None:
 
 @pytest.mark.heavy
 def test_the_race_reports_a_rate_per_lens_with_peers_or_without(tmp_path: Path) -> None:
-    """Three races, six shapes and two cameras, each with rays per second; about three quarters of rays pass at f/2."""
+    """Five races, two shares of the floor, six shapes and two cameras; about three quarters of rays pass at f/2."""
     text = output_of("trace.py", tmp_path)
-    assert len(re.findall(r"packets +[\d.e+]+ rays/s \(best", text)) == 3
+    assert len(re.findall(r"packets +[\d.e+]+ rays/s \(best", text)) == 5
+    assert len(re.findall(r"f/2: [\d.e+]+ rays/s .* share median [\d.]+%", text)) == 2
     assert len(re.findall(r"ray-surfaces/s, costs [\d.]+ spheres, passing: 100.00%", text)) == 6
     assert len(re.findall(r"tiny_\w+, 64 samples +[\d.e+]+ rays/s", text)) == 2
-    assert [round(float(share)) for share in re.findall(r"([\d.]+)% pass", text)] == [77, 75, 77]
+    assert [round(float(share)) for share in re.findall(r"([\d.]+)% pass", text)] == [77, 75, 77, 75, 77]
 
 
 @pytest.mark.heavy
