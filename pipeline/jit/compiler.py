@@ -15,9 +15,12 @@ import llvmlite.binding as llvm
 from numba.core import typed_passes, types, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.postproc import PostProcessor
 from numba.core.registry import cpu_target
 from numba.core.targetconfig import ConfigStack
+from numba.core.transforms import canonicalize_cfg
 from numba.core.typed_passes import NoPythonBackend
 
 _UNUSED = {
@@ -191,24 +194,37 @@ def remembering() -> Iterator[None]:
     """Remember what functions give while our kernels are compiled; compilations of others go on as Numba does them.
 
     Numba looks at all its overloads of + at each +, and again when it makes code of it: two fifths of the time that a
-    compilation takes.
+    compilation takes. It finds five times where variables live, and uses what it finds last.
     """
     context = cpu_target.typing_context
-    if "_resolve_user_function_type" in vars(context):  # a kernel is compiled because another one is
-        yield
-        return
-    resolve, call_type = context._resolve_user_function_type, types.BaseFunction.get_call_type
-    context._resolve_user_function_type = lambda function, *given: _once(resolve, function, given)
+    with global_compiler_lock:
+        if "_resolve_user_function_type" in vars(context):  # a kernel is compiled because another one is
+            yield
+            return
+        resolve, call_type, post_process = (
+            context._resolve_user_function_type,
+            types.BaseFunction.get_call_type,
+            PostProcessor.run,
+        )
 
-    def found(function: Any, context: Any, *given: Any) -> Any:
-        return _once(lambda function, *given: call_type(function, context, *given), function, given)
+        def found(function: Any, context: Any, *given: Any) -> Any:
+            return _once(lambda function, *given: call_type(function, context, *given), function, given)
 
-    types.BaseFunction.get_call_type = found  # type: ignore[method-assign, assignment]
-    try:
-        yield
-    finally:
-        types.BaseFunction.get_call_type = call_type  # type: ignore[method-assign]
-        del context._resolve_user_function_type
+        def run(step: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+            if emit_dels or step.func_ir.is_generator:
+                post_process(step, emit_dels, extend_lifetimes)
+            else:
+                step.func_ir.blocks = canonicalize_cfg(step.func_ir.blocks)
+
+        context._resolve_user_function_type = lambda function, *given: _once(resolve, function, given)
+        types.BaseFunction.get_call_type = found  # type: ignore[method-assign, assignment]
+        PostProcessor.run = run  # type: ignore[method-assign, assignment]
+        try:
+            yield
+        finally:
+            PostProcessor.run = post_process  # type: ignore[method-assign]
+            types.BaseFunction.get_call_type = call_type  # type: ignore[method-assign]
+            del context._resolve_user_function_type
 
 
 def _once(find: Any, function: Any, given: tuple[Any, ...]) -> Any:
