@@ -2,19 +2,22 @@
 
     python benchmarks/chain.py [--small]
 
-Builds of one worker until a task, with all kernels compiled before; what a build until the camera's focus takes, the
-least of three, is subtracted, so that starting Python does not count. Example 02 as its stage says, by the default
-method of each commit; the rig of the paper in full, 2173 x 2173 pixels, one board of 40 corners, by `direct` to
-0.001 px. The share of the certificate is what it takes more than the tables. With `--small` this commit alone, and the
-rig.
+Builds of one worker until a task, with all kernels compiled before; what a build until the camera's focus takes is
+subtracted, so that starting Python does not count. Example 02 as its stage says, by the default method of each commit;
+the rig of the paper in full, 2173 x 2173 pixels, one board of 40 corners, by `direct` to 0.001 px. The share of the
+certificate is what it takes more than the tables: a small difference, so that start and certificate are the least of
+three. With `--small` this commit alone, and the rig.
 """
 
 import argparse
+import shutil
+from pathlib import Path
 
 from beside import BEFORE, EXAMPLE_02, Side, sides
 from kept import keep
 
 CAMERA = "Rig.Camera"
+_TURNS = 3
 STAGE = """#usda 1.0
 (
     defaultPrim = "Full"
@@ -87,16 +90,23 @@ def main() -> None:
 def measure(side: Side, stage: str) -> dict[str, float]:
     """Processor time of the tables of a stage with all that they need, and of the certificate [s]."""
     until(side, stage, f"focus/{CAMERA}", "kernels")  # a build compiles what all its tasks need
-    start = min(until(side, stage, f"focus/{CAMERA}", f"start{turn}") for turn in range(3))
+    start = min(until(side, stage, f"focus/{CAMERA}", f"start{turn}") for turn in range(_TURNS))
     truth = until(side, stage, f"truth/{CAMERA}/*", "truth")
-    certificate = until(side, stage, f"certificate/{CAMERA}", "truth") - start
-    return {"truth_cpu_s": round(truth - start, 2), "certificate_cpu_s": round(certificate, 2)}
+    for turn in range(_TURNS):
+        shutil.copytree(folder(side, stage, "truth"), folder(side, stage, f"judged{turn}"))
+    judged = min(until(side, stage, f"certificate/{CAMERA}", f"judged{turn}") for turn in range(_TURNS))
+    return {"truth_cpu_s": round(truth - start, 2), "certificate_cpu_s": round(judged - start, 2)}
 
 
 def until(side: Side, stage: str, task: str, store: str) -> float:
     """Processor time of a build by one worker that ends with a task."""
     out = str(side.home / "out")
-    return side.cpu_s("build", stage, "-j", "1", "--until", task, "-o", out, store=f"{store} {len(stage)}")
+    return side.cpu_s("build", stage, "-j", "1", "--until", task, "-o", out, store=folder(side, stage, store).name)
+
+
+def folder(side: Side, stage: str, store: str) -> Path:
+    """The store of this name for a stage."""
+    return side.home / f"{store} {len(stage)}"
 
 
 if __name__ == "__main__":

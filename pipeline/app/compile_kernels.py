@@ -54,22 +54,22 @@ def compile_apart() -> NoReturn:
 
     The first part is compiled before this process forks, because all others need it. Then one process goes on from
     there, and the other from the end; each loads what the other compiled. The process ends at once: to free one by
-    one what the compiler has left would take as long as a kernel.
+    one what the compiler has left takes seconds.
     """
     prctl(END_WITH_PARENT, signal.SIGKILL)
     first, *others = _parts(sys.argv[1:])
-    with _no_garbage():
-        with contextlib.ExitStack() as last:
-            first()
-            with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
-                helper = os.fork()
-                if helper == 0:
-                    _help(others[::-1])
-                last.callback(os.waitpid, helper, 0)
-                last.callback(os.kill, helper, signal.SIGKILL)
-            _call(others)
-        print(*_files(), sep="\n", flush=True)
-        os._exit(0)
+    gc.disable()
+    with contextlib.ExitStack() as last:
+        first()
+        with contextlib.suppress(OSError):  # no second process can be started: this one compiles all
+            helper = os.fork()
+            if helper == 0:
+                _help(others[::-1])
+            last.callback(os.waitpid, helper, 0)
+            last.callback(os.kill, helper, signal.SIGKILL)
+        _call(others)
+    print(*_files(), sep="\n", flush=True)
+    os._exit(0)
 
 
 def _help(parts: Iterable[Callable[[], None]]) -> NoReturn:

@@ -11,6 +11,9 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.postproc import PostProcessor
+from numba.core.types import BaseFunction
 
 from pipeline.app.build import compile_once, project
 from pipeline.app.kernel_steps import steps_of
@@ -18,6 +21,7 @@ from pipeline.engine.planning.graph import Task
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
 from pipeline.jit.cache import KernelCache
+from pipeline.jit.compiler import remembering
 from pipeline.jit.decorators import Kernel, _source_digest, inline, kernel, unit
 from pipeline.optics.kernels import PACKET, new_packet
 
@@ -128,6 +132,25 @@ def test_functions_that_others_compile_may_call_ours():
         return packet.x.shape[0], packet.scratch.shape[1]
 
     assert rays() == (PACKET, PACKET)
+
+
+def test_what_others_compile_waits_for_ours_and_finds_numba_as_it_was():
+    """Numba is told what we remember while our kernels are compiled, whatever becomes of them."""
+    found, taken = (PostProcessor.run, BaseFunction.get_call_type), threading.Event()
+
+    def other():
+        with global_compiler_lock:
+            assert (PostProcessor.run, BaseFunction.get_call_type) == found
+            taken.set()
+
+    thread = threading.Thread(target=other)
+    with pytest.raises(ZeroDivisionError), remembering():
+        assert PostProcessor.run != found[0] and BaseFunction.get_call_type != found[1]
+        thread.start()
+        assert not taken.wait(0.5)
+        raise ZeroDivisionError
+    thread.join(60)
+    assert taken.is_set()
 
 
 @pytest.fixture
