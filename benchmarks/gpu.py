@@ -1,31 +1,50 @@
-"""How fast does a device trace bundles, against one core of the processor, in one run? And do both agree?
+"""How fast does a device trace rays, against one core of the processor, in one run? And do both agree?
 
     python benchmarks/gpu.py [--small]
 
-Where no CUDA device can be used it says so and measures nothing.
+Rays through the lens of example 01 alone, in float64 and float32; moments of bundles, in float64; rays of images, in
+float32. Clock of the device's calls. Where no CUDA device can be used it says so and measures nothing.
 """
 
 import argparse
 import dataclasses
 import statistics
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from lenses import EXAMPLES
+from kept import keeping
+from lenses import EXAMPLES, table_of, tronnier
 
 import pipeline
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.on_device.regions import blocks_for
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.errors import EnvironmentFault
-from pipeline.jit.device import device_name, is_simulated
+from pipeline.jit.binding import Single
+from pipeline.jit.device import DeviceKernel, cuda, device_name, fetched, is_simulated, resident
+from pipeline.optics.crossing import Ray
+from pipeline.optics.kernels import trace_in_place
+from pipeline.optics.one_ray import trace_ray
+from pipeline.render.imaging import irradiance
 
 AGREEMENT_MM = 1e-9
-_TURNS = 5
+"""Differences of means of bundles: both are float64."""
+SINGLE = 1e-4
+"""Rms of the differences of the light of pixels, relative to white: a ray in some 100,000 passes in one precision only,
+a sixty-fourth of the light of a pixel. `benchmarks/single.py` says more."""
+SINGLE_MM = 1e-3
+"""Differences of rays behind a lens in float32."""
+_TURNS, _THREADS, _FIELD_DEG = 5, 256, 10.0
+Timed = dict[str, Callable[[], np.ndarray]]
+trace_single = Single(trace_ray, STILL_MM=1e-3, RESIDUAL_MM=1e-4)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--small", action="store_true", help="few bundles: does it run at all?")
+    parser.add_argument("--small", action="store_true", help="few rays: does it run at all?")
     small = parser.parse_args().small
     try:
         device = device_name()
@@ -35,15 +54,67 @@ def main() -> None:
     if is_simulated():
         print("nothing is measured: the simulator says what a device computes, not how fast")
         return
-    print(
-        f"moments of bundles in float64 on {device}: clock of the device's calls, copies included; processor: one core"
-    )
-    for name in ("01_conventional", "02_plenoptic"):
-        race(name, device, 2_000 if small else 200_000)
+    with keeping("gpu"):
+        print(f"{device}; processor: one core")
+        lens_alone(device, 1 << (16 if small else 24))
+        for name in ("01_conventional", "02_plenoptic"):
+            bundles(name, device, 2_000 if small else 200_000)
+            images(name, device, (190, 191 if small else 290))
 
 
-def race(name: str, device: str, count: int) -> None:
-    """Bundles spread over the sensor of an example, on both in turns; SystemExit if they differ."""
+@DeviceKernel
+def lens_in_double(table, rays):  # type: ignore[no-untyped-def]
+    """Trace one ray per thread where it lies, (7, n)."""
+    i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
+    if i < rays.shape[1]:
+        ray = Ray(rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i], rays[6, i])
+        ray = trace_ray(table, ray)
+        rays[0, i], rays[1, i], rays[2, i], rays[3, i] = ray.x, ray.y, ray.z, ray.dx
+        rays[4, i], rays[5, i], rays[6, i] = ray.dy, ray.dz, ray.alive
+
+
+@DeviceKernel
+def lens_in_single(table, rays):  # type: ignore[no-untyped-def]
+    """The same in float32."""
+    i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
+    if i < rays.shape[1]:
+        ray = Ray(rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i], rays[6, i])
+        ray = trace_single(table, ray)
+        rays[0, i], rays[1, i], rays[2, i], rays[3, i] = ray.x, ray.y, ray.z, ray.dx
+        rays[4, i], rays[5, i], rays[6, i] = ray.dy, ray.dz, ray.alive
+
+
+def lens_alone(device: str, count: int) -> None:
+    """Rays through a lens, which are on the device before and after; the processor traces a hundredth of them."""
+    race = tronnier()
+    position, direction = race.rays(1 << 16, _FIELD_DEG)
+    start = position - [0.0, 0.0, race.prescription.vertices_mm[race.prescription.stop_index]]
+    rays = np.tile(np.vstack([start.T, direction.T, np.ones(len(start))]), max(1, count >> 16))
+    table = table_of(race)
+    ends = [rays[:, : 1 << 16].copy()]
+    trace_in_place(table, ends[0])
+    for kernel, kind in ((lens_in_double, np.float64), (lens_in_single, np.float32)):
+        there, seconds = resident(table.astype(kind)), []
+        for _ in range(_TURNS + 1):
+            here = resident(rays.astype(kind))
+            begin = time.perf_counter()
+            kernel(blocks_for(rays.shape[1], _THREADS), _THREADS, there, here)
+            fetched(here[0, :1])  # waits for the kernel
+            seconds.append(time.perf_counter() - begin)
+        found = fetched(here)[:, : 1 << 16]
+        told(f"lens alone, {np.dtype(kind).name}, {device}", rays.shape[1], seconds[1:])
+        agree("lens alone", ends[0][:2], found[:2], AGREEMENT_MM if kind is np.float64 else SINGLE_MM, "mm")
+    some, seconds = rays[:, : max(1 << 16, count // 100)], []
+    for _ in range(_TURNS):
+        lanes = some.copy()
+        begin = time.perf_counter()
+        trace_in_place(table, lanes)
+        seconds.append(time.perf_counter() - begin)
+    told("lens alone, float64, processor", some.shape[1], seconds)
+
+
+def bundles(name: str, device: str, count: int) -> None:
+    """Bundles spread over the sensor of an example, copies included."""
     entry = pipeline.open_dataset(EXAMPLES / name / "dataset.usda").cameras[0]
     tracer, sensor, samples = Tracer(entry.camera, entry.sampling.seed), entry.camera.sensor, entry.sampling.samples
     i = np.arange(count)
@@ -51,22 +122,58 @@ def race(name: str, device: str, count: int) -> None:
     positions = tracer.positions_mm(x, y)
     lens = Rig.of(tracer).microlens_at(positions)
     pixels = np.stack([np.rint(x), np.rint(y)], axis=1)
-    assert entry.camera.near_mm is not None and entry.camera.far_mm is not None
+    assert entry.camera.near_mm is not None
+    assert entry.camera.far_mm is not None
     planes = parallel_planes(entry.camera.near_mm, entry.camera.far_mm)
-    places = {"processor": tracer, device: dataclasses.replace(tracer, device=device)}
-    results, seconds = {}, {place: [] for place in places}  # type: ignore[var-annotated]
+
+    def moments(of: Tracer) -> np.ndarray:
+        return of.moments(positions, lens, planes, samples, pixels)[:, :4]
+
+    on_device = dataclasses.replace(tracer, device=device)
+    places: Timed = {"processor": lambda: moments(tracer), device: lambda: moments(on_device)}
+    race(f"{name}, bundles of {samples}, float64", places, count * samples, AGREEMENT_MM, "mm")
+
+
+def images(name: str, device: str, rows: tuple[int, int]) -> None:
+    """Rows of the white image of an example, copies and the sums of pixels included."""
+    entry = pipeline.open_dataset(EXAMPLES / name / "dataset.usda").cameras[0]
+    rig, samples = Rig.of(Tracer(focused(entry.camera), entry.sampling.seed)), entry.image_samples
+    on_device = dataclasses.replace(rig, device=device)
+    places: Timed = {
+        "processor, float64": lambda: irradiance(rig, samples, None, rows),
+        f"{device}, float32": lambda: irradiance(on_device, samples, None, rows),
+    }
+    count = (rows[1] - rows[0]) * entry.camera.sensor.width_px * samples
+    race(f"{name}, white image, {samples} samples", places, count, SINGLE, "of white")
+
+
+def race(what: str, places: Timed, rays: int, tolerance: float, unit: str) -> None:
+    """Time both in turns; SystemExit if they differ. The first turn compiles."""
+    results: dict[str, Any] = {}
+    seconds: dict[str, list[float]] = {place: [] for place in places}
     for turn in range(_TURNS + 1):
-        for place, chosen in places.items():
-            start = time.perf_counter()
-            results[place] = chosen.moments(positions, lens, planes, samples, pixels)
-            seconds[place] += [time.perf_counter() - start] if turn else []  # the first turn compiles
-    apart = float(np.nanmax(np.abs(results["processor"][:, :4] - results[device][:, :4])))
-    if not apart < AGREEMENT_MM:
-        raise SystemExit(f"{name}: device and processor differ by {apart:.1e} mm")
+        for place, compute in places.items():
+            begin = time.perf_counter()
+            results[place] = compute()
+            seconds[place] += [time.perf_counter() - begin] if turn else []
     for place, spent in seconds.items():
-        best, middle = (count * samples / choose(spent) for choose in (min, statistics.median))
-        print(f"  {name}, {samples} samples, {place}: {middle:.3g} rays/s (best {best:.3g})")
-    print(f"    means within {apart:.1e} mm; bits equal: {np.array_equal(*results.values(), equal_nan=True)}")
+        told(f"{what}, {place}", rays, spent)
+    agree(what, *results.values(), tolerance, unit)
+
+
+def told(what: str, rays: int, seconds: list[float]) -> None:
+    """Print rays per second."""
+    print(f"  {what}: {rays / statistics.median(seconds):.3g} rays/s (best {rays / min(seconds):.3g})")
+
+
+def agree(what: str, one: np.ndarray, other: np.ndarray, tolerance: float, unit: str) -> None:
+    """Print differences; SystemExit if their rms is too large."""
+    apart = np.abs(one - other)
+    rms = float(np.sqrt(np.nanmean(apart**2)))
+    same = np.array_equal(one, other, equal_nan=True)
+    print(f"    apart by {rms:.1e} {unit} rms, {np.nanmax(apart):.1e} {unit} at most; bits equal: {same}")
+    if not rms < tolerance:
+        raise SystemExit(f"{what}: device and processor differ by {rms:.1e} {unit}")
 
 
 if __name__ == "__main__":

@@ -28,12 +28,15 @@ class Rig:
         Edge of the square around a position that the rays of J start on; 0: the position itself.
     diffraction_nm : float or None
         Wavelength whose diffraction images have, if its light has one; None: images are those of geometry, as J is.
+    device : str or None
+        Device that traces the rays of images, in single precision: a name from `pipeline.jit.device`, or the processor.
     """
 
     tracer: Tracer
     images: MicroImages | None
     square_px: float = 0.0
     diffraction_nm: float | None = None
+    device: str | None = None
 
     @staticmethod
     def of(tracer: Tracer, square_px: float = 0.0) -> "Rig":
@@ -46,10 +49,11 @@ class Rig:
         if len(self.tracer.lights) == 1:
             return (self,)
         diffracts = self.diffraction_nm is not None
-        return tuple(
+        rigs = (
             _in_light(light.tracer, self.square_px, node.wavelength_nm if diffracts else None)
             for light, node in zip(self.tracer.lights, self.tracer.camera.spectrum, strict=True)
         )
+        return tuple(replace(rig, device=self.device) for rig in rigs)
 
     @property
     def diffraction(self) -> Diffraction:

@@ -189,7 +189,7 @@ class Tracer:
         kinds = np.int64, np.float64, np.float64, np.int64
         starts = Starts(*(np.ascontiguousarray(part, kind) for part, kind in zip(starts, kinds, strict=True)))
         if self.device is not None:
-            from pipeline.camera.tracing.device_moments import moments_on_device
+            from pipeline.camera.on_device.moments import moments_on_device
 
             moments_on_device(self.arrays, planes, draws, starts, result)
         else:

@@ -42,7 +42,7 @@ class BuildOptions:
     engine : str or None
         `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     device : str or None
-        `cuda`: trace position images on a CUDA device, whose name enters their keys. See `graph.devices`.
+        `cuda`: trace images and position images on a CUDA device, whose name enters their keys. See `graph.devices`.
     allow_roots : tuple of str or Path
         Further folders that the stage may reference.
     untrusted : bool

@@ -1,15 +1,16 @@
 """Tasks that run on a chosen device, and the effect on their keys."""
 
 import dataclasses
+from typing import Any
 
 from pipeline.engine.options import BuildOptions
-from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.project import Project
 from pipeline.errors import UsageError
 
 DEVICES = ("cuda",)
-KINDS = ("rays_tile",)
-"""Kinds of tasks that can run on a device: the bundles of position images."""
+BUNDLES, IMAGES = ("rays_tile",), ("white", "white_tile", "white_pass", "image", "image_tile", "image_pass")
+"""Kinds of tasks whose rays a device can trace: bundles of position images in float64, those of images in float32."""
 
 
 def on_device(project: Project, options: BuildOptions) -> Project:
@@ -28,10 +29,10 @@ def on_device(project: Project, options: BuildOptions) -> Project:
     if options.untrusted or options.engine:
         other = "--untrusted" if options.untrusted else "--engine"
         raise UsageError(f"--device does not go with {other}", hint="leave one out")
-    if not any(project.graph[name].short_kind in KINDS for name in project.graph):
+    if not any(project.graph[name].short_kind in BUNDLES + IMAGES for name in project.graph):
         raise UsageError(
             "nothing in this stage runs on a device",
-            hint="position images do: of the methods moments and two-plane, and of a camera with plen:truth:rays",
+            hint="images do, and position images: of the methods moments and two-plane, and with plen:truth:rays",
         )
     from pipeline.jit.device import device_name
 
@@ -41,6 +42,14 @@ def on_device(project: Project, options: BuildOptions) -> Project:
 def _replaced(project: Project, name: str) -> Project:
     graph = TaskGraph(project.graph.packages)
     for task in (project.graph[task] for task in project.graph):
-        params = {**task.params, "device": name} if task.short_kind in KINDS else task.params
-        graph.add(task.name, task.kind, params, task.reads, task.together)
+        graph.add(task.name, task.kind, _on(name, task), task.reads, task.together)
     return dataclasses.replace(project, graph=graph)
+
+
+def _on(device: str, task: Task) -> dict[str, Any]:
+    """Parameters of a task with the device, if it can use one."""
+    if task.short_kind in BUNDLES:
+        return {**task.params, "device": device}
+    if task.short_kind in IMAGES:
+        return {**task.params, "exposure": {**task.params["exposure"], "device": device}}
+    return task.params

@@ -188,10 +188,11 @@ def _numba() -> Any:
     from pipeline.jit.compiler import DriverCompiler
 
     DriverCompiler.digest = _digest_of_this()
-    double = numba.float64
     numba.extending.typeof_impl.register(Kernel, lambda value, context: numba.types.Dispatcher(value.compiled))
-    numba.extending.type_callable(fma)(lambda context: lambda a, b, c: double)
-    numba.extending.lower_builtin(fma, double, double, double)(
-        lambda context, builder, signature, arguments: builder.fma(*arguments)
-    )
+    single, double = numba.float32, numba.float64
+    numba.extending.type_callable(fma)(lambda context: lambda a, b, c: single if a == b == c == single else double)
+    for kind in (single, double):
+        numba.extending.lower_builtin(fma, kind, kind, kind)(
+            lambda context, builder, signature, arguments: builder.fma(*arguments)
+        )
     return numba

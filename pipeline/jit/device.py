@@ -4,42 +4,39 @@ Kernels for devices are written in Python with the functions of one ray that pac
 bound anew: to CUDA's compiler, to its simulator, or to each other as plain Python.
 """
 
-import fractions
 import functools
 import importlib
-import math
 import os
-import types
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from pipeline.errors import EnvironmentFault
-from pipeline.jit.decorators import Kernel, _numba, fma
+from pipeline.jit.binding import DeviceNames, TypedMath, bound_anew, exact_fma
+from pipeline.jit.decorators import _numba
 
 _HOW = (
     "pip install 'plenoptic-pipeline[cuda]', on a machine with an NVIDIA device and its driver; or leave --device out"
 )
 
 
-class _Cuda:
-    """For device kernels: the names of CUDA, which they are bound to when they are made."""
-
-    def __getattr__(self, name: str) -> Any:
-        raise NotImplementedError(f"cuda.{name} is for device kernels")
-
-
-cuda: Any = _Cuda()
+cuda: Any = DeviceNames()
+"""For device kernels: the names of CUDA."""
 
 
 class DeviceKernel:
-    """A function that one thread of a device runs; launched with numbers of blocks and of threads in each."""
+    """A function that one thread of a device runs; launched with numbers of blocks and of threads in each.
+
+    Arrays from `resident` and `room` stay where they are; others would travel to the device and back at each launch.
+    """
 
     def __init__(self, function: Callable[..., None]) -> None:
         functools.update_wrapper(self, function)
         self.function = function
 
     def __call__(self, blocks: int, threads: int, *arguments: Any) -> None:
-        """Run on the device; arrays travel there and back."""
+        """Run on the device; the call may return before the kernel has ended."""
         self._on_device[blocks, threads](*arguments)
 
     @functools.cached_property
@@ -50,7 +47,7 @@ class DeviceKernel:
     def bound(self, module: Any) -> Callable[..., None]:
         """The function with what it calls bound to CUDA; to plain Python in the simulator, which runs just that."""
         if is_simulated():
-            return bound_anew(self.function, lambda function: function, fma=exact_fma, cuda=module)
+            return bound_anew(self.function, lambda function: function, fma=exact_fma, math=TypedMath(), cuda=module)
         compiled = module.jit(device=True)
         names = {
             "fma": compiled(lambda a, b, c: module.fma(a, b, c)),
@@ -59,28 +56,6 @@ class DeviceKernel:
             "min": compiled(_less),
         }
         return bound_anew(self.function, compiled, **names)
-
-
-def bound_anew(
-    function: Callable[..., Any], wrap: Callable[[Callable[..., Any]], Any], **names: Any
-) -> Callable[..., Any]:
-    """A copy of a function whose kernels are copies made in the same way and wrapped, and that uses other `names`."""
-    made: dict[int, Any] = {}
-
-    def copied(original: Any) -> Any:
-        replaced = dict(original.__globals__)
-        for name in original.__code__.co_names:
-            value = replaced.get(name)
-            if isinstance(value, Kernel):
-                if id(value) not in made:
-                    made[id(value)] = wrap(copied(value.function))
-                replaced[name] = made[id(value)]
-            elif value is fma or isinstance(value, _Cuda) or (name in names and name not in replaced):
-                replaced[name] = names[name]
-        return types.FunctionType(original.__code__, replaced, original.__name__, original.__defaults__)
-
-    result: Callable[..., Any] = copied(function)
-    return result
 
 
 def _greater(a, b):  # type: ignore[no-untyped-def]
@@ -93,17 +68,23 @@ def _less(a, b):  # type: ignore[no-untyped-def]
     return b if b < a else a
 
 
-def plain(kernel: Any) -> Callable[..., Any]:
-    """A kernel as plain Python: slow, and with the bits of compiled code where both round once per operation."""
-    return bound_anew(kernel.function, lambda function: function, fma=exact_fma, cuda=cuda)
+def resident(value: Any) -> Any:
+    """Arrays copied to the device, in records, too; numbers stay as they are. The simulator takes NumPy's arrays."""
+    if isinstance(value, tuple):
+        return type(value)(*map(resident, value))
+    if isinstance(value, np.ndarray) and not is_simulated():
+        return require().to_device(np.ascontiguousarray(value))
+    return value
 
 
-def exact_fma(a: float, b: float, c: float) -> Any:
-    """a b + c, rounded once."""
-    if not (math.isfinite(a) and math.isfinite(b) and math.isfinite(c)):
-        return a * b + c
-    exact = fractions.Fraction(float(a)) * fractions.Fraction(float(b)) + fractions.Fraction(float(c))
-    return float(exact) if exact else a * b + c
+def room(shape: int | tuple[int, ...], kind: Any = np.float64) -> Any:
+    """An array on the device, not filled."""
+    return np.empty(shape, kind) if is_simulated() else require().device_array(shape, kind)
+
+
+def fetched(array: Any) -> np.ndarray:
+    """Copy of an array of the device, taken when all kernels before have ended."""
+    return array if is_simulated() else array.copy_to_host()
 
 
 def require() -> Any:

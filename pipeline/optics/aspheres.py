@@ -30,6 +30,8 @@ from pipeline.optics.table import (
 
 NEWTON_STEPS = 5
 """At most, from the conic to the asphere. Two or three are taken, on strong aspheres filled to the edge, too."""
+_AT_FIRST = math.inf
+"""The last step before the first one: a ray that passes so far takes one."""
 STILL_MM = 1e-6
 """After a step this short the error is its square times about half the curvature [1/mm]: less than 1e-12 mm."""
 RESIDUAL_MM = 1e-9
@@ -146,7 +148,7 @@ def begun(shape, ray):
     """The path from the vertex plane to the conic within an asphere."""
     squared, across = ray.x * ray.x + ray.y * ray.y, ray.x * ray.dx + ray.y * ray.dy
     t, _, _ = _conic_root(shape.curvature, shape.conic, squared, across, ray.dz)
-    return Path(t, math.inf if ray.alive > 0.0 else 0.0, squared, 2.0 * across)
+    return Path(t, _AT_FIRST if ray.alive > 0.0 else 0.0, squared, 2.0 * across)
 
 
 @inline

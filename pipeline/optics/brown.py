@@ -20,7 +20,7 @@ from pipeline.optics.table import COEFFICIENTS, SEMI_DIAMETER_SQUARED, TERMS, TO
 
 _STEPS = 12
 """Steps of Newton's method: it doubles the digits with each, and distortions of a half leave six for the way there."""
-_SETTLED_SQUARED = 1e-26
+SETTLED_SQUARED = 1e-26
 """Square of the largest difference of directions that counts as none [1]: some hundred roundings."""
 _RADII = 2000
 """Radii at which the distortion is asked whether it still grows, up to `_FAR` times that of the image's corner."""
@@ -87,7 +87,7 @@ def undistorted(b, x_image, y_image):
         x, y = x - (yy * x_off - xy * y_off) / upright, y - (xx * y_off - xy * x_off) / upright
     x_off, y_off = distorted(b, x, y)
     off = (x_off - x_image) ** 2 + (y_off - y_image) ** 2
-    return x, y, 1.0 if off <= _SETTLED_SQUARED * (1.0 + x * x + y * y) and upright > 0.0 else 0.0
+    return x, y, 1.0 if off <= SETTLED_SQUARED * (1.0 + x * x + y * y) and upright > 0.0 else 0.0
 
 
 @inline

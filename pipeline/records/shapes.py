@@ -8,9 +8,10 @@ jaxtyping's own types in their place and check every call (`tests/checked_shapes
 """
 
 from typing import Annotated as Bool
+from typing import Annotated as Float32
 from typing import Annotated as Float64
 from typing import Annotated as Int64
 from typing import Annotated as Num
 from typing import Annotated as Shaped
 
-__all__ = ["Bool", "Float64", "Int64", "Num", "Shaped"]
+__all__ = ["Bool", "Float32", "Float64", "Int64", "Num", "Shaped"]

@@ -15,6 +15,8 @@ from pipeline.render.passes import Batch
 
 _RAYS_PER_CHUNK = 1 << 15
 """Rays that are traced before they are shaded, 64 bytes each, so that they stay in the cache."""
+_RAYS_ON_DEVICE, _RAYS_OF_A_REGION = 1 << 21, 64
+"""Rays that are on a device together, 28 bytes each, and how many take the room of one region there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,34 +45,79 @@ class PixelRays:
     seed: int
 
 
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """Rays that are wanted of a band: how many of each pixel through each microlens, and which of its samples."""
+
+    band: Band
+    batch: Batch
+    counts: Int64[np.ndarray, "n s"]
+
+    @property
+    def samples(self) -> Samples:
+        """Their random numbers."""
+        tracer = self.band.rig.tracer
+        return Samples(sobol_bits(self.batch.end), self.batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
+
+    def squares(self, some: Int64[np.ndarray, "m"]) -> Squares:
+        """The squares of some pixels."""
+        width, counts = self.band.shape[1], self.counts[some]
+        y_px, x_px = np.divmod(some + self.band.rows[0] * width, width)
+        strata = np.where(counts > 0, self.band.strata[some], SKIP)
+        pixels = np.stack([x_px, y_px], axis=1)
+        return Squares(pixels, self.band.positions_mm[some], strata, counts, counts * (self.batch.number > 0))
+
+    def rays(self, some: Int64[np.ndarray, "m"], squares: Squares, leaving: Leaving) -> PixelRays:
+        """Rays of some pixels."""
+        row, way = np.divmod(leaving.owner, self.counts.shape[1])
+        return PixelRays(some, squares, leaving, row, way, self.batch.seed(self.band.rig.tracer.seed))
+
+
 def rays_of(band: Band, batch: Batch, counts: Int64[np.ndarray, "n s"]) -> Iterator[PixelRays]:
     """Rays of all pixels, so many through each microlens; the next stretch takes the arrays of the last."""
-    tracer = band.rig.tracer
-    width = tracer.camera.sensor.width_px
-    random = Samples(sobol_bits(batch.end), batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
-    of_pixel, skipped = counts.sum(axis=1), counts * (batch.number > 0)
+    return (_by_processor if band.rig.device is None else _by_device)(_Wanted(band, batch, counts))
+
+
+def _by_processor(wanted: _Wanted) -> Iterator[PixelRays]:
+    tracer, samples, room = wanted.band.rig.tracer, wanted.samples, room_for(0)
+    of_pixel = wanted.counts.sum(axis=1)
     pixels = np.flatnonzero(of_pixel)
-    room = room_for(0)
-    for first, end in _stretches(of_pixel[pixels]):
+    for first, end in _stretches(of_pixel[pixels], _RAYS_PER_CHUNK):
         some = pixels[first:end]
         most = int(of_pixel[some].sum())
         if len(room.share) < most:
             room = room_for(most)
-        y_px, x_px = np.divmod(some + band.rows[0] * width, width)
-        strata = np.where(counts[some] > 0, band.strata[some], SKIP)
-        squares = Squares(np.stack([x_px, y_px], axis=1), band.positions_mm[some], strata, counts[some], skipped[some])
-        count = bundle_kernels.image_rays(tracer.arrays, random, squares, band.rig.diffraction, room)
+        squares = wanted.squares(some)
+        count = bundle_kernels.image_rays(tracer.arrays, samples, squares, wanted.band.rig.diffraction, room)
         bundle_kernels.image_rays.count(most, len(tracer.table))
-        leaving = room.first(count)
-        yield PixelRays(some, squares, leaving, *np.divmod(leaving.owner, strata.shape[1]), random.seed)
+        yield wanted.rays(some, squares, room.first(count))
 
 
-def _stretches(rays: Int64[np.ndarray, "n"]) -> Iterator[tuple[int, int]]:
-    """First and end of stretches of pixels, at least one each, that start about `_RAYS_PER_CHUNK` rays together."""
+def _by_device(wanted: _Wanted) -> Iterator[PixelRays]:
+    """Many are traced together, but handed on in stretches as short as those of processors, which shade them."""
+    from pipeline.camera.on_device.image_rays import ImageRays, leaving_rays
+
+    tracer, of_pixel, room = wanted.band.rig.tracer, wanted.counts.sum(axis=1), room_for(_RAYS_PER_CHUNK)
+    tracing = ImageRays(tracer.arrays, wanted.samples, wanted.band.rig.diffraction)
+    pixels = np.flatnonzero(of_pixel)
+    taken = of_pixel + _RAYS_OF_A_REGION * np.count_nonzero(wanted.counts, axis=1)
+    for first, end in _stretches(taken[pixels], _RAYS_ON_DEVICE):
+        together = pixels[first:end]
+        rays, before = tracing.started(wanted.squares(together)), 0
+        for low, high in _stretches(of_pixel[together], _RAYS_PER_CHUNK):
+            some = together[low:high]
+            squares, most = wanted.squares(some), int(of_pixel[some].sum())
+            room = room if most <= len(room.share) else room_for(most)
+            yield wanted.rays(some, squares, room.first(leaving_rays(rays, before, squares.counts, room)))
+            before += most
+
+
+def _stretches(rays: Int64[np.ndarray, "n"], most: int) -> Iterator[tuple[int, int]]:
+    """First and end of stretches of pixels, at least one each, that start at most so many rays together if they can."""
     before = np.concatenate([[0], np.cumsum(rays)])
     first = 0
     while first < len(rays):
-        end = int(np.searchsorted(before, before[first] + _RAYS_PER_CHUNK, side="right")) - 1
+        end = int(np.searchsorted(before, before[first] + most, side="right")) - 1
         end = min(max(end, first + 1), len(rays))
         yield first, end
         first = end

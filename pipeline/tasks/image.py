@@ -95,6 +95,8 @@ def labels_of(exposure: Exposure) -> dict[str, Any]:
     """Attributes in the header of an image that describe its rays."""
     labels = dataclasses.asdict(dataclasses.replace(exposure, channel=None))
     del labels["channel"]
+    if device := labels.pop("device"):
+        labels["rays"] = f"float32, {device}"
     if labels.pop("diffraction"):
         labels["diffraction"] = "of the stop, or of each microlens"
     return labels if exposure.channel is None else {**labels, "light": exposure.channel.text}

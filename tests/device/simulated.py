@@ -1,19 +1,34 @@
-"""Moments of a few bundles in the simulator against those of processors: a process of its own, NUMBA_ENABLE_CUDASIM=1.
+"""What the simulator computes against processors: a process of its own, NUMBA_ENABLE_CUDASIM=1.
 
-Prints the largest difference of each rig, and whether all bits are equal.
+`moments` prints the largest difference of a few bundles of each rig, and whether all bits are equal; `rays` the same of
+rays of images, which are float32 on a device and float64 on processors; `bits` compares those with compiled float32.
 """
 
 import argparse
 import dataclasses
+import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 from laws import rigs
 
+from pipeline.camera.on_device.image_rays import ImageRays, leaving_rays
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing import bundle_kernels
+from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
+from pipeline.camera.tracing.sampling_bounds import SKIP
+from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.jit.device import device_name
+from pipeline.render.band import Band
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from single_rays import single_leaving
+
+SAMPLES, AT_MM = 4, 600.0
+"""Rays of a pixel through each microlens, and where they are compared: the rigs focus at 400 to 900 mm."""
 
 
 def cameras() -> dict[str, Camera]:
@@ -39,11 +54,22 @@ def cameras() -> dict[str, Camera]:
     found["cosine"] = dataclasses.replace(plenoptic, sensor=cosine, weight="area")
     found["conventional"] = rigs.conventional()
     found["displaced"] = rigs.displaced(rigs.conventional())
+    found["aspheric"] = aspheric(rigs.conventional())
     return found
 
 
-def compare(name: str, camera: Camera, samples: int, square_px: float) -> None:
-    """Print one line."""
+def aspheric(camera: Camera) -> Camera:
+    """The double Gauss of a camera with a conic, and an asphere of high powers."""
+    surfaces = list(camera.prescription.surfaces)
+    surfaces[0] = dataclasses.replace(surfaces[0], conic=-0.3)
+    powers = (0.0, 2e-8, -3e-11, 1e-14, 1e-17, 1e-20)
+    surfaces[2] = dataclasses.replace(surfaces[2], conic=-0.1, even_coefficients=powers)
+    prescription = dataclasses.replace(camera.prescription, surfaces=tuple(surfaces))
+    return dataclasses.replace(camera, prescription=prescription)
+
+
+def compare_moments(name: str, camera: Camera, samples: int, square_px: float) -> None:
+    """Print one line: name, samples, square, bundles with light, whether bits are equal, largest difference."""
     tracer, count, sensor = Tracer(camera, 3), 3, camera.sensor
     i = np.arange(count)
     pixels = np.stack([(i + 1) * sensor.width_px // 4, (i + 1) * sensor.height_px // 5], axis=1)
@@ -57,12 +83,53 @@ def compare(name: str, camera: Camera, samples: int, square_px: float) -> None:
     print(name, samples, square_px, lit, same, f"{np.nanmax(np.abs(found - expected)):.1e}", flush=True)
 
 
+def squares_of(rig: Rig) -> Squares:
+    """A few squares of a rig, with all microlenses that light them; they take samples behind the first ones."""
+    band = Band.of(rig, (20, 22))
+    some = np.arange(0, len(band.strata), 17)
+    strata = band.strata[some]
+    counts = np.where(strata == SKIP, 0, SAMPLES)
+    pixels = np.stack([some % band.shape[1], 20 + some // band.shape[1]], axis=1)
+    return Squares(pixels, band.positions_mm[some], strata, counts, counts)
+
+
+def compare_rays(name: str, camera: Camera, diffraction_nm: float | None = None, *, bits: bool = False) -> None:
+    """Print one line: name, rays, largest difference [mm] and that of shares, nan if other rays pass, equal bits."""
+    rig = dataclasses.replace(Rig.of(Tracer(camera, 3)), diffraction_nm=diffraction_nm)
+    squares, samples = squares_of(rig), Samples(sobol_bits(2 * SAMPLES), 3, camera.sensor.pitch_mm)
+    room = room_for(int(squares.counts.sum()))
+    count = bundle_kernels.image_rays(rig.tracer.arrays, samples, squares, rig.diffraction, room)
+    expected = room.first(count)
+    rays = ImageRays(rig.tracer.arrays, samples, rig.diffraction).started(squares)
+    again, same = room_for(int(squares.counts.sum())), "-"
+    found = again.first(leaving_rays(rays, 0, squares.counts, again))
+    if bits:
+        twin = single_leaving(rig.tracer.arrays, samples, squares, rig.diffraction)
+        same = str(all(map(np.array_equal, twin, found)))
+    apart_mm = share = np.nan
+    if np.array_equal(found.owner, expected.owner):
+        apart_mm = np.abs(crossing(found) - crossing(expected)).max()
+        share = np.abs(found.share / expected.share - 1).max()
+    print(name, count, f"{apart_mm:.1e}", f"{share:.1e}", same, flush=True)
+
+
+def crossing(rays: Leaving) -> np.ndarray:
+    """Where rays meet the plane at AT_MM, (n, 2) [mm]."""
+    path = (AT_MM - rays.origin[:, 2]) / rays.direction[:, 2]
+    return (rays.origin + path[:, None] * rays.direction)[:, :2]  # type: ignore[no-any-return]
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--long", action="store_true", help="also a bundle of more rays than a packet holds")
-    chosen = parser.parse_args()
+    parser.add_argument("what", choices=("moments", "long", "rays", "bits"))
+    what = parser.parse_args().what
     warnings.simplefilter("ignore")
+    if what == "long":  # a bundle of more rays than a packet holds
+        compare_moments("conventional", rigs.conventional(), 1024, 0.0)
     for name, camera in cameras().items():
-        compare(name, camera, 16, 1.0 if name == "thin" else 0.0)
-    if chosen.long:
-        compare("conventional", rigs.conventional(), 1024, 0.0)
+        if what == "moments":
+            compare_moments(name, camera, 16, 1.0 if name == "thin" else 0.0)
+        if what in ("rays", "bits"):
+            compare_rays(name, camera, bits=what == "bits")
+    if what in ("rays", "bits"):
+        compare_rays("diffracted", rigs.conventional(1.0), 550.0, bits=what == "bits")

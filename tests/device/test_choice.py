@@ -13,15 +13,22 @@ from pipeline.jit import device
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 
 
-def test_the_name_of_the_device_is_a_param_of_bundles_alone(tmp_path, monkeypatch):
+def test_the_name_of_the_device_is_a_param_of_bundles_and_images_alone(tmp_path, monkeypatch):
     monkeypatch.setattr(device, "device_name", lambda: "cuda sm_90, numba-cuda 0.30.4")
     plain = project(TINY, tmp_path)
     chosen = devices.on_device(plain, BuildOptions(device="cuda"))
     assert list(chosen.graph) == list(plain.graph)
     changed = {name for name in plain.graph if plain.graph[name].canonical != chosen.graph[name].canonical}
-    assert changed == {name for name in plain.graph if plain.graph[name].short_kind == "rays_tile"} != set()
-    assert all(chosen.graph[name].params["device"] == "cuda sm_90, numba-cuda 0.30.4" for name in changed)
-    assert not any(plain.graph[name].params.get("device") for name in plain.graph)
+    traced = [name for name in plain.graph if plain.graph[name].short_kind in devices.BUNDLES + devices.IMAGES]
+    assert changed == set(traced)
+    assert {plain.graph[name].short_kind for name in traced} == {"rays_tile", "white", "image"}
+    found = [[device_of(graph[name].params) for name in traced] for graph in (plain.graph, chosen.graph)]
+    assert found == [[None] * len(traced), ["cuda sm_90, numba-cuda 0.30.4"] * len(traced)]
+
+
+def device_of(params):
+    """The device that a task's rays are traced on."""
+    return params["device"] if "device" in params else params["exposure"]["device"]
 
 
 def test_without_a_device_the_error_names_the_way_out(tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from laws import rigs
 
-from pipeline.jit.device import plain
+from pipeline.jit.binding import plain
 from pipeline.optics.crossing import Ray
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.one_ray import trace_ray

@@ -8,52 +8,82 @@ import pytest
 from device.sm_90 import assembled
 from laws import rigs
 
+from pipeline.camera.on_device import image_rays, moments
+from pipeline.camera.on_device.regions import room_for_regions
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing import device_moments
 from pipeline.camera.tracing.moments import COLUMNS
-from pipeline.camera.tracing.records import Samples, Starts
+from pipeline.camera.tracing.records import Samples, Squares, Starts, no_diffraction
+from pipeline.jit.binding import Single, in_single
+from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda
 from pipeline.optics.crossing import Ray, cap_of, through_sphere
 
-SPHERES, BINDING, SUMMING = 64, 160, 255
+SPHERES, SINGLE, BINDING, SUMMING, TRACING = 64, 40, 160, 255, 128
 """Ceilings of registers per thread: a double counts twice. A block of 256 threads with 255 leaves no room for another
 one on a processor of an H100."""
 
 
+@inline
+def through_spheres(table, rays, i):  # type: ignore[no-untyped-def]
+    """Trace a ray through spheres: the inner loop of any lens."""
+    ray = Ray(rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3], rays[i, 4], rays[i, 5], rays[i, 6])
+    for k in range(table.shape[0]):
+        ray = through_sphere(cap_of(table[k]), ray)
+    rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3] = ray.x, ray.y, ray.z, ray.alive
+    rays[i, 4], rays[i, 5], rays[i, 6] = ray.dx, ray.dy, ray.dz
+
+
+through_in_single = Single(through_spheres)
+
+
 @DeviceKernel
-def through_spheres(table, rays):  # type: ignore[no-untyped-def]
-    """Trace one ray per thread through spheres: the inner loop of any lens."""
+def spheres(table, rays):  # type: ignore[no-untyped-def]
+    """One ray per thread."""
     i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
     if i < rays.shape[0]:
-        ray = Ray(rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3], rays[i, 4], rays[i, 5], rays[i, 6])
-        for k in range(table.shape[0]):
-            ray = through_sphere(cap_of(table[k]), ray)
-        rays[i, 0], rays[i, 1], rays[i, 2], rays[i, 3] = ray.x, ray.y, ray.z, ray.alive
-        rays[i, 4], rays[i, 5], rays[i, 6] = ray.dx, ray.dy, ray.dz
+        through_spheres(table, rays, i)
 
 
-def bundles() -> dict[str, tuple[Any, ...]]:
-    """Arguments of both kernels of the moments of bundles."""
+@DeviceKernel
+def spheres_in_single(table, rays):  # type: ignore[no-untyped-def]
+    """The same in float32."""
+    i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
+    if i < rays.shape[0]:
+        through_in_single(table, rays, i)
+
+
+def launches() -> dict[str, tuple[DeviceKernel, int, tuple[Any, ...]]]:
+    """Every kernel of devices by name, with its ceiling of registers and arguments."""
     camera = Tracer(rigs.conventional()).arrays
-    samples = Samples(np.zeros((4, 64), np.uint32), 1, 0.0)
+    samples = Samples(np.zeros((7, 64), np.uint32), 1, 0.05)
     starts = Starts(np.zeros((1, 2), np.int64), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.int64))
-    regions, moments = device_moments.empty_regions(1), np.zeros((1, COLUMNS))
+    found, one = np.zeros((1, COLUMNS)), np.ones((1, 1), np.int64)
+    squares, shots = Squares(np.zeros((1, 2), np.int64), np.zeros((1, 2)), one, one, one), image_rays.Shots.of(one)
+    light, rays = (samples, squares, no_diffraction()), np.zeros((7, 1), np.float32)
+    regions = room_for_regions(1, np.zeros)
+    planes, both = np.zeros((1, 2, 4, 3)), (camera, in_single(camera))
     return {
-        "bind_bundles": (camera, samples, starts, regions, moments),
-        "sum_bundles": (camera, np.zeros((1, 2, 4, 3)), samples, starts, regions, moments),
+        "bind_bundles": (moments.bind_bundles, BINDING, (camera, samples, starts, regions, found)),
+        "sum_bundles": (moments.sum_bundles, SUMMING, (camera, planes, samples, starts, regions, found)),
+        "bind_squares": (image_rays.bind_squares, BINDING, (camera, squares, shots.owner, 0.1, regions)),
+        "trace_shots": (image_rays.trace_shots, TRACING, (both, *light, shots, regions, rays)),
     }
 
 
-def test_spheres_keep_a_ray_in_registers(tmp_path: Path) -> None:
-    found = assembled(through_spheres.bound, (np.zeros((1, 11)), np.zeros((1, 7))), tmp_path)
+@pytest.mark.parametrize(
+    ("kernel", "kind", "ceiling"), [(spheres, np.float64, SPHERES), (spheres_in_single, np.float32, SINGLE)]
+)
+def test_spheres_keep_a_ray_in_registers(kernel: DeviceKernel, kind: type, ceiling: int, tmp_path: Path) -> None:
+    found = assembled(kernel.bound, (np.zeros((1, 11), kind), np.zeros((1, 7), kind)), tmp_path)
     assert found.spilled == 0
-    assert found.registers <= SPHERES
+    assert found.registers <= ceiling
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(("name", "ceiling"), [("bind_bundles", BINDING), ("sum_bundles", SUMMING)])
-def test_moments_of_bundles_spill_nothing(name: str, ceiling: int, tmp_path: Path) -> None:
-    found = assembled(getattr(device_moments, name).bound, bundles()[name], tmp_path)
+@pytest.mark.parametrize("name", ["bind_bundles", "sum_bundles", "bind_squares", "trace_shots"])
+def test_kernels_spill_nothing(name: str, tmp_path: Path) -> None:
+    kernel, ceiling, arguments = launches()[name]
+    found = assembled(kernel.bound, arguments, tmp_path)
     assert found.spilled == 0
     assert found.registers <= ceiling
     assert found.shared <= 48 * 1024

@@ -126,7 +126,7 @@ Device = Annotated[
         "--device",
         metavar="cuda",
         rich_help_panel=RUNNING,
-        help="Trace position images on a CUDA device. By default everything runs on the CPU.",
+        help="Trace images, in float32, and position images on a CUDA device. By default everything runs on the CPU.",
     ),
 ]
 Preview = Annotated[

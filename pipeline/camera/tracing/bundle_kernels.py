@@ -20,13 +20,13 @@ from pipeline.camera.tracing.spreading import spread
 from pipeline.jit.decorators import inline, kernel
 from pipeline.optics.kernels import PACKET, new_packet
 
-_IMAGE_STREAM = 1 << 16
+IMAGE_STREAM = 1 << 16
 """First stream of random numbers of images, four for each microlens of a pixel: far behind those of moments."""
 START_STREAM = 2 * REPLICAS
 """First stream of where rays start on a square: behind two per replica for where they go."""
 _SHARE = PACKET // REPLICAS
 """Samples of each replica in a packet."""
-_SPREAD_STREAM = 1 << 24
+SPREAD_STREAM = 1 << 24
 """First stream of random numbers of diffraction, three for each microlens of a pixel: far behind all others."""
 CIRCUMRADIUS = 0.7072
 """Circumradius of a square of edge 1, rounded up."""
@@ -111,6 +111,15 @@ def bundle_moments(camera, planes, samples, starts, moments):
             finish(sums, total, pivot, fan.area / (count * REPLICAS), moments[n])
 
 
+@inline
+def reach_of(samples, diffraction):
+    """Farthest that a ray starts from the middle of its square [mm]."""
+    reach = CIRCUMRADIUS * samples.edge_mm
+    for i in range(diffraction.edge_mm.shape[0]):
+        reach = max(reach, CIRCUMRADIUS * (samples.edge_mm + diffraction.rows.shape[1] * diffraction.edge_mm[i]))
+    return reach
+
+
 @kernel
 def image_rays(camera, samples, squares, diffraction, rays):
     """Rays that leave the camera from many squares of the sensor, compacted.
@@ -128,14 +137,12 @@ def image_rays(camera, samples, squares, diffraction, rays):
     bits, microlens_of = samples.bits, squares.strata.reshape(-1)
     held, written, edge, places = 0, 0, samples.edge_mm, squares.strata.shape[1]
     choice, along_x, along_y = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET)
-    spreads, reach = diffraction.edge_mm.shape[0] > 0, CIRCUMRADIUS * edge
-    for i in range(diffraction.edge_mm.shape[0]):
-        reach = max(reach, CIRCUMRADIUS * (edge + diffraction.rows.shape[1] * diffraction.edge_mm[i]))
+    spreads, reach = diffraction.edge_mm.shape[0] > 0, reach_of(samples, diffraction)
     for n in range(squares.positions.shape[0]):
         sx, sy = squares.positions[n]
         base = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1])
         for j in range(places):
-            microlens, stream = squares.strata[n, j], _IMAGE_STREAM + 4 * j
+            microlens, stream = squares.strata[n, j], IMAGE_STREAM + 4 * j
             if microlens == SKIP:
                 continue
             fan = bound(camera, microlens, sx, sy, reach, region)
@@ -158,9 +165,9 @@ def image_rays(camera, samples, squares, diffraction, rays):
                     start_x[i] = sx + edge * (start_x[i] - 0.5)
                     start_y[i] = sy + edge * (start_y[i] - 0.5)
                 if spreads:
-                    draw(bits[4], skipped + first, size, hash32(base, _SPREAD_STREAM + 3 * j), choice)
-                    draw(bits[5], skipped + first, size, hash32(base, _SPREAD_STREAM + 3 * j + 1), along_x)
-                    draw(bits[6], skipped + first, size, hash32(base, _SPREAD_STREAM + 3 * j + 2), along_y)
+                    draw(bits[4], skipped + first, size, hash32(base, SPREAD_STREAM + 3 * j), choice)
+                    draw(bits[5], skipped + first, size, hash32(base, SPREAD_STREAM + 3 * j + 1), along_x)
+                    draw(bits[6], skipped + first, size, hash32(base, SPREAD_STREAM + 3 * j + 2), along_y)
                     spread(diffraction, microlens, start_x[here], start_y[here], choice, along_x, along_y)
                 anchor = Anchor(sx, sy, region_drift(camera, microlens))
                 aim_into(

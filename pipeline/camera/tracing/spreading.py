@@ -10,23 +10,28 @@ from pipeline.jit.decorators import inline, unit
 
 @unit
 def spread(diffraction, microlens, x, y, choice, along_x, along_y):
-    """Move sensor positions x and y in place, by three random numbers each.
+    """Move sensor positions x and y in place, by three random numbers each."""
+    for i in range(x.shape[0]):
+        x[i], y[i] = moved(diffraction, microlens, x[i], y[i], choice[i], along_x[i], along_y[i])
+
+
+@inline
+def moved(diffraction, microlens, x, y, choice, along_x, along_y):
+    """A sensor position moved by three random numbers.
 
     Between the nodes of a grid the picture of one of the four around is taken, the nearer one the more often.
     """
-    nodes = round(math.sqrt(diffraction.edge_mm.shape[0]))
-    for i in range(x.shape[0]):
-        if microlens >= 0:
-            picture = diffraction.of_microlens[microlens]
-        else:
-            column, rest = _node(x[i] / diffraction.node_mm[0], nodes, choice[i])
-            row, _ = _node(y[i] / diffraction.node_mm[1], nodes, rest)
-            picture = row * nodes + column
-        edge, rows = diffraction.edge_mm[picture], diffraction.rows[picture]
-        row, up = _drawn(rows, along_y[i])
-        _, across = _drawn(diffraction.cells[picture, row], along_x[i])
-        x[i] -= edge * (across - 0.5 * rows.shape[0])
-        y[i] -= edge * (up - 0.5 * rows.shape[0])
+    if microlens >= 0:
+        picture = diffraction.of_microlens[microlens]
+    else:
+        nodes = round(math.sqrt(diffraction.edge_mm.shape[0]))
+        column, rest = _node(x / diffraction.node_mm[0], nodes, choice)
+        row, _ = _node(y / diffraction.node_mm[1], nodes, rest)
+        picture = row * nodes + column
+    edge, rows = diffraction.edge_mm[picture], diffraction.rows[picture]
+    row, up = _drawn(rows, along_y)
+    _, across = _drawn(diffraction.cells[picture, row], along_x)
+    return x - edge * (across - 0.5 * rows.shape[0]), y - edge * (up - 0.5 * rows.shape[0])
 
 
 @inline

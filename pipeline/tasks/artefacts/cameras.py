@@ -51,8 +51,9 @@ def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
 
 def imaged_rig(inputs: Inputs, exposure: Exposure) -> Rig:
     """The focused camera made ready for images."""
+    diffraction_nm = exposure.wavelength_nm if exposure.diffraction else None
     rig = rig_of(inputs, exposure.seed)
-    return dataclasses.replace(rig, diffraction_nm=exposure.wavelength_nm) if exposure.diffraction else rig
+    return dataclasses.replace(rig, diffraction_nm=diffraction_nm, device=exposure.device)
 
 
 def rig_of(inputs: Inputs, seed: int, square_px: float = 0.0) -> Rig:

@@ -13,7 +13,7 @@ SPECTRAL = "spectral.exr"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
     """The rays of an image: samples of a pixel, their random numbers, measure and wavelength, or channel; whether they
-    are diffracted."""
+    are diffracted; the device that traces them, see `graph.devices`, or None for the processor."""
 
     samples: int
     seed: int
@@ -21,6 +21,7 @@ class Exposure:
     wavelength_nm: float
     channel: ChannelLabel | None = None
     diffraction: bool = False
+    device: str | None = None
 
     @property
     def wavelengths_nm(self) -> tuple[float, ...]:

@@ -11,17 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.on_device.one_ray import send_ray
+from pipeline.camera.on_device.regions import AT_ONCE, THREADS, blocks_for, room_for_regions, write_region
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.parts.polygon import MAX_VERTICES, point_in_fan
 from pipeline.camera.tracing.bundle_kernels import CIRCUMRADIUS, START_STREAM, mean_free_weight
-from pipeline.camera.tracing.moments import FREE_WEIGHT, WEIGHT, cross, finish
-from pipeline.camera.tracing.one_ray import send_ray
+from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, WEIGHT, cross, finish
 from pipeline.camera.tracing.packets import region_drift
 from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
-from pipeline.camera.tracing.sampling_bounds import SKIP, Region, bound
+from pipeline.camera.tracing.sampling_bounds import SKIP, Region
 from pipeline.camera.tracing.sobol import hash32, scrambled
 from pipeline.jit.decorators import inline
-from pipeline.jit.device import DeviceKernel, cuda
+from pipeline.jit.device import DeviceKernel, cuda, fetched, resident, room
 from pipeline.optics.kernels import PACKET
 from pipeline.records.shapes import Float64
 
@@ -29,26 +30,6 @@ _ALIVE = 4
 """Place of a ray's flag, and of whether there is a pivot, behind the four coordinates of a crossing."""
 _FIRST, _SECOND, _SUMS = 5, 10, 15
 """Sums of a thread: weight and first moments, second moments, and all."""
-_AT_ONCE, _BINDING = 1 << 16, 64
-"""Bundles that are on the device together, 2 kB each; threads of a block that bounds them."""
-
-
-class Regions(NamedTuple):
-    """Regions that many bundles may pass.
-
-    Attributes
-    ----------
-    polygons, cumulative : (n, MAX_VERTICES, 2), (n, MAX_VERTICES) float64
-        Polygons, and cumulative areas of their fans.
-    vertices, centre, area : (n,) int64, (n, 2), (n,) float64
-        The fans, of area 0 where nothing passes: see `regions.Fan`.
-    """
-
-    polygons: np.ndarray
-    cumulative: np.ndarray
-    vertices: np.ndarray
-    centre: np.ndarray
-    area: np.ndarray
 
 
 class Sums(NamedTuple):
@@ -104,9 +85,7 @@ def bind_bundles(camera, samples, starts, regions, moments):
     if microlens >= 0:
         row[FREE_WEIGHT] = mean_free_weight(camera, microlens, sx, sy, square, region.polygon)
     slack = CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay)
-    fan = bound(camera, microlens, ax, ay, slack, region)
-    regions.vertices[n], regions.area[n] = fan.vertices, fan.area
-    regions.centre[n, 0], regions.centre[n, 1] = fan.x, fan.y
+    write_region(camera, microlens, ax, ay, slack, region, regions, n)
 
 
 @DeviceKernel
@@ -235,12 +214,6 @@ def _sum_of(values, row, first, count):
     return total
 
 
-def empty_regions(count: int) -> Regions:
-    """Room for so many regions."""
-    polygons, cumulative = np.empty((count, MAX_VERTICES, 2)), np.empty((count, MAX_VERTICES))
-    return Regions(polygons, cumulative, np.zeros(count, np.int64), np.zeros((count, 2)), np.zeros(count))
-
-
 def moments_on_device(
     camera: CameraArrays,
     planes: Float64[np.ndarray, "#n 2 4 3"],
@@ -255,11 +228,13 @@ def moments_on_device(
     EnvironmentFault
         No device can be used.
     """
-    threads = block_size(samples.bits.shape[1])
-    for first in range(0, len(moments), _AT_ONCE):
-        some = slice(first, first + _AT_ONCE)
-        here, part, own = starts.part(some), moments[some], planes[some] if len(planes) > 1 else planes
-        count = len(part)
-        regions = empty_regions(count)
-        bind_bundles(-(-count // _BINDING), _BINDING, camera, samples, here, regions, part)
-        sum_bundles(count, threads, camera, own, samples, here, regions, part)
+    threads, own = block_size(samples.bits.shape[1]), len(planes) > 1
+    camera, samples, planes = resident(camera), resident(samples), planes if own else resident(planes)
+    regions = room_for_regions(min(len(moments), AT_ONCE))
+    for first in range(0, len(moments), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        count = len(moments[some])
+        here, found = resident(starts.part(some)), room((count, COLUMNS))
+        bind_bundles(blocks_for(count), THREADS, camera, samples, here, regions, found)
+        sum_bundles(count, threads, camera, resident(planes[some]) if own else planes, samples, here, regions, found)
+        moments[some] = fetched(found)
