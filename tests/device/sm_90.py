@@ -52,7 +52,11 @@ def assembled(function: Callable[[Any], Any], arguments: tuple[Any, ...], folder
     source = folder / "kernel.ptx"
     source.write_text(text if isinstance(text, str) else text.decode())
     command = [assembler, "-arch=sm_90", "-v", str(source), "-o", str(folder / "kernel.cubin")]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if "Unsupported .version" in done.stderr:
+        pytest.skip("NOT TESTED: ptxas is older than NVVM; one of the same release, first in PATH, says what a kernel takes")
+    assert done.returncode == 0, done.stderr
+    told = done.stderr
     numbers = {key: [int(n) for n in re.findall(pattern, told)] for key, pattern in _PATTERNS.items()}
     assert numbers["registers"], told
     return Assembled(
