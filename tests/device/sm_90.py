@@ -54,7 +54,7 @@ def assembled(function: Callable[[Any], Any], arguments: tuple[Any, ...], folder
     command = [assembler, "-arch=sm_90", "-v", str(source), "-o", str(folder / "kernel.cubin")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if "Unsupported .version" in done.stderr:
-        pytest.skip("NOT TESTED: ptxas is older than NVVM; one of the same release, first in PATH, says what a kernel takes")
+        pytest.skip("NOT TESTED: ptxas is older than NVVM; put one of the same release into PATH")
     assert done.returncode == 0, done.stderr
     told = done.stderr
     numbers = {key: [int(n) for n in re.findall(pattern, told)] for key, pattern in _PATTERNS.items()}
