@@ -24,6 +24,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.errors import EnvironmentFault
 from pipeline.jit.binding import Single
+from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda, device_name, fetched, is_simulated, resident
 from pipeline.optics.crossing import Ray
 from pipeline.optics.kernels import trace_in_place
@@ -67,10 +68,7 @@ def lens_in_double(table, rays):  # type: ignore[no-untyped-def]
     """Trace one ray per thread where it lies, (7, n)."""
     i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
     if i < rays.shape[1]:
-        ray = Ray(rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i], rays[6, i])
-        ray = trace_ray(table, ray)
-        rays[0, i], rays[1, i], rays[2, i], rays[3, i] = ray.x, ray.y, ray.z, ray.dx
-        rays[4, i], rays[5, i], rays[6, i] = ray.dy, ray.dz, ray.alive
+        put_ray(rays, i, trace_ray(table, ray_at(rays, i)))
 
 
 @DeviceKernel
@@ -78,10 +76,20 @@ def lens_in_single(table, rays):  # type: ignore[no-untyped-def]
     """The same in float32."""
     i = cuda.blockIdx.x * cuda.blockDim.x + cuda.threadIdx.x
     if i < rays.shape[1]:
-        ray = Ray(rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i], rays[6, i])
-        ray = trace_single(table, ray)
-        rays[0, i], rays[1, i], rays[2, i], rays[3, i] = ray.x, ray.y, ray.z, ray.dx
-        rays[4, i], rays[5, i], rays[6, i] = ray.dy, ray.dz, ray.alive
+        put_ray(rays, i, trace_single(table, ray_at(rays, i)))
+
+
+@inline
+def ray_at(rays, i):  # type: ignore[no-untyped-def]
+    """A ray of many."""
+    return Ray(rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i], rays[6, i])
+
+
+@inline
+def put_ray(rays, i, ray):  # type: ignore[no-untyped-def]
+    """Write it back."""
+    rays[0, i], rays[1, i], rays[2, i] = ray.x, ray.y, ray.z
+    rays[3, i], rays[4, i], rays[5, i], rays[6, i] = ray.dx, ray.dy, ray.dz, ray.alive
 
 
 def lens_alone(device: str, count: int) -> None:
