@@ -107,9 +107,10 @@ class Moved:
     rays, lost : int
         Rays that pass in float64, and rays that pass in one precision only.
     rays_px, means_px : (n,) float64
-        Distances of rays, and of means of the rays of a pixel, where the camera is in focus.
+        Distances of rays, and of means of the rays of a pixel, where the camera is in focus; of pixels that no other
+        rays reach in float32.
     light : float
-        Largest difference of the light of a pixel, over this light.
+        Largest difference of the light of these pixels, over this light.
     """
 
     rays: int

@@ -191,7 +191,7 @@ class Tracer:
         if self.device is not None:
             from pipeline.camera.on_device.moments import moments_on_device
 
-            moments_on_device(self.arrays, planes, draws, starts, result)
+            moments_on_device(self.device, self.arrays, planes, draws, starts, result)
         else:
             bundle_kernels.bundle_moments(self.arrays, planes, draws, starts, result)
         bundle_kernels.bundle_moments.count(int(np.count_nonzero(starts.microlens != SKIP)) * samples, len(self.table))

@@ -20,7 +20,7 @@ def on_device(project: Project, options: BuildOptions) -> Project:
     Raises
     ------
     UsageError
-        No device has that name, no task can run there, or other options exclude a device.
+        No device has that name, or other options exclude a device.
     EnvironmentFault
         The device cannot be used on this machine.
     """
@@ -29,11 +29,6 @@ def on_device(project: Project, options: BuildOptions) -> Project:
     if options.untrusted or options.engine:
         other = "--untrusted" if options.untrusted else "--engine"
         raise UsageError(f"--device does not go with {other}", hint="leave one out")
-    if not any(project.graph[name].short_kind in BUNDLES + IMAGES for name in project.graph):
-        raise UsageError(
-            "nothing in this stage runs on a device",
-            hint="images do, and position images: of the methods moments and two-plane, and with plen:truth:rays",
-        )
     from pipeline.jit.device import device_name
 
     return _replaced(project, device_name())
@@ -47,9 +42,12 @@ def _replaced(project: Project, name: str) -> Project:
 
 
 def _on(device: str, task: Task) -> dict[str, Any]:
-    """Parameters of a task with the device, if it can use one."""
+    """Parameters of a task with the device, if it can use one.
+
+    White images beside lamps cannot: most are by quadrature.
+    """
     if task.short_kind in BUNDLES:
         return {**task.params, "device": device}
-    if task.short_kind in IMAGES:
+    if task.short_kind in IMAGES and not task.params.get("is_lit"):
         return {**task.params, "exposure": {**task.params["exposure"], "device": device}}
     return task.params

@@ -52,10 +52,10 @@ def bound_anew(function: Function, wrap: Callable[[Function], Any], **names: Any
     names
         What stands for `fma`, `cuda` or `math`, and for names of Python itself such as `max`.
     """
-    made: dict[tuple[int, bool], Any] = {}
+    made: dict[tuple[int, int], Any] = {}
 
     def called(kernel: Kernel, constants: Mapping[str, Any] | None) -> Any:
-        key = id(kernel), constants is not None
+        key = id(kernel), id(constants)
         if key not in made:
             made[key] = wrap(copied(kernel.function, constants))
         return made[key]

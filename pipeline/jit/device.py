@@ -4,10 +4,11 @@ Kernels for devices are written in Python with the functions of one ray that pac
 bound anew: to CUDA's compiler, to its simulator, or to each other as plain Python.
 """
 
+import contextlib
 import functools
 import importlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ _HOW = (
 )
 
 
+_FAULTS = "CudaAPIError", "CudaSupportError", "CudaDriverError"
 cuda: Any = DeviceNames()
 """For device kernels: the names of CUDA."""
 
@@ -36,8 +38,9 @@ class DeviceKernel:
         self.function = function
 
     def __call__(self, blocks: int, threads: int, *arguments: Any) -> None:
-        """Run on the device; the call may return before the kernel has ended."""
-        self._on_device[blocks, threads](*arguments)
+        """Run on the device; the call may return before the kernel has ended. Raises as `faults_of_devices`."""
+        with faults_of_devices():
+            self._on_device[blocks, threads](*arguments)
 
     @functools.cached_property
     def _on_device(self) -> Any:
@@ -70,21 +73,49 @@ def _less(a, b):  # type: ignore[no-untyped-def]
 
 def resident(value: Any) -> Any:
     """Arrays copied to the device, in records, too; numbers stay as they are. The simulator takes NumPy's arrays."""
-    if isinstance(value, tuple):
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
         return type(value)(*map(resident, value))
     if isinstance(value, np.ndarray) and not is_simulated():
-        return require().to_device(np.ascontiguousarray(value))
+        with faults_of_devices():
+            return require().to_device(np.ascontiguousarray(value))
     return value
 
 
 def room(shape: int | tuple[int, ...], kind: Any = np.float64) -> Any:
     """An array on the device, not filled."""
-    return np.empty(shape, kind) if is_simulated() else require().device_array(shape, kind)
+    if is_simulated():
+        return np.empty(shape, kind)
+    with faults_of_devices():
+        return require().device_array(shape, kind)
 
 
 def fetched(array: Any) -> np.ndarray:
     """Copy of an array of the device, taken when all kernels before have ended."""
-    return array if is_simulated() else array.copy_to_host()
+    if is_simulated():
+        return array  # type: ignore[no-any-return]
+    with faults_of_devices():
+        return array.copy_to_host()  # type: ignore[no-any-return]
+
+
+@contextlib.contextmanager
+def faults_of_devices() -> Iterator[None]:
+    """Failures of CUDA as errors that a build knows.
+
+    Raises
+    ------
+    MemoryError
+        The device has too little memory left.
+    EnvironmentFault
+        It failed otherwise.
+    """
+    try:
+        yield
+    except Exception as error:
+        if type(error).__name__ not in _FAULTS:  # of Numba's package for CUDA, or of the one in its place
+            raise
+        if "OUT_OF_MEMORY" in str(error):
+            raise MemoryError("the device has too little memory left; fewer workers (-j) take less") from error
+        raise EnvironmentFault(f"the device failed: {error}", hint="try again, or leave --device out") from error
 
 
 def require() -> Any:
@@ -108,7 +139,7 @@ def require() -> Any:
 
 
 def device_name() -> str:
-    """The device, and what decides its bits: `cuda sm_90, numba-cuda 0.30.4`; part of the keys of what it computes.
+    """The device and its compiler: `cuda sm_90, numba-cuda 0.30.4`; part of the keys of what it computes.
 
     Raises
     ------
@@ -124,8 +155,22 @@ def device_name() -> str:
         compiler = f"numba {version('numba')}"
     if is_simulated():
         return f"cuda simulator, {compiler}"
-    major, minor = found.get_current_device().compute_capability
+    with faults_of_devices():
+        major, minor = found.gpus[0].compute_capability  # without a context, which would take memory for a whole build
     return f"cuda sm_{major}{minor}, {compiler}"
+
+
+def require_device(name: str) -> None:
+    """Refuse a device other than that of a name: results are kept under the name.
+
+    Raises
+    ------
+    EnvironmentFault
+        There is another one, or none.
+    """
+    here = device_name()
+    if here != name:
+        raise EnvironmentFault(f"this is for {name}, and here is {here}", hint="build anew, with --device or without")
 
 
 def is_simulated() -> bool:

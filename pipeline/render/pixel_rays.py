@@ -98,7 +98,8 @@ def _by_device(wanted: _Wanted) -> Iterator[PixelRays]:
     from pipeline.camera.on_device.image_rays import ImageRays, leaving_rays
 
     tracer, of_pixel, room = wanted.band.rig.tracer, wanted.counts.sum(axis=1), room_for(_RAYS_PER_CHUNK)
-    tracing = ImageRays(tracer.arrays, wanted.samples, wanted.band.rig.diffraction)
+    assert wanted.band.rig.device is not None
+    tracing = ImageRays(wanted.band.rig.device, tracer.arrays, wanted.samples, wanted.band.rig.diffraction)
     pixels = np.flatnonzero(of_pixel)
     taken = of_pixel + _RAYS_OF_A_REGION * np.count_nonzero(wanted.counts, axis=1)
     for first, end in _stretches(taken[pixels], _RAYS_ON_DEVICE):
@@ -113,7 +114,7 @@ def _by_device(wanted: _Wanted) -> Iterator[PixelRays]:
 
 
 def _stretches(rays: Int64[np.ndarray, "n"], most: int) -> Iterator[tuple[int, int]]:
-    """First and end of stretches of pixels, at least one each, that start at most so many rays together if they can."""
+    """First and end of stretches of pixels that start at most `most` rays together; a pixel with more is alone."""
     before = np.concatenate([[0], np.cumsum(rays)])
     first = 0
     while first < len(rays):

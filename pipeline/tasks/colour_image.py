@@ -37,6 +37,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     for letter, image in zip(letters, images, strict=True):
         if "noise" in (texts := image.headers[name].texts):
             attributes[f"noise_{letter}"] = float(texts["noise"])
+    attributes.update(_traced_by(images[0], name))
     part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
     write_bands(out / f"{name}.exr", [part])
     preview = [_picture(rows(first, min(first + _ROWS, shape[0]))) for first in range(0, shape[0], _ROWS)]
@@ -62,11 +63,18 @@ def _write_spectral(path: Path, images: list[ExrWindows], params: Params) -> Non
     attributes: dict[str, str | float | int] = {
         "spectralLayoutVersion": "1.0",
         "content": "relative irradiance at each wavelength: 1 is a white scene on the axis in the same light",
+        **_traced_by(images[0], params.name),
     }
     shape = images[0].headers[params.name].shape
     write_bands(
         path, [BandedPart(name="spectral", shape=shape, channels=tuple(names), rows=rows, attributes=attributes)]
     )
+
+
+def _traced_by(image: ExrWindows, name: str) -> dict[str, str]:
+    """The attribute that says what traced the rays, if a device did: the same one for all channels."""
+    texts = image.headers[name].texts
+    return {"rays": texts["rays"]} if "rays" in texts else {}
 
 
 def _picture(channels: dict[str, np.ndarray]) -> np.ndarray:

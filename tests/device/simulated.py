@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from laws import rigs
 
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.focusing.ideal_lens import with_ideal_lens
 from pipeline.camera.on_device.image_rays import ImageRays, leaving_rays
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
@@ -55,6 +57,9 @@ def cameras() -> dict[str, Camera]:
     found["conventional"] = rigs.conventional()
     found["displaced"] = rigs.displaced(rigs.conventional())
     found["aspheric"] = aspheric(rigs.conventional())
+    coarse = dataclasses.replace(rigs.conventional(), near_mm=None, far_mm=None)
+    found["ideal"] = focused(with_ideal_lens(coarse, "thinLens"))
+    found["Brown"] = focused(with_ideal_lens(coarse, "thinLens", (-8.0, 100.0, 0.01, -0.02, 300.0)))
     return found
 
 
@@ -100,7 +105,7 @@ def compare_rays(name: str, camera: Camera, diffraction_nm: float | None = None,
     room = room_for(int(squares.counts.sum()))
     count = bundle_kernels.image_rays(rig.tracer.arrays, samples, squares, rig.diffraction, room)
     expected = room.first(count)
-    rays = ImageRays(rig.tracer.arrays, samples, rig.diffraction).started(squares)
+    rays = ImageRays(device_name(), rig.tracer.arrays, samples, rig.diffraction).started(squares)
     again, same = room_for(int(squares.counts.sum())), "-"
     found = again.first(leaving_rays(rays, 0, squares.counts, again))
     if bits:

@@ -2,19 +2,26 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from laws import rigs
 
 from pipeline.app.build import project
+from pipeline.camera.on_device.image_rays import ImageRays
+from pipeline.camera.tracer import Tracer
+from pipeline.camera.tracing.records import Samples, no_diffraction
+from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.engine.options import BuildOptions
 from pipeline.errors import EnvironmentFault, UsageError
 from pipeline.graph import devices
 from pipeline.jit import device
 
+SM_90 = "cuda sm_90, numba-cuda 0.30.4"
 TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 
 
 def test_the_name_of_the_device_is_a_param_of_bundles_and_images_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr(device, "device_name", lambda: "cuda sm_90, numba-cuda 0.30.4")
+    monkeypatch.setattr(device, "device_name", lambda: SM_90)
     plain = project(TINY, tmp_path)
     chosen = devices.on_device(plain, BuildOptions(device="cuda"))
     assert list(chosen.graph) == list(plain.graph)
@@ -23,12 +30,67 @@ def test_the_name_of_the_device_is_a_param_of_bundles_and_images_alone(tmp_path,
     assert changed == set(traced)
     assert {plain.graph[name].short_kind for name in traced} == {"rays_tile", "white", "image"}
     found = [[device_of(graph[name].params) for name in traced] for graph in (plain.graph, chosen.graph)]
-    assert found == [[None] * len(traced), ["cuda sm_90, numba-cuda 0.30.4"] * len(traced)]
+    assert found == [[None] * len(traced), [SM_90] * len(traced)]
 
 
 def device_of(params):
     """The device that a task's rays are traced on."""
     return params["device"] if "device" in params else params["exposure"]["device"]
+
+
+def test_white_images_beside_lamps_stay_with_processors(tmp_path, monkeypatch):
+    """They are by quadrature: a header that names a device would be untrue."""
+    monkeypatch.setattr(device, "device_name", lambda: SM_90)
+    plain = project(TINY, tmp_path)
+    for name in plain.graph:
+        if plain.graph[name].short_kind == "white":
+            plain.graph[name].params["is_lit"] = True
+    chosen = devices.on_device(plain, BuildOptions(device="cuda")).graph
+    found = {
+        chosen[name].short_kind: device_of(chosen[name].params) for name in chosen if "exposure" in chosen[name].params
+    }
+    assert found == {"white": None, "image": SM_90}
+
+
+def test_a_task_refuses_another_device_than_that_of_its_key(monkeypatch):
+    monkeypatch.setattr(device, "device_name", lambda: "cuda sm_80, numba-cuda 0.30.4")
+    with pytest.raises(EnvironmentFault, match=r"this is for cuda sm_90.*, and here is cuda sm_80"):
+        image_rays(Tracer(rigs.conventional()).arrays)
+    tracer = Tracer(rigs.conventional(), device=SM_90)
+    with pytest.raises(EnvironmentFault, match="here is cuda sm_80"):
+        tracer.moments(np.zeros((1, 2)), np.array([-1]), np.zeros((2, 4, 3)), 16, np.zeros((1, 2), int))
+
+
+def test_a_lens_that_float32_would_change_is_refused(monkeypatch):
+    monkeypatch.setattr(device, "device_name", lambda: SM_90)
+    camera = Tracer(rigs.conventional()).arrays
+    table = camera.table.copy()
+    table[0, -1] = 1e-40
+    with pytest.raises(EnvironmentFault, match="too small for float32") as caught:
+        image_rays(camera._replace(table=table))
+    assert "leave --device out" in str(caught.value)
+
+
+def image_rays(camera):
+    """Rays of images of a camera, for the device of a key."""
+    return ImageRays(SM_90, camera, Samples(sobol_bits(4), 1, 0.05), no_diffraction())
+
+
+class CudaAPIError(Exception):
+    """As both packages for CUDA name their error."""
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "told"),
+    [
+        (CudaAPIError("[2] CUDA_ERROR_OUT_OF_MEMORY"), MemoryError, "too little memory left; fewer workers"),
+        (CudaAPIError("[700] CUDA_ERROR_ILLEGAL_ADDRESS"), EnvironmentFault, "the device failed: .*ILLEGAL_ADDRESS"),
+        (ValueError("ours"), ValueError, "ours"),
+    ],
+)
+def test_failures_of_a_device_are_no_bugs_of_ours(error, kind, told):
+    with pytest.raises(kind, match=told), device.faults_of_devices():
+        raise error
 
 
 def test_without_a_device_the_error_names_the_way_out(tmp_path, monkeypatch):

@@ -51,7 +51,7 @@ def simulated(*arguments: str) -> list[list[str]]:
 def test_moments_in_the_simulator_have_the_bits_of_processors() -> None:
     """With microlenses of every model, too, with squares, where rays are weighed, and at aspheres."""
     rows = simulated("moments")
-    assert len(rows) == 9
+    assert len(rows) == 11
     for name, _, _, lit, same, difference in rows:
         assert int(lit) > 0, name
         assert same == "True", f"{name} differs by {difference}"
@@ -67,7 +67,7 @@ def test_more_samples_than_a_packet_holds_differ_by_rounding_alone() -> None:
 def test_rays_of_images_are_those_of_processors_but_for_float32() -> None:
     """The same ones pass, in the same order; with diffraction, too."""
     rows = simulated("rays")
-    assert len(rows) == 10
+    assert len(rows) == 12
     for name, rays, apart_mm, share, _ in rows:
         assert int(rays) > 40, name
         assert 0 < float(apart_mm) < SINGLE_MM, f"{name}: {apart_mm} mm"
@@ -77,7 +77,7 @@ def test_rays_of_images_are_those_of_processors_but_for_float32() -> None:
 @pytest.mark.heavy
 def test_rays_of_images_have_the_bits_of_compiled_float32() -> None:
     rows = simulated("bits")
-    assert len(rows) == 10
+    assert len(rows) == 12
     assert all(same == "True" for *_, same in rows), rows
 
 

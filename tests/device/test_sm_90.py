@@ -18,7 +18,7 @@ from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda
 from pipeline.optics.crossing import Ray, cap_of, through_sphere
 
-SPHERES, SINGLE, BINDING, SUMMING, TRACING = 64, 40, 160, 255, 128
+SPHERES, SINGLE, BOUNDING, SUMMING, TRACING = 64, 40, 160, 255, 128
 """Ceilings of registers per thread: a double counts twice. A block of 256 threads with 255 leaves no room for another
 one on a processor of an H100."""
 
@@ -63,9 +63,9 @@ def launches() -> dict[str, tuple[DeviceKernel, int, tuple[Any, ...]]]:
     regions = room_for_regions(1, np.zeros)
     planes, both = np.zeros((1, 2, 4, 3)), (camera, in_single(camera))
     return {
-        "bind_bundles": (moments.bind_bundles, BINDING, (camera, samples, starts, regions, found)),
+        "bound_bundles": (moments.bound_bundles, BOUNDING, (camera, samples, starts, regions, found)),
         "sum_bundles": (moments.sum_bundles, SUMMING, (camera, planes, samples, starts, regions, found)),
-        "bind_squares": (image_rays.bind_squares, BINDING, (camera, squares, shots.owner, 0.1, regions)),
+        "bound_squares": (image_rays.bound_squares, BOUNDING, (camera, squares, shots.owner, 0.1, regions)),
         "trace_shots": (image_rays.trace_shots, TRACING, (both, *light, shots, regions, rays)),
     }
 
@@ -80,7 +80,7 @@ def test_spheres_keep_a_ray_in_registers(kernel: DeviceKernel, kind: type, ceili
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", ["bind_bundles", "sum_bundles", "bind_squares", "trace_shots"])
+@pytest.mark.parametrize("name", ["bound_bundles", "sum_bundles", "bound_squares", "trace_shots"])
 def test_kernels_spill_nothing(name: str, tmp_path: Path) -> None:
     kernel, ceiling, arguments = launches()[name]
     found = assembled(kernel.bound, arguments, tmp_path)

@@ -85,7 +85,7 @@ def build(
     )
     if dry_run:
         if device:
-            raise UsageError("--device does not go with --dry-run", hint="plan without it: the same tasks run")
+            raise UsageError("--device does not go with --dry-run", hint="results of a device have keys of their own")
         print_plan(stage, out, options, as_json=as_json)
         return
     diary = Diary()

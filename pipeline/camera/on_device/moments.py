@@ -22,7 +22,7 @@ from pipeline.camera.tracing.records import CameraArrays, Samples, Starts
 from pipeline.camera.tracing.sampling_bounds import SKIP, Region
 from pipeline.camera.tracing.sobol import hash32, scrambled
 from pipeline.jit.decorators import inline
-from pipeline.jit.device import DeviceKernel, cuda, fetched, resident, room
+from pipeline.jit.device import DeviceKernel, cuda, fetched, require_device, resident, room
 from pipeline.optics.kernels import PACKET
 from pipeline.records.shapes import Float64
 
@@ -58,7 +58,7 @@ def block_size(samples: int) -> int:
 
 
 @DeviceKernel
-def bind_bundles(camera, samples, starts, regions, moments):
+def bound_bundles(camera, samples, starts, regions, moments):
     """Bound what passes of every bundle, one by each thread, and clear its moments but for the free weight.
 
     Parameters
@@ -97,7 +97,7 @@ def sum_bundles(camera, planes, samples, starts, regions, moments):
     camera, planes, samples, starts
         As in `camera.tracing.bundle_kernels.bundle_moments`.
     regions : Regions
-        From `bind_bundles`.
+        From `bound_bundles`.
     moments : (n, COLUMNS) float64
         Written, where anything passes.
     """
@@ -215,19 +215,21 @@ def _sum_of(values, row, first, count):
 
 
 def moments_on_device(
+    device: str,
     camera: CameraArrays,
     planes: Float64[np.ndarray, "#n 2 4 3"],
     samples: Samples,
     starts: Starts,
     moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> None:
-    """Moments of many bundles, written; parameters as of `sum_bundles`.
+    """Moments of many bundles, written; `device` is its name, other parameters are as of `sum_bundles`.
 
     Raises
     ------
     EnvironmentFault
         No device can be used.
     """
+    require_device(device)
     threads, own = block_size(samples.bits.shape[1]), len(planes) > 1
     camera, samples, planes = resident(camera), resident(samples), planes if own else resident(planes)
     regions = room_for_regions(min(len(moments), AT_ONCE))
@@ -235,6 +237,6 @@ def moments_on_device(
         some = slice(first, first + AT_ONCE)
         count = len(moments[some])
         here, found = resident(starts.part(some)), room((count, COLUMNS))
-        bind_bundles(blocks_for(count), THREADS, camera, samples, here, regions, found)
+        bound_bundles(blocks_for(count), THREADS, camera, samples, here, regions, found)
         sum_bundles(count, threads, camera, resident(planes[some]) if own else planes, samples, here, regions, found)
         moments[some] = fetched(found)
