@@ -11,6 +11,8 @@ over workers times their time.
 
 import argparse
 import heapq
+import os
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -25,6 +27,7 @@ from pipeline.engine.planning.task_spec import Specs
 from pipeline.engine.running.execute import perform
 from pipeline.engine.store.store import Store
 from pipeline.graph.dataset_graph import graph_of
+from pipeline.machine.processor import settings
 from pipeline.scene.load import load, require_dataset
 
 EXAMPLES = Path(pipeline.__file__).resolve().parents[1] / "examples"
@@ -63,6 +66,9 @@ def main() -> None:
     parser.add_argument("--method", help="of the ground truth; else as the stage says")
     parser.add_argument("--small", action="store_true", help="a tiny stage: does it run at all?")
     options = parser.parse_args()
+    if any(os.environ.get(name) != value for name, value in settings().items()):
+        # NumPy reads them when it is loaded, and tasks refuse a process that rounds otherwise than their keys say.
+        os.execve(sys.executable, sys.orig_argv, {**os.environ, **settings()})
     stage = TINY if options.small else options.stage
     compile_once()
     with tempfile.TemporaryDirectory() as folder:

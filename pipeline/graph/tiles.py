@@ -26,8 +26,10 @@ _STRIP_PX = 1 << 16
 """Pixels of an image that take passes together: enough that pooled estimates of noise bias none, few enough that
 what is calm is left alone. Strips decide bytes, so that neither samples nor workers count.
 """
-_MICROLENSES = 1024
-"""Microlenses in a tile, a millisecond each."""
+_MICROLENSES, _FEWER, _SHARES = 1024, 256, 8
+"""Microlenses in a tile, a millisecond each; in a tile of small arrays, and how many such tiles there are at most: what
+follows waits for all microlenses, and making a small camera ready takes little.
+"""
 _ROWS = 480
 """Rows of ground truth in a tile, a millisecond each: with fewer, the fixed cost of each search step is shared by
 too few.
@@ -64,7 +66,8 @@ def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
     """Number of tiles for the microlenses that light the image."""
     width, height = (min(sides) for sides in zip(sensor.size_mm, extent_mm(array), strict=True))
     along, across = array.pitches_mm
-    return max(1, math.ceil(width * height / (along * across) / _MICROLENSES))
+    count = width * height / (along * across)
+    return max(1, math.ceil(count / _MICROLENSES), min(_SHARES, math.ceil(count / _FEWER)))
 
 
 def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str, tuple[int, int]]]:
