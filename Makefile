@@ -8,11 +8,11 @@ WORKERS = $(shell $(PYTHON) -c 'import os; print(min((os.cpu_count() or 1) + 1, 
 # Which tests make a run long.
 PYTEST = $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal --durations=15 --durations-min=2
 # pytest keeps the tests that it has rewritten, also where the user wants no byte code: each process would rewrite them all.
-test proofs long: export PYTHONDONTWRITEBYTECODE =
+test proofs: export PYTHONDONTWRITEBYTECODE =
 # Standard error of a missing venv module is noise beside the one line that helps.
 NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
 
-.PHONY: demo test proofs long first-hour lint warm faults mutants bench evaluation picture web site wheel clean
+.PHONY: demo test proofs lint warm faults bench evaluation picture web site wheel clean
 
 demo: $(STAMP)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
@@ -29,10 +29,6 @@ proofs: $(STAMP) warm
 	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio optiland -e '.[docs]'
 	$(PYTEST) -m heavy
 
-# What takes longer than CI may, or wants the processor that printed it: the other hostile values and scenes, costly figures.
-long: $(STAMP) warm
-	$(PYTEST) -m long
-
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)
 	$(BIN)/python -m compileall -q pipeline
@@ -48,16 +44,6 @@ lint: $(STAMP)
 # Kills, cuts, flips, full disks and more, at every place of a build: ten to twenty minutes.
 faults: $(STAMP)
 	$(BIN)/python tests/faults/run.py
-
-# What a newcomer does, in a clone of the last commit, each step beside what it should give; FRESH=1 installs anew, too.
-first-hour: $(STAMP)
-	$(BIN)/python docs/first_hour.py $(if $(FRESH),,--venv $(VENV))
-
-# Small mistakes made on purpose, N of them: which do the tests notice? Forty should take two cores less than an hour.
-N ?= 40
-SEED ?= 1
-mutants: $(STAMP) warm
-	$(BIN)/python tests/mutants/run.py --count $(N) --seed $(SEED)
 
 # Each writes benchmarks/results/: what it found now, and most of them what the commit before gives in the same run.
 bench: $(STAMP)

@@ -32,9 +32,9 @@ include_patterns = [
         "schemas/README.md",
         "benchmarks/README.md",
     ),
-    *("tests/mutants/README.md", "pipeline/optics/glass/README.md"),
+    "pipeline/optics/glass/README.md",
 ]
-exclude_patterns = [".*", "build", "dist", "web", "docs/printed", "docs/report", "tests/data"]
+exclude_patterns = [".*", "build", "dist", "web", "docs/report", "tests/data"]
 
 myst_heading_anchors = 4
 

@@ -127,9 +127,7 @@ def second_order_px(scene: Scene, rows: Correspondences) -> np.ndarray:
 
 
 QUICK = (7,)
-NUMBERS = [
-    pytest.param(n, marks=() if n in QUICK else pytest.mark.heavy if n < 20 else pytest.mark.long) for n in range(40)
-]
+NUMBERS = [pytest.param(n, marks=() if n in QUICK else pytest.mark.heavy) for n in range(20)]
 
 
 @pytest.fixture(params=NUMBERS)
