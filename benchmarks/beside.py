@@ -7,9 +7,9 @@ the command and all processes that it started and waited for: other jobs touch t
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -127,9 +127,8 @@ def _kind(line: str) -> str:
 
 def _unpacked(folder: Path) -> Path:
     """The sources of the old commit."""
-    packed = folder / "before.tar"
+    packed = folder / "before.zip"
     if subprocess.run(["git", "-C", str(ROOT), "archive", "-o", str(packed), BEFORE], check=False).returncode:
         raise SystemExit(f"commit {BEFORE} is not here: `git fetch --unshallow` brings it")
-    with tarfile.open(packed) as archive:
-        archive.extractall(folder / "before", filter="data")
+    shutil.unpack_archive(packed, folder / "before")
     return folder / "before"

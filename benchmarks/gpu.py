@@ -26,7 +26,7 @@ from pipeline.jit.binding import Single
 from pipeline.jit.decorators import inline
 from pipeline.jit.device import DeviceKernel, cuda, device_name, fetched, is_simulated, resident
 from pipeline.optics.crossing import Ray
-from pipeline.optics.kernels import trace_in_place
+from pipeline.optics.kernels import trace_rays
 from pipeline.optics.one_ray import trace_ray
 from pipeline.render.imaging import irradiance
 
@@ -98,8 +98,8 @@ def lens_alone(device: str, count: int) -> None:
     start = position - [0.0, 0.0, race.prescription.vertices_mm[race.prescription.stop_index]]
     rays = np.tile(np.vstack([start.T, direction.T, np.ones(len(start))]), max(1, count >> 16))
     table = table_of(race)
-    ends = [rays[:, : 1 << 16].copy()]
-    trace_in_place(table, ends[0])
+    ends = _in_rows_of_three(rays[:, : 1 << 16])
+    trace_rays(table, *ends)
     for kernel, kind in ((lens_in_double, np.float64), (lens_in_single, np.float32)):
         there, seconds = resident(table.astype(kind)), []
         for _ in range(_TURNS + 1):
@@ -110,14 +110,19 @@ def lens_alone(device: str, count: int) -> None:
             seconds.append(time.perf_counter() - begin)
         found = fetched(here)[:, : 1 << 16]
         told(f"lens alone, {np.dtype(kind).name}, {device}", rays.shape[1], seconds[1:])
-        agree("lens alone", ends[0][:2], found[:2], AGREEMENT_MM if kind is np.float64 else SINGLE_MM, "mm")
+        agree("lens alone", ends[0][:, :2].T, found[:2], AGREEMENT_MM if kind is np.float64 else SINGLE_MM, "mm")
     some, seconds = rays[:, : max(1 << 16, count // 100)], []
     for _ in range(_TURNS):
-        lanes = some.copy()
+        ends = _in_rows_of_three(some)
         begin = time.perf_counter()
-        trace_in_place(table, lanes)
+        trace_rays(table, *ends)
         seconds.append(time.perf_counter() - begin)
     told("lens alone, float64, processor", some.shape[1], seconds)
+
+
+def _in_rows_of_three(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions and directions (n, 3), and flags (n,), of rays (7, n) as the device has them."""
+    return np.ascontiguousarray(rays[:3].T), np.ascontiguousarray(rays[3:6].T), rays[6].copy()
 
 
 def bundles(name: str, device: str, count: int) -> None:

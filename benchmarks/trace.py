@@ -23,7 +23,7 @@ from lenses import EXAMPLES, Race, codev_double_gauss, table_of, tronnier
 import pipeline
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
-from pipeline.optics.kernels import PACKET, new_packet, trace_in_place, trace_packet
+from pipeline.optics.kernels import PACKET, new_packet, trace_packet, trace_rays
 from pipeline.optics.limit import crossings_per_second
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.table import CURVATURE, towards_sensor
@@ -133,32 +133,20 @@ def run_share(race: Race, packets: int, turns: int) -> None:
 
 
 def _our_trace(race: Race, position: np.ndarray, direction: np.ndarray, threads: int) -> tuple[Callable[..., Any], ...]:
-    """One turn and how to read its result; rays are traced where they lie, in rows of components, so they are copied
-    before.
-    """
+    """One turn and how to read its result; rays are traced where they are, so they are copied before."""
     prescription, table = race.prescription, table_of(race)
-    parts = []
-    for start, heading in zip(np.array_split(position, threads), np.array_split(direction, threads), strict=True):
-        rays = _in_rows(start, heading)
-        rays[2] -= prescription.vertices_mm[prescription.stop_index]
-        parts.append(rays)
+    position, direction, alive = position.copy(), direction.copy(), np.ones(len(position))
+    position[:, 2] -= prescription.vertices_mm[prescription.stop_index]
+    parts = list(zip(*(np.array_split(rays, threads) for rays in (position, direction, alive)), strict=True))
 
     def trace() -> None:
         if threads == 1:
-            trace_in_place(table, parts[0])
+            trace_rays(table, *parts[0])
         else:
             with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(lambda part: trace_in_place(table, part), parts))
+                list(pool.map(lambda part: trace_rays(table, *part), parts))
 
-    return trace, lambda _: (
-        np.concatenate([part[:2].T for part in parts]),
-        np.concatenate([part[6] for part in parts]) > 0,
-    )
-
-
-def _in_rows(position: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Rays as `trace_in_place` takes them, (7, n), all of them alive."""
-    return np.ascontiguousarray(np.vstack([position.T, direction.T, np.ones(len(position))]))
+    return trace, lambda _: (position[:, :2], alive > 0)
 
 
 def _peers(race: Race, position: np.ndarray, direction: np.ndarray, threads: int) -> dict[str, Callable[[], Any]]:
@@ -219,10 +207,10 @@ def run_shapes(count: int, turns: int) -> None:
     passed = {}
     for turn in range(turns + 1):
         for name, table in tables.items():
-            rays = _in_rows(start, heading)
-            seconds, _ = _timed(trace_in_place, table, rays)
+            alive = np.ones(count)
+            seconds, _ = _timed(trace_rays, table, start.copy(), heading.copy(), alive)
             times[name] += [seconds] if turn else []
-            passed[name] = rays[6].mean()
+            passed[name] = alive.mean()
     print(f"shapes: {_STACK} refracting surfaces of one shape")
     for name, seconds in times.items():
         ratio = statistics.median(a / b for a, b in zip(seconds, times["sphere"], strict=True))

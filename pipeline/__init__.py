@@ -7,6 +7,11 @@ usable without USD.
 Nothing heavy is imported before it is asked for (PEP 562), and importing this changes nothing in your process.
 """
 
+import sys
+
+if "t" in getattr(sys, "abiflags", ""):
+    raise ImportError("USD crashes on free-threaded Python: use a Python 3.11 to 3.14 with its global lock")
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:  # importing `typing` takes time, and Ctrl-C means nothing yet: the command begins here
     from typing import Any

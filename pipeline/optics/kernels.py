@@ -14,7 +14,6 @@ from pipeline.jit.decorators import buffers, inline, kernel, unit
 from pipeline.optics.aspheres import cross_asphere
 from pipeline.optics.brown import turned_with_distortion
 from pipeline.optics.crossing import (
-    Ray,
     behind_edge,
     bent_at_plane,
     cap_of,
@@ -44,7 +43,6 @@ from pipeline.optics.table import (
     TERMS,
     VERTEX,
 )
-from pipeline.records.shapes import Float64
 
 PACKET = 256
 """Rays per packet: eight arrays of 256 doubles fill 16 kB, half of a first-level cache."""
@@ -156,37 +154,28 @@ def _clip(row, packet, count):
 
 
 @kernel
-def trace_in_place(table, rays):
-    """Trace any number of rays where they lie, (7, n): rows are the fields of `Ray`. Nothing is copied."""
-    packet = new_packet()
-    for start in range(0, rays.shape[1], PACKET):
-        end = min(start + PACKET, rays.shape[1])
-        part = Packet(
-            rays[0, start:end],
-            rays[1, start:end],
-            rays[2, start:end],
-            rays[3, start:end],
-            rays[4, start:end],
-            rays[5, start:end],
-            rays[6, start:end],
-            packet.scratch,
-            packet.weight,
-        )
-        trace_packet(table, part, end - start)
-
-
-def trace_rays(
-    table: Float64[np.ndarray, "surfaces columns"],
-    position: Float64[np.ndarray, "n 3"],
-    direction: Float64[np.ndarray, "n 3"],
-    alive: Float64[np.ndarray, "n"],
-) -> None:
+def trace_rays(table, position, direction, alive):
     """Trace rays in place: (n, 3) points and unit directions, (n,) float64 flags.
 
-    They are copied to rows of components and back. That costs a few rays nothing; for millions `trace_in_place` takes
-    such rows at once.
+    Each packet reads and writes these rows itself.
     """
-    lanes = np.empty((len(Ray._fields), len(position)))
-    lanes[:3], lanes[3:6], lanes[6] = position.T, direction.T, alive
-    trace_in_place(table, lanes)
-    position[:], direction[:], alive[:] = lanes[:3].T, lanes[3:6].T, lanes[6]
+    packet = new_packet()
+    for start in range(0, position.shape[0], PACKET):
+        count = min(PACKET, position.shape[0] - start)
+        for i in range(count):
+            packet.x[i], packet.y[i], packet.z[i] = (
+                position[start + i, 0],
+                position[start + i, 1],
+                position[start + i, 2],
+            )
+            packet.dx[i], packet.dy[i] = direction[start + i, 0], direction[start + i, 1]
+            packet.dz[i], packet.alive[i] = direction[start + i, 2], alive[start + i]
+        trace_packet(table, packet, count)
+        for i in range(count):
+            position[start + i, 0], position[start + i, 1], position[start + i, 2] = (
+                packet.x[i],
+                packet.y[i],
+                packet.z[i],
+            )
+            direction[start + i, 0], direction[start + i, 1] = packet.dx[i], packet.dy[i]
+            direction[start + i, 2], alive[start + i] = packet.dz[i], packet.alive[i]

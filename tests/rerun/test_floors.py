@@ -1,0 +1,64 @@
+"""The lowest versions of libraries that pyproject.toml allows make the truth and the images that the newest make."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.files.exr import read_exr
+from pipeline.files.tables import read_table
+
+ROOT = Path(__file__).resolve().parents[2]
+ROUNDING_PX = 1e-9
+"""Other versions of NumPy and SciPy add in another order; Newton's method ends within this of the same place."""
+
+
+def floors() -> list[str]:
+    """Each dependency at its lower bound, with whatever that was mended since."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return [f"{requirement.split(',')[0].replace('>=', '==')}.*" for requirement in project["dependencies"]]
+
+
+def run(*command: str, **variables: str) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env={**os.environ, **variables})
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_a_python_without_its_lock_is_refused_with_a_sentence():
+    """USD's wheels install there and crash when they are imported."""
+    script = "import sys; sys.abiflags = 't'; import pipeline"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 1 and "free-threaded" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.heavy
+@pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="the oldest versions have wheels for the oldest Python")
+def test_the_lowest_versions_of_all_libraries_make_the_same(tmp_path):
+    python = str(tmp_path / "venv/bin/python")
+    run(sys.executable, "-m", "venv", str(tmp_path / "venv"))
+    run(python, "-m", "pip", "install", "-q", "--only-binary=:all:", *floors())
+    for kind in ("conventional", "plenoptic"):
+        for name, interpreter in (("lowest", python), ("newest", sys.executable)):
+            home = tmp_path / name
+            command = ("-m", "pipeline", "build", f"tests/data/tiny_{kind}/dataset.usda", "-o", str(home / kind))
+            own = {
+                "PYTHONPATH": str(ROOT),
+                "PIPELINE_CACHE": str(home / "store"),
+                "PIPELINE_JIT_CACHE": str(home / "jit"),
+            }
+            run(interpreter, *command, **own)
+        for table in sorted((tmp_path / "newest" / kind).rglob("correspondences.csv")):
+            lowest = read_table(tmp_path / "lowest" / table.relative_to(tmp_path / "newest"))
+            newest = read_table(table)
+            for column in ("x_px", "y_px"):
+                assert np.abs(lowest.numbers(column) - newest.numbers(column)).max() < ROUNDING_PX
+        for image in sorted((tmp_path / "newest" / kind).rglob("*.exr")):
+            lowest = read_exr(tmp_path / "lowest" / image.relative_to(tmp_path / "newest"))
+            for name, part in read_exr(image).items():
+                for channel, pixels in part.channels.items():
+                    np.testing.assert_allclose(lowest[name].channels[channel], pixels, rtol=1e-5, atol=1e-7)
