@@ -6,6 +6,8 @@ import numpy as np
 from pxr import Usd
 
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
+from pipeline.render.sensor.colorimetry import DAYLIGHT, Colorimetry, colorimetry
+from pipeline.render.sensor.demosaic import PRIMARIES
 from pipeline.render.spectral.nodes import gauss_nodes
 from pipeline.scene.read.media import indices, ordered_surfaces
 from pipeline.scene.read.microlenses import microlens_index
@@ -50,15 +52,30 @@ def wavelengths_of(channel: Usd.Prim, illuminant: str) -> tuple[np.ndarray, np.n
     return _table_nodes(*table, illuminant, need(channel, "plen:nodes"))
 
 
+def response_of(channel: Usd.Prim) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths [nm] and quantum efficiency of a PlenChannel; raises SpectrumError as `read_channels`."""
+    from pipeline.render.spectral import spectra
+
+    if need(channel, "plen:sensitivity"):
+        return spectra.sensitivity(need(channel, "plen:sensitivity"), need(channel, "plen:component"))
+    return np.array(need(channel, "plen:wavelengths")), np.array(need(channel, "plen:response"))
+
+
 def effective_nm(channel: Usd.Prim, illuminant: str) -> float:
     """Light of the illuminant as a PlenChannel counts it, see `spectra.effective_nm`; raises as `read_channels`."""
     from pipeline.render.spectral import spectra
 
-    if need(channel, "plen:sensitivity"):
-        table = spectra.sensitivity(need(channel, "plen:sensitivity"), need(channel, "plen:component"))
-    else:
-        table = np.array(need(channel, "plen:wavelengths")), np.array(need(channel, "plen:response"))
-    return spectra.effective_nm(table, spectra.illuminant(illuminant))
+    return spectra.effective_nm(response_of(channel), spectra.illuminant(illuminant))
+
+
+def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ...]:
+    """The channels red, green and blue of a PlenSensor beside the standard observer, in this light and in daylight."""
+    channels = {prim.GetName(): prim for prim in channel_prims(sensor)}
+    if not set(PRIMARIES) <= channels.keys():
+        return ()
+    responses = [response_of(channels[name]) for name in PRIMARIES]
+    seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
+    return tuple(one for one in seen if one and seen[0])
 
 
 # Checks and readers ask for the same spectra again and again, and colour-science takes half a second to import: only
