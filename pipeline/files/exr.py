@@ -39,15 +39,8 @@ PRIMARIES_XY = "primaries_xy"
 """Attribute with x and y of red, green, blue and white; viewers look for it in `chromaticities`, single precision."""
 
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
-_GEOMETRY = {
-    "dataWindow",
-    "displayWindow",
-    "chromaticities",
-    "pixelAspectRatio",
-    "screenWindowCenter",
-    "screenWindowWidth",
-}
-RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT}
+_GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
+RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT, "chromaticities"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

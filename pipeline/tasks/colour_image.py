@@ -40,10 +40,8 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
             attributes[f"noise_{letter}"] = float(texts["noise"])
     attributes.update(_traced_by(images[0], name))
     if params.colorimetry is not None:
-        text = (
-            "of the sensor, not of Rec. 709; chromaticities are the matrix to XYZ that is best for a ColorChecker in "
-        )
-        attributes["colours"] = text + params.colorimetry.illuminant
+        text = "of the sensor, not of Rec. 709: chromaticities hold the matrix to XYZ that is best for a ColorChecker"
+        attributes["colours"] = f"{text} in {params.colorimetry.illuminant}"
         attributes[PRIMARIES_XY] = " ".join(map(repr, params.colorimetry.chromaticities))
     part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
     write_bands(out / f"{name}.exr", [part])

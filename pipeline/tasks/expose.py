@@ -88,12 +88,11 @@ def _colours(params: Params, photons_at_one: dict[str, float]) -> dict[str, Any]
     electrons = {name: photons_at_one[name] * share for name, share in efficiency.items()}
     if not known or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
         return {}
-    of_unit = np.array([electrons[name] for name in PRIMARIES]) / known[0].counted
-    whites = {one.illuminant: of_unit * one.counted for one in known}
-    neutral = {light: white / white.max() for light, white in whites.items()}
-    from_xyz = {one.illuminant: neutral[one.illuminant][:, None] * np.linalg.inv(one.xyz_from_rgb) for one in known}
-    of_scene = tuple(neutral[known[0].illuminant].tolist())
-    return {"neutral": of_scene, "from_xyz": {light: rows.tolist() for light, rows in from_xyz.items()}}
+    of_unit, from_xyz = np.array([electrons[name] for name in PRIMARIES]) / known[0].counted, {}
+    for one in known:
+        white = of_unit * one.counted
+        from_xyz[one.illuminant] = (white[:, None] / white.max() * np.linalg.inv(one.xyz_from_rgb)).tolist()
+    return {"neutral": tuple(electrons[name] / max(electrons.values()) for name in PRIMARIES), "from_xyz": from_xyz}
 
 
 def _with_margin(

@@ -154,8 +154,8 @@ def test_a_surface_has_the_colour_in_daylight_that_it_is_given():
         looked(scene([(plate(500.0), painted)], [lamp("dome")], wavelength_nm=nm), ALONE, EYES[1], 4)[0]
         for nm in wavelengths
     ]
-    light = SDS_ILLUMINANTS["D65"].align(SpectralShape(400, 700, 20)).values
-    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].align(SpectralShape(400, 700, 20)).values
+    light = SDS_ILLUMINANTS["D65"].copy().align(SpectralShape(400, 700, 20)).values
+    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(SpectralShape(400, 700, 20)).values
     xyz = (np.array(seen) * light) @ observer / (light @ observer[:, 1])
     assert RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ xyz == pytest.approx(given, abs=SAME_COLOUR)
 

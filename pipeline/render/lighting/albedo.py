@@ -6,15 +6,7 @@ import math
 import numpy as np
 
 from pipeline.jit.decorators import kernel
-from pipeline.render.lighting.reflection import (
-    LEAST_ALPHA,
-    NODES,
-    Layers,
-    _many,
-    _masking,
-    _visible_facet,
-    seen_by_both,
-)
+from pipeline.render.lighting.reflection import LEAST_ALPHA, NODES, Layers, _both, _many, _masking, _visible_facet
 
 _DRAWS = 128, 24
 """Points along both axes of the square that facets are drawn from: the tables are then accurate to 0.0002."""
@@ -76,7 +68,7 @@ def fill_sums(sums, steps, turns):
                     half = _visible_facet(alpha, seen, 1.0 - s**4, 0.5 * (b + 0.5) / turns)
                     glance = seen[0] * half[0] + seen[2] * half[2]
                     lit = 2.0 * glance * half[2] - seen[2]
-                    part = step * seen_by_both(visible, _masking(alpha, lit))
+                    part = step * _both(visible, _masking(alpha, lit))
                     schlick = (1.0 - min(max(glance, 0.0), 1.0)) ** 5
                     whole += part
                     grazing += part * schlick

@@ -123,16 +123,8 @@ def _layer(layers, paint, cosine):
 
 @inline
 def _many(facing, others, root):
-    """Light that comes back after two and more reflections.
-
-    The root of its share is a fraction of two linear functions of the reflectance: right to 0.7 % of all light.
-
-    Parameters
-    ----------
-    others : float
-        Light that the first facets would send to others if they reflected everything.
-    root : float
-        See `Layers.sums`.
+    """Light that comes back after two and more reflections, from all that the first facet sends to others if it absorbs
+    nothing. The root of the share is a fraction of linear functions of the reflectance: right to 0.7 % of all light.
     """
     share = (facing + (1.0 - facing) * root) / (1.0 + (1.0 - facing) * _STAYING * others * others)
     return others * share * share
@@ -148,7 +140,7 @@ def _masking(alpha, cosine):
 
 
 @inline
-def seen_by_both(visible, other):
+def _both(visible, other):
     """Part of the facets visible in one direction that is so in the other, too: high facets are in both."""
     return other / (visible + other - visible * other) if other > 0.0 else 0.0
 
@@ -202,7 +194,7 @@ def reflected_as(layers, paint, as_seen, lit):
     facets, visible = _facets(paint.alpha, half[2]), _masking(paint.alpha, seen[2])
     single = facets * visible / (4.0 * seen[2])
     density = as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
-    once = fresnel(paint.facing, glance) * single * seen_by_both(visible, _masking(paint.alpha, lit[2]))
+    once = fresnel(paint.facing, glance) * single * _both(visible, _masking(paint.alpha, lit[2]))
     return once + (many + below) * lit[2] / math.pi, density
 
 
