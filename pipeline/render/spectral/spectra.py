@@ -87,15 +87,6 @@ def reflectance(patch: str) -> Table:
     return np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float)
 
 
-def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.ndarray, np.ndarray]:
-    """Reflectances of the ColorChecker, (24, m), and colour matching functions of the CIE 1931 observer, (3, m)."""
-    table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    curves = [(table.wavelengths, values) for values in np.asarray(table.values).T]
-    patches = [reflectance(name) for name in SDS_COLOURCHECKERS[_COLOURCHECKER]]
-    sampled = [np.array([np.interp(wavelengths_nm, *one) for one in some]) for some in (patches, curves)]
-    return sampled[0], sampled[1]
-
-
 def effective_nm(response: Table, light: Table) -> float:
     """Wavelength of which a joule has as many photons as count by a relative response for a joule of a light [nm].
 
@@ -158,6 +149,15 @@ def product(one: Table, other: Table) -> Table:
     both = np.unique(np.concatenate([one[0], other[0], [low, high]]))
     both = both[(both >= low) & (both <= high)]
     return both, np.interp(both, *one) * np.interp(both, *other)
+
+
+def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.ndarray, np.ndarray]:
+    """Reflectances of the ColorChecker, (24, m), and colour matching functions of the CIE 1931 observer, (3, m)."""
+    table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    curves = [(table.wavelengths, values) for values in np.asarray(table.values).T]
+    patches = [reflectance(name) for name in SDS_COLOURCHECKERS[_COLOURCHECKER]]
+    sampled = [np.array([np.interp(wavelengths_nm, *one) for one in some]) for some in (patches, curves)]
+    return sampled[0], sampled[1]
 
 
 def _photons(wavelengths_nm: np.ndarray, energy: np.ndarray) -> Table:

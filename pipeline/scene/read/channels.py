@@ -6,8 +6,6 @@ import numpy as np
 from pxr import Usd
 
 from pipeline.camera.parts.spectrum import Channel, SpectralNode
-from pipeline.render.sensor.colorimetry import DAYLIGHT, Colorimetry, colorimetry
-from pipeline.render.sensor.demosaic import PRIMARIES
 from pipeline.render.spectral.nodes import gauss_nodes
 from pipeline.scene.read.media import indices, ordered_surfaces
 from pipeline.scene.read.microlenses import microlens_index
@@ -66,16 +64,6 @@ def effective_nm(channel: Usd.Prim, illuminant: str) -> float:
     from pipeline.render.spectral import spectra
 
     return spectra.effective_nm(response_of(channel), spectra.illuminant(illuminant))
-
-
-def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ...]:
-    """The channels red, green and blue of a PlenSensor beside the standard observer, in this light and in daylight."""
-    channels = {prim.GetName(): prim for prim in channel_prims(sensor)}
-    if not set(PRIMARIES) <= channels.keys():
-        return ()
-    responses = [response_of(channels[name]) for name in PRIMARIES]
-    seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
-    return tuple(one for one in seen if one and seen[0])
 
 
 # Checks and readers ask for the same spectra again and again, and colour-science takes half a second to import: only
