@@ -5,8 +5,10 @@ References
 Digital Negative (DNG) Specification, Version 1.4.0.0, Adobe 2012.
 """
 
+import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,8 @@ _VERSION, _READABLE_SINCE = (1, 4, 0, 0), (1, 1, 0, 0)
 _LINEAR_RAW, _FILTER_ARRAY = 34892, 32803
 """Kinds of pixels: one plane without filters, and a mosaic."""
 _MAKER = "plenoptic-pipeline"
+_LIGHTS, _OTHER_LIGHT = {"A": 17, "B": 18, "C": 19, "D55": 20, "D65": 21, "D75": 22, "D50": 23}, 255
+"""Illuminants that Exif numbers, and the number of all others."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,19 +40,25 @@ class Negative:
         Value of saturation.
     filters : tuple of str
         Names of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
+    exposure_time_s : float
+        0: it is not stated.
+    neutral : tuple of float
+        What red, green and blue count of white, over the most; empty: unknown.
+    from_xyz : dict of str to 3 rows
+        What they count of CIE 1931 X, Y and Z, Y of white being 1, by names of lights: that of the scene, and another.
     """
 
     model: str
     black_dn: float
     white_dn: int
     filters: tuple[str, ...] = ("mono",)
+    exposure_time_s: float = 0.0
+    neutral: tuple[float, ...] = ()
+    from_xyz: dict[str, list[list[float]]] = field(default_factory=dict)
 
 
 def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: dict[str, Any], negative: Negative) -> None:
     """Write digital numbers band by band as a negative; the first five arguments as of `tiff.write_tiff`.
-
-    It holds no colour matrix: the colours of a sensor follow from its spectra, and a matrix that is none of its own
-    would be a lie.
 
     Raises
     ------
@@ -66,7 +76,17 @@ def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: dict[
         Tag(Name.BLACK, Kind.RATIONAL, (negative.black_dn,)),
         Tag(Name.WHITE, Kind.LONG, (negative.white_dn,)),
     )
-    write_tiff(path, shape, rows, about, (*tags, *_of_filters(negative.filters)))
+    write_tiff(path, shape, rows, about, (*tags, *_of_filters(negative.filters), *_of_light(negative)))
+
+
+def _of_light(negative: Negative) -> Iterator[Tag]:
+    if negative.exposure_time_s > 0:
+        yield Tag(Name.EXPOSURE_TIME, Kind.RATIONAL, (negative.exposure_time_s,))
+    if negative.neutral:
+        yield Tag(Name.NEUTRAL, Kind.RATIONAL, negative.neutral)
+    for number, (light, rows) in enumerate(negative.from_xyz.items()):
+        yield Tag(Name(Name.COLOUR_MATRIX + number), Kind.SRATIONAL, tuple(itertools.chain.from_iterable(rows)))
+        yield Tag(Name(Name.ILLUMINANT + number), Kind.SHORT, (_LIGHTS.get(light, _OTHER_LIGHT),))
 
 
 def _of_filters(filters: tuple[str, ...]) -> tuple[Tag, ...]:

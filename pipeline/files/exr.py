@@ -35,10 +35,12 @@ _IN_CALLING_THREAD = 0
 """Number of further threads that encode: more are not faster at our sizes, and workers share the machine."""
 
 CRC, PART_COUNT = "content_crc32", "part_count"
+PRIMARIES_XY = "primaries_xy"
+"""Attribute with x and y of red, green, blue and white; viewers look for it in `chromaticities`, single precision."""
 
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
 _GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
-RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT}
+RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT, "chromaticities"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,6 +181,8 @@ def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) 
     header: dict[str, Any] = {name: _text(part, name, value) for name, value in sorted(part.attributes.items())}
     header |= {CRC: _crc32(part.name, channels, header), PART_COUNT: str(part_count)}
     header |= {"compression": _COMPRESSION, "dataWindow": _window(part.shape), "displayWindow": _window(display)}
+    if PRIMARIES_XY in header:
+        header["chromaticities"] = tuple(map(float, header[PRIMARIES_XY].split()))
     header["type"] = OpenEXR.tiledimage if tiled else OpenEXR.scanlineimage
     if tiled:
         header["tiles"] = OpenEXR.TileDescription()

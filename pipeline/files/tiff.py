@@ -33,8 +33,8 @@ _LARGEST_BYTES = 2**32
 """Bytes that a TIFF file may have: its offsets have 32 bits."""
 _HEAD_BYTES = 1 << 10
 """Bytes that hold the directory: a dozen bytes each for some thirty tags."""
-_FINEST = 1 << 16
-"""Denominator of a fraction at most: digital numbers have 16 bits, and numerators 32."""
+_LARGEST = 2**31 - 1
+"""Numerator and denominator of a fraction at most [1], also of one with a sign."""
 
 
 class Kind(enum.IntEnum):
@@ -45,6 +45,7 @@ class Kind(enum.IntEnum):
     SHORT = 3
     LONG = 4
     RATIONAL = 5
+    SRATIONAL = 10
 
 
 class Name(enum.IntEnum):
@@ -67,6 +68,7 @@ class Name(enum.IntEnum):
     PLANAR = 284
     PATTERN_SIZE = 33421
     PATTERN = 33422
+    EXPOSURE_TIME = 33434
     DNG_VERSION = 50706
     DNG_BACKWARD = 50707
     UNIQUE_MODEL = 50708
@@ -75,9 +77,14 @@ class Name(enum.IntEnum):
     BLACK_SIZE = 50713
     BLACK = 50714
     WHITE = 50717
+    COLOUR_MATRIX = 50721
+    COLOUR_MATRIX_2 = 50722
+    NEUTRAL = 50728
+    ILLUMINANT = 50778
+    ILLUMINANT_2 = 50779
 
 
-_FORMATS = {Kind.BYTE: "B", Kind.ASCII: "s", Kind.SHORT: "H", Kind.LONG: "I", Kind.RATIONAL: "II"}
+_FORMATS = {Kind.BYTE: "B", Kind.ASCII: "s", Kind.SHORT: "H", Kind.LONG: "I", Kind.RATIONAL: "II", Kind.SRATIONAL: "ii"}
 
 Rows = Callable[[int, int], np.ndarray]
 """First and end row to digital numbers, (rows, w) uint16."""
@@ -96,9 +103,10 @@ class Tag:
         """The values as they are stored."""
         if self.kind == Kind.ASCII:
             return str(self.values[0]).encode("ascii") + b"\0"
-        if self.kind == Kind.RATIONAL:
-            fractions = [Fraction(value).limit_denominator(_FINEST) for value in self.values]
-            return b"".join(struct.pack("<II", one.numerator, one.denominator) for one in fractions)
+        if self.kind in (Kind.RATIONAL, Kind.SRATIONAL):
+            finest = [max(1, int(_LARGEST / max(1.0, abs(value)))) for value in self.values]
+            fractions = map(Fraction.limit_denominator, map(Fraction, self.values), finest)
+            return b"".join(struct.pack(f"<{_FORMATS[self.kind]}", *one.as_integer_ratio()) for one in fractions)
         return struct.pack(f"<{len(self.values)}{_FORMATS[self.kind]}", *self.values)
 
     @property

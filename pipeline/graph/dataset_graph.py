@@ -141,7 +141,7 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
     images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
     for kind, frame, folder in images if seen else ():
         reads = {f"channel{i}": f"{kind}/{one.full_name}{frame}" for i, one in enumerate(seen)}
-        params = ColourImage(name=kind, channels=labels)
+        params = ColourImage(name=kind, channels=labels, colorimetry=next(iter(entry.colorimetry), None))
         joined = add(graph, f"colour_image/{entry.name}{frame}", params, reads)
         files |= {f"{folder}/{kind}.{ending}": (joined, f"{kind}.{ending}") for ending in ("exr", "png")}
         if params.is_spectral:

@@ -30,6 +30,7 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
             seed=entry.sampling.seed,
             response=response,
             irradiation=irradiation,
+            colorimetry=entry.colorimetry,
         )
         image = f"{kind}/{name}/{frame.number:04d}"
         reads = {"image": image} | cameras | ({"transmission": f"transmission/{name}"} if lossy else {})

@@ -11,6 +11,7 @@ from pipeline.channel_names import name_with
 from pipeline.export_formats import AskedExports
 from pipeline.optics.prescription import Prescription
 from pipeline.render.lighting.records import Coat, Finish, Lamp
+from pipeline.render.sensor.colorimetry import Colorimetry
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.prints import Print
@@ -71,6 +72,8 @@ class CameraEntry:
         Colour channels of its sensor, in the order of the stage; none: its light has the one wavelength.
     channel : Channel or None
         The channel that this entry is the camera in, see `in_channels`; `wavelength_nm` is then the mean one.
+    colorimetry : tuple of Colorimetry
+        The channels red, green and blue beside the standard observer, in the light of the dataset and in daylight.
     response : SensorResponse or None
         Response of the sensor, from photons to digital numbers; None where the stage states none.
     irradiation : Irradiation or None
@@ -96,6 +99,7 @@ class CameraEntry:
     diffraction: bool = False
     channels: tuple[Channel, ...] = ()
     channel: Channel | None = None
+    colorimetry: tuple[Colorimetry, ...] = ()
     response: SensorResponse | None = None
     irradiation: Irradiation | None = None
     file: str | None = field(default=None, compare=False)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.files.exr import PRIMARIES_XY
 from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectral.preview import srgb_preview
@@ -38,6 +39,10 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         if "noise" in (texts := image.headers[name].texts):
             attributes[f"noise_{letter}"] = float(texts["noise"])
     attributes.update(_traced_by(images[0], name))
+    if params.colorimetry is not None:
+        text = "of the sensor, not of Rec. 709: chromaticities hold the matrix to XYZ that is best for a ColorChecker"
+        attributes["colours"] = f"{text} in {params.colorimetry.illuminant}"
+        attributes[PRIMARIES_XY] = " ".join(map(repr, params.colorimetry.chromaticities))
     part = BandedPart(name=name, shape=shape, channels=tuple(letters), rows=rows, attributes=attributes)
     write_bands(out / f"{name}.exr", [part])
     preview = [_picture(rows(first, min(first + _ROWS, shape[0]))) for first in range(0, shape[0], _ROWS)]

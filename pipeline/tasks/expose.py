@@ -11,7 +11,7 @@ from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.png import write_png
 from pipeline.files.tiff import mapped, write_tiff
 from pipeline.render.radiometry import photon_rate
-from pipeline.render.sensor.demosaic import has_colours, in_colour
+from pipeline.render.sensor.demosaic import PRIMARIES, has_colours, in_colour
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
@@ -60,6 +60,8 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         black_dn=response.black_level_dn,
         white_dn=response.white_dn,
         filters=response.filters,
+        exposure_time_s=params.irradiation.exposure_time_s,
+        **_colours(params, at_one),
     )
     write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, negative)
     write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
@@ -77,6 +79,20 @@ def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:
     radiance = irradiation.radiance
     rate = None if radiance is None else photon_rate(focused_camera(inputs), radiance)
     return dict.fromkeys(response.channels, irradiation.photons_at_one(response, rate))
+
+
+def _colours(params: Params, photons_at_one: dict[str, float]) -> dict[str, Any]:
+    """Fields of `Negative` about the colours of a mosaic of red, green and blue; of others nothing."""
+    known, response = params.colorimetry, params.response
+    efficiency = dict(zip(response.channels, response.quantum_efficiency, strict=True))
+    electrons = {name: photons_at_one[name] * share for name, share in efficiency.items()}
+    if not known or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
+        return {}
+    of_unit, from_xyz = np.array([electrons[name] for name in PRIMARIES]) / known[0].counted, {}
+    for one in known:
+        white = of_unit * one.counted
+        from_xyz[one.illuminant] = (white[:, None] / white.max() * np.linalg.inv(one.xyz_from_rgb)).tolist()
+    return {"neutral": tuple(electrons[name] / max(electrons.values()) for name in PRIMARIES), "from_xyz": from_xyz}
 
 
 def _with_margin(

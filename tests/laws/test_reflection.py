@@ -5,8 +5,10 @@ import math
 import numpy as np
 import pytest
 from colour import MSDS_CMFS, RGB_COLOURSPACES, SDS_ILLUMINANTS, SpectralShape
-from laws.lit import lamp, looked, matt, plate, scene, towards
-from tolerances import FURNACE, LIT_ERRORS, SAME_COLOUR
+from laws.lit import lamp, looked, matt, named, plate, scene, towards
+from laws.microfacet_walk import albedo
+from shorter import few
+from tolerances import ALL_REFLECTIONS, FURNACE, LIT_ERRORS, SAME_COLOUR
 
 from pipeline.render.lighting.albedo import layers
 from pipeline.render.lighting.records import Coat, Input, Material
@@ -39,6 +41,49 @@ def test_a_white_furnace_is_white_for_every_material_that_absorbs_nothing(materi
     for eye in EYES:
         found, error = looked(lit, ALONE, eye)
         assert abs(found - 1.0) <= LIT_ERRORS * error + FURNACE, (eye, found, error)
+
+
+FACINGS = 0.04, 0.1, 0.3, 0.6, 0.9, 1.0
+"""Reflectances of metals face on; the first is that of the coat of plastic."""
+
+
+@pytest.mark.parametrize("roughness", few((0.5, 0.8, 1.0), 0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.9))
+@pytest.mark.parametrize("cosine", [1.0, 0.6, 0.2])
+def test_a_metal_returns_what_walks_on_its_facets_return(roughness, cosine):
+    """Below an even sky, seen at an angle: single reflections and all further ones, each of which absorbs."""
+    eye = (500.0 * math.tan(math.acos(cosine)), 0.0, 0.0)
+    walked = albedo(roughness, cosine, np.array(FACINGS), 300_000)
+    for facing, expected in zip(FACINGS, walked, strict=True):
+        metal = Material(
+            diffuse_color=Input(value=(facing,) * 3), roughness=Input(value=(roughness,)), metallic=Input(value=(1.0,))
+        )
+        found, error = looked(scene([(plate(500.0), metal)], [lamp("dome")]), ALONE, eye, 1 << 15)
+        assert abs(found / expected - 1.0) <= ALL_REFLECTIONS, (facing, found, error, expected)
+
+
+def spot(reflectance: float, beyond: Material, bounces: int) -> np.ndarray:
+    """Radiances of paths from a small matt spot of a wall, which sees a plate and a lamp."""
+    light = lamp("sphere", (50.0, 0.0), towards((0.0, 0.0, 1.0), (150.0, 0.0, 300.0)))
+    things = [(plate(500.0, 1e-3), matt(reflectance)), (plate(501.0), matt(0.8)), (plate(-100.0), beyond)]
+    way = np.tile([0.0, 0.0, 1.0], (1 << 14, 1))
+    return scene(things, [light], bounces=bounces).radiance(np.zeros_like(way), way, named(len(way)))
+
+
+@pytest.mark.parametrize("bounces", [1, 6])
+def test_noise_does_not_depend_on_how_dark_the_first_surface_is(bounces):
+    """Path by path light is as its first surface reflects it: none ends because it is faint."""
+    mirror = Material(
+        diffuse_color=Input(value=(0.9,) * 3), roughness=Input(value=(0.1,)), metallic=Input(value=(1.0,))
+    )
+    light = spot(0.8, mirror, bounces)
+    assert light.std() > light.mean()
+    np.testing.assert_allclose(spot(0.04, mirror, bounces) / 0.04, light / 0.8, rtol=1e-9)
+
+
+def test_noise_does_not_depend_on_how_dark_the_second_surface_is():
+    dark, light, without = (spot(0.8, matt(beyond), 1) for beyond in (0.04, 0.8, 0.0))
+    assert light.mean() > 1.01 * without.mean()
+    np.testing.assert_allclose((dark - without) / 0.04, (light - without) / 0.8, atol=1e-9)
 
 
 def test_a_furnace_is_white_with_a_coated_target_too():
@@ -109,8 +154,8 @@ def test_a_surface_has_the_colour_in_daylight_that_it_is_given():
         looked(scene([(plate(500.0), painted)], [lamp("dome")], wavelength_nm=nm), ALONE, EYES[1], 4)[0]
         for nm in wavelengths
     ]
-    light = SDS_ILLUMINANTS["D65"].align(SpectralShape(400, 700, 20)).values
-    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].align(SpectralShape(400, 700, 20)).values
+    light = SDS_ILLUMINANTS["D65"].copy().align(SpectralShape(400, 700, 20)).values
+    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(SpectralShape(400, 700, 20)).values
     xyz = (np.array(seen) * light) @ observer / (light @ observer[:, 1])
     assert RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ xyz == pytest.approx(given, abs=SAME_COLOUR)
 

@@ -4,7 +4,7 @@ Each step is a loop over all paths of a batch: Embree has named the triangle tha
 is there, add the light of lamps that the path has met, send a ray to a lamp, and choose the next direction.
 
 Light of a lamp is found in two ways, by rays sent to a point of the lamp and by paths that meet it; both count,
-weighted by the balance heuristic (Veach 1997). Arguments are named in the records below.
+weighted by the power heuristic (Veach 1997). Arguments are named in the records below.
 """
 
 import math
@@ -43,8 +43,12 @@ moves points by 6e-8 of them.
 """
 _CANDIDATES = 8
 """Points of lamps of which a surface that the camera sees asks one [1]."""
+_WHOLE = 3
+"""Surfaces after which no path ends by chance [1]: the few of dark surfaces that went on to a mirror and a lamp would
+be fireflies.
+"""
 _LEAST = 0.05
-"""Least probability with which a path goes on [1]: it bounds what one path can add."""
+"""Least probability with which a path goes on from a later surface [1]: it bounds what one path can add."""
 
 
 class Paths(NamedTuple):
@@ -366,8 +370,8 @@ def scatter(scene, vertex, paths, hits, goes_on):
         if not (value > 0.0 and chance > 0.0 and dot(way, flat) > 0.0):
             continue
         power = paths.power[i] * value / chance
-        if vertex > 0:
-            survives = min(1.0, max(power, _LEAST))
+        if vertex >= _WHOLE:
+            survives = min(1.0, max(value / chance, _LEAST))
             dice = draws.draw(points, paths.key[i], paths.place[i], draws.STAGES * vertex + draws.SURVIVAL)
             if dice[0] >= survives:
                 continue

@@ -1,10 +1,10 @@
 """Reflection of light by a surface: matt paint below a specular layer of microfacets. Kernels only.
 
 The specular layer is that of Trowbridge and Reitz (GGX) with Smith's shadowing and Schlick's Fresnel term, as in
-UsdPreviewSurface. Light that leaves a facet towards another one is not lost: what single reflections leave out goes
-into a diffuse-like term, for the layer itself (Kulla and Conty 2017) and for the paint below it (Kelemen and
-Szirmay-Kalos 2001). So a surface that absorbs nothing reflects everything, in each direction, and all terms are
-reciprocal.
+UsdPreviewSurface. Light that leaves a facet towards another one is not lost: what walks on facets (Heitz, Hanika, d'Eon
+and Dachsbacher 2016) return after two and more reflections goes into a diffuse-like term (Kulla and Conty 2017), and
+what the layer does not return goes to the paint below it (Kelemen and Szirmay-Kalos 2001). So a surface that absorbs
+nothing reflects everything, in each direction, and all terms are reciprocal.
 
 Frame of a surface: z along its shading normal. Both directions point away from it.
 """
@@ -21,8 +21,8 @@ NODES = 64
 """Nodes of the tables along each axis [1]: with them a white furnace is white to 0.0003."""
 LEAST_ALPHA = 1e-3
 """Least width of facets [1]: a roughness of 0.03. A mirror would be a case of its own, and looks the same."""
-ENTRIES = 2
-"""Entries of the tables at a node [1]: see `Layer`."""
+_STAYING = 0.77
+"""Coefficient in `_many` [1]: how much longer light stays among facets the more of it the first one sends to others."""
 
 
 class Layers(NamedTuple):
@@ -30,11 +30,12 @@ class Layers(NamedTuple):
 
     Attributes
     ----------
-    sums : (NODES, NODES, ENTRIES) float64
-        Light that single reflections return, by root of alpha and by cosine, where the Fresnel term is 1, and where
-        it is (1 - cos)^5.
-    means : (NODES, ENTRIES) float64
-        Their means over a hemisphere, weighted by the cosine.
+    sums : (NODES, NODES, 3) float64
+        By the roots of alpha and of the cosine, light that single reflections return where the Fresnel term is 1, and
+        where it is (1 - cos)^5; and the root of the share of other light that returns if facets reflect (1 - cos)^5.
+    means : (NODES, NODES, 2) float64
+        Means over a hemisphere, weighted by the cosine, of both parts of `Layer`, by root of alpha and by
+        `Paint.facing`.
     """
 
     sums: np.ndarray
@@ -64,13 +65,13 @@ class Layer(NamedTuple):
 
     Attributes
     ----------
-    whole : float
-        Light that single reflections would return if facets reflected everything.
+    many : float
+        Light that it returns after two and more reflections.
     returned : float
         Light that the layer returns, all reflections together.
     """
 
-    whole: float
+    many: float
     returned: float
 
 
@@ -82,11 +83,8 @@ class Seen(NamedTuple):
     direction : (float, float, float)
     layer : Layer
         In this direction.
-    many, lost : float
-        Of the light that single reflections leave out, the part that comes back later; and what they leave out on
-        average over a hemisphere.
-    kept : float
-        Mean part of light that the layer lets through to the paint.
+    many, kept : float
+        Means over a hemisphere of `Layer.many`, and of the light that the layer lets through to the paint.
     chance : float
         Probability with which `scattered` follows the layer.
     """
@@ -94,7 +92,6 @@ class Seen(NamedTuple):
     direction: tuple[float, float, float]
     layer: Layer
     many: float
-    lost: float
     kept: float
     chance: float
 
@@ -108,8 +105,10 @@ def _at(x):
 
 
 @inline
-def _between(table, i, a, k):
-    return (1.0 - a) * table[i, k] + a * table[i + 1, k]
+def _between(table, i, a, j, b, k):
+    """Entry of a table between four nodes."""
+    low = (1.0 - b) * table[i, j, k] + b * table[i, j + 1, k]
+    return (1.0 - a) * low + a * ((1.0 - b) * table[i + 1, j, k] + b * table[i + 1, j + 1, k])
 
 
 @inline
@@ -117,27 +116,18 @@ def _layer(layers, paint, cosine):
     """The layer in a direction; see `Layer`."""
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(math.sqrt(max(cosine, 0.0)))
-    whole = (1.0 - a) * _between(layers.sums[i], j, b, 0) + a * _between(layers.sums[i + 1], j, b, 0)
-    grazing = (1.0 - a) * _between(layers.sums[i], j, b, 1) + a * _between(layers.sums[i + 1], j, b, 1)
-    f0 = paint.facing
-    return Layer(whole, f0 * (whole - grazing) + grazing + _many(layers, paint) * (1.0 - whole))
+    whole, grazing = _between(layers.sums, i, a, j, b, 0), _between(layers.sums, i, a, j, b, 1)
+    many = _many(paint.facing, 1.0 - whole, _between(layers.sums, i, a, j, b, 2))
+    return Layer(many, paint.facing * (whole - grazing) + grazing + many)
 
 
 @inline
-def _many(layers, paint):
-    """Part of the light of two and more reflections that is not absorbed by the facets."""
-    i, a = _at(math.sqrt(paint.alpha))
-    mean = _between(layers.means, i, a, 0)
-    fresnel = paint.facing + (1.0 - paint.facing) / 21.0
-    return fresnel * mean / (1.0 - fresnel * (1.0 - mean))
-
-
-@inline
-def _mean_returned(layers, paint):
-    """Mean of `Layer.returned` over a hemisphere, weighted by the cosine."""
-    i, a = _at(math.sqrt(paint.alpha))
-    whole, grazing = _between(layers.means, i, a, 0), _between(layers.means, i, a, 1)
-    return paint.facing * (whole - grazing) + grazing + _many(layers, paint) * (1.0 - whole)
+def _many(facing, others, root):
+    """Light that comes back after two and more reflections, from all that the first facet sends to others if it absorbs
+    nothing. The root of the share is a fraction of linear functions of the reflectance: right to 0.7 % of all light.
+    """
+    share = (facing + (1.0 - facing) * root) / (1.0 + (1.0 - facing) * _STAYING * others * others)
+    return others * share * share
 
 
 @inline
@@ -147,6 +137,12 @@ def _masking(alpha, cosine):
         return 0.0
     slope = alpha * alpha * (1.0 - cosine * cosine) / (cosine * cosine)
     return 2.0 / (1.0 + math.sqrt(1.0 + max(0.0, slope)))
+
+
+@inline
+def _both(visible, other):
+    """Part of the facets visible in one direction that is so in the other, too: high facets are in both."""
+    return other / (visible + other - visible * other) if other > 0.0 else 0.0
 
 
 @inline
@@ -173,12 +169,13 @@ def reflected(layers, paint, seen, lit):
 def seen_along(layers, paint, seen):
     """The surface as it is seen along a direction."""
     if paint.alpha == 0.0:
-        return Seen(seen, Layer(0.0, 0.0), 0.0, 1.0, 1.0, 0.0)
+        return Seen(seen, Layer(0.0, 0.0), 1.0, 1.0, 0.0)
     layer = _layer(layers, paint, seen[2])
     i, a = _at(math.sqrt(paint.alpha))
-    lost = max(1.0 - _between(layers.means, i, a, 0), 1e-9)
-    kept = max(1.0 - _mean_returned(layers, paint), 1e-9)
-    return Seen(seen, layer, _many(layers, paint), lost, kept, specular_chance(paint, layer))
+    j, b = _at(paint.facing)
+    many = max(_between(layers.means, i, a, j, b, 0), 1e-12)
+    kept = max(1.0 - _between(layers.means, i, a, j, b, 1), 1e-9)
+    return Seen(seen, layer, many, kept, specular_chance(paint, layer))
 
 
 @inline
@@ -190,13 +187,14 @@ def reflected_as(layers, paint, as_seen, lit):
     if paint.alpha == 0.0:
         return paint.diffuse * lit[2] / math.pi, lit[2] / math.pi
     other = _layer(layers, paint, lit[2])
-    many = as_seen.many * (1.0 - one.whole) * (1.0 - other.whole) / as_seen.lost
+    many = one.many * other.many / as_seen.many
     below = paint.diffuse * (1.0 - one.returned) * (1.0 - other.returned) / as_seen.kept
     half = unit((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
     glance = max(dot(seen, half), 1e-12)
     facets, visible = _facets(paint.alpha, half[2]), _masking(paint.alpha, seen[2])
-    once = fresnel(paint.facing, glance) * facets * visible * _masking(paint.alpha, lit[2]) / (4.0 * seen[2])
-    density = as_seen.chance * facets * visible / (4.0 * seen[2]) + (1.0 - as_seen.chance) * lit[2] / math.pi
+    single = facets * visible / (4.0 * seen[2])
+    density = as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
+    once = fresnel(paint.facing, glance) * single * _both(visible, _masking(paint.alpha, lit[2]))
     return once + (many + below) * lit[2] / math.pi, density
 
 

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 
+from pipeline.records.shapes import Float64
 from pipeline.render.spectral.nodes import SpectrumError, require_spectrum
 from pipeline.spelling import nearest
 
@@ -12,7 +13,7 @@ with warnings.catch_warnings():
     # On import, colour warns that Matplotlib and other optional packages are missing. None of them is needed here.
     warnings.simplefilter("ignore")
     from colour.characterisation import MSDS_CAMERA_SENSITIVITIES, SDS_COLOURCHECKERS
-    from colour.colorimetry import SDS_ILLUMINANTS, planck_law
+    from colour.colorimetry import MSDS_CMFS, SDS_ILLUMINANTS, planck_law
     from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
 
 EQUAL_ENERGY = "E"
@@ -148,6 +149,15 @@ def product(one: Table, other: Table) -> Table:
     both = np.unique(np.concatenate([one[0], other[0], [low, high]]))
     both = both[(both >= low) & (both <= high)]
     return both, np.interp(both, *one) * np.interp(both, *other)
+
+
+def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.ndarray, np.ndarray]:
+    """Reflectances of the ColorChecker, (24, m), and colour matching functions of the CIE 1931 observer, (3, m)."""
+    table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    curves = [(table.wavelengths, values) for values in np.asarray(table.values).T]
+    patches = [reflectance(name) for name in SDS_COLOURCHECKERS[_COLOURCHECKER]]
+    sampled = [np.array([np.interp(wavelengths_nm, *one) for one in some]) for some in (patches, curves)]
+    return sampled[0], sampled[1]
 
 
 def _photons(wavelengths_nm: np.ndarray, energy: np.ndarray) -> Table:

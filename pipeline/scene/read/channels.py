@@ -50,15 +50,20 @@ def wavelengths_of(channel: Usd.Prim, illuminant: str) -> tuple[np.ndarray, np.n
     return _table_nodes(*table, illuminant, need(channel, "plen:nodes"))
 
 
+def response_of(channel: Usd.Prim) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths [nm] and quantum efficiency of a PlenChannel; raises SpectrumError as `read_channels`."""
+    from pipeline.render.spectral import spectra
+
+    if need(channel, "plen:sensitivity"):
+        return spectra.sensitivity(need(channel, "plen:sensitivity"), need(channel, "plen:component"))
+    return np.array(need(channel, "plen:wavelengths")), np.array(need(channel, "plen:response"))
+
+
 def effective_nm(channel: Usd.Prim, illuminant: str) -> float:
     """Light of the illuminant as a PlenChannel counts it, see `spectra.effective_nm`; raises as `read_channels`."""
     from pipeline.render.spectral import spectra
 
-    if need(channel, "plen:sensitivity"):
-        table = spectra.sensitivity(need(channel, "plen:sensitivity"), need(channel, "plen:component"))
-    else:
-        table = np.array(need(channel, "plen:wavelengths")), np.array(need(channel, "plen:response"))
-    return spectra.effective_nm(table, spectra.illuminant(illuminant))
+    return spectra.effective_nm(response_of(channel), spectra.illuminant(illuminant))
 
 
 # Checks and readers ask for the same spectra again and again, and colour-science takes half a second to import: only

@@ -13,7 +13,7 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.optics.prescription import Group, Prescription, Surface
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, LensEntry, Matrix
-from pipeline.scene.read.channels import read_channels
+from pipeline.scene.read.channels import illuminant_of, read_channels
 from pipeline.scene.read.exports import read_exports
 from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.lamps import lamp_matrices, lamp_prims, read_lamp_entry
@@ -21,7 +21,7 @@ from pipeline.scene.read.media import index_source, ordered_surfaces, with_indic
 from pipeline.scene.read.microlenses import read_microlenses
 from pipeline.scene.read.occluders import is_visible, read_occluder_entry
 from pipeline.scene.read.pictures import read_pictures
-from pipeline.scene.read.response import has_response, read_irradiation, read_response
+from pipeline.scene.read.response import has_response, read_colorimetry, read_irradiation, read_response
 from pipeline.scene.read.targets import read_target_entry
 from pipeline.scene.usd.poses import inverse, product, world_from
 from pipeline.scene.usd.source_locations import place
@@ -157,6 +157,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
         f_numbers=tuple(need(prim, "plen:image:fNumbers")),
         diffraction=need(prim, "plen:image:diffraction"),
         channels=read_channels(prim),
+        colorimetry=read_colorimetry(sensor, illuminant_of(prim)),
         response=read_response(sensor) if has_response(sensor) else None,
         irradiation=read_irradiation(prim),
         file=file,

@@ -2,9 +2,11 @@
 
 from pxr import Usd
 
+from pipeline.render.sensor.colorimetry import DAYLIGHT, Colorimetry, colorimetry
+from pipeline.render.sensor.demosaic import PRIMARIES
 from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
 from pipeline.render.sensor.response import SensorResponse
-from pipeline.scene.read.channels import channel_prims, effective_nm, illuminant_of, wavelengths_of
+from pipeline.scene.read.channels import channel_prims, effective_nm, illuminant_of, response_of, wavelengths_of
 from pipeline.scene.read.losses import losses_at
 from pipeline.scene.usd.values import need, read, target
 
@@ -65,6 +67,16 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
         radiance=_read_radiance(camera) if by_radiance and not channels else None,
         channels=tuple(_read_channel_radiance(camera, prim) for prim in channels),
     )
+
+
+def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ...]:
+    """The channels red, green and blue of a PlenSensor beside the standard observer, in this light and in daylight."""
+    channels = {prim.GetName(): prim for prim in channel_prims(sensor)}
+    if not set(PRIMARIES) <= channels.keys():
+        return ()
+    responses = [response_of(channels[name]) for name in PRIMARIES]
+    seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
+    return tuple(one for one in seen if one and seen[0])
 
 
 def _read_radiance(camera: Usd.Prim) -> Radiance:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from pipeline.optics.transmission.losses import Losses
+from pipeline.render.sensor.colorimetry import Colorimetry
 from pipeline.render.sensor.irradiation import Irradiation
 from pipeline.render.sensor.response import PatternSpread, SensorResponse
 
@@ -20,6 +21,7 @@ class Expose:
     seed: int
     response: SensorResponse
     irradiation: Irradiation
+    colorimetry: tuple[Colorimetry, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from pipeline.render.sensor.colorimetry import Colorimetry
 from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.placed import PaintedView
 
@@ -104,6 +105,7 @@ class ColourImage:
 
     name: str
     channels: tuple[ChannelLabel, ...]
+    colorimetry: Colorimetry | None = None
 
     @property
     def is_spectral(self) -> bool:
