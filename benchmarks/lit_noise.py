@@ -41,8 +41,9 @@ def main() -> None:
         occluders=things.occluders(frame, entry.name),
         background=dataset.background,
         lighting=things.lighting(frame, entry.name, entry.bounces),
+        lights=entry.channel.slices,
     )
-    scene, camera = scene_of(view, exposure, {}), entry.camera.in_light(entry.channel)
+    scene, camera = scene_of(view, {}), entry.camera.in_light(entry.channel)
     images, seconds = [], []
     for seed in range(11, 11 + seeds):
         rig = Rig.of(Tracer(camera, seed))

@@ -22,6 +22,7 @@ from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
+from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.confine.kernel import END_WITH_PARENT, prctl
@@ -185,7 +186,7 @@ def _paths_of_light() -> None:
         ),
         pictures={"sky": np.ones((2, 4, 4), np.float32)},
         background=0.0,
-        wavelengths_nm=(550.0,),
+        lights=(alone(550.0) * 2,),
     )
     rays = np.tile([0.0, 0.0, 1.0], (4, 1))
     view.in_light(0).radiance(np.zeros((4, 3)), rays, Names(np.zeros(4, np.uint32), np.arange(4)))

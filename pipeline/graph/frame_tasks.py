@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 
+from pipeline.camera.parts.spectrum import alone
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.frames import apply
@@ -90,8 +91,8 @@ class FrameTasks:
         self.settings = from_plain(TruthSettings, entry.truth)
         self._labels, self._counts = _labels_of(entry, self.settings), _what_counts(self.settings)
         self._exposure, self._bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
-        lights = self._exposure.wavelengths_nm
-        self._colours = tuple(target.printed.colours(target.target, lights) for target in dataset.targets)
+        self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
+        self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
         self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
         self._reads = {"camera": f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
@@ -146,12 +147,14 @@ class FrameTasks:
         return add(self.graph, f"image/{name}", params, {**self._reads, **whites, **passes})
 
     def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> PaintedView:
+        lighting = self.painted.lighting(frame, self.entry.name, self.entry.bounces)
         return PaintedView(
             targets=self.painted.targets(poses, named=False),
             occluders=self.painted.occluders(frame, self.entry.name),
             background=self.dataset.background,
-            lighting=self.painted.lighting(frame, self.entry.name, self.entry.bounces),
+            lighting=lighting,
             colours=self._colours,
+            lights=self._lights if lighting else (),
         )
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:

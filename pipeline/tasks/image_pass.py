@@ -20,7 +20,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         hand_on(inputs, out)
         return
     exposure, rows, first = params.exposure, params.rows, params.number == 0
-    rig, scene = imaged_rig(inputs, exposure), scene_of(params.view, exposure, inputs)
+    rig, scene = imaged_rig(inputs, exposure), scene_of(params.view, inputs)
     white = read_npy(inputs["white"][MEANS]).mean(axis=0)
     colour = colours_in_lights(rig, scene, rows) if first else read_npy(inputs["first"][COLOURS])
     means = means_of(

@@ -39,11 +39,11 @@ def image_rows(
     """Rows from the first to an end, by default all, of the images of several views, (views, h, w) float64."""
     rig = imaged_rig(inputs, exposure)
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
-    scenes = [scene_of(view, exposure, inputs) for view in views]
+    scenes = [scene_of(view, inputs) for view in views]
     return pictures_in_lights(rig, exposure.samples, scenes, white, rows)
 
 
-def scene_of(view: PaintedView, exposure: Exposure, inputs: Inputs) -> TargetLight | GlowingView | LitView:
+def scene_of(view: PaintedView, inputs: Inputs) -> TargetLight | GlowingView | LitView:
     """The view as the rooms of light take it."""
     targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
     if view.lighting is None:
@@ -51,4 +51,4 @@ def scene_of(view: PaintedView, exposure: Exposure, inputs: Inputs) -> TargetLig
             return TargetLight(targets, view.background, occluders)
         return GlowingView(targets, view.background, occluders, view.colours)
     pictures = {role: read_npy(files[PICTURE]) for role, files in inputs.items() if PICTURE in files}
-    return LitView(targets, occluders, view.lighting, pictures, view.background, exposure.wavelengths_nm, view.colours)
+    return LitView(targets, occluders, view.lighting, pictures, view.background, view.lights, view.colours)

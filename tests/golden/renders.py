@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from laws.lit import lamp, towards
 
+from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.poses import vision_from_target
@@ -41,7 +42,7 @@ class Scene:
         if name == "tiny_lit":
             lamps = (lamp("sphere", (20.0, 0.0), towards((0, 0, -1), (40, 60, 300)), (3.0,) * 3), lamp("dome"))
             lighting = Lighting(lamps=lamps, coats=(Coat(roughness=0.2),), bounces=1)
-            self.light = LitView(targets, [], lighting, {}, dataset.background, (entry.wavelength_nm,))
+            self.light = LitView(targets, [], lighting, {}, dataset.background, (alone(entry.wavelength_nm),))
 
     def image(self, seed: int) -> np.ndarray:
         """The image with a seed."""

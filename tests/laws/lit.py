@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.camera.parts.spectrum import alone
 from pipeline.frames import rigid
 from pipeline.records.plain import to_plain
 from pipeline.render.lighting.draws import Names
@@ -73,7 +74,7 @@ def scene(
         lighting=lighting,
         pictures=pictures or {},
         background=background,
-        wavelengths_nm=(wavelength_nm,),
+        lights=(alone(wavelength_nm),),
     )
     return view.in_light(0)
 

@@ -11,6 +11,7 @@ from tolerances import KNOWN_FLUX, LIT_ERRORS
 
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.spectrum import Slices, alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
@@ -33,11 +34,11 @@ def small() -> Camera:
     return rigs.conventional(4.5, 24, 18, 0.2)
 
 
-def view(lamps: tuple[PlacedLamp, ...], half_mm: float, wavelengths_nm: tuple[float, ...] = (550.0,)) -> LitView:
+def view(lamps: tuple[PlacedLamp, ...], half_mm: float, lights: tuple[Slices, ...] = (alone(550.0),)) -> LitView:
     """A plate of half white, and lamps."""
     finish = to_plain(Finish(materials=(matt(0.5),)))
     lighting = Lighting(lamps=lamps, finishes=(finish,), bounces=0)
-    return LitView([], [(plate(434.4, half_mm), np.eye(4))], lighting, {}, 0.0, wavelengths_nm)
+    return LitView([], [(plate(434.4, half_mm), np.eye(4))], lighting, {}, 0.0, lights)
 
 
 def test_the_known_flux_is_that_of_many_rays_where_light_falls_off_too() -> None:
@@ -116,7 +117,8 @@ def test_behind_microlenses_the_white_image_stays_that_of_rays() -> None:
 def test_the_correction_has_no_bias_at_edges_and_in_several_wavelengths(seeds: int, monkeypatch) -> None:
     """The mean over seeds is that of images of many rays without correction, pixel by pixel and in the sum."""
     rig = Rig.of(Tracer(in_light(small(), RED), 5))
-    scene = view((lamp("rect", (60.0, 40.0), towards((0.2, 0.3, -1.0), (30.0, 60.0, 150.0))),), 6.0, tuple(RED))
+    softbox = lamp("rect", (60.0, 40.0), towards((0.2, 0.3, -1.0), (30.0, 60.0, 150.0)))
+    scene = view((softbox,), 6.0, tuple(map(alone, RED)))
 
     def image(samples: int, seed: int) -> np.ndarray:
         one = dataclasses.replace(rig, tracer=dataclasses.replace(rig.tracer, seed=seed))

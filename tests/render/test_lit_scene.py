@@ -8,6 +8,7 @@ from laws.lit import lamp, looked, matt, plate, scene, towards
 from laws.rigs import conventional
 from tolerances import LIT_ERRORS
 
+from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.render.in_lights import pictures_in_lights, white_parts
@@ -34,7 +35,7 @@ def test_rows_of_an_image_are_those_of_the_whole_image():
         ),
         pictures={},
         background=0.1,
-        wavelengths_nm=(550.0,),
+        lights=(alone(550.0),),
     )
     white = white_parts(rig, 16)
     whole = pictures_in_lights(rig, 16, [view], white)[0]
@@ -73,10 +74,10 @@ def test_textures_are_those_of_a_slow_twin(wraps):
     picture = generator.random((4, 5))
     texels = np.repeat(picture[..., None], 4, axis=2).astype(np.float32)
     texture = Texture(name="it", channel="g", scale=(1, 0.5, 1, 1), bias=(0, 0.25, 0, 0), wrap=wraps)
-    table = MaterialTable({"it": texels}, np.full(3, 1 / 3))
+    table = MaterialTable({"it": texels})
     table.add(Material(roughness=Input(value=(0.5,), texture=texture)))
     for s, t in generator.uniform(-2.5, 3.5, (40, 2)):
-        found = input_at(table.arrays, 0, 2, (s, t))
+        found = input_at(table.arrays(np.full(3, 1 / 3)), 0, 2, (s, t))
         assert found == pytest.approx(0.25 + 0.5 * slow_texel(picture, s, t, wraps), abs=1e-6), (s, t)
     assert set(wraps) <= set(WRAPS)
 

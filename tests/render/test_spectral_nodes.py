@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pipeline.render.spectral.nodes import SpectrumError, gauss_nodes
+from pipeline.render.spectral.nodes import SpectrumError, gauss_nodes, points_of
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 9])
 def test_an_even_spectrum_has_the_nodes_of_legendre(count: int) -> None:
-    found, share = gauss_nodes(np.array([400.0, 700.0]), np.ones(2), count)
+    found, share = gauss_nodes(points_of((np.array([400.0, 700.0]), np.ones(2))), count)
     node, weight = np.polynomial.legendre.leggauss(count)
     np.testing.assert_allclose(found, 550 + 150 * node, rtol=0, atol=1e-9)
     np.testing.assert_allclose(share, weight / 2, rtol=0, atol=1e-12)
@@ -16,7 +16,7 @@ def test_an_even_spectrum_has_the_nodes_of_legendre(count: int) -> None:
 
 def test_moments_of_a_tabulated_spectrum() -> None:
     """A triangle from 500 to 600 nm with its top at 540 nm: its moments in closed form."""
-    found, share = gauss_nodes(np.array([500.0, 540.0, 600.0]), np.array([0.0, 3.0, 0.0]), 3)
+    found, share = gauss_nodes(points_of((np.array([500.0, 540.0, 600.0]), np.array([0.0, 3.0, 0.0]))), 3)
     a, b, c = 500.0, 600.0, 540.0
     mean = (a + b + c) / 3
     variance = (a * a + b * b + c * c - a * b - a * c - b * c) / 18
@@ -30,7 +30,7 @@ def test_moments_of_a_tabulated_spectrum() -> None:
 def test_nodes_lie_within_the_spectrum_and_ascend() -> None:
     wavelengths = np.linspace(380, 780, 81)
     response = np.exp(-0.5 * ((wavelengths - 610) / 25) ** 2)
-    found, share = gauss_nodes(wavelengths, response, 8)
+    found, share = gauss_nodes(points_of((wavelengths, response)), 8)
     assert (np.diff(found) > 0).all()
     assert found[0] > 380
     assert found[-1] < 780
@@ -43,4 +43,4 @@ def test_nodes_lie_within_the_spectrum_and_ascend() -> None:
 )
 def test_what_is_no_spectrum_is_refused(wavelengths: list[float], weight: list[float]) -> None:
     with pytest.raises(SpectrumError):
-        gauss_nodes(np.array(wavelengths), np.array(weight), 2)
+        points_of((np.array(wavelengths), np.array(weight)))

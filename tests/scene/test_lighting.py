@@ -11,6 +11,7 @@ from PIL import Image
 from stage_text import head
 
 import pipeline
+from pipeline.camera.parts.spectrum import alone
 from pipeline.files.pictures import decoded
 from pipeline.graph.frame_contents import Things
 from pipeline.graph.poses import target_poses
@@ -120,7 +121,7 @@ def lit(folder, content: str, frame: int = 0) -> LitScene:
     lighting = things.lighting(moment, name, 0)
     assert lighting is not None
     pictures = {one.name: decoded(b64decode(one.encoded), one.suffix, one.space) for one in dataset.pictures}
-    return LitView(targets, occluders, lighting, pictures, 0.0, (550.0,)).in_light(0)
+    return LitView(targets, occluders, lighting, pictures, 0.0, (alone(550.0),)).in_light(0)
 
 
 def wall_light(folder, content: str, at=(0.0, 0.0, 500.0), frame: int = 0) -> float:

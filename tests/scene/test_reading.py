@@ -106,6 +106,21 @@ def translate(x, y, z):
     return f'double3 xformOp:translate = ({x}, {y}, {z})\nuniform token[] xformOpOrder = ["xformOp:translate"]'
 
 
+def test_an_ideal_thin_lens_works_at_any_wavelength(write):
+    """It has no index that could be printed for another one."""
+    path = write(board(pose=translate(0, 0, -400)))
+    path.write_text(
+        path.read_text().replace(
+            "sensorDistance = 50", "sensorDistance = 50\nuniform double plen:camera:wavelength = 450"
+        )
+    )
+    loaded = load(path)
+    assert loaded.errors == []
+    assert loaded.dataset.cameras[0].wavelength_nm == 450
+    path.write_text(path.read_text().replace("plen:index = 1\n", "plen:index = 1.5\n"))
+    assert "printed-wavelength" in [one.code for one in load(path).errors]
+
+
 def test_open_dataset_is_at_the_top_of_the_package():
     assert pipeline.open_dataset is open_dataset
 

@@ -1,4 +1,8 @@
-"""Light of several wavelengths: a colour channel of a camera as a few wavelengths with their shares."""
+"""Light of several wavelengths: a colour channel of a camera as a few wavelengths with their shares.
+
+Glass changes smoothly with the wavelength, so that few wavelengths stand for it. Colours do not: each of these
+wavelengths stands for a stretch of the spectrum, and scenes are seen in thin slices of that.
+"""
 
 from dataclasses import dataclass
 
@@ -34,6 +38,23 @@ class SpectralNode:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Slice:
+    """A thin slice of a spectrum, as scenes are seen in it: wavelengths [nm] with shares, whose sum is 1."""
+
+    wavelengths_nm: tuple[float, ...]
+    shares: tuple[float, ...]
+
+
+Slices = tuple[Slice, ...]
+"""Slices of equal weight, together the light that one wavelength of a camera stands for."""
+
+
+def alone(wavelength_nm: float) -> Slices:
+    """Light of one wavelength and no other."""
+    return (Slice(wavelengths_nm=(wavelength_nm,), shares=(1.0,)),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
     """A colour channel of a camera.
 
@@ -44,8 +65,11 @@ class Channel:
         Its mean wavelength, for what one ray stands for: chief rays, centres of micro-images, first guesses.
     nodes : tuple of SpectralNode
         The wavelengths that stand for it; their weights sum up to 1.
+    slices : tuple of Slices
+        How each of them sees colours; ground truth, which is that of a white target, does without.
     """
 
     name: str
     middle: SpectralNode
     nodes: tuple[SpectralNode, ...]
+    slices: tuple[Slices, ...] = ()

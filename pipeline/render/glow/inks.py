@@ -1,4 +1,4 @@
-"""Coloured ink and paper: what a target reflects at each wavelength of an image."""
+"""Coloured ink and paper: what a target reflects in each light of an image."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -16,15 +16,15 @@ Placed = Sequence[tuple[AnyTarget, np.ndarray]]
 """Targets with their poses vision_from_target."""
 
 
-def inked(targets: Placed, colours: Sequence[Colours], number: int) -> Placed:
-    """Targets in one of the wavelengths of an image; no colours at all: as they are."""
+def inked(targets: Placed, colours: Sequence[Colours], number: int, slices: slice = slice(None)) -> Placed:
+    """Targets at a wavelength of an image, in the mean of some of its slices; no colours at all: as they are."""
     return [
-        (_in_colours(target, own[number]) if own else target, pose)
+        (_in_colours(target, np.mean(own[number][slices], axis=0).tolist()) if own else target, pose)
         for (target, pose), own in zip(targets, colours or [()] * len(targets), strict=True)
     ]
 
 
-def _in_colours(target: AnyTarget, colours: tuple[float, float]) -> AnyTarget:
+def _in_colours(target: AnyTarget, colours: Sequence[float]) -> AnyTarget:
     """A target with other radiances of black and white."""
     if isinstance(target, MeshTarget):
         return target

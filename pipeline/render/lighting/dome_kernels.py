@@ -13,12 +13,14 @@ from pipeline.jit.decorators import inline
 
 
 class Dome(NamedTuple):
-    """A picture of the sky at one wavelength.
+    """A picture of the sky in one light.
 
     Attributes
     ----------
-    texels : (h, w) float64
-        Factors of the lamp's radiance; (0, 0): none.
+    texels : (h, w, 4) float32
+        Red, green and blue as factors of the lamp's radiance; (0, 0, 4): none.
+    raised : (3,) float64
+        Weights of red, green and blue in the light.
     rows : (h + 1,) float64
         Cumulated probability of the rows.
     columns : (h, w + 1) float64
@@ -26,6 +28,7 @@ class Dome(NamedTuple):
     """
 
     texels: np.ndarray
+    raised: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
 
@@ -33,31 +36,38 @@ class Dome(NamedTuple):
 @inline
 def _position(dome, direction):
     """Row and column of a direction, as fractions of the picture."""
-    height, width = dome.texels.shape
+    height, width, _ = dome.texels.shape
     latitude = math.asin(min(1.0, max(-1.0, direction[1])))
     longitude = math.atan2(direction[0], direction[2])
     return (0.5 - latitude / math.pi) * height, (0.5 - longitude / (2.0 * math.pi)) * width
 
 
 @inline
+def _bright(dome, i, j):
+    """A texel in the light of the dome."""
+    red, green, blue = dome.raised
+    return red * dome.texels[i, j, 0] + green * dome.texels[i, j, 1] + blue * dome.texels[i, j, 2]
+
+
+@inline
 def dome_texel(dome, direction):
     """Linear interpolation between the centres of four texels."""
-    height, width = dome.texels.shape
+    height, width, _ = dome.texels.shape
     y, x = _position(dome, direction)
     y, x = y - 0.5, x - 0.5
     i, j = math.floor(y), math.floor(x)
     a, b = y - i, x - j
     up, down = min(max(i, 0), height - 1), min(max(i + 1, 0), height - 1)
     left, right = j % width, (j + 1) % width
-    upper = (1.0 - b) * dome.texels[up, left] + b * dome.texels[up, right]
-    lower = (1.0 - b) * dome.texels[down, left] + b * dome.texels[down, right]
+    upper = (1.0 - b) * _bright(dome, up, left) + b * _bright(dome, up, right)
+    lower = (1.0 - b) * _bright(dome, down, left) + b * _bright(dome, down, right)
     return (1.0 - a) * upper + a * lower
 
 
 @inline
 def dome_density(dome, direction):
     """Density of `dome_sample` [1/sr]."""
-    height, width = dome.texels.shape
+    height, width, _ = dome.texels.shape
     y, x = _position(dome, direction)
     i, j = min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)
     sine = math.sqrt(max(1e-30, 1.0 - direction[1] * direction[1]))
@@ -68,7 +78,7 @@ def dome_density(dome, direction):
 @inline
 def dome_sample(dome, pair):
     """A direction and its density [1/sr]."""
-    height, width = dome.texels.shape
+    height, width, _ = dome.texels.shape
     i = _bin(dome.rows, pair[0])
     part = (pair[0] - dome.rows[i]) / (dome.rows[i + 1] - dome.rows[i])
     j = _bin(dome.columns[i], pair[1])

@@ -20,6 +20,8 @@ LAMP, SCATTER, SURVIVAL, CHOICE = range(4)
 asked."""
 STAGES = 4
 """Stages of each vertex [1]."""
+_COLOUR = 1 << 20
+"""Stage at which a ray gets its slice of the spectrum [1]: beyond those of all vertices."""
 _STREAM = 1 << 26
 """First stream of random numbers of paths, one for each microlens of a pixel: far behind those of rays."""
 _BYTES = 4
@@ -58,6 +60,13 @@ def draw(points, key, place, stage):
         second ^= points[byte, index >> np.uint32(8 * byte) & np.uint32(255)]
     # The first coordinate is the index with its digits turned round, as all bits are here.
     return scrambled(index, hash32(seed, np.uint32(1))), scrambled(second, hash32(seed, np.uint32(2)))
+
+
+@kernel
+def choose_slices(points, key, place, count, chosen):
+    """Choose one of so many slices of the spectrum for each ray (n,), written, (n,) int64."""
+    for i in range(chosen.size):
+        chosen[i] = int(draw(points, key[i], place[i], _COLOUR)[0] * count)
 
 
 @kernel

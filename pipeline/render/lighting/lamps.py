@@ -1,4 +1,4 @@
-"""Lamps made ready for the kernels, at one wavelength."""
+"""Lamps made ready for the kernels, in one light."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,7 +19,7 @@ _FLOOR = 0.05
 
 def lamps_of(
     placed: Sequence[PlacedLamp],
-    pictures: Mapping[str, Num[np.ndarray, "h w c"]],
+    sky: Dome,
     raised: Float64[np.ndarray, "3"],
     shining: tuple[Glow, float],
     background: float,
@@ -28,29 +28,27 @@ def lamps_of(
 
     Parameters
     ----------
-    pictures : mapping
-        Linear pictures of domes, by name.
+    sky : Dome
+        From `sky_of`, in any light.
     raised : (3,) float64
-        Weights of red, green and blue at the wavelength, from `spectra.weights_of_rgb`.
+        Weights of red, green and blue in the light, from `spectra.weights_of_rgb`.
     shining : Glow, float
         Surfaces that shine, as `shapes.glow_of` finds them.
     """
     corners = shining[0].shapes.corners.reshape(-1, 3)
     # The middle of what is lit decides how often each lamp is asked.
     middle_mm = 0.5 * (corners.min(axis=0) + corners.max(axis=0)) if len(corners) else np.zeros(3)
-    table, light, dome = np.zeros((len(placed), COLUMNS)), np.zeros(len(placed)), _sky(np.zeros((0, 0)))
+    table, light = np.zeros((len(placed), COLUMNS)), np.zeros(len(placed))
     for k, entry in enumerate(placed):
         lamp, pose = from_plain(Lamp, entry.lamp), np.array(entry.vision_from_lamp, float)
         radiance, area = float(raised @ np.array(lamp.radiance)), lamp.area
         table[k, : AXIS_X - 3] = KINDS.index(lamp.kind), radiance, 0.0, area, *lamp.size
         table[k, CENTRE : CENTRE + 3] = pose[:3, 3]
         table[k, AXIS_X:] = pose[:3, :3].T.ravel()
-        if lamp.texture:
-            dome = _sky(np.asarray(pictures[lamp.texture], float)[..., :3] @ raised)
         light[k] = radiance * _seen(lamp.kind, area, float(np.linalg.norm(pose[:3, 3] - middle_mm)))
     chance = _chances(np.append(light, _of_glow(*shining, middle_mm)) if shining[1] > 0 else light)
     table[:, 2] = chance[: len(table)]
-    return Lamps(table, dome, background, _asked(shining[0], float(chance[len(table) :].sum())))
+    return Lamps(table, sky._replace(raised=raised), background, _asked(shining[0], float(chance[len(table) :].sum())))
 
 
 def _chances(light: Float64[np.ndarray, "k"]) -> np.ndarray:
@@ -78,13 +76,17 @@ def _seen(kind: str, area: float, distance_mm: float) -> float:
     return area / (4 * distance_mm**2 + area)
 
 
-def _sky(texels: Float64[np.ndarray, "h w"]) -> Dome:
-    """A picture with the tables from which directions are drawn; linear interpolation spreads a texel over its
-    neighbours, so the tables know the brightest of them.
+def sky_of(
+    placed: Sequence[PlacedLamp], pictures: Mapping[str, Num[np.ndarray, "h w c"]], raised: Float64[np.ndarray, "3"]
+) -> Dome:
+    """The picture of the textured dome with the tables from which directions are drawn, by how bright it is in a light;
+    linear interpolation spreads a texel over its neighbours, so the tables know the brightest of them.
     """
-    height = len(texels)
-    if not texels.size:
-        return Dome(texels, np.zeros(1), np.zeros((0, 1)))
+    name = next((entry.lamp["texture"] for entry in placed if entry.lamp["texture"]), None)
+    if name is None:
+        return Dome(np.zeros((0, 0, 4), np.float32), raised, np.zeros(1), np.zeros((0, 1)))
+    picture = np.array(pictures[name], np.float32)
+    texels, height = picture[..., :3].astype(float) @ raised, len(picture)
     rows = np.pad(texels, ((1, 1), (0, 0)), mode="edge")
     taller = np.max([rows[:-2], rows[1:-1], rows[2:]], axis=0)
     most = np.max([np.roll(taller, 1, axis=1), taller, np.roll(taller, -1, axis=1)], axis=0)
@@ -93,4 +95,4 @@ def _sky(texels: Float64[np.ndarray, "h w"]) -> Dome:
     columns = np.concatenate([np.zeros((height, 1)), np.cumsum(share, axis=1)], axis=1)
     whole = columns[:, -1:]
     rows = np.concatenate([[0.0], np.cumsum(whole[:, 0])])
-    return Dome(np.ascontiguousarray(texels), rows / rows[-1], columns / whole)
+    return Dome(picture, raised, rows / rows[-1], columns / whole)

@@ -5,10 +5,12 @@ artwork of targets is evaluated by its formula at the exact hit, as in scenes wi
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from pipeline.camera.parts.spectrum import Slices
 from pipeline.camera.tracer import SEED_STEP
 from pipeline.camera.tracing.records import Leaving
 from pipeline.records.plain import from_plain
@@ -21,8 +23,9 @@ from pipeline.render.lighting import draws, shapes
 from pipeline.render.lighting import path_kernels as kernels
 from pipeline.render.lighting.albedo import layers
 from pipeline.render.lighting.draws import Names
-from pipeline.render.lighting.lamps import lamps_of
-from pipeline.render.lighting.material_kernels import THRESHOLD
+from pipeline.render.lighting.lamp_kernels import Lamps
+from pipeline.render.lighting.lamps import lamps_of, sky_of
+from pipeline.render.lighting.material_kernels import THRESHOLD, Materials
 from pipeline.render.lighting.materials import MaterialTable
 from pipeline.render.lighting.path_kernels import Hits, Paths, Shadows, candidates_at
 from pipeline.render.lighting.records import Finish, Lighting
@@ -54,8 +57,8 @@ class LitView:
         Pictures of materials and domes, by name.
     background : float
         Radiance that the camera sees where there is nothing, if no dome is there.
-    wavelengths_nm : tuple of float
-        Wavelengths of the image's light, in the order of `Rig.in_each_light`.
+    lights : tuple of Slices
+        Light of each wavelength of the image, in the order of `Rig.in_each_light`.
     colours : sequence of inks.Colours
         Colours of each target; empty: all of them are neutral.
     """
@@ -65,43 +68,52 @@ class LitView:
     lighting: Lighting
     pictures: Mapping[str, Num[np.ndarray, "h w c"]]
     background: float
-    wavelengths_nm: tuple[float, ...]
+    lights: tuple[Slices, ...]
     colours: Sequence[Colours] = ()
 
     def in_light(self, number: int) -> "LitScene":
         """The view at one of its wavelengths."""
-        seen = replace(self, targets=inked(self.targets, self.colours, number), colours=())
-        return LitScene(seen, number)
+        return LitScene(self, number)
+
+
+class _Tint(NamedTuple):
+    """Artwork of the patches of targets, materials and lamps, which differ between slices of a light."""
+
+    art: list[PatchLight]
+    materials: Materials
+    lamps: Lamps
 
 
 class LitScene:
-    """A view at one of its wavelengths, by its number."""
+    """A view at one of its wavelengths, by its number: each ray sees it in one slice of the light there."""
 
     def __init__(self, view: LitView, number: int) -> None:
         from pipeline.render.spectral.spectra import weights_of_rgb  # colour-science takes longer than most tasks
 
-        self._light = number, len(view.wavelengths_nm)
-        raised, lighting = weights_of_rgb(view.wavelengths_nm[number]), view.lighting
-        table = MaterialTable(view.pictures, raised)
-        self._art: list[PatchLight] = []
-        pieces = []
+        self._light, lighting = (number, len(view.lights)), view.lighting
+        table, pieces = MaterialTable(view.pictures), []
         for (target, pose), coat in zip(view.targets, lighting.coats, strict=True):
             row = table.add_coat(coat)
             for patch in target.patches():
-                place = pose @ patch.target_from_patch
-                self._art.append(PatchLight(patch, place))
-                pieces.append(shapes.of_patch(patch, place, row))
+                pieces.append(shapes.of_patch(patch, pose @ patch.target_from_patch, row))
         for (occluder, pose), plain in zip(view.occluders, lighting.finishes, strict=True):
             finish = from_plain(Finish, plain)
             rows = [table.add(material, occluder.radiance) for material in finish.materials]
             pieces.append(shapes.of_mesh(occluder, pose, finish, rows))
         self._ends = np.cumsum([0, *(len(piece.corners) for piece in pieces)])
-        self._shapes, self._materials = shapes.joined(pieces), table.arrays
+        self._shapes = shapes.joined(pieces)
         self._embree = MeshScene([self._shapes.corners])
         corners = self._shapes.corners.reshape(-1, 3)
-        shining = shapes.glow_of(self._shapes, self._materials)
-        self._lamps = lamps_of(lighting.lamps, view.pictures, raised, shining, view.background)
-        self._has_holes = bool((self._materials.flags[:, THRESHOLD] > 0).any())
+        weights = np.array([weights_of_rgb(one) for one in view.lights[number]])
+        sky, self._tints = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0)), list[_Tint]()
+        for k, raised in enumerate(weights):
+            materials, art = table.arrays(raised), list[PatchLight]()
+            for target, pose in inked(view.targets, view.colours, number, slice(k, k + 1)):
+                art += [PatchLight(patch, pose @ patch.target_from_patch) for patch in target.patches()]
+            lamps = lamps_of(lighting.lamps, sky, raised, shapes.glow_of(self._shapes, materials), view.background)
+            self._tints.append(_Tint(art, materials, lamps))
+        self._opacity = self._tints[0].materials
+        self._has_holes = bool((self._opacity.flags[:, THRESHOLD] > 0).any())
         self._gap_mm = max(_GAP_MM, _GAP * float(np.abs(corners).max(initial=0.0)))
         self._scene = layers(), draws.points(), self._gap_mm
         self._bounces = lighting.bounces
@@ -127,20 +139,32 @@ class LitScene:
         self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"], names: Names
     ) -> np.ndarray:
         """Radiance that arrives along each ray, (n,)."""
-        light, paths = np.zeros(len(origin_mm)), _first(origin_mm, direction, names)
+        if len(self._tints) == 1:
+            return self._traced(self._tints[0], _first(origin_mm, direction, names))
+        light, chosen = np.empty(len(origin_mm)), np.empty(len(origin_mm), np.int64)
+        draws.choose_slices(draws.points(), *names, len(self._tints), chosen)
+        for k, tint in enumerate(self._tints):
+            some = chosen == k
+            own = Names(*_those(names, some))
+            light[some] = self._traced(tint, _first(origin_mm[some], direction[some], own))
+        return light
+
+    def _traced(self, tint: _Tint, paths: Paths) -> np.ndarray:
+        """Light of paths from the camera in a slice, (n,)."""
+        light, lamps = np.zeros(len(paths.power)), tint.lamps
         for vertex in range(self._bounces + 2):
-            if vertex > self._bounces and self._lamps.glow.chance == 0.0:
-                paths = self._reaching(paths)
+            if vertex > self._bounces and lamps.glow.chance == 0.0:
+                paths = _reaching(lamps, paths)
             if not len(paths.power):
                 break
-            hits = self._meet(paths)
-            kernels.gather(self._lamps, candidates_at(vertex - 1), paths, hits, light)
+            hits = self._meet(tint, paths)
+            kernels.gather(lamps, candidates_at(vertex - 1), paths, hits, light)
             lit = np.isfinite(hits.distance)
             if vertex > self._bounces or not lit.any():
                 break
             paths, hits = Paths(*_those(paths, lit)), Hits(*_those(hits, lit))
-            if len(self._lamps.table) or self._lamps.glow.chance > 0.0:
-                self._ask_lamps(vertex, paths, hits, light)
+            if len(lamps.table) or lamps.glow.chance > 0.0:
+                self._ask_lamps(lamps, vertex, paths, hits, light)
             goes_on = np.zeros(len(paths.power), bool)
             kernels.scatter(self._scene, vertex, paths, hits, goes_on)
             paths = Paths(*_those(paths, goes_on))
@@ -155,35 +179,29 @@ class LitScene:
         draws.name_rays(seed, self._light, rays.squares, owner, *names)
         return names
 
-    def _reaching(self, paths: Paths) -> Paths:
-        """The paths that meet a lamp unless something is in their way: nothing else counts after the last surface."""
-        reaches = np.zeros(len(paths.power), bool)
-        kernels.reach_lamps(self._lamps, paths, reaches)
-        return Paths(*_those(paths, reaches))
-
-    def _ask_lamps(self, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
+    def _ask_lamps(self, lamps: Lamps, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
         """Add the light that lamps send to some surfaces directly."""
         count = len(paths.power)
         shadows = Shadows(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count))
         step = vertex, candidates_at(vertex)
-        kernels.send_to_lamps(self._lamps, self._scene, step, paths, hits, shadows)
+        kernels.send_to_lamps(lamps, self._scene, step, paths, hits, shadows)
         some = shadows.light > 0.0
         shadows = Shadows(*_those(shadows, some))
         triangle = self._first_triangle(shadows.origin, shadows.direction)
         kernels.arrive(self._shapes.corners, triangle, shadows, paths.ray[some], self._gap_mm, light)
 
-    def _meet(self, paths: Paths) -> Hits:
+    def _meet(self, tint: _Tint, paths: Paths) -> Hits:
         count = len(paths.power)
         places = [np.empty((count, 3)) for _ in range(4)]
         triangle = self._first_triangle(paths.origin, paths.direction)
         hits = Hits(np.empty(count), triangle, places[0], places[1], places[2], places[3], np.empty(count))
         albedo = np.full(count, np.nan)
-        for art, first, end in zip(self._art, self._ends, self._ends[1:], strict=False):
+        for art, first, end in zip(tint.art, self._ends, self._ends[1:], strict=False):
             own = (triangle >= first) & (triangle < end)
             if own.any():
                 albedo[own] = 0.0
                 art.shine(np.where(own, triangle - first, -1), paths.origin, paths.direction, albedo)
-        kernels.meet(self._shapes, self._materials, albedo, paths, hits)
+        kernels.meet(self._shapes, tint.materials, albedo, paths, hits)
         return hits
 
     def _first_triangle(self, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -194,7 +212,7 @@ class LitScene:
         left, start = np.arange(len(triangle)), origin
         for _ in range(_MOST_HOLES):
             past = np.empty(len(left))
-            find_holes(self._shapes, self._materials, triangle[left], start, direction[left], past)
+            find_holes(self._shapes, self._opacity, triangle[left], start, direction[left], past)
             through = np.flatnonzero(np.isfinite(past))
             if not len(through):
                 break
@@ -202,6 +220,13 @@ class LitScene:
             start = start[through] + (past[through] + self._gap_mm)[:, None] * direction[left]
             triangle[left] = self._embree.first_hit(start, direction[left])
         return triangle
+
+
+def _reaching(lamps: Lamps, paths: Paths) -> Paths:
+    """The paths that meet a lamp unless something is in their way: nothing else counts after the last surface."""
+    reaches = np.zeros(len(paths.power), bool)
+    kernels.reach_lamps(lamps, paths, reaches)
+    return Paths(*_those(paths, reaches))
 
 
 def _those(arrays: Iterable[np.ndarray], some: np.ndarray) -> list[np.ndarray]:

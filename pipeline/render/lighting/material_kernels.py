@@ -1,7 +1,7 @@
 """Materials for the kernels: inputs as affine functions of texels, and what a surface is made of at a point.
 
-At one wavelength each input of a material is a number: a constant plus a sum over the four components of a texel, each
-times a coefficient. Both hold scale and bias of the texture, and the wavelength. Kernels only.
+In one light each input of a material is a number: a constant plus a sum over the four components of a texel, each
+times a coefficient. Both hold scale and bias of the texture, and the light. Kernels only.
 """
 
 import math
@@ -35,7 +35,7 @@ REPEAT, MIRROR, CLAMP, BLACK = range(4)
 
 
 class Materials(NamedTuple):
-    """All materials at one wavelength.
+    """All materials in one light.
 
     Attributes
     ----------

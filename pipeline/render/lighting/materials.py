@@ -1,4 +1,4 @@
-"""Materials made ready for the kernels, at one wavelength."""
+"""Materials made ready for the kernels, in one light."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,38 +11,29 @@ from pipeline.render.lighting.records import Coat, Input, Material
 
 
 class MaterialTable:
-    """A list of materials that grows; `arrays` are those of all.
+    """A list of materials that grows.
 
     Parameters
     ----------
     pictures : mapping of (h, w, 4) arrays
         Linear pictures by name; the first row is the top.
-    raised : (3,) float64
-        Weights of red, green and blue at the wavelength.
     """
 
-    def __init__(self, pictures: Mapping[str, Num[np.ndarray, "h w c"]], raised: Float64[np.ndarray, "3"]) -> None:
+    def __init__(self, pictures: Mapping[str, Num[np.ndarray, "h w c"]]) -> None:
         self._names = list(pictures)
-        self._pictures, self._raised = [np.asarray(pictures[name], np.float32) for name in self._names], raised
-        self._inputs: list[np.ndarray] = []
+        sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures.values()]
+        first = np.cumsum([0, *(width * height for width, height in sizes)])
+        places = [(start, *size) for start, size in zip(first, sizes, strict=False)]
+        self._pictures = np.array(places, np.int64).reshape(-1, 3)
+        texels = [np.asarray(picture, np.float32).reshape(-1, 4) for picture in pictures.values()]
+        self._texels = np.concatenate([np.zeros((0, 4), np.float32), *texels])
+        self._materials: list[tuple[Material, float]] = []
         self._flags: list[tuple[float, ...]] = []
 
     def add(self, material: Material, radiance: float = 0.0) -> int:
         """Add a material that also shines by itself; returns its row."""
-        inputs = np.zeros((INPUTS, kernels.COLUMNS))
-        colours = {kernels.DIFFUSE: material.diffuse_color, kernels.EMISSION: material.emissive_color}
-        if material.specular_color:
-            colours[kernels.SPECULAR] = material.specular_color
-        for place, one in colours.items():
-            inputs[place] = self._row(one, self._raised)
-        numbers = (material.metallic, material.roughness, material.opacity)
-        for place, one in zip((kernels.METALLIC, kernels.ROUGHNESS, kernels.OPACITY), numbers, strict=True):
-            inputs[place] = self._row(one, np.ones(1))
-        for axis in range(3):
-            inputs[kernels.NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis])
-        inputs[kernels.EMISSION, kernels.CONSTANT] += radiance
         bumpy = material.normal.texture is not None
-        self._inputs.append(inputs)
+        self._materials.append((material, radiance))
         facing = facing_of(material.ior)
         flags = material.specular_color is not None, facing, material.opacity_threshold, _has_layer(material), bumpy
         self._flags.append(flags)
@@ -54,19 +45,26 @@ class MaterialTable:
         self._flags[row] = (False, facing_of(coat.ior) if coat else 0.0, 0.0, coat is not None, False)
         return row
 
-    @property
-    def arrays(self) -> Materials:
-        """All materials."""
-        sizes = [(picture.shape[1], picture.shape[0]) for picture in self._pictures]
-        first = np.cumsum([0, *(width * height for width, height in sizes)])
-        pictures = np.array([(start, *size) for start, size in zip(first, sizes, strict=False)], np.int64)
-        texels = [picture.reshape(-1, 4) for picture in self._pictures]
-        return Materials(
-            np.array(self._inputs).reshape(-1, INPUTS, kernels.COLUMNS),
-            np.array(self._flags, float).reshape(-1, kernels.FLAGS),
-            pictures.reshape(-1, 3),
-            np.concatenate([np.zeros((0, 4), np.float32), *texels]),
-        )
+    def arrays(self, raised: Float64[np.ndarray, "3"]) -> Materials:
+        """All materials in a light, by its weights of red, green and blue; pictures are shared."""
+        inputs = [self._inputs(*one, raised) for one in self._materials]
+        flags = np.array(self._flags, float).reshape(-1, kernels.FLAGS)
+        return Materials(np.array(inputs).reshape(-1, INPUTS, kernels.COLUMNS), flags, self._pictures, self._texels)
+
+    def _inputs(self, material: Material, radiance: float, raised: np.ndarray) -> np.ndarray:
+        inputs = np.zeros((INPUTS, kernels.COLUMNS))
+        colours = {kernels.DIFFUSE: material.diffuse_color, kernels.EMISSION: material.emissive_color}
+        if material.specular_color:
+            colours[kernels.SPECULAR] = material.specular_color
+        for place, one in colours.items():
+            inputs[place] = self._row(one, raised)
+        numbers = (material.metallic, material.roughness, material.opacity)
+        for place, one in zip((kernels.METALLIC, kernels.ROUGHNESS, kernels.OPACITY), numbers, strict=True):
+            inputs[place] = self._row(one, np.ones(1))
+        for axis in range(3):
+            inputs[kernels.NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis])
+        inputs[kernels.EMISSION, kernels.CONSTANT] += radiance
+        return inputs
 
     def _row(self, value: Input, weights: np.ndarray) -> np.ndarray:
         """An input whose components are summed up with some weights."""

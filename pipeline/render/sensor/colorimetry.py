@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from pipeline.render.spectral.spectra import Table
+    from pipeline.render.spectral.nodes import Table
 
 DAYLIGHT = "D65"
 """Light that raw converters expect a camera to be calibrated in."""
@@ -38,17 +38,21 @@ class Colorimetry:
         return tuple((xyz[:, :2] / xyz.sum(axis=1, keepdims=True)).ravel().tolist())
 
 
-def colorimetry(responses: Sequence["Table"], illuminant: str) -> Colorimetry | None:
-    """The matrix of the quantum efficiencies of red, green and blue that is right for white and, in least squares, best
-    for a ColorChecker; None if they do not see three colours of what people see.
+def colorimetry(responses: Sequence[tuple["Table", bool]], illuminant: str) -> Colorimetry | None:
+    """The matrix of the responses of red, green and blue that is right for white and, in least squares, best for a
+    ColorChecker; None if they do not see three colours of what people see. Beside each response is whether it counts
+    photons, or energy.
     """
     from pipeline.render.spectral import spectra
 
     nm = np.arange(spectra.VISIBLE_NM[0], spectra.VISIBLE_NM[1] + 1.0)
-    photons = np.interp(nm, *spectra.illuminant(illuminant), left=0.0, right=0.0)
-    counted = np.array([np.interp(nm, *response, left=0.0, right=0.0) for response in responses]) * photons
+    power = np.interp(nm, *spectra.illuminant(illuminant), left=0.0, right=0.0)
+    counted = power * [
+        np.interp(nm, *table, left=0.0, right=0.0) * (nm if counts_photons else 1.0)
+        for table, counts_photons in responses
+    ]
     patches, observer = spectra.patches_and_observer(nm)
-    seen = observer * photons / nm
+    seen = observer * power
     if not (counted.any(axis=1).all() and seen.any()):
         return None
     xyz, white = patches @ seen.T / seen[1].sum(), seen.sum(axis=1) / seen[1].sum()

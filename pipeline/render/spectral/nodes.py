@@ -1,12 +1,20 @@
-"""Wavelengths that stand for a spectrum: a quadrature of Gauss for any tabulated weight."""
+"""Wavelengths that stand for a spectrum: a quadrature of Gauss for products of tables, and slices of equal weight."""
 
 import numpy as np
 
+from pipeline.camera.parts.spectrum import Slice, Slices
 from pipeline.errors import PipelineError
 from pipeline.records.shapes import Float64
 
 _STEP_NM = 5.0
 """Longest piece of a table that is integrated at once [nm]: eight points on each, exact to the fifteenth degree."""
+_GRID_NM = 5.0
+"""Step of published reflectances and of the spectra of sRGB [nm]: means of what is linear between are exact."""
+SLICES = 8
+"""Slices of the stretch of each wavelength [1]: for light that is reflected more than once, see docs/colour.md."""
+
+Table = tuple[np.ndarray, np.ndarray]
+"""Wavelengths (m,) [nm], ascending, and values (m,) at them; linear in between."""
 
 
 class SpectrumError(PipelineError):
@@ -15,37 +23,81 @@ class SpectrumError(PipelineError):
     code = "spectrum"
 
 
-def gauss_nodes(
-    wavelengths_nm: Float64[np.ndarray, "m"], weight: Float64[np.ndarray, "k"], count: int
-) -> tuple[np.ndarray, np.ndarray]:
+def gauss_nodes(points: Table, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths and shares for integrals over a spectrum: exact for polynomials of a degree below twice their number.
 
     By the procedure of Stieltjes and the eigenvalues of Jacobi's matrix (Golub and Welsch, 1969).
 
     Parameters
     ----------
-    wavelengths_nm : (m,) float64
-        Ascending, at least two.
-    weight : (m,) float64
-        Not negative, linear between two entries of the table and 0 outside of it.
+    points : Table
+        Points of a spectrum, from `points_of`.
     count : int
 
     Returns
     -------
     (count,) float64, (count,) float64
         Ascending wavelengths [nm], and shares, which sum up to 1.
+    """
+    point, share = points
+    middle, half = (point[0] + point[-1]) / 2, (point[-1] - point[0]) / 2
+    diagonal, beside = _recurrence((point - middle) / half, share / share.sum(), count)
+    values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+    return middle + half * values, vectors[0] ** 2
+
+
+def slices_of(points: Table, shares: Float64[np.ndarray, "n"]) -> tuple[Slices, ...]:
+    """Slices of the stretches, one after the other, that make up the shares of a spectrum.
+
+    Shares of Gauss cut it so that each wavelength lies in its own stretch (Chebyshev, Markov and Stieltjes). Values at
+    the wavelengths of a slice give the exact mean over it of what is linear between multiples of 5 nm.
+    """
+    point, weight = points
+    ends, cuts = (
+        np.concatenate([[0.0], np.cumsum(parts) / parts.sum()]) for parts in (weight, np.repeat(shares, SLICES))
+    )
+    inside = np.diff(np.clip(ends, cuts[:-1, None], cuts[1:, None]), axis=1)
+    grid_nm = _GRID_NM * np.arange(np.floor(point[0] / _GRID_NM), np.floor(point[-1] / _GRID_NM) + 2)
+    near = np.maximum(0.0, 1.0 - np.abs(point[:, None] - grid_nm) / _GRID_NM)
+    # Sums in one order, which a product of matrices would leave to the machine.
+    slices = [_slice(grid_nm, row) for row in np.einsum("sp,pg->sg", inside, near)]
+    return tuple(tuple(slices[first : first + SLICES]) for first in range(0, len(slices), SLICES))
+
+
+def points_of(*tables: Table, counts_photons: bool = False) -> Table:
+    """Points all over the product of tables where all are known, and the weight that each stands for.
+
+    Parameters
+    ----------
+    tables : Table
+    counts_photons : bool
+        Whether one of them is a response per photon and another one a power: then the wavelength is a factor, too.
 
     Raises
     ------
     SpectrumError
-        The table is none, or all of it is 0.
+        One of them is no spectrum, they have no wavelength in common, or the product is 0 everywhere.
     """
-    require_spectrum(wavelengths_nm, weight)
-    point, share = _points(wavelengths_nm, weight)
-    middle, half = (wavelengths_nm[0] + wavelengths_nm[-1]) / 2, (wavelengths_nm[-1] - wavelengths_nm[0]) / 2
-    diagonal, beside = _recurrence((point - middle) / half, share / share.sum(), count)
-    values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
-    return middle + half * values, vectors[0] ** 2
+    for table in tables:
+        require_spectrum(*table)
+    low, high = max(table[0][0] for table in tables), min(table[0][-1] for table in tables)
+    if not low < high:
+        ranges = " and ".join(f"from {table[0][0]:g} to {table[0][-1]:g} nm" for table in tables)
+        raise SpectrumError(f"spectra {ranges} have no wavelength in common")
+    entries = np.unique(np.concatenate([[low, high], *(table[0] for table in tables)]))
+    entries = entries[(entries >= low) & (entries <= high)]
+    node, part = np.polynomial.legendre.leggauss(8)
+    pieces = np.ceil(np.diff(entries) / _STEP_NM).astype(int)
+    spans = zip(entries[:-1], entries[1:], pieces, strict=True)
+    marks = np.concatenate([entries[:1], *(np.linspace(a, b, parts + 1)[1:] for a, b, parts in spans)])
+    half = np.diff(marks)[:, None] / 2
+    point, weight = (marks[:-1, None] + half * (node + 1)).ravel(), (half * part).ravel()
+    for table in tables:
+        weight = weight * np.interp(point, *table)
+    weight = weight * point if counts_photons else weight
+    if not weight.any():
+        raise SpectrumError("spectra that have no light at the same wavelength")
+    return point, weight
 
 
 def require_spectrum(wavelengths_nm: Float64[np.ndarray, "m"], weight: Float64[np.ndarray, "k"]) -> None:
@@ -56,16 +108,11 @@ def require_spectrum(wavelengths_nm: Float64[np.ndarray, "m"], weight: Float64[n
         raise SpectrumError("a spectrum needs values that are not negative, and one that is not 0")
 
 
-def _points(wavelengths_nm: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points all over a table, and the weight that each stands for."""
-    node, part = np.polynomial.legendre.leggauss(8)
-    pieces = np.ceil(np.diff(wavelengths_nm) / _STEP_NM).astype(int)
-    spans = zip(wavelengths_nm[:-1], wavelengths_nm[1:], pieces, strict=True)
-    inner = [np.linspace(low, high, parts + 1)[1:] for low, high, parts in spans]
-    marks = np.concatenate([wavelengths_nm[:1], *inner])
-    half = np.diff(marks)[:, None] / 2
-    point = (marks[:-1, None] + half * (node + 1)).ravel()
-    return point, (half * part).ravel() * np.interp(point, wavelengths_nm, weight)
+def _slice(grid_nm: np.ndarray, weight: np.ndarray) -> Slice:
+    weight = weight if weight.any() else np.ones(len(weight))  # too little light for a float, so that any colour does
+    some = np.flatnonzero(weight > 0)
+    shares = weight[some] / weight.sum()
+    return Slice(wavelengths_nm=tuple(grid_nm[some].tolist()), shares=tuple(shares.tolist()))
 
 
 def _recurrence(x: np.ndarray, share: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -5,11 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pipeline.camera.parts.spectrum import Slice, Slices
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.target import AnyTarget
 
-Colours = tuple[tuple[float, float], ...]
-"""Radiance or reflectance of black and of white at each wavelength of an image; empty: as the target has them."""
+Colours = tuple[tuple[tuple[float, float], ...], ...]
+"""Radiance or reflectance of black and of white in each slice of each wavelength of an image; empty: as the target has
+them.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,9 +22,9 @@ class Spectrum:
     wavelengths_nm: tuple[float, ...] = ()
     reflectance: tuple[float, ...] = ()
 
-    def at(self, wavelength_nm: float) -> float:
-        """The reflectance at a wavelength."""
-        return float(np.interp(wavelength_nm, self.wavelengths_nm, self.reflectance))
+    def mean(self, light: Slice) -> float:
+        """The mean reflectance over a slice of light."""
+        return float((np.interp(light.wavelengths_nm, self.wavelengths_nm, self.reflectance) * light.shares).sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,15 +34,18 @@ class Print:
     ink: Spectrum = field(default_factory=Spectrum)
     paper: Spectrum = field(default_factory=Spectrum)
 
-    def colours(self, target: AnyTarget, wavelengths_nm: Sequence[float]) -> Colours:
-        """Black and white of a target at some wavelengths: spectra times its white, or what it has itself."""
+    def colours(self, target: AnyTarget, lights: Sequence[Slices]) -> Colours:
+        """Black and white of a target in some lights: spectra times its white, or what it has itself."""
         if isinstance(target, MeshTarget) or self == Print():
             return ()
         white, black = target.pattern.white, target.pattern.black
         return tuple(
-            (
-                white * self.ink.at(nm) if self.ink.reflectance else black,
-                white * self.paper.at(nm) if self.paper.reflectance else white,
+            tuple(
+                (
+                    white * self.ink.mean(one) if self.ink.reflectance else black,
+                    white * self.paper.mean(one) if self.paper.reflectance else white,
+                )
+                for one in slices
             )
-            for nm in wavelengths_nm
+            for slices in lights
         )

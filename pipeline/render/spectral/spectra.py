@@ -5,8 +5,9 @@ import warnings
 
 import numpy as np
 
+from pipeline.camera.parts.spectrum import Slice
 from pipeline.records.shapes import Float64
-from pipeline.render.spectral.nodes import SpectrumError, require_spectrum
+from pipeline.render.spectral.nodes import SpectrumError, Table, points_of
 from pipeline.spelling import nearest
 
 with warnings.catch_warnings():
@@ -25,15 +26,10 @@ _BLACK_BODY_NM = np.arange(150.0, 20001.0, 5.0)
 
 VISIBLE_NM = (380.0, 780.0)
 """Range over which the radiance of light with a spectrum is counted [nm]: what people see of it."""
-_STEP_NM = 0.5
-"""Step of integrals over products of tables [nm]: ten in the usual 5 nm of a table, right to 2e-6."""
-
-Table = tuple[np.ndarray, np.ndarray]
-"""Wavelengths (m,) [nm], ascending, and values (m,) at them; linear in between."""
 
 
 def illuminant(name: str) -> Table:
-    """Photons of an illuminant per wavelength, relative.
+    """Power of an illuminant per wavelength, relative.
 
     Parameters
     ----------
@@ -46,21 +42,20 @@ def illuminant(name: str) -> Table:
         There is no such illuminant.
     """
     if name == EQUAL_ENERGY:
-        return _photons(_BLACK_BODY_NM, np.ones_like(_BLACK_BODY_NM))
+        return _BLACK_BODY_NM, np.ones_like(_BLACK_BODY_NM)
     if match := _BLACK_BODY.fullmatch(name):
         if not 100 <= float(match[1]) <= 1e6:
             hint = "a temperature from 100 K to 1000000 K"
             raise SpectrumError(f"a black body of {name}", hint=hint, code="unknown-illuminant")
         energy = np.asarray(planck_law(_BLACK_BODY_NM * 1e-9, float(match[1])))
-        return _photons(_BLACK_BODY_NM, energy / energy.max())
+        return _BLACK_BODY_NM, energy / energy.max()
     spectrum = SDS_ILLUMINANTS[_known(name, list(SDS_ILLUMINANTS), "illuminant")]
-    return _photons(np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float))
+    return np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float)
 
 
 def sensitivity(camera: str, component: str) -> Table:
-    """Quantum efficiency of a component, `red`, `green` or `blue`, of a camera in `colour.MSDS_CAMERA_SENSITIVITIES`.
-
-    They are relative responses to energy; a photon has the less of it the longer its wavelength.
+    """Relative response to energy of a component, `red`, `green` or `blue`, of a camera in
+    `colour.MSDS_CAMERA_SENSITIVITIES`.
 
     Raises
     ------
@@ -71,7 +66,7 @@ def sensitivity(camera: str, component: str) -> Table:
     table = MSDS_CAMERA_SENSITIVITIES[_known(camera, cameras, "camera")]
     wavelengths = np.asarray(table.wavelengths, float)
     response = np.maximum(np.asarray(table.values, float)[:, table.labels.index(component)], 0.0)
-    return wavelengths, response / wavelengths
+    return wavelengths, response
 
 
 def reflectance(patch: str) -> Table:
@@ -87,7 +82,7 @@ def reflectance(patch: str) -> Table:
     return np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float)
 
 
-def effective_nm(response: Table, light: Table) -> float:
+def effective_nm(response: Table, light: Table, counts_photons: bool = True) -> float:
     """Wavelength of which a joule has as many photons as count by a relative response for a joule of a light [nm].
 
     The joule is counted between `VISIBLE_NM`: the result is the integral of S r lambda over that of S.
@@ -95,29 +90,24 @@ def effective_nm(response: Table, light: Table) -> float:
     Parameters
     ----------
     response, light : Table
-        Quantum efficiency, whose highest value counts as 1, and photons per wavelength, relative.
+        Response, whose highest quantum efficiency counts as 1, and power per wavelength, relative.
+    counts_photons : bool
+        Whether the response is the quantum efficiency; else one to energy.
 
     Raises
     ------
     SpectrumError
         One of them is no spectrum, they have no wavelength in common, or the light has no visible part.
     """
-    both_nm, _ = product(response, light)
-    counted_nm = np.union1d(both_nm, np.arange(both_nm[0], both_nm[-1], _STEP_NM))
-    photons = np.interp(counted_nm, *response) / np.max(response[1]) * np.interp(counted_nm, *light)
-    fine_nm = np.arange(VISIBLE_NM[0], VISIBLE_NM[1] + _STEP_NM / 2, _STEP_NM)
-    # Photons times the energy of each, in units of h c / nm.
-    energy = np.trapezoid(np.interp(fine_nm, *light, left=0.0, right=0.0) / fine_nm, fine_nm)
-    if not energy > 0:
-        raise SpectrumError(
-            f"light without any between {VISIBLE_NM[0]:g} and {VISIBLE_NM[1]:g} nm has no radiance there"
-        )
-    return float(np.trapezoid(photons, counted_nm) / energy)
+    highest = np.max(response[1] if counts_photons else response[1] / response[0])
+    _, photons = points_of(response, light, counts_photons=counts_photons)
+    _, energy = points_of((np.array(VISIBLE_NM), np.ones(2)), light)
+    return float(photons.sum() / highest / energy.sum())
 
 
-def weights_of_rgb(wavelength_nm: float) -> np.ndarray:
-    """Weights of the linear components of sRGB at a wavelength, (3,), whose sum is 1: a colour stands for the spectrum
-    weights @ rgb, and white for 1 everywhere.
+def weights_of_rgb(light: Slice) -> np.ndarray:
+    """Weights of the linear components of sRGB in a slice of light, (3,), whose sum is 1: a colour stands for the
+    spectrum weights @ rgb, and white for 1 everywhere.
 
     Beyond 380 and 780 nm they stay as they are there.
 
@@ -126,29 +116,9 @@ def weights_of_rgb(wavelength_nm: float) -> np.ndarray:
     Mallett and Yuksel, "Spectral Primary Decomposition for Rendering with sRGB Reflectance", EGSR 2019.
     """
     basis = MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
-    values = np.array([np.interp(wavelength_nm, basis.wavelengths, column) for column in np.asarray(basis.values).T])
-    return np.asarray(values / values.sum())
-
-
-def product(one: Table, other: Table) -> Table:
-    """The product of two tables where both are known, at the wavelengths of both.
-
-    Raises
-    ------
-    SpectrumError
-        One of them is no spectrum, or they have no wavelengths in common.
-    """
-    require_spectrum(*one)
-    require_spectrum(*other)
-    low, high = max(one[0][0], other[0][0]), min(one[0][-1], other[0][-1])
-    if not low < high:
-        raise SpectrumError(
-            f"a response from {one[0][0]:g} to {one[0][-1]:g} nm and light from {other[0][0]:g} to {other[0][-1]:g} nm"
-            " have no wavelength in common"
-        )
-    both = np.unique(np.concatenate([one[0], other[0], [low, high]]))
-    both = both[(both >= low) & (both <= high)]
-    return both, np.interp(both, *one) * np.interp(both, *other)
+    curves = np.asarray(basis.values).T
+    values = np.array([np.interp(light.wavelengths_nm, basis.wavelengths, curve) for curve in curves])
+    return np.asarray((values / values.sum(axis=0) * light.shares).sum(axis=1))
 
 
 def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.ndarray, np.ndarray]:
@@ -158,10 +128,6 @@ def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.n
     patches = [reflectance(name) for name in SDS_COLOURCHECKERS[_COLOURCHECKER]]
     sampled = [np.array([np.interp(wavelengths_nm, *one) for one in some]) for some in (patches, curves)]
     return sampled[0], sampled[1]
-
-
-def _photons(wavelengths_nm: np.ndarray, energy: np.ndarray) -> Table:
-    return wavelengths_nm, energy * wavelengths_nm
 
 
 def _known(name: str, names: list[str], what: str) -> str:

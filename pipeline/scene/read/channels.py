@@ -1,12 +1,13 @@
 """Colour channels of a camera: wavelengths that stand for each, and what the glasses of the camera are at them."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from pxr import Usd
 
-from pipeline.camera.parts.spectrum import Channel, SpectralNode
-from pipeline.render.spectral.nodes import gauss_nodes
+from pipeline.camera.parts.spectrum import Channel, Slices, SpectralNode
+from pipeline.render.spectral.nodes import Table, gauss_nodes, points_of, slices_of
 from pipeline.scene.read.media import indices, ordered_surfaces
 from pipeline.scene.read.microlenses import microlens_index
 from pipeline.scene.usd.values import need, read_once, target
@@ -39,58 +40,59 @@ def read_channels(camera: Usd.Prim) -> tuple[Channel, ...]:
 
 def wavelengths_of(channel: Usd.Prim, illuminant: str) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths [nm] that stand for a PlenChannel, and their shares; raises SpectrumError as `read_channels`."""
-    if need(channel, "plen:sensitivity"):
-        return _known_nodes(
-            need(channel, "plen:sensitivity"),
-            need(channel, "plen:component"),
-            illuminant,
-            need(channel, "plen:nodes"),
-        )
-    table = tuple(need(channel, "plen:wavelengths")), tuple(need(channel, "plen:response"))
-    return _table_nodes(*table, illuminant, need(channel, "plen:nodes"))
+    return _spectrum(_response(channel), illuminant, need(channel, "plen:nodes"))[:2]
 
 
-def response_of(channel: Usd.Prim) -> tuple[np.ndarray, np.ndarray]:
-    """Wavelengths [nm] and quantum efficiency of a PlenChannel; raises SpectrumError as `read_channels`."""
-    from pipeline.render.spectral import spectra
-
-    if need(channel, "plen:sensitivity"):
-        return spectra.sensitivity(need(channel, "plen:sensitivity"), need(channel, "plen:component"))
-    return np.array(need(channel, "plen:wavelengths")), np.array(need(channel, "plen:response"))
+def response_of(channel: Usd.Prim) -> tuple[Table, bool]:
+    """Response of a PlenChannel, and whether it counts photons; else it is one to energy. Raises as `read_channels`."""
+    return _table(_response(channel))
 
 
 def effective_nm(channel: Usd.Prim, illuminant: str) -> float:
     """Light of the illuminant as a PlenChannel counts it, see `spectra.effective_nm`; raises as `read_channels`."""
     from pipeline.render.spectral import spectra
 
-    return spectra.effective_nm(response_of(channel), spectra.illuminant(illuminant))
+    table, counts_photons = response_of(channel)
+    return spectra.effective_nm(table, spectra.illuminant(illuminant), counts_photons)
+
+
+def _response(channel: Usd.Prim) -> tuple[str, str] | tuple[tuple[float, ...], tuple[float, ...]]:
+    """Response of a PlenChannel: camera and component by name, or wavelengths and values."""
+    if need(channel, "plen:sensitivity"):
+        return need(channel, "plen:sensitivity"), need(channel, "plen:component")
+    return tuple(need(channel, "plen:wavelengths")), tuple(need(channel, "plen:response"))
+
+
+def _table(response: tuple[Any, Any]) -> tuple[Table, bool]:
+    """A response, and whether it counts photons; those with names are responses to energy."""
+    from pipeline.render.spectral import spectra
+
+    one, other = response
+    by_name = isinstance(one, str)
+    return spectra.sensitivity(one, other) if by_name else (np.array(one), np.array(other)), not by_name
 
 
 # Checks and readers ask for the same spectra again and again, and colour-science takes half a second to import: only
 # stages with channels pay for it.
 @cache
-def _known_nodes(camera: str, component: str, illuminant: str, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _spectrum(
+    response: tuple[Any, Any], illuminant: str, count: int
+) -> tuple[np.ndarray, np.ndarray, tuple[Slices, ...]]:
     from pipeline.render.spectral import spectra
 
-    return gauss_nodes(*spectra.product(spectra.sensitivity(camera, component), spectra.illuminant(illuminant)), count)
-
-
-@cache
-def _table_nodes(
-    wavelengths_nm: tuple[float, ...], response: tuple[float, ...], illuminant: str, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    from pipeline.render.spectral import spectra
-
-    table = np.array(wavelengths_nm), np.array(response)
-    return gauss_nodes(*spectra.product(table, spectra.illuminant(illuminant)), count)
+    table, counts_photons = _table(response)
+    points = points_of(table, spectra.illuminant(illuminant), counts_photons=counts_photons)
+    wavelengths_nm, shares = gauss_nodes(points, count)
+    return wavelengths_nm, shares, slices_of(points, shares)
 
 
 @read_once
 def read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
     """One PlenChannel of a camera; raises as `read_channels`."""
-    wavelengths_nm, shares = wavelengths_of(prim, illuminant)
-    nodes = [_node(camera, float(nm), float(share)) for nm, share in zip(wavelengths_nm, shares, strict=True)]
-    return Channel(name=prim.GetName(), middle=_node(camera, float(shares @ wavelengths_nm), 1.0), nodes=tuple(nodes))
+    wavelengths_nm, shares, slices = _spectrum(_response(prim), illuminant, need(prim, "plen:nodes"))
+    nodes = tuple(_node(camera, float(nm), float(share)) for nm, share in zip(wavelengths_nm, shares, strict=True))
+    middle = _node(camera, float((shares * wavelengths_nm).sum()), 1.0)
+    return Channel(name=prim.GetName(), middle=middle, nodes=nodes, slices=slices)
 
 
 def _node(camera: Usd.Prim, wavelength_nm: float, weight: float) -> SpectralNode:

@@ -25,6 +25,11 @@ def uses_catalogue(lens: Usd.Prim) -> bool:
     return bool(need(lens, "plen:indexSource") == "catalogue")
 
 
+def knows_one_wavelength(lens: Usd.Prim) -> bool:
+    """Whether indices of a lens are printed, for its wavelength; an ideal thin lens has none, and works at any."""
+    return not uses_catalogue(lens) and any(read(prim, "plen:index") != 1 for prim in ordered_surfaces(lens))
+
+
 @read_once
 def medium_behind(surface: Usd.Prim, lens: Usd.Prim) -> Medium:
     """The medium behind a surface, from its glass and compared with the printed index.

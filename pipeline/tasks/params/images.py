@@ -24,11 +24,6 @@ class Exposure:
     diffraction: bool = False
     device: str | None = None
 
-    @property
-    def wavelengths_nm(self) -> tuple[float, ...]:
-        """All wavelengths of its light."""
-        return (self.wavelength_nm,) if self.channel is None else self.channel.wavelengths_nm
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class White:

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.camera.parts.spectrum import Slices
 from pipeline.render.lighting.records import Lighting
+from pipeline.render.spectral.prints import Colours
 
 Matrix = list[list[float]]
 """A transform a_from_b, row by row, (4, 4) [mm]."""
@@ -38,9 +40,11 @@ class View:
 class PaintedView(View):
     """A view with the radiance of everything and of the background, or with the lamps that light it.
 
-    `colours` holds black and white of each target at each wavelength of the image; empty for a neutral one.
+    `colours` are those of each target, empty for a neutral one; `lights` is the light of each wavelength of the image
+    where lamps shine.
     """
 
     background: float
     lighting: Lighting | None = None
-    colours: tuple[tuple[tuple[float, float], ...], ...] = ()
+    colours: tuple[Colours, ...] = ()
+    lights: tuple[Slices, ...] = ()

@@ -7,7 +7,7 @@ from pxr import Usd
 from pipeline.optics.glass.errors import GlassError
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.read.channels import channel_prims, illuminant_of, read_channel, wavelengths_of
-from pipeline.scene.read.media import ordered_surfaces, uses_catalogue
+from pipeline.scene.read.media import knows_one_wavelength
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read, target
@@ -65,7 +65,7 @@ def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     if not sensor or not channel_prims(sensor):
         return
     try:
-        is_printed = not uses_catalogue(lens) and any(read(prim, "plen:index") != 1 for prim in ordered_surfaces(lens))
+        is_printed = knows_one_wavelength(lens)
     except UnreadableValue:
         return  # reported where the value is checked
     if is_printed:

@@ -13,7 +13,7 @@ from pipeline.optics.glass.medium import Medium
 from pipeline.optics.glass.row import names_an_entry
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.read.channels import channel_prims, illuminant_of, wavelengths_of
-from pipeline.scene.read.media import medium_behind, ordered_surfaces
+from pipeline.scene.read.media import knows_one_wavelength, medium_behind, ordered_surfaces
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -51,7 +51,7 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
             except GlassError as error:
                 hint = error.hint or "choose a wavelength at which every glass of the lens is known"
                 yield problem(attribute, error.code, error.what, hint=hint)
-    elif camera_nm != lens_nm:
+    elif camera_nm != lens_nm and knows_one_wavelength(lens):
         message = f"the camera sees {camera_nm} nm, but the indices of its lens are printed for {lens_nm} nm"
         hint = 'plen:indexSource = "catalogue" on the lens computes them for any wavelength'
         yield problem(attribute, "printed-wavelength", message, hint=hint)
