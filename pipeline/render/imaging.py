@@ -87,8 +87,8 @@ def pictures(
     Parameters
     ----------
     white : (2, height, width) float64
-        The white image of the same rows in these two parts, relative; a conventional camera has no second one. That of
-        a conventional camera should be by quadrature: if it is of the same rays, their noise stays in the images.
+        The white image of the same rows in these two parts, relative; a conventional camera has no second one, and
+        the noise of its rays in images only if its white image is of the same rays.
     """
     band, parts = Band.of(rig, rows), white.reshape(2, -1)
     colour, known = colours(band, scenes), parts[0] if rig.images is None else None

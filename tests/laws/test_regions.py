@@ -162,20 +162,17 @@ def test_a_hole_in_a_bundle_is_noticed_unless_it_is_too_small_to_matter(percent:
     assert noticed[0] >= FOUND_PERCENT[percent] and noticed[1] >= noticed[0]
 
 
-def two_discs(radius: float, other: float, apart: float) -> tuple[float, float]:
+def shared_by_discs(radius: float, other: float, apart: float) -> tuple[float, float]:
     """Area that two discs share, and its first moment about the middle of the first, along the line of both."""
-    if apart >= radius + other:
-        return 0.0, 0.0
-    if apart <= abs(radius - other):
-        area = math.pi * min(radius, other) ** 2
-        return area, area * apart if other < radius else 0.0
+    if apart <= abs(radius - other) or apart >= radius + other:
+        area = math.pi * min(radius, other) ** 2 * (apart < radius + other)
+        return area, area * apart * (other < radius)
     chord = (apart**2 + radius**2 - other**2) / (2 * apart)
-
-    def segment(r: float, height: float) -> float:
-        return r**2 * math.acos(height / r) - height * math.sqrt(r**2 - height**2)
-
-    far = segment(other, apart - chord)
-    return segment(radius, chord) + far, apart * far  # what the two segments lack of their own middles cancels
+    near, far = (
+        r**2 * math.acos(height / r) - height * math.sqrt(r**2 - height**2)
+        for r, height in ((radius, chord), (other, apart - chord))
+    )
+    return near + far, apart * far  # what both segments lack of the middles of their discs cancels
 
 
 @pytest.mark.parametrize("percent", [0.1, 4.0, 60.0, 110.0])
@@ -184,21 +181,17 @@ def test_an_obstruction_takes_its_light_wherever_it_is_seen(percent: float) -> N
 
     The blur is 13 pixels wide, so a lost thousandth of the light would be seen.
     """
-    radius = RADIUS_MM * math.sqrt(percent / 100)
-    scale = 1 + HOLE_BEFORE_MM / SENSOR_MM
-    tracer, dice = behind_a_spot(radius * scale), np.random.default_rng(1)
-    off = np.linspace(0.0, 1.05 * (RADIUS_MM + radius), HOLES)
-    turn = dice.uniform(0, 2 * np.pi, HOLES)
+    radius, dice = RADIUS_MM * math.sqrt(percent / 100), np.random.default_rng(1)
+    tracer = behind_a_spot(radius * (1 + HOLE_BEFORE_MM / SENSOR_MM))
+    apart, turn = np.linspace(0.0, 1.05 * (RADIUS_MM + radius), HOLES), dice.uniform(0, 2 * np.pi, HOLES)
     along = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    bundles = where_seen(tracer, off[:, None] * along)
-    found = integrals(tracer, bundles, 2)
-    start = tracer.positions_mm(*bundles.x_px.T)
-    shared = np.array([two_discs(RADIUS_MM, radius, apart) for apart in off])
+    bundles = where_seen(tracer, apart[:, None] * along)
+    found, start = integrals(tracer, bundles, 2), tracer.positions_mm(*bundles.x_px.T)
+    shared = np.array([shared_by_discs(RADIUS_MM, radius, distance) for distance in apart])
     area = math.pi * RADIUS_MM**2 - shared[:, 0]
     some = area > 1e-3 * RADIUS_MM**2
     middle = -shared[some, 1:] * along[some] / area[some, None]
     hit = start[some] + (middle - start[some]) * (1 + TARGET_MM / SENSOR_MM)
     off_px = np.abs(found.moments[some, :2] - hit) / tracer.camera.sensor.pitch_mm * SENSOR_MM / TARGET_MM
-    assert not found.is_random.any()
-    assert off_px.max() < SPOT_PX
+    assert not found.is_random.any() and off_px.max() < SPOT_PX
     np.testing.assert_allclose(found.moments[some, WEIGHT], area[some], rtol=1e-6)

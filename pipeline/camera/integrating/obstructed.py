@@ -4,7 +4,7 @@ A ring has no point from which all of it is seen. But it is what would pass with
 meet it, and both are star-shaped: so each is integrated by itself, about a point of its own.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,17 +20,10 @@ _LEAST = 1e-6
 """Share of the light that obstructions leave below which a bundle is empty [1]: edges are known to 3e-8."""
 
 
-@dataclass(frozen=True, slots=True)
-class Regions:
-    """What passes without obstructions, and what would meet them, with signs.
+class Regions(NamedTuple):
+    """What passes without obstructions, first, and what would meet them, with signs."""
 
-    Attributes
-    ----------
-    parts : tuple of (float, Edges)
-        The first is all that passes without them; further ones only where a lens has any.
-    """
-
-    parts: tuple[tuple[float, Edges], ...]
+    parts: list[tuple[float, Edges]]
 
     @property
     def rays(self) -> int:
@@ -44,12 +37,12 @@ class Regions:
         each = [part.moments(planes, nodes, is_last) for _, part in self.parts]
         if len(each) == 1:
             return each[0]
-        moments, status = (np.stack(values, axis=1) for values in list(zip(*each, strict=True))[:2])
-        result, outcome = mixed(moments, np.array([sign for sign, _ in self.parts])), status[:, 0].copy()
+        moments, outcomes = np.stack([one[0] for one in each], axis=1), np.stack([one[1] for one in each], axis=1)
+        result, outcome = mixed(moments, np.array([sign for sign, _ in self.parts])), outcomes[:, 0].copy()
         result[:, FREE_WEIGHT] = moments[:, 0, FREE_WEIGHT]
-        outcome[(status == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
-        dark = ~(result[:, WEIGHT] > _LEAST * moments[:, 0, WEIGHT]) & (outcome != NOT_STAR_SHAPED)
-        outcome[dark], result[dark, :WEIGHT], result[dark, WEIGHT] = EMPTY, np.nan, 0.0
+        outcome[~(result[:, WEIGHT] > _LEAST * moments[:, 0, WEIGHT])] = EMPTY
+        outcome[(outcomes == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
+        result[outcome == EMPTY, :WEIGHT], result[outcome == EMPTY, WEIGHT] = np.nan, 0.0
         return result, outcome, sum(rays for *_, rays in each)
 
 
@@ -61,8 +54,7 @@ def regions(
 ) -> Regions:
     """Find the regions of sensor positions (n, 2) behind their microlenses (n,)."""
     (sign, table), *others = without_obstructions(arrays.table)
-    parts = [(sign, edges(arrays._replace(table=table), positions_mm, microlens, effort))]
-    lit = np.where(np.isnan(parts[0][1].centres[:, 0]), SKIP, microlens)
-    for sign, table in others:
-        parts.append((sign, edges(arrays._replace(table=table), positions_mm, lit, effort, parts[0][1])))
-    return Regions(tuple(parts))
+    whole = edges(arrays._replace(table=table), positions_mm, microlens, effort)
+    lit = np.where(np.isnan(whole.centres[:, 0]), SKIP, microlens)
+    taken = [(s, edges(arrays._replace(table=part), positions_mm, lit, effort, whole)) for s, part in others]
+    return Regions([(sign, whole), *taken])

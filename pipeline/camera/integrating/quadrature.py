@@ -153,10 +153,8 @@ def edges(
     effort: Effort = FINE,
     within: Ways | None = None,
 ) -> Edges:
-    """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,).
-
-    Regions known to lie within others are searched for all over those.
-    """
+    """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,), of
+    regions that lie within others, if given, all over those."""
     found = replace(inner_points(arrays, positions_mm, microlens, within), effort=effort)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
