@@ -5,22 +5,24 @@ aperture and phase, and another one to the sensor. Rigs are in focus, with the i
 (1) or before it (-1).
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from laws.ideal_lens import thin
-from laws.test_diffracted_images import GREEN_MM, diffracting
 
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
 from pipeline.render.imaging import irradiance
 
 FOCAL_MM, STOP_MM, ARRAY_MM, BEHIND_MM, AWAY_MM, CELL_MM, DISC_MM = 50.0, 4.0, 80.0, 3.0, 12.0, 0.15, 0.12
 """Main lens, semi-diameter of its stop, distances of the array, of the sensor behind it, and of the intermediate image
 from the array; edge of a cell, diameter of a disc."""
-OFF_MM, DOT_MM, PITCH_MM, PX, FINE = 0.2, 0.004, 0.004, 33, 16
-"""Where the microlens stands off the axis, radius of the image of a round thing, pixels, their number, and the parts of
-each in which the judge looks at the light."""
+GREEN_MM, OFF_MM, DOT_MM, PITCH_MM, PX, FINE = 550e-6, 0.2, 0.004, 0.004, 33, 16
+"""Wavelength, where the microlens stands off the axis, radius of the image of a round thing, pixels, their number, and
+the parts of each in which the judge looks at the light."""
 LIGHT, CONTRAST = 0.025, 0.02
 """Largest error of a pixel of 4,096 rays, over the brightest, and of the contrast [1]."""
 
@@ -41,9 +43,10 @@ def rig(aperture: str, sign: float) -> Rig:
     )
     sensor = Sensor(width_px=PX, height_px=PX, pitch_mm=PITCH_MM, offset_x_mm=OFF_MM - moved_mm)
     lens, away = thin(FOCAL_MM, STOP_MM), {"near_mm": 60.0, "far_mm": 500.0}
-    return diffracting(
-        Camera(prescription=lens, sensor=sensor, sensor_distance_mm=ARRAY_MM + BEHIND_MM, microlenses=array, **away)
+    camera = Camera(
+        prescription=lens, sensor=sensor, sensor_distance_mm=ARRAY_MM + BEHIND_MM, microlenses=array, **away
     )
+    return Rig.of(Tracer(camera))
 
 
 def waves(aperture: str, sign: float) -> np.ndarray:
@@ -77,14 +80,15 @@ def of_round_thing(light: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("aperture", "sign"), [("cell", 1.0), ("cell", -1.0), ("disc", 1.0), ("disc", -1.0)])
 def test_a_round_thing_behind_a_microlens_is_that_of_waves(aperture: str, sign: float) -> None:
-    camera, image_mm = rig(aperture, sign), ARRAY_MM + sign * AWAY_MM
+    geometric, image_mm = rig(aperture, sign), ARRAY_MM + sign * AWAY_MM
+    diffracting = dataclasses.replace(geometric, diffraction_nm=GREEN_MM * 1e6)
     object_mm = 1 / (1 / FOCAL_MM - 1 / image_mm)
 
     def shines(origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
         hit = origin + ((object_mm - origin[:, 2]) / direction[:, 2])[:, None] * direction
         return (np.hypot(hit[:, 0], hit[:, 1]) <= DOT_MM * AWAY_MM / BEHIND_MM * object_mm / image_mm).astype(float)
 
-    image, rays = (irradiance(one, 4096, shines) for one in (camera, Rig.of(camera.tracer)))
+    image, rays = (irradiance(one, 4096, shines) for one in (diffracting, geometric))
     expected = of_round_thing(waves(aperture, sign))
     assert np.abs(image / rays.sum() - expected).max() < LIGHT * expected.max()
     for axis in (0, 1):

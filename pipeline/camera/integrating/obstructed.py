@@ -21,7 +21,7 @@ _LEAST = 1e-6
 
 
 class Regions(NamedTuple):
-    """What passes without obstructions, first, and what would meet them, with signs."""
+    """Regions with signs: what passes without obstructions, first, and what would meet them."""
 
     parts: list[tuple[float, Edges]]
 
