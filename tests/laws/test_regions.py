@@ -42,8 +42,8 @@ QUICK = "disc", "slit over a ring off its place"
 BEFORE_MM = 0.5
 STEPS, COS, SIN = 2000, np.cos(0.4), np.sin(0.4)
 """The grid of the sum lies aslant: rows of points along the edge of a slit would count it wrong by up to 0.05 px."""
-BRUTE_PX, DERIVATIVE = 1e-3, 0.01
-"""Error of that sum, and of a derivative by differences of it [relative]."""
+BRUTE_PX, DERIVATIVE = 1e-3, 0.05
+"""Error of that sum, and of a derivative, by differences of rough integrals [relative]."""
 SPOT_PX = 1e-7
 """Error of quadrature of discs, by which edges are known."""
 
