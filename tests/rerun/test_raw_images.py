@@ -117,7 +117,7 @@ def test_raw_images_are_a_task_a_frame_and_move_nothing_else(stage, tmp_path):
 def test_a_flat_white_target_has_the_noise_of_its_sensor_and_no_pattern_of_rays(stage, tmp_path):
     """EMVA 1288's spatial variance, by the covariance of two frames: what both have in common.
 
-    768 pixels of 8,000 electrons know it to 0.2 %; four samples of rays left 4 %. And white.exr has the light of
+    768 pixels of 8,000 electrons know it to 0.2 %; four samples of rays left 9 %. And white.exr has the light of
     textbook rays.
     """
     text = exposed(stage).read_text(encoding="utf-8")
