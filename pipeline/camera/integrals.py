@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.camera.integrating.mixture import mixed
-from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, edges
+from pipeline.camera.integrating.obstructed import regions
+from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.parts.gauss import square_nodes
 from pipeline.camera.tracer import Tracer
@@ -137,7 +138,7 @@ def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
 
 def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
     positions = tracer.positions_mm(*bundles.x_px.T)
-    found = edges(tracer.arrays, positions, bundles.microlens, FINE if levels[-1] > 0 else ROUGH)
+    found = regions(tracer.arrays, positions, bundles.microlens, FINE if levels[-1] > 0 else ROUGH)
     parts = [found.moments(bundles.planes, NODES[level], level == levels[-1]) for level in levels]
     return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
 

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.integrating.mixture import mixed
-from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, edges
+from pipeline.camera.integrating.obstructed import regions
+from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED
 from pipeline.camera.parts.camera import REPLICAS, Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import Lattice, cell, lattice
@@ -211,7 +212,7 @@ class Tracer:
     def reference_weight_sr(self) -> float:
         """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or mm^2].
 
-        By quadrature, right to 1e-8; of what is in pieces or has a hole by random rays, right to 3e-4.
+        By quadrature, right to 1e-8; of what is in pieces by random rays, right to 3e-4.
 
         Raises
         ------
@@ -225,7 +226,7 @@ class Tracer:
             microlens = np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[:1]
             position = self.vertices_mm[microlens]
         planes = parallel_planes(1.0, 2.0)
-        rows, status, _ = edges(self.arrays, position, microlens).moments(planes[None], _REFERENCE_NODES)
+        rows, status, _ = regions(self.arrays, position, microlens).moments(planes[None], _REFERENCE_NODES)
         if status[0] == NOT_STAR_SHAPED:
             rows = self.moments(position, microlens, planes, _REFERENCE_RAYS, np.array([[-1, -1]]))
         weight = float(rows[0, WEIGHT])

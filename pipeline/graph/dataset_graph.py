@@ -55,7 +55,7 @@ def graph_of(dataset: Dataset) -> tuple[TaskGraph, dict[str, Source], dict[str, 
             files[camera.parts_file] = (task, PARTS)
             _add_poses(graph, files, dataset, camera)
             for seen in camera.in_channels:
-                _add_light(graph, files, seen, bool(dataset.lamps))
+                _add_light(graph, files, seen)
                 tasks = FrameTasks(graph, files, dataset, seen, painted, bare)
                 for frame in dataset.frames:
                     tasks.add(frame)
@@ -114,7 +114,7 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
     files[f"{folder}/camera.json"] = (report, "camera.json")
 
 
-def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, is_lit: bool) -> None:
+def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     """The tasks that follow the light of a camera, or of one of its channels: bundles and white images."""
     name, folder, reads = entry.full_name, f"cameras/{entry.folder}", {"camera": f"focus/{entry.name}"}
     if entry.channel is not None:
@@ -123,12 +123,12 @@ def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, i
     if entry.delivers_rays or from_plain(TruthSettings, entry.truth).searches:
         settled = {**reads, "planes": f"planes/{entry.name}"}
         files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
-    files |= _white_files(_add_white(graph, entry, reads, name, is_lit), f"{folder}/white", f"{folder}/")
+    files |= _white_files(_add_white(graph, entry, reads, name), f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
         shown = shown_f_number(f_number)
         stopped = add(graph, f"stop/{name}/{shown}", Stop(f_number=f_number), reads)
         at = f"{folder}/white/{shown}"
-        white = _add_white(graph, entry, {"camera": stopped}, f"{name}/{shown}", is_lit)
+        white = _add_white(graph, entry, {"camera": stopped}, f"{name}/{shown}")
         files |= _white_files(white, at, f"{at}.")
 
 
@@ -148,20 +148,19 @@ def _add_colours(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry,
             files[f"{folder}/{SPECTRAL}"] = (joined, SPECTRAL)
 
 
-def _add_white(
-    graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str, is_lit: bool
-) -> tuple[str, str | None]:
+def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name: str) -> tuple[str, str | None]:
     """Add the tasks of a camera's white image and, if any, of its tables of micro-images, for the stop as set."""
     exposure, noise, sensor = exposure_of(entry), entry.image_noise, entry.asked.sensor
+    is_smooth = entry.asked.microlenses is None and not exposure.diffraction
     if noise is None:
         bands = image_bands(sensor, entry.image_samples)
-        parts = [WhiteTile(exposure=exposure, rows=rows, is_lit=is_lit) for rows in bands]
+        parts = [WhiteTile(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in bands]
         tiles = add_tiles(graph, f"white_tile/{name}", parts, reads)
-        params = White(exposure=exposure, tiles=len(tiles), is_lit=is_lit)
+        params = White(exposure=exposure, tiles=len(tiles), is_smooth=is_smooth)
     else:
-        first = [WhitePass(exposure=exposure, rows=rows, is_lit=is_lit, number=0) for rows in strips(sensor)]
+        first = [WhitePass(exposure=exposure, rows=rows, is_smooth=is_smooth, number=0) for rows in strips(sensor)]
         tiles = add_passes(graph, f"white_pass/{name}", first, reads, noise)
-        params = White(exposure=exposure, tiles=len(first), is_lit=is_lit, noise=noise)
+        params = White(exposure=exposure, tiles=len(first), is_smooth=is_smooth, noise=noise)
     white = add(graph, f"white/{name}", params, {**reads, **tiles})
     return white, _add_micro_images(graph, entry, reads, name) if entry.asked.microlenses else None
 

@@ -44,10 +44,10 @@ def _replaced(project: Project, name: str) -> Project:
 def _on(device: str, task: Task) -> dict[str, Any]:
     """Parameters of a task with the device, if it can use one.
 
-    White images beside lamps cannot: most are by quadrature.
+    White images that are smooth cannot: they are by quadrature.
     """
     if task.short_kind in BUNDLES:
         return {**task.params, "device": device}
-    if task.short_kind in IMAGES and not task.params.get("is_lit"):
+    if task.short_kind in IMAGES and not task.params.get("is_smooth"):
         return {**task.params, "exposure": {**task.params["exposure"], "device": device}}
     return task.params

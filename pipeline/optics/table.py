@@ -4,6 +4,8 @@ Both tables let rays travel along +z of their own frame, so kernels know one dir
 vision frame (origin at the stop, z forward), `towards_sensor` the lens frame moved to the stop.
 """
 
+from itertools import chain, combinations
+
 import numpy as np
 
 from pipeline.frames import VISION_FROM_CAMERA
@@ -87,6 +89,21 @@ def enclosing(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
     result = table.copy()
     result[:, [INNER_SQUARED, EDGES]] = 0.0
     return result
+
+
+def without_obstructions(table: Float64[np.ndarray, "surfaces columns"]) -> list[tuple[float, np.ndarray]]:
+    """Lenses without obstructions, with signs, whose light adds up to that of a lens that may have some.
+
+    What passes is all that the outer edges pass (the first lens), less what would meet an obstruction on its way, plus
+    what would meet two of them, and so on: inclusion and exclusion. An obstruction met is an aperture of its size.
+    """
+    holes, plain = np.flatnonzero(table[:, INNER_SQUARED] > 0), table.copy()
+    plain[:, INNER_SQUARED], parts = 0.0, []
+    for rows in chain.from_iterable(combinations(holes, count) for count in range(len(holes) + 1)):
+        part = plain.copy()
+        part[list(rows), SEMI_DIAMETER_SQUARED] = table[list(rows), INNER_SQUARED]
+        parts.append((float((-1) ** len(rows)), part))
+    return parts
 
 
 def unbounded(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:

@@ -14,7 +14,6 @@ from pipeline.records.shapes import Float64
 from pipeline.render.band import Band, Rows
 from pipeline.render.footprints import Sight
 from pipeline.render.glow.light import TargetLight
-from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.passes import Batch, batch_of
 from pipeline.render.pixel_rays import rays_of
@@ -88,11 +87,12 @@ def pictures(
     Parameters
     ----------
     white : (2, height, width) float64
-        The white image of the same rows in these two parts, relative; a conventional camera has no second one.
+        The white image of the same rows in these two parts, relative; a conventional camera has no second one, and
+        the noise of its rays in images only if its white image is of the same rays.
     """
     band, parts = Band.of(rig, rows), white.reshape(2, -1)
-    colour = colours(band, scenes)
-    image = np.where(np.isnan(colour), sampled(band, Batch(samples), scenes, parts, colour), colour * parts)
+    colour, known = colours(band, scenes), parts[0] if rig.images is None else None
+    image = np.where(np.isnan(colour), sampled(band, Batch(samples), scenes, parts, colour, known), colour * parts)
     return image.sum(axis=1).reshape(-1, *white.shape[1:])
 
 
@@ -108,6 +108,7 @@ def sampled(
     scenes: Sequence[TargetLight | LitScene],
     white: Float64[np.ndarray, "2 n"],
     colour: Float64[np.ndarray, "scenes 2 n"],
+    known: Float64[np.ndarray, "n"] | None,
 ) -> np.ndarray:
     """Sampled light of both parts of each pixel, relative, (scenes, 2, n); 0 where `colour` is known.
 
@@ -115,6 +116,8 @@ def sampled(
     ----------
     white : (2, n) float64
         The white image in these two parts, by whose light rays are shared out.
+    known : (n,) float64 or None
+        The white image of a conventional camera without noise, by which images are steadied.
     """
     count, wanted = len(band.strata), np.isnan(colour)
     counts = _counts(batch.first, white, wanted.any(axis=0), band.strata) * (batch.samples // batch.first)
@@ -124,26 +127,27 @@ def sampled(
         flux[rays.pixels] = np.bincount(rays.row, rays.leaving.share, minlength=len(rays.pixels))
         for scene, own, image in zip(scenes, wanted, result, strict=True):
             scene.add(rays, part, own.ravel(), image)
-    known = known_flux(band) if any(isinstance(scene, LitScene) for scene in scenes) else None
+    result, flux = _relative(band.rig, result), _relative(band.rig, flux)
     if known is not None:
-        for scene, image in zip(scenes, result, strict=True):
-            if isinstance(scene, LitScene):
-                image[:count] += _steadied(image[:count], flux, known, band.shape)
-    return _relative(band.rig, result).reshape(wanted.shape)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            seen = np.where(wanted[:, 0], np.where(flux > 0, result[:, :count] / flux, np.nan), colour[:, 0])
+        for own, image, one in zip(wanted[:, 0], result, seen, strict=True):
+            image[:count][own] += _steadied(one.reshape(band.shape), known - flux)[own]
+    return result.reshape(wanted.shape)
 
 
-def _steadied(light: np.ndarray, flux: np.ndarray, known: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _steadied(seen: Float64[np.ndarray, "y x"], missing: Float64[np.ndarray, "n"]) -> np.ndarray:
     """Light to be added to each pixel because its rays happen to carry more or less flux than is known, (n,).
 
-    A control variate: the missing flux times the radiance that the pixels on both sides see, of the darker one. They
-    have random numbers of their own, so that the sum has no bias, whatever they see. Where all see one radiance, no
-    noise of rays is left; at an edge nothing of the bright side comes to the dark one.
+    A control variate: the missing flux times the radiance that the pixel and those on both sides see, of the darkest
+    one. Where all see one radiance, no noise of rays is left; at an edge nothing of the bright side comes to the dark
+    one. The pixels beside have random numbers of their own, so that they bring no bias. A pixel darker than both
+    becomes the mean radiance of its rays times the known flux: weights of rays that leave differ by a thousandth, and
+    so little is the bias of such a quotient.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        seen = np.where(flux > 0, light / flux, np.nan).reshape(shape)
     beside = np.pad(seen, ((0, 0), (1, 1)), constant_values=np.nan)
-    darker = np.fmin(beside[:, :-2], beside[:, 2:])
-    return np.asarray(np.nan_to_num(darker).ravel() * (known - flux))
+    darkest = np.fmin(np.fmin(beside[:, :-2], beside[:, 2:]), seen)
+    return np.asarray(np.nan_to_num(darkest).ravel() * missing)
 
 
 def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:

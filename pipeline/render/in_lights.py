@@ -91,7 +91,9 @@ def sampled_in_lights(
     for number, one in enumerate(rig.in_each_light):
         band = Band.of(one, rows)
         parts, known = (values[..., number].reshape(2, -1) for values in (own_and_foreign(white), colour))
-        light = sampled(band, shared, [scene.in_light(number)], parts, known[None])
+        flux = known_flux(band) if isinstance(scene, LitView) else None
+        steady = None if flux is None else flux / one.tracer.reference_weight_sr
+        light = sampled(band, shared, [scene.in_light(number)], parts, known[None], steady)
         found.append(light[0].sum(axis=0).reshape(band.shape))
     return in_all(rig.tracer, np.stack(found, axis=-1))
 

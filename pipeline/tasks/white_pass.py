@@ -17,7 +17,7 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
         hand_on(inputs, out)
         return
     rig = imaged_rig(inputs, params.exposure)
-    known = known_white_parts(rig, params.rows) if params.is_lit else None
+    known = known_white_parts(rig, params.rows) if params.is_smooth else None
 
     def parts(batch: Batch) -> np.ndarray:
         return white_parts(rig, batch, params.rows) if known is None else known

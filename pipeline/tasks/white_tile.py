@@ -24,7 +24,7 @@ def white_rows(
     """Rows from the first to an end, by default all, (h, w, wavelengths) float64 each, written for images: the white
     image, and its part through other microlenses than that of the pixel's cell."""
     rig = imaged_rig(inputs, params.exposure)
-    known = known_white_parts(rig, rows) if params.is_lit else None
+    known = known_white_parts(rig, rows) if params.is_smooth else None
     white, foreign = white_parts(rig, params.exposure.samples, rows) if known is None else known
     for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
         write_npy(out / name, np.ascontiguousarray(pixels))

@@ -26,9 +26,10 @@ def test_the_name_of_the_device_is_a_param_of_bundles_and_images_alone(tmp_path,
     chosen = devices.on_device(plain, BuildOptions(device="cuda"))
     assert list(chosen.graph) == list(plain.graph)
     changed = {name for name in plain.graph if plain.graph[name].canonical != chosen.graph[name].canonical}
-    traced = [name for name in plain.graph if plain.graph[name].short_kind in devices.BUNDLES + devices.IMAGES]
+    kinds = {*devices.BUNDLES, *devices.IMAGES} - {"white"}
+    traced = [name for name in plain.graph if plain.graph[name].short_kind in kinds]
     assert changed == set(traced)
-    assert {plain.graph[name].short_kind for name in traced} == {"rays_tile", "white", "image"}
+    assert {plain.graph[name].short_kind for name in traced} == {"rays_tile", "image"}
     found = [[device_of(graph[name].params) for name in traced] for graph in (plain.graph, chosen.graph)]
     assert found == [[None] * len(traced), [SM_90] * len(traced)]
 
@@ -38,18 +39,16 @@ def device_of(params):
     return params["device"] if "device" in params else params["exposure"]["device"]
 
 
-def test_white_images_beside_lamps_stay_with_processors(tmp_path, monkeypatch):
-    """They are by quadrature: a header that names a device would be untrue."""
+@pytest.mark.parametrize(("tiny", "white"), [("tiny_conventional", None), ("tiny_plenoptic", SM_90)])
+def test_white_images_by_quadrature_stay_with_processors(tiny, white, tmp_path, monkeypatch):
+    """A header that names a device would be untrue."""
     monkeypatch.setattr(device, "device_name", lambda: SM_90)
-    plain = project(TINY, tmp_path)
-    for name in plain.graph:
-        if plain.graph[name].short_kind == "white":
-            plain.graph[name].params["is_lit"] = True
+    plain = project(TINY.parents[1] / tiny / "dataset.usda", tmp_path)
     chosen = devices.on_device(plain, BuildOptions(device="cuda")).graph
     found = {
         chosen[name].short_kind: device_of(chosen[name].params) for name in chosen if "exposure" in chosen[name].params
     }
-    assert found == {"white": None, "image": SM_90}
+    assert found == {"white": white, "image": SM_90}
 
 
 def test_a_task_refuses_another_device_than_that_of_its_key(monkeypatch):

@@ -11,7 +11,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.poses import vision_from_target
 from pipeline.render.glow.light import TargetLight
-from pipeline.render.in_lights import pictures_in_lights, white_parts
+from pipeline.render.in_lights import known_white_parts, pictures_in_lights, white_parts
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Coat, Lighting
 from pipeline.scene.load import load
@@ -47,4 +47,6 @@ class Scene:
     def image(self, seed: int) -> np.ndarray:
         """The image with a seed."""
         rig = dataclasses.replace(self.rig, tracer=dataclasses.replace(self.rig.tracer, seed=seed))
-        return pictures_in_lights(rig, self.samples, [self.light], white_parts(rig, self.samples))[0]
+        known = known_white_parts(rig)
+        white = white_parts(rig, self.samples) if known is None else known
+        return pictures_in_lights(rig, self.samples, [self.light], white)[0]

@@ -9,7 +9,6 @@ from laws.ideal_lens import F_MM, thin
 from tolerances import DIFFRACTED_EDGE, SIGMAS
 
 from pipeline.camera.parts.camera import Camera, Sensor
-from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.render.glow.light import TargetLight
@@ -48,38 +47,6 @@ def test_an_edge_is_as_soft_as_airys_pattern() -> None:
     expected = airy_edge(x_mm, np.sin(np.arctan(semi_mm / F_MM)), pitch_mm)
     assert np.abs(image - (x_mm > 0)).max() > 0.3
     np.testing.assert_allclose(image, expected, rtol=0, atol=DIFFRACTED_EDGE)
-
-
-def test_a_slit_behind_a_microlens_is_as_soft_as_its_own_aperture_says() -> None:
-    """Discs of 0.1 mm, focused on infinity 2 mm before the sensor, F/20; the light of a slit, through one alone."""
-    pitch_mm, focal_mm, disc_mm, half = 0.004, 2.0, 0.1, 0.012
-    array = MicrolensArray(
-        pitch_mm=0.3,
-        width_mm=1.0,
-        height_mm=1.0,
-        focal_lengths_mm=(focal_mm,),
-        distance_mm=focal_mm,
-        aperture="disc",
-        disc_diameter_mm=disc_mm,
-    )
-    sensor = Sensor(width_px=41, height_px=9, pitch_mm=pitch_mm)
-    camera = Camera(
-        prescription=rigs.hole(500.0),
-        sensor=sensor,
-        sensor_distance_mm=20.0,
-        microlenses=array,
-        near_mm=100.0,
-        far_mm=200.0,
-    )
-
-    def slit(_: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        slope = direction[:, :2] / direction[:, 2:]
-        return ((np.abs(slope[:, 0]) < half) & (np.abs(slope[:, 1]) < 0.05)).astype(float)
-
-    image = irradiance(diffracting(camera), 4096, slit).mean(axis=0)
-    x_mm, aperture = (np.arange(41) - 20) * pitch_mm, np.sin(np.arctan(disc_mm / 2 / focal_mm))
-    edges = [airy_edge(x_mm + sign * half * focal_mm, aperture, pitch_mm) for sign in (1, -1)]
-    np.testing.assert_allclose(image, edges[0] - edges[1], rtol=0, atol=DIFFRACTED_EDGE)
 
 
 def test_a_row_alone_is_the_row_of_the_image() -> None:

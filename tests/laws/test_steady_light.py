@@ -1,4 +1,4 @@
-"""Lit images know the flux of a pixel: no noise of rays is left where it decides, and no bias comes in."""
+"""Images know the flux of a pixel: no noise of rays is left where it decides, and no bias comes in."""
 
 import dataclasses
 
@@ -17,13 +17,15 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.records.plain import to_plain
-from pipeline.render import imaging
 from pipeline.render.band import Band
+from pipeline.render.glow.light import TargetLight
 from pipeline.render.imaging import irradiance
 from pipeline.render.in_lights import in_all, known_white_parts, pictures_in_lights, white_parts
 from pipeline.render.known_flux import known_flux
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Lighting, PlacedLamp
+from pipeline.targets.patterns.checkerboard import Checkerboard
+from pipeline.targets.target import Target
 
 RED = {600.0: 0.3, 640.0: 0.5, 680.0: 0.2}
 """Shares of the wavelengths of a channel."""
@@ -80,15 +82,14 @@ def test_behind_microlenses_nothing_is_known() -> None:
 def test_a_furnace_behind_a_camera_has_no_noise_of_its_rays() -> None:
     """A plate that fills the view reflects half of an even sky: half of the white image, as quadrature knows it."""
     rig = Rig.of(Tracer(small(), 3))
-    white = white_parts(rig, 4)
-    image = pictures_in_lights(rig, 4, [view((lamp("dome"),), 400.0)], white)[0]
-    known = known_flux(Band.of(rig))
-    assert known is not None
+    steady, known = known_white_parts(rig), known_flux(Band.of(rig))
+    assert known is not None and steady is not None
+    image = pictures_in_lights(rig, 4, [view((lamp("dome"),), 400.0)], steady)[0]
     exact = 0.5 * known.reshape(image.shape) / rig.tracer.reference_weight_sr
     np.testing.assert_allclose(image, exact, rtol=1e-9)
+    white = white_parts(rig, 4)
     assert np.std(white[0, ..., 0] / exact) > 0.02, "the white image of four rays has noise"
-    steady = known_white_parts(rig)
-    assert steady is not None and steady.shape == white.shape
+    assert steady.shape == white.shape
     np.testing.assert_allclose(image / steady[0, ..., 0], 0.5, rtol=1e-9)
     np.testing.assert_array_equal(steady[1], 0.0)
 
@@ -113,19 +114,30 @@ def test_behind_microlenses_the_white_image_stays_that_of_rays() -> None:
     )
 
 
+LAMP = lamp("rect", (60.0, 40.0), towards((0.2, 0.3, -1.0), (30.0, 60.0, 150.0)))
+SCENES = {
+    "lit": view((LAMP,), 6.0, tuple(map(alone, RED))),
+    "glowing": TargetLight(
+        [(Target(Checkerboard(columns=41, rows=40, square_mm=0.83)), rigs.facing(430.0, 20.0))], 0.3
+    ),
+}
+"""An edge below a lamp, and squares of 1.2 pixels: dark pixels between two bright ones, and the other way round."""
+
+
+@pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("seeds", [24, pytest.param(48, marks=pytest.mark.heavy)])
-def test_the_correction_has_no_bias_at_edges_and_in_several_wavelengths(seeds: int, monkeypatch) -> None:
+def test_the_correction_has_no_bias_at_edges_and_in_several_wavelengths(seeds: int, name: str) -> None:
     """The mean over seeds is that of images of many rays without correction, pixel by pixel and in the sum."""
     rig = Rig.of(Tracer(in_light(small(), RED), 5))
-    softbox = lamp("rect", (60.0, 40.0), towards((0.2, 0.3, -1.0), (30.0, 60.0, 150.0)))
-    scene = view((softbox,), 6.0, tuple(map(alone, RED)))
+    known = known_white_parts(rig)
+    assert known is not None
 
-    def image(samples: int, seed: int) -> np.ndarray:
+    def image(samples: int, seed: int, white: np.ndarray | None = None) -> np.ndarray:
         one = dataclasses.replace(rig, tracer=dataclasses.replace(rig.tracer, seed=seed))
-        return pictures_in_lights(one, samples, [scene], white_parts(one, samples))[0]
+        white = white_parts(one, samples) if white is None else white
+        return pictures_in_lights(one, samples, [SCENES[name]], white)[0]
 
-    found = np.array([image(8, seed) for seed in range(seeds)])
-    monkeypatch.setattr(imaging, "known_flux", lambda band: None)
+    found = np.array([image(8, seed, known) for seed in range(seeds)])
     plain = np.array([image(512, seed) for seed in range(100, 108)])
     raw = np.array([image(8, seed) for seed in range(seeds)])
     error = np.sqrt(found.var(axis=0, ddof=1) / len(found) + plain.var(axis=0, ddof=1) / len(plain))

@@ -501,8 +501,8 @@ METHOD = {
 LIT: dict[tuple[str, str], Any] = {("Sun", "visibility"): "inherited"}
 COATED = {("One", "plen:coat:roughness"): 0.2}
 LIGHTING = {
-    # With lamps a mesh that nobody named is in the image, so it may hide points, too; white images are by quadrature.
-    "visibility": [Case("Sun", "inherited", {"image", "white"} | TRUTH)],
+    # With lamps a mesh that nobody named is in the image, so it may hide points, too.
+    "visibility": [Case("Sun", "inherited", {"image"} | TRUTH)],
     "inputs:intensity": [Case("Sun", 4.0), Case("Sun", 4.0, {"image"}, given=LIT)],
     "inputs:color": [Case("Sun", Gf.Vec3f(1.0, 0.5, 0.2), {"image"}, given=LIT)],
     "inputs:angle": [Case("Sun", 2.0, {"image"}, given=LIT)],

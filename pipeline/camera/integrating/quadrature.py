@@ -7,6 +7,7 @@ corners. A corner is where the aperture that blocks changes. All of it needs a r
 point; one that is not is reported, not integrated.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,8 @@ _FIRST_STEPS = 8
 """Bisections there, for the middle of what passes: to 1/256 of the way, and any point well inside will do."""
 _INNER_PROBES = 256
 """Points all over the polygon that are tried where its middle is dark: a region of a few hundredths of it is found."""
+_ROWS_AT_ONCE = 256
+"""Regions of which such points are tried together: bounds memory, and no result depends on it."""
 _LEAST_PER_ARC = 4
 """Nodes on the shortest arc: exact up to the seventh degree."""
 
@@ -148,9 +151,11 @@ def edges(
     positions_mm: Float64[np.ndarray, "n 2"],
     microlens: Int64[np.ndarray, "n"],
     effort: Effort = FINE,
+    within: Ways | None = None,
 ) -> Edges:
-    """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,)."""
-    found = replace(inner_points(arrays, positions_mm, microlens), effort=effort)
+    """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,), of
+    regions that lie within others, if given, all over those."""
+    found = replace(inner_points(arrays, positions_mm, microlens, within), effort=effort)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
     _, label, _, fine = found.find(owner, angle, effort.corner_edge_steps)
@@ -159,11 +164,14 @@ def edges(
 
 
 def inner_points(
-    arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]
+    arrays: CameraArrays,
+    positions_mm: Float64[np.ndarray, "n 2"],
+    microlens: Int64[np.ndarray, "n"],
+    within: Ways | None = None,
 ) -> Edges:
     """The same without corners."""
     found = bounded(arrays, positions_mm, microlens)
-    rays = _settle_centres(found)
+    rays = _settle_centres(found, within)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
     radius, _, _, more = found.find(owner, angle, _FIRST_STEPS)
     return replace(found, rays=rays + more + _move_to_middle(found, owner, radius))
@@ -179,18 +187,28 @@ def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], micr
     return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), none, 0, FINE)
 
 
-def _settle_centres(found: Edges) -> int:
+def _settle_centres(found: Edges, within: Ways | None) -> int:
     """Write an inner point of every region: the middle of its polygon where that is lit, else one of a search."""
     candidates = np.flatnonzero(found.counts >= 3)
     inside = np.arange(MAX_VERTICES) < found.counts[candidates, None]
     middle = (found.polygons[candidates] * inside[..., None]).sum(axis=1) / found.counts[candidates, None]
     passed = found.probe(candidates, middle) == PASSES
     found.centres[candidates[passed]] = middle[passed]
-    missed = candidates[~passed]
-    points = found.spread(missed, _INNER_PROBES)
-    label = found.probe(np.repeat(missed, _INNER_PROBES), points.reshape(-1, 2)).reshape(-1, _INNER_PROBES)
-    found.centres[missed] = boundary.inner_points(points, label == PASSES)
-    return len(candidates) + label.size
+    rays = len(candidates) + _try(found, candidates[~passed], lambda rows: found.spread(rows, _INNER_PROBES))
+    if within is not None:
+        rays += _try(found, candidates[np.isnan(found.centres[candidates, 0])], within.all_over)
+    return rays
+
+
+def _try(found: Edges, rows: np.ndarray, points_of: Callable[[np.ndarray], np.ndarray]) -> int:
+    """Write an inner point of some regions: the middle one of those points (rows, m, 2) that are lit."""
+    rays = 0
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        some = rows[first : first + _ROWS_AT_ONCE]
+        points = points_of(some)
+        label = found.probe(np.repeat(some, points.shape[1]), points.reshape(-1, 2)).reshape(points.shape[:2])
+        found.centres[some], rays = boundary.inner_points(points, label == PASSES), rays + label.size
+    return rays
 
 
 def _along(count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,6 @@ penumbra.
 """
 
 from dataclasses import dataclass
-from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +25,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import microlens_kernels
 from pipeline.camera.tracing.microlens_tables import on_apertures
 from pipeline.camera.tracing.sampling_bounds import outlines_at
-from pipeline.optics.table import INNER_SQUARED, SEMI_DIAMETER_SQUARED
+from pipeline.optics.table import without_obstructions
 from pipeline.records.shapes import Float64, Int64
 
 OUTLINE_DEG = tuple(range(0, 360, 15))
@@ -111,7 +110,8 @@ def _stretch(
     camera = tracer.arrays
     points, shares = _nodes(array)
     middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), pinhole_kernels.SUMS))
-    for sign, part in _parts(camera.table):
+    parts = without_obstructions(camera.table)
+    for sign, part in parts:
         apertures = Apertures(camera._replace(table=part), Pencils(rows, kind, points), shares)
         sums += sign * apertures.light(middle, shift, limit)
     lit = sums[:, pinhole_kernels.LIGHT] > 0
@@ -123,7 +123,7 @@ def _stretch(
     # The image is the sensor frame, turned by 180 degrees about z.
     angle = np.deg2rad(OUTLINE_DEG)
     along = -np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    unobstructed = camera._replace(table=_without_holes(camera.table))
+    unobstructed = camera._replace(table=parts[0][1])
     outer = Apertures(unobstructed, Pencils(rows, kind, points), shares)
     pupil = outer.reach(np.nan_to_num(centroid), along, limit)
     least = np.nan_to_num(pupil.min(axis=1), nan=0.0)
@@ -221,24 +221,3 @@ def _shares_of_rim(array: MicrolensArray) -> np.ndarray:
     """Outermost points that light may pass: the rim, or some way inside of it where two curved faces both end."""
     has_two = any(all(faces.curved) for faces in array.faces)
     return _INSIDE - _RING * np.arange(_RINGS if has_two else 1)
-
-
-def _without_holes(table: np.ndarray) -> np.ndarray:
-    result = table.copy()
-    result[:, INNER_SQUARED] = 0.0
-    return result
-
-
-def _parts(table: np.ndarray) -> list[tuple[float, np.ndarray]]:
-    """Lenses without obstructions, with signs, whose light adds up to that of a lens that may have some.
-
-    What passes is all that the outer edges pass, less what passes inside of obstructions: inclusion and exclusion.
-    """
-    holes = np.flatnonzero(table[:, INNER_SQUARED] > 0)
-    subsets = chain.from_iterable(combinations(holes, count) for count in range(len(holes) + 1))
-    parts = []
-    for rows in subsets:
-        part = _without_holes(table)
-        part[list(rows), SEMI_DIAMETER_SQUARED] = table[list(rows), INNER_SQUARED]
-        parts.append((float((-1) ** len(rows)), part))
-    return parts

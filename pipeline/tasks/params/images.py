@@ -29,13 +29,12 @@ class Exposure:
 class White:
     """The image of a white scene; with `noise`, the standard error that was asked for, from the last passes.
 
-    `is_lit`: beside images of a scene with lamps. These know the flux of their pixels, and so does the white image
-    then. Without lamps both have the same rays, whose noise is not in their quotient.
+    `is_smooth`: neither microlenses nor diffraction. Then it is by quadrature, wherever that knows the light.
     """
 
     exposure: Exposure
     tiles: int
-    is_lit: bool
+    is_smooth: bool
     noise: float | None = None
 
 
@@ -45,7 +44,7 @@ class WhiteTile:
 
     exposure: Exposure
     rows: tuple[int, int]
-    is_lit: bool
+    is_smooth: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +72,7 @@ class WhitePass:
 
     exposure: Exposure
     rows: tuple[int, int]
-    is_lit: bool
+    is_smooth: bool
     number: int
 
 
