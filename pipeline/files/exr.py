@@ -12,6 +12,7 @@ The Python binding can lose data silently; this module prevents that:
 import errno
 import os
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
@@ -128,8 +129,8 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     return {part.name: part for part in found}
 
 
-def read_foreign_exr(path: str | Path) -> dict[str, np.ndarray]:
-    """Channels (h, w) of the first part of a file of any program, by name.
+def read_foreign_exr(path: str | Path, require_few: Callable[[int, int], None]) -> dict[str, np.ndarray]:
+    """Channels (h, w) of the first part of a file of any program, by name; `require_few` refuses a width and height.
 
     Raises
     ------
@@ -143,10 +144,11 @@ def read_foreign_exr(path: str | Path) -> dict[str, np.ndarray]:
         width, height = (int(side) for side in last.astype(np.int64) - first + 1)
         if 4 * width * height > MAX_COMPRESSION_RATIO * path.stat().st_size:
             raise DamagedFile(path, f"{width} x {height} pixels cannot come from so short a file")
+        require_few(width, height)
         file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
-    except (RuntimeError, ValueError) as error:
-        raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
-    found = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+        found = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+    except (RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError) as error:
+        raise DamagedFile(path, f"its header or its pixels are damaged ({error})") from error
     if any(pixels.shape != (height, width) for pixels in found.values()):
         raise DamagedFile(path, "its channels differ in size")
     return found

@@ -16,15 +16,13 @@ from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
-from pipeline.tasks.colour_image import LETTERS
+from pipeline.tasks.colour_image import letter_of
 from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF
 from pipeline.tasks.params.exposing import Expose as Params
 from pipeline.tasks.transmission import transmission_of
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
-_CHANNELS = {**LETTERS, "mono": "Y"}
-"""Channels of that part by the names that filters have; others have the same name there."""
 _PREVIEW_ROWS = 512
 """Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
@@ -44,12 +42,12 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     def light(first: int, end: int) -> dict[str, np.ndarray]:
         pixels = {name: one.astype(float) for name, one in image.rows(_PART, first, end).items()}
         for name, one in lens.items():
-            pixels[_CHANNELS.get(name, name)] *= one.relative_rows(first, end, shape[1])
+            pixels[_channel(name)] *= one.relative_rows(first, end, shape[1])
         return pixels
 
     def rows(first: int, end: int) -> np.ndarray:
         around = _with_margin(light, shape[0], (first, end), response.margin_px)
-        photons = {name: at_one[name] * around[_CHANNELS.get(name, name)] for name in response.channels}
+        photons = {name: at_one[name] * around[_channel(name)] for name in response.channels}
         return digital_numbers(response, photons, shot, (first, 0))
 
     about = _about(params, at_one)
@@ -63,6 +61,11 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     )
     write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, negative)
     write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
+
+
+def _channel(filter_name: str) -> str:
+    """The channel of image.exr that a filter lets through."""
+    return "Y" if filter_name == "mono" else letter_of(filter_name)
 
 
 def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:
