@@ -113,16 +113,13 @@ def attempts() -> list[Attempt]:
     return found
 
 
-def pairs(count: int, seed: int) -> list[Attempt]:
-    """Two hostile values of different properties of the same scene, drawn by chance."""
-    dice, scenes = random.Random(seed), dict[str, list[Attempt]]()
-    for one in attempts():
-        if one.type_name != "metadata":
-            scenes.setdefault(one.scene, []).append(one)
-    found = []
+def pairs(some: list[Attempt], count: int) -> list[Attempt]:
+    """Two of some hostile values together, of different properties of the same scene, drawn by chance."""
+    dice, found = random.Random(count), list[Attempt]()
     while len(found) < count:
-        one, other = dice.sample(scenes[dice.choice(list(scenes))], 2)
-        if (one.at, one.name) != (other.at, other.name):
+        one, other = dice.choice(some), dice.choice(some)
+        is_apart = (one.at, one.name) != (other.at, other.name) and "metadata" not in (one.type_name, other.type_name)
+        if one.scene == other.scene and is_apart:
             found.append(replace(one, also=other))
     return found
 
