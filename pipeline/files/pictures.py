@@ -63,9 +63,10 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
             deep = picture.mode.startswith("I;16")
             kind = picture.mode if deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
             pixels = np.array(picture if deep else picture.convert(kind))
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        why = "" if isinstance(error, UnidentifiedImageError) else f": {error}"
         hint = "write it anew as PNG or JPEG"
-        raise PipelineError(f"is no {_FORMATS[suffix]} that can be read: {error}", hint=hint) from error
+        raise PipelineError(f"is no {_FORMATS[suffix]} that can be read{why}", hint=hint) from error
     return pixels, 65535.0 if deep else 255.0
 
 

@@ -14,15 +14,15 @@ from pipeline.tasks.artefacts.cameras import Inputs
 from pipeline.tasks.params.images import SPECTRAL
 from pipeline.tasks.params.images import ColourImage as Params
 
-LETTERS = {"red": "R", "green": "G", "blue": "B"}
-"""Names that other programs expect of channels in OpenEXR files, by colours."""
+_LETTERS = {"red": "R", "green": "G", "blue": "B", "mono": "Y"}
+"""Names that other programs expect of channels in OpenEXR files, by colours, and of a sensor without channels."""
 _ROWS = 512
 """Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
 
 def letter_of(channel: str) -> str:
     """Name of a channel in an OpenEXR file: its colour's letter, or its own."""
-    return LETTERS.get(colour_of(channel) or "", channel)
+    return _LETTERS.get(colour_of(channel) or channel, channel)
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:

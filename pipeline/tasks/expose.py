@@ -42,12 +42,12 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     def light(first: int, end: int) -> dict[str, np.ndarray]:
         pixels = {name: one.astype(float) for name, one in image.rows(_PART, first, end).items()}
         for name, one in lens.items():
-            pixels[_channel(name)] *= one.relative_rows(first, end, shape[1])
+            pixels[letter_of(name)] *= one.relative_rows(first, end, shape[1])
         return pixels
 
     def rows(first: int, end: int) -> np.ndarray:
         around = _with_margin(light, shape[0], (first, end), response.margin_px)
-        photons = {name: at_one[name] * around[_channel(name)] for name in response.channels}
+        photons = {name: at_one[name] * around[letter_of(name)] for name in response.channels}
         return digital_numbers(response, photons, shot, (first, 0))
 
     about = _about(params, at_one)
@@ -61,11 +61,6 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     )
     write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, negative)
     write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
-
-
-def _channel(filter_name: str) -> str:
-    """The channel of image.exr that a filter lets through."""
-    return "Y" if filter_name == "mono" else letter_of(filter_name)
 
 
 def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:

@@ -156,7 +156,7 @@ def _source(shader: UsdShade.Shader, name: str) -> Any:
 
 
 def _wanted(shader_id: str, name: str, value: Any) -> str | None:
-    """What an input holds by the definition of its shader, if a value of USD is not that."""
+    """Content of an input by the definition of its shader, if a value of USD is not that; else None."""
     count, tokens = _declared(shader_id).get(name, (0, ()))
     if tokens:
         return None if value in tokens else f"one of {', '.join(tokens)}"

@@ -26,14 +26,6 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
 _ROOTS: ContextVar[tuple[Path, ...]] = ContextVar("folders from which pictures are read", default=())
 
 
-class UnreadablePicture(UnreadableValue):
-    """An attribute names a picture that cannot be used; `code` says why."""
-
-    def __init__(self, code: str, what: str, thing: Usd.Attribute, hint: str | None) -> None:
-        super().__init__(what, thing, hint=hint)
-        self.code = code
-
-
 @dataclass(frozen=True, slots=True)
 class PictureFile:
     """A picture that can be decoded: its bytes, and numbers that none of its pixels lies below or above [1]."""
@@ -91,7 +83,8 @@ def picture_files(stage: Usd.Stage) -> dict[Sdf.Path, str]:
 
 def _entry(attribute: Usd.Attribute, space: str) -> PictureEntry:
     encoded = base64.b64encode(picture_of(attribute).content).decode("ascii")
-    return PictureEntry(name=name_of(attribute, space), suffix=_suffix(attribute), encoded=encoded, space=space)
+    suffix = Path(attribute.Get().resolvedPath).suffix.lower()
+    return PictureEntry(name=name_of(attribute, space), suffix=suffix, encoded=encoded, space=space)
 
 
 def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
@@ -118,7 +111,7 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
 
     Raises
     ------
-    UnreadablePicture
+    UnreadableValue
         It is not there, lies outside of the folders that the stage may read, is no plain file, larger than the limits,
         of another kind, or broken.
     """
@@ -129,7 +122,7 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
     if isinstance(found, PictureFile):
         return found
     code, what, hint = found
-    raise UnreadablePicture(code, f"@{value.path}@ {what}", attribute, hint)
+    raise UnreadableValue(f"@{value.path}@ {what}", attribute, hint, code)
 
 
 @read_once
@@ -158,7 +151,3 @@ def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | 
         return PictureFile(file.data, *ends_of(file.data, Path(path).suffix.lower()))
     except PipelineError as error:
         return "bad-picture", error.what, error.hint
-
-
-def _suffix(attribute: Usd.Attribute) -> str:
-    return Path(attribute.Get().resolvedPath).suffix.lower()

@@ -67,7 +67,7 @@ def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Itera
 
 
 def _channels(camera: Usd.Prim) -> int:
-    """How many cameras an export has of one."""
+    """Number of cameras that an export has of one."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     return max(1, len(channel_prims(sensor))) if sensor else 1
 
