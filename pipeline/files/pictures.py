@@ -59,7 +59,7 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
     """Pixels of a PNG or JPEG file, (h, w) or (h, w, c), and the value of white."""
     try:
         with Image.open(io.BytesIO(content), formats=[_FORMATS[suffix]]) as picture:
-            _require_few(*picture.size)
+            _require_few(4 * picture.width * picture.height)
             deep = picture.mode.startswith("I;16")
             kind = picture.mode if deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
             pixels = np.array(picture if deep else picture.convert(kind))
@@ -78,10 +78,11 @@ def _with_four(values: np.ndarray) -> np.ndarray:
     return np.concatenate([colours, opacity], axis=2).astype(np.float32)
 
 
-def _require_few(width_px: int, height_px: int) -> None:
-    pixels, most = width_px * height_px, limits().picture_pixels
+def _require_few(values: int) -> None:
+    """Refuse so many numbers, four for each pixel, before there is memory for them."""
+    pixels, most = -(-values // 4), limits().picture_pixels
     if pixels > most:
-        what = f"has {width_px} x {height_px} pixels; a picture may have {most:,}"
+        what = f"has {values:,} numbers, as {pixels:,} pixels do; a picture may have {most:,} pixels"
         raise PipelineError(what, hint=how_to_raise("picture_pixels", pixels))
 
 

@@ -147,3 +147,12 @@ def test_the_name_of_a_stage_reaches_no_terminal_as_it_is(tmp_path, monkeypatch,
         monkeypatch.setattr("sys.argv", ["pipeline", "check", str(path.rename(tmp_path / "e\x1b[31m.usda"))])
         assert cli._exit_code() == (2 if odd else 0)
         assert "\x1b" not in "".join(capfd.readouterr())
+
+
+def test_a_lamp_that_leaves_out_what_its_collections_say_is_refused(tmp_path):
+    for link in ("light", "shadow"):
+        name = f"collection:{link}Link:includeRoot"
+        assert (
+            the_error(tmp_path, write(Attempt("lit", "Lamp", name, "bool", False), tmp_path)).at
+            == f"/Scene/Lamp.{name}"
+        )
