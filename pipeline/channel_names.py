@@ -1,6 +1,14 @@
 """One name for a camera and a channel of its sensor, as in `Rig.Camera@red`."""
 
 _AT = "@"
+COLOURS = ("red", "green", "blue", "cyan", "magenta", "yellow", "white")
+"""Colours by the numbers that TIFF/EP gives to filters."""
+
+
+def colour_of(channel: str) -> str | None:
+    """The colour that the name of a channel states, as `Red`, `red` and `R` do; None: it states none."""
+    name = channel.casefold()
+    return next((colour for colour in COLOURS if name in (colour, colour[0])), None)
 
 
 def name_with(camera: str, channel: str | None) -> str:

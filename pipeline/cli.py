@@ -36,6 +36,7 @@ from pipeline.app.verbs.terminal import (
 from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.machine.process_limits import require_room
 from pipeline.machine.processor import pin
+from pipeline.spelling import printable
 
 app = new_family(
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
@@ -88,7 +89,7 @@ def check(
 
         for path in stages:
             for line in said_of(path, write=fix):
-                note(line)
+                note(printable(line))  # it names the file of the stage, which may have any name
     raise typer.Exit(Exit.USAGE if errors else Exit.DONE)
 
 
@@ -206,8 +207,8 @@ def verify(
     camera, target, point_id, microlens_k, _l and _type, target_ and camera_ coordinates, cell, ranges, rho against
     the blur, counts, no duplicates. For up to 64 target points of each camera all rows are derived again in all
     columns, and missing or surplus rows are reported. For 64 rows positions and visibility are judged by other rules
-    and other rays. Not derived again: images, rays.exr, micro-images, camera.json, poses.json and the certificate in
-    the manifest.
+    and other rays. Not derived again: images, rays.exr, micro-images, camera.json, poses.json, exports/ and the
+    certificate in the manifest.
     """
     from pipeline.app.verifying.verify import verify as verdict_on
     from pipeline.report.verdict import lines

@@ -57,12 +57,15 @@ class Format:
     Attributes
     ----------
     cameras, targets, reads
+    least_cameras : int
+        Fewest cameras, or channels of one, that it relates to each other.
     files : tuple of str
         Paths in its folder. `<camera>`, `<plenoptic camera>`, `<frame>` and `<pair>` (of cameras)
         stand for as many files.
     """
 
     cameras: Cameras
+    least_cameras: int = 1
     targets: Targets = Targets.ANY
     reads: frozenset[Reads] = frozenset({Reads.CORNERS})
     files: tuple[str, ...]
@@ -125,7 +128,7 @@ FORMATS = {
     "opencv": Format(
         cameras=_CONVENTIONAL, files=("<camera>.npz", "<camera>.yml", "stereo-<pair>.npz", "stereo-<pair>.yml")
     ),
-    "opencv-multiview": Format(cameras=_CONVENTIONAL, targets=Targets.ONE, files=("multiview.npz",)),
+    "opencv-multiview": Format(cameras=_CONVENTIONAL, least_cameras=2, targets=Targets.ONE, files=("multiview.npz",)),
     "mrcal": Format(cameras=_CONVENTIONAL, targets=Targets.BOARD, files=("corners.vnl", "<camera>.cameramodel")),
     "kalibr": Format(cameras=_CONVENTIONAL, targets=Targets.ONE, files=("target.yaml", "camchain.yaml", "corners.csv")),
     "colmap": Format(

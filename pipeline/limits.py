@@ -39,6 +39,8 @@ class Limits:
         Files that a stage is composed of.
     layer_bytes : int
         Size of one of these files.
+    picture_bytes, picture_pixels : int
+        Size of one picture on a surface or in the sky, and its pixels.
     prims : int
         Upper bound of the prims of a stage, in all variants.
     folder_bytes : int
@@ -58,6 +60,8 @@ class Limits:
     f_numbers: int = 100
     layers: int = 1_000
     layer_bytes: int = 256 * 2**20
+    picture_bytes: int = 256 * 2**20
+    picture_pixels: int = 40_000_000
     prims: int = 1_000_000
     folder_bytes: int = 256 * 2**30
     table_bytes: int = 256 * 2**20

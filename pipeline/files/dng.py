@@ -7,15 +7,13 @@ Digital Negative (DNG) Specification, Version 1.4.0.0, Adobe 2012.
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pipeline.channel_names import COLOURS, colour_of
 from pipeline.files.tiff import Kind, Name, Rows, Tag, write_tiff
-
-COLOURS = {"red": 0, "green": 1, "blue": 2, "cyan": 3, "magenta": 4, "yellow": 5, "white": 6}
-"""Filters that TIFF/EP numbers."""
 
 _VERSION, _READABLE_SINCE = (1, 4, 0, 0), (1, 1, 0, 0)
 """Version of the specification, and the oldest whose readers can read it: everything here is as old as that."""
@@ -39,7 +37,7 @@ class Negative:
     white_dn : int
         Value of saturation.
     filters : tuple of str
-        Names of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
+        Names with a colour of `COLOURS` of n x n pixels, row by row; one name: a camera without filters.
     exposure_time_s : float
         0: it is not stated.
     neutral : tuple of float
@@ -89,12 +87,18 @@ def _of_light(negative: Negative) -> Iterator[Tag]:
         yield Tag(Name(Name.ILLUMINANT + number), Kind.SHORT, (_LIGHTS.get(light, _OTHER_LIGHT),))
 
 
+def nameless_filters(filters: Iterable[str]) -> list[str]:
+    """Filters of a mosaic whose names state no colour that DNG knows; a sensor without a mosaic has none."""
+    names = sorted(set(filters))
+    return [name for name in names if colour_of(name) is None] if len(names) > 1 else []
+
+
 def _of_filters(filters: tuple[str, ...]) -> tuple[Tag, ...]:
     if len(set(filters)) == 1:
         return (Tag(Name.PHOTOMETRIC, Kind.SHORT, (_LINEAR_RAW,)),)
-    if unknown := sorted(set(filters) - COLOURS.keys()):
+    if unknown := nameless_filters(filters):
         raise ValueError(f"no DNG of the filters {', '.join(unknown)}: it knows {', '.join(COLOURS)}")
-    edge, numbers = math.isqrt(len(filters)), tuple(COLOURS[name] for name in filters)
+    edge, numbers = math.isqrt(len(filters)), tuple(COLOURS.index(colour_of(name) or "") for name in filters)
     return (
         Tag(Name.PHOTOMETRIC, Kind.SHORT, (_FILTER_ARRAY,)),
         Tag(Name.PATTERN_SIZE, Kind.SHORT, (edge, edge)),

@@ -12,6 +12,7 @@ The Python binding can lose data silently; this module prevents that:
 import errno
 import os
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
@@ -130,8 +131,8 @@ def read_exr(path: str | Path) -> dict[str, Part]:
     return {part.name: part for part in found}
 
 
-def read_foreign_exr(path: str | Path) -> dict[str, np.ndarray]:
-    """Channels (h, w) of the first part of a file of any program, by name.
+def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> dict[str, np.ndarray]:
+    """Channels (h, w) of the first part of a file of any program, by name; `require_few` may refuse the count of all.
 
     Raises
     ------
@@ -145,10 +146,11 @@ def read_foreign_exr(path: str | Path) -> dict[str, np.ndarray]:
         width, height = (int(side) for side in last.astype(np.int64) - first + 1)
         if 4 * width * height > MAX_COMPRESSION_RATIO * path.stat().st_size:
             raise DamagedFile(path, f"{width} x {height} pixels cannot come from so short a file")
+        require_few(sum(_values(part) for part in headers.parts))
         file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
-    except (RuntimeError, ValueError) as error:
-        raise DamagedFile(path, f"not a readable OpenEXR file ({error})") from error
-    found = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+        found = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+    except (RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError) as error:
+        raise DamagedFile(path, f"its header or its pixels are damaged ({error})") from error
     if any(pixels.shape != (height, width) for pixels in found.values()):
         raise DamagedFile(path, "its channels differ in size")
     return found
@@ -164,16 +166,20 @@ def _system_error(error: RuntimeError, path: Path) -> Exception:
 
 def _require_plausible_size(path: Path, headers: OpenEXR.File) -> None:
     """Refuse an implausible size before OpenEXR allocates memory: one wrong bit can ask for minutes and all memory."""
-    size = 0
     for part in headers.parts:
         tile = part.header.get("tiles")
         if tile is not None and (tile.xSize, tile.ySize) != (TILE_PX, TILE_PX):
             raise DamagedFile(path, f"tiles of {tile.xSize} x {tile.ySize} pixels, not of {TILE_PX}")
-        first, last = part.header["dataWindow"]
-        extent = last.astype(np.int64) - first + 1
-        size += 4 * len(part.header["channels"]) * int(extent[0]) * int(extent[1])
+    size = 4 * sum(_values(part) for part in headers.parts)
     if size > MAX_COMPRESSION_RATIO * path.stat().st_size:
         raise DamagedFile(path, f"{size} bytes of pixels cannot come from so short a file")
+
+
+def _values(part: OpenEXR.Part) -> int:
+    """Count of the numbers of a part, by its header."""
+    first, last = part.header["dataWindow"]
+    extent = last.astype(np.int64) - first + 1
+    return len(part.header["channels"]) * int(extent[0]) * int(extent[1])
 
 
 def _encode(part: Part, display: tuple[int, int], part_count: int, tiled: bool) -> OpenEXR.Part:

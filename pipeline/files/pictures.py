@@ -1,19 +1,25 @@
 """Pictures of other programs, for surfaces and skies: PNG, JPEG and OpenEXR, as linear numbers."""
 
 import io
+import os
 import tempfile
-from pathlib import Path
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import PipelineError
+from pipeline.files.damaged import DamagedFile
 from pipeline.files.exr import read_foreign_exr
+from pipeline.limits import how_to_raise, limits
 
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 """Formats of Pillow, by the end of the name of a file."""
+_IN_MEMORY = hasattr(os, "memfd_create")
+"""Whether the system has files in memory."""
 _BLACK_LEVEL, _SLOPE, _OFFSET, _POWER = 0.04045, 12.92, 0.055, 2.4
 """Numbers of sRGB's transfer function [1]: IEC 61966-2-1:1999."""
+_LARGEST = 1e9
+"""Largest number of a pixel [1]: the sun is about 1e5 times as bright as its sky, and single precision ends at 3e38."""
 
 
 def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
@@ -27,23 +33,41 @@ def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
     Raises
     ------
     PipelineError
-        The file cannot be read.
+        The file cannot be read, has too many pixels, or one that is no finite number.
     """
     if suffix == ".exr":
         return _with_four(_from_exr(content))
-    try:
-        with Image.open(io.BytesIO(content), formats=[_FORMATS[suffix]]) as picture:
-            deep = picture.mode.startswith("I;16")
-            kind = picture.mode if deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
-            pixels = np.array(picture if deep else picture.convert(kind))
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise PipelineError(f"a picture cannot be read: {error}", hint="write it anew as PNG or JPEG") from error
-    values = pixels.reshape(*pixels.shape[:2], -1) / (65535.0 if deep else 255.0)
+    pixels, scale = _from_8_or_16_bits(content, suffix)
+    values = pixels.reshape(*pixels.shape[:2], -1) / scale
     colours = values[..., : 1 if values.shape[2] < 3 else 3]
     if space == "sRGB" or (space == "auto" and colours.shape[2] == 3):
         low = colours / _SLOPE
         colours = np.where(colours <= _BLACK_LEVEL, low, ((colours + _OFFSET) / (1 + _OFFSET)) ** _POWER)
     return _with_four(np.concatenate([colours, values[..., colours.shape[2] :]], axis=2))
+
+
+def ends_of(content: bytes, suffix: str) -> tuple[float, float]:
+    """Numbers that no pixel of a picture lies below or above, as `decoded` gives them [1]; it raises what that does."""
+    if suffix != ".exr":
+        _from_8_or_16_bits(content, suffix)
+        return 0.0, 1.0
+    values = _from_exr(content)
+    return float(values.min()), float(values.max())
+
+
+def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
+    """Pixels of a PNG or JPEG file, (h, w) or (h, w, c), and the value of white."""
+    try:
+        with Image.open(io.BytesIO(content), formats=[_FORMATS[suffix]]) as picture:
+            _require_few(4 * picture.width * picture.height)
+            deep = picture.mode.startswith("I;16")
+            kind = picture.mode if deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
+            pixels = np.array(picture if deep else picture.convert(kind))
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        why = "" if isinstance(error, UnidentifiedImageError) else f": {error}"
+        hint = "write it anew as PNG or JPEG"
+        raise PipelineError(f"is no {_FORMATS[suffix]} that can be read{why}", hint=hint) from error
+    return pixels, 65535.0 if deep else 255.0
 
 
 def _with_four(values: np.ndarray) -> np.ndarray:
@@ -54,12 +78,31 @@ def _with_four(values: np.ndarray) -> np.ndarray:
     return np.concatenate([colours, opacity], axis=2).astype(np.float32)
 
 
+def _require_few(values: int) -> None:
+    """Refuse so many numbers, four for each pixel, before there is memory for them."""
+    pixels, most = -(-values // 4), limits().picture_pixels
+    if pixels > most:
+        what = f"has {values:,} numbers, as {pixels:,} pixels do; a picture may have {most:,} pixels"
+        raise PipelineError(what, hint=how_to_raise("picture_pixels", pixels))
+
+
 def _from_exr(content: bytes) -> np.ndarray:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "picture.exr"
-        path.write_bytes(content)
-        channels = read_foreign_exr(path)
+    # OpenEXR reads named files alone. A confined process can write no other than one in memory.
+    with os.fdopen(os.memfd_create("picture"), "wb") if _IN_MEMORY else tempfile.NamedTemporaryFile() as file:
+        file.write(content)
+        file.flush()
+        name = f"/proc/self/fd/{file.fileno()}" if _IN_MEMORY else file.name
+        try:
+            channels = read_foreign_exr(name, _require_few)
+        except DamagedFile as error:
+            what = f"is no OpenEXR file that can be read: {error.reason.replace(name, 'it')}"
+            raise PipelineError(what, hint="write it anew") from error
     names = [name for name in "RGBA" if name in channels] if {"R", "G", "B"} <= set(channels) else ["Y"]
     if not set(names) <= set(channels):
-        raise PipelineError(f"a picture has the channels {', '.join(sorted(channels))}", hint="it needs R, G, B or Y")
-    return np.stack([np.asarray(channels[name], np.float64) for name in names], axis=2)
+        raise PipelineError(f"has the channels {', '.join(sorted(channels))}", hint="it needs R, G, B or Y")
+    values = np.stack([channels[name] for name in names], axis=2)
+    odd = int(np.count_nonzero(~(np.abs(values) <= _LARGEST)))
+    if odd:
+        hint = "denoise it, or clip it where the sun is"
+        raise PipelineError(f"has {odd:,} numbers that are not finite, or beyond {_LARGEST:g}", hint=hint)
+    return values

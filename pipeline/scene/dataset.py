@@ -246,7 +246,7 @@ class Dataset:
     lamps : tuple of LampEntry
         With any, everything is lit by them; without, targets glow.
     pictures : tuple of PictureEntry
-        Pictures of a lit dataset.
+        Pictures that its prims name, whether lamps light it or not.
     exports : AskedExports
         Files of other programs that a build writes.
     meters_per_unit, up_axis : float, str

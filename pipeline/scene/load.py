@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pxr import Tf, Usd
+from pxr import Tf, Usd, UsdUtils
 
 from pipeline.confine.process import Guards
 from pipeline.errors import PipelineError, UsageError
@@ -20,7 +20,7 @@ from pipeline.scene.check.seen import check_seen
 from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry
 from pipeline.scene.edits.composed import Composed, composed
-from pipeline.scene.read.pictures import picture_files
+from pipeline.scene.read.pictures import picture_files, reading_below
 from pipeline.scene.read.prims import read_camera_entries, read_dataset, read_lens_entry
 from pipeline.scene.read.targets import read_target_entries
 from pipeline.scene.trust.asset_roots import file_of
@@ -101,6 +101,7 @@ def load(
     for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
         if flaw := flaw_of(Path(place)):
             raise UsageError(f"{what} {flaw}", hint="give it another name")
+    said = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
         with knowing() as texts:
             root, roots = real_path(path), allowed_roots(Path(path), allow_roots)
@@ -111,6 +112,8 @@ def load(
         # Damaged bytes of a binary layer that USD's own checks accept; any access raises an error.
         message = f"the stage, or a layer of it, is damaged: {_reason(error)}"
         return _refused([Problem(code="damaged", message=message, file=shown_path(real_path(path)), line=1)])
+    finally:
+        said.TakeUncoalescedDiagnostics()
 
 
 def _refused(problems: list[Problem]) -> Loaded:
@@ -127,7 +130,7 @@ def _loaded(layers: Look, look: bool) -> Loaded:
         return _refused(new)
     if ignored:
         return _refused(problems + ignored)
-    with unchanging():
+    with unchanging(), reading_below(layers.roots):
         return _read(stage, layers, look, problems)
 
 
@@ -142,7 +145,7 @@ def _read(stage: Usd.Stage, layers: Look, look: bool, problems: list[Problem]) -
         dataset = read_dataset(root) if root else None
         cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
     except UnreadableValue as error:  # no check has reported it
-        return _refused([*problems, problem(error.thing, error.code, error.what)])
+        return _refused([*problems, problem(error.thing, error.code, error.what, hint=error.hint)])
     except PipelineError as error:  # nor this
         file, code = shown_path(layers.root), error.code or "unreadable"
         return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.channel_names import colour_of
 from pipeline.files.exr import PRIMARIES_XY
 from pipeline.files.exr_bands import BandedPart, ExrWindows, write_bands
 from pipeline.files.png import write_png
@@ -14,17 +15,22 @@ from pipeline.tasks.artefacts.cameras import Inputs
 from pipeline.tasks.params.images import SPECTRAL
 from pipeline.tasks.params.images import ColourImage as Params
 
-LETTERS = {"red": "R", "green": "G", "blue": "B"}
-"""Names that other programs expect of channels in OpenEXR files, by ours; other channels keep theirs."""
+_LETTERS = {"red": "R", "green": "G", "blue": "B", "mono": "Y"}
+"""Names that other programs expect of channels in OpenEXR files, by colours, and of a sensor without channels."""
 _ROWS = 512
 """Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
+
+
+def letter_of(channel: str) -> str:
+    """Name of a channel in an OpenEXR file: its colour's letter, or its own."""
+    return _LETTERS.get(colour_of(channel) or channel, channel)
 
 
 def run(params: Params, inputs: Inputs, out: Path) -> None:
     """Write `name`.exr, relative irradiance of each channel, and `name`.png, an 8-bit preview."""
     name = params.name
     images = [ExrWindows(inputs[f"channel{i}"][f"{name}.exr"]) for i in range(len(params.channels))]
-    letters = [LETTERS.get(channel.name, channel.name) for channel in params.channels]
+    letters = [letter_of(channel.name) for channel in params.channels]
 
     def rows(first: int, end: int) -> dict[str, np.ndarray]:
         found = [image.rows(name, first, end)["Y"] for image in images]

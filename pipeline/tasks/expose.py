@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.channel_names import colour_of
 from pipeline.files.dng import Negative, write_dng
 from pipeline.files.exr_bands import ExrWindows
 from pipeline.files.png import write_png
@@ -16,15 +17,13 @@ from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera
-from pipeline.tasks.colour_image import LETTERS
+from pipeline.tasks.colour_image import letter_of
 from pipeline.tasks.params.exposing import DNG, PREVIEW, TIFF
 from pipeline.tasks.params.exposing import Expose as Params
 from pipeline.tasks.transmission import transmission_of
 
 _PART = "image"
 """The part of image.exr that holds relative irradiance."""
-_CHANNELS = {**LETTERS, "mono": "Y"}
-"""Channels of that part by the names that filters have; others have the same name there."""
 _PREVIEW_ROWS = 512
 """Rows that are made a preview at once: the formula takes some hundred bytes a pixel."""
 
@@ -44,12 +43,12 @@ def run(params: Params, inputs: Inputs, out: Path) -> None:
     def light(first: int, end: int) -> dict[str, np.ndarray]:
         pixels = {name: one.astype(float) for name, one in image.rows(_PART, first, end).items()}
         for name, one in lens.items():
-            pixels[_CHANNELS.get(name, name)] *= one.relative_rows(first, end, shape[1])
+            pixels[letter_of(name)] *= one.relative_rows(first, end, shape[1])
         return pixels
 
     def rows(first: int, end: int) -> np.ndarray:
         around = _with_margin(light, shape[0], (first, end), response.margin_px)
-        photons = {name: at_one[name] * around[_CHANNELS.get(name, name)] for name in response.channels}
+        photons = {name: at_one[name] * around[letter_of(name)] for name in response.channels}
         return digital_numbers(response, photons, shot, (first, 0))
 
     about = _about(params, at_one)
@@ -84,15 +83,15 @@ def _photons_at_one(params: Params, inputs: Inputs) -> dict[str, float]:
 def _colours(params: Params, photons_at_one: dict[str, float]) -> dict[str, Any]:
     """Fields of `Negative` about the colours of a mosaic of red, green and blue; of others nothing."""
     known, response = params.colorimetry, params.response
-    efficiency = dict(zip(response.channels, response.quantum_efficiency, strict=True))
-    electrons = {name: photons_at_one[name] * share for name, share in efficiency.items()}
+    efficiency = zip(response.channels, response.quantum_efficiency, strict=True)
+    electrons = {colour_of(name): photons_at_one[name] * share for name, share in efficiency}
     if not known or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
         return {}
-    of_unit, from_xyz = np.array([electrons[name] for name in PRIMARIES]) / known[0].counted, {}
+    of_unit, from_xyz = np.array([electrons[colour] for colour in PRIMARIES]) / known[0].counted, {}
     for one in known:
         white = of_unit * one.counted
         from_xyz[one.illuminant] = (white[:, None] / white.max() * np.linalg.inv(one.xyz_from_rgb)).tolist()
-    return {"neutral": tuple(electrons[name] / max(electrons.values()) for name in PRIMARIES), "from_xyz": from_xyz}
+    return {"neutral": tuple(electrons[colour] / max(electrons.values()) for colour in PRIMARIES), "from_xyz": from_xyz}
 
 
 def _with_margin(

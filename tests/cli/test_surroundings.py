@@ -9,13 +9,23 @@ from pathlib import Path
 import pytest
 
 from pipeline.app.build import default_out
+from pipeline.jit.decorators import cache_folder
 
 ODD = os.fsdecode(b"b\xff")
 DEEP = "/".join(["y" * 200] * 21)
 
 
 @pytest.mark.parametrize("verb", ["build", "plan", "status"])
-@pytest.mark.parametrize(("out", "word"), [(ODD, "not UTF-8"), ("x" * 300, "255 bytes"), (DEEP, "4096 bytes")])
+@pytest.mark.parametrize(
+    ("out", "word"),
+    [
+        (ODD, "not UTF-8"),
+        ("ä".encode().decode("ascii", "surrogateescape"), "PYTHONUTF8=1"),
+        ("x" * 300, "255 bytes"),
+        (DEEP, "4096 bytes"),
+        (str(cache_folder().parent), "compiled kernels"),
+    ],
+)
 def test_an_output_folder_that_cannot_be_is_refused(pipeline, stage, verb, out, word):
     code, output, log = pipeline(verb, stage(), "-o", out)
     assert (code, output) == (2, "") and word in log and "-o" in log

@@ -2,9 +2,12 @@
 
 import contextlib
 import json
+import os
 import random
 import shutil
 import signal
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,8 +24,11 @@ from pipeline.errors import PipelineError
 
 _LONGEST_S = 300
 """A verification that takes longer hangs; one takes some seconds."""
-_SHORT = ("sigma_x_px", "rows dropped", "correspondences.csv: FIFO", "image.exr: one bit, signed", "half a character")
-"""Some of the cases, for the tests: each ends the name of one."""
+_SHORT = (
+    ("sigma_x_px", "rows dropped", "correspondences.csv: FIFO", "image.exr: one bit, signed", "half a character"),
+    (".exr: cut, signed", "export.json: FIFO"),
+)
+"""Some of the cases of each folder, for the tests: each ends the name of one."""
 
 Case = tuple[str, Callable[[Path, random.Random], object]]
 
@@ -34,13 +40,13 @@ class Hung(BaseException):
 def doctored_folders(bench: Workbench) -> Row:
     """Every lie, odd file and broken manifest is a finding: none agrees, ends in a traceback, or hangs."""
     row = Row("R34", "doctored output folders, and odd things in them: what verify says")
-    folders = [bench.folder / "right/out", *([_plenoptic(bench)] if bench.whole else [])]
+    folders = [bench.folder / "right/out", _with_pictures(bench), *([_plenoptic(bench)] if bench.whole else [])]
     ends: Counter[str] = Counter(agreed=0, tracebacks=0, hung=0)
     for number, right in enumerate(folders):
         row.wrong += _end(right) != "agreed"
-        cases = list(_cases(right, has_microlenses=number > 0))
-        chosen = cases if bench.whole else [next(one for one in cases if one[0].endswith(end)) for end in _SHORT]
-        for what, doctor in chosen:
+        cases = list(_of_others(right) if number == 1 else _cases(right, has_microlenses=number > 1))
+        few = () if bench.whole else _SHORT[number]
+        for what, doctor in [next(one for one in cases if one[0].endswith(end)) for end in few] or cases:
             end = _doctored(bench, right, doctor)
             ends[end] += 1
             row.tried += 1
@@ -67,6 +73,16 @@ def _cases(right: Path, *, has_microlenses: bool) -> Iterator[Case]:
         yield f"a manifest: {what}", lambda out, chance, data=data: _manifest(out).write_bytes(data)
     for what, change in ENTRIES.items():
         yield f"an entry: {what}", lambda out, chance, change=change: _change(_manifest(out), change)
+
+
+def _of_others(right: Path) -> Iterator[Case]:
+    """The same of files that are not ours: exports with every oddity, and pictures with digests that fit, too."""
+    for name, what in odd_files(right):
+        if name.startswith(("exports/", "pictures/")):
+            yield f"{name}: {what}", lambda out, chance, name=name, what=what: ODDITIES[what](out / name)
+    for name, what, doctor in damaged_files(right):
+        if name.startswith("pictures/"):
+            yield f"{name}: {what}, signed", doctor
 
 
 def _doctored(bench: Workbench, right: Path, doctor: Callable[[Path, random.Random], object]) -> str:
@@ -112,10 +128,26 @@ def _change(path: Path, change: Callable[[dict], object]) -> None:
     path.write_text(json.dumps(parsed), encoding="utf-8")
 
 
+def _with_pictures(bench: Workbench) -> Path:
+    """A finished build below a sky that is an OpenEXR file, with exports; USD writes its stage in another process."""
+    place = bench.new_place()
+    code = (
+        "import sys; from pathlib import Path; from hostile.attempt import write; from hostile.values import Attempt\n"
+    )
+    code += "formats = Attempt('sky', '', 'plen:exports', 'token[]', ['npz', 'opencv'])\n"
+    code += "sky = Attempt('sky', 'Lamp', 'inputs:texture:file', 'asset', './grey.exr', formats)\n"
+    code += "write(sky, Path(sys.argv[1]))"
+    paths = os.pathsep.join(filter(None, sys.path))
+    subprocess.run([sys.executable, "-c", code, str(place)], check=True, env={**os.environ, "PYTHONPATH": paths})
+    return _built(place / "dataset.usda", place)
+
+
 def _plenoptic(bench: Workbench) -> Path:
     """A finished build of the camera with microlenses."""
-    place = bench.new_place()
-    stage = STAGE.parents[1] / "tiny_plenoptic/dataset.usda"
+    return _built(STAGE.parents[1] / "tiny_plenoptic/dataset.usda", bench.new_place())
+
+
+def _built(stage: Path, place: Path) -> Path:
     project = project_of_untrusted(stage, place / "out", ())
     build(project, ALONE, store=Store(place / "store"))
     return place / "out"

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 import zipfile
+from base64 import b64decode
 from pathlib import Path
 
 from faults.workbench import Row, Workbench
@@ -48,6 +49,7 @@ def main(whole: bool, folder: str) -> None:
     tally.nesting()
     tally.swaps("part.usda", 1000 if whole else 30)
     tally.swaps("part.usdz", 100 if whole else 3)
+    tally.swaps("picture.png", 1000 if whole else 30)
     if whole:
         tally.untrusted(24)
     print(json.dumps({"tried": tally.tried, "failed": tally.failed, "wrong": len(tally.notes), "notes": tally.notes}))
@@ -74,7 +76,11 @@ class Tally:
             self._read("nested.usda", (HEAD + opening * 100_000 + closing * 100_000).encode())
 
     def swaps(self, name: str, count: int) -> None:
-        """A link that leads now inside and now outside while a stage is read that references a file below it."""
+        """A link that leads now inside and now outside while a stage is read that names a file below it."""
+        from hostile.attempt import write
+        from hostile.values import Attempt
+        from PIL import Image, PngImagePlugin
+
         from pipeline.scene.load import load
 
         outside = Path(tempfile.mkdtemp(dir=self.folder.parent))
@@ -83,7 +89,14 @@ class Tally:
             (place / "part.usda").write_text(text)
             with zipfile.ZipFile(place / "part.usdz", "w") as archive:
                 archive.write(place / "part.usda", "part.usda")
-        (self.folder / "swapped.usda").write_text(STAGE.replace("part.usda", name))
+            note = PngImagePlugin.PngInfo()
+            note.add_text("doc", text)
+            Image.new("L", (1, 1)).save(place / "picture.png", pnginfo=note)
+        if name == "picture.png":
+            sky = Attempt("sky", "Lamp", "inputs:texture:file", "asset", f"./folder/{name}")
+            write(sky, self.folder).rename(self.folder / "swapped.usda")
+        else:
+            (self.folder / "swapped.usda").write_text(STAGE.replace("part.usda", name))
         (self.folder / "folder").unlink(missing_ok=True)
         (self.folder / "folder").symlink_to("own")
         code = "import itertools, os, sys\nfor to in itertools.cycle(sys.argv[2:]):\n"
@@ -93,7 +106,9 @@ class Tally:
         try:
             for _ in range(count):
                 loaded = load(self.folder / "swapped.usda")
+                pictures = loaded.dataset.pictures if loaded.dataset else ()
                 told = loaded.flattened + "".join(map(str, loaded.problems))
+                told += "".join(str(b64decode(one.encoded)) for one in pictures)
                 self.tried += 1
                 self.failed += bool(loaded.errors)
                 if "SECRET" in told or not (loaded.errors or "PUBLIC" in told):

@@ -108,6 +108,7 @@ def test_zemax_names_what_it_cannot_keep(tmp_path: Path) -> None:
         ("  GLAS MIRROR 0 0 1.5 40", "a.zmx:9: surface 1 is a mirror"),
         ("  GLAS NOSUCH 0 0 1.5 40", "a.zmx:9: surface 1: the file gives no index of glass NOSUCH"),
         ("  DISZ INFINITY", "a.zmx:4: surface 1 is infinitely far"),
+        ("UNIT METER\n  TYPE EVENASPH\n  PARM -200 1", "a.zmx: holds numbers from which no lens can be computed"),
     ],
 )
 def test_zemax_refuses_with_file_and_line(line: str, said: str, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ MOSAICS = [
     (("red", "green", "green", "blue"), [[0, 1], [3, 2]]),
     (("green", "blue", "red", "green"), [[3, 2], [0, 1]]),
     (("blue", "green", "green", "red"), [[2, 3], [1, 0]]),
+    (("Red", "G", "G", "BLUE"), [[0, 1], [3, 2]]),
 ]
 """Filters, and the pattern that LibRaw tells of them: 0 red, 1 green, 2 blue, 3 the green beside blue."""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from hostile.pictures import lay_pictures
 from hostile.values import Attempt
 
 from pipeline.app.build import project_from
@@ -62,6 +63,7 @@ class Tally:
 def write(attempt: Attempt, folder: Path) -> Path:
     """The stage of an attempt, as a file."""
     path = folder / "dataset.usda"
+    lay_pictures(folder)
     path.write_bytes(attempt.text().encode("utf-8", "surrogatepass"))
     return path
 
@@ -136,6 +138,8 @@ def build(attempt: Attempt, loaded: Loaded, folder: Path, tally: Tally) -> None:
 
 def non_finite(file: Path) -> list[str]:
     """What in a file of the output folder is infinite or no number although its description names no such thing."""
+    if file.parent.name == "pictures":
+        return []  # as the stage has them
     if file.suffix == ".exr":
         return [
             f"{part.name}.{name} {bad}" for part in read_exr(file).values() for name, bad in _bad_channels(file, part)

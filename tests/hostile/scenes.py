@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from pxr import Gf, Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Sdr, Usd, UsdGeom, UsdShade
 from stage_text import head
 
 BASE = (
@@ -86,9 +86,13 @@ def PlenDataset "Scene"
     }
 
     def Mesh "Screen" (
-        prepend apiSchemas = ["PlenOccluderAPI"]
+        prepend apiSchemas = ["MaterialBindingAPI", "PlenOccluderAPI"]
     )
     {
+        rel material:binding = </Scene/Paint>
+        texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1)] (
+            interpolation = "vertex"
+        )
         int[] faceVertexCounts = [3]
         int[] faceVertexIndices = [0, 1, 2]
         point3f[] points = [(4, 0, 0), (9, 0, 0), (4, 9, 0)]
@@ -104,9 +108,45 @@ def PlenDataset "Scene"
         double3 xformOp:translate = (0, 200, -100)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
+
+    def Material "Paint"
+    {
+        token outputs:surface.connect = </Scene/Paint/Surface.outputs:surface>
+
+        def Shader "Surface"
+        {
+            uniform token info:id = "UsdPreviewSurface"
+            color3f inputs:diffuseColor.connect = </Scene/Paint/Picture.outputs:rgb>
+            float inputs:opacityThreshold = 0.1
+            token outputs:surface
+        }
+
+        def Shader "Picture"
+        {
+            uniform token info:id = "UsdUVTexture"
+            asset inputs:file = @./picture.png@
+            float2 inputs:st.connect = </Scene/Paint/Turn.outputs:result>
+            float3 outputs:rgb
+        }
+
+        def Shader "Turn"
+        {
+            uniform token info:id = "UsdTransform2d"
+            float2 inputs:in.connect = </Scene/Paint/Reader.outputs:result>
+            float2 outputs:result
+        }
+
+        def Shader "Reader"
+        {
+            uniform token info:id = "UsdPrimvarReader_float2"
+            string inputs:varname = "st"
+            float2 outputs:result
+        }
+    }
 }
 """
 )
+_SHADERS = ("Paint/Surface", "Paint/Picture", "Paint/Turn", "Paint/Reader")
 
 
 @dataclass(frozen=True)
@@ -117,10 +157,10 @@ class Scene:
     ----------
     edits : dict
         (prim below /Scene, attribute) -> value, on top of BASE.
-    kind : str
-        Prim type of "Board", with values of its own.
+    kind, lamp : str
+        Prim types of "Board", with values of its own, and of "Lamp".
     whole : tuple of str
-        Prims of which every property is tried, not the edited ones alone: ours, and of cameras and meshes USD's own.
+        Prims of which every property is tried, not the edited ones alone: ours, and of other prims USD's own.
     responds : bool
         Whether "Sensor" has PlenSensorResponseAPI.
     """
@@ -129,6 +169,7 @@ class Scene:
     kind: str = "PlenCheckerboard"
     whole: tuple[str, ...] = ()
     responds: bool = False
+    lamp: str = "RectLight"
 
     def stage(self) -> Usd.Stage:
         """The scene, in memory."""
@@ -142,6 +183,11 @@ class Scene:
         if self.kind == "PlenMeshTarget":
             Sdf.CopySpec(layer, "/Scene/Screen", layer, "/Scene/Board/Mesh")
             layer.GetPrimAtPath("/Scene/Board/Mesh").ClearInfo("apiSchemas")
+            _unpaint(layer.GetPrimAtPath("/Scene/Board/Mesh"))
+        layer.GetPrimAtPath("/Scene/Lamp").typeName = self.lamp
+        if self.lamp != "RectLight":
+            for name in ("height", "width"):
+                del layer.GetPrimAtPath("/Scene/Lamp").properties[f"inputs:{name}"]
         self._leave_out_what_nobody_asks_for(layer)
         stage = Usd.Stage.Open(layer)
         if self.responds:
@@ -159,7 +205,11 @@ class Scene:
             del root.nameChildren["Array"]
         if "Lamp" not in self.whole:
             del root.nameChildren["Lamp"]
-        if "Screen" not in self.whole:
+        is_painted = any(at.startswith("Paint") for at in self.whole)
+        if not is_painted:
+            del root.nameChildren["Paint"]
+            _unpaint(layer.GetPrimAtPath("/Scene/Screen"))
+        if not is_painted and "Screen" not in self.whole:
             del root.nameChildren["Screen"]
             del root.properties["plen:occluders"]
 
@@ -168,17 +218,30 @@ class Scene:
         stage, found = self.stage(), dict.fromkeys(self.edits)
         for at in self.whole:
             prim = path_of(stage, at)
-            names, is_read = (
-                prim.GetPrimDefinition().GetPropertyNames(),
-                prim.GetTypeName() in ("Camera", "Mesh", "RectLight"),
-            )
-            found |= dict.fromkeys((at, name) for name in names if is_read or name.startswith("plen:"))
+            names, is_ours = prim.GetPrimDefinition().GetPropertyNames(), prim.GetTypeName().startswith("Plen")
+            if at == "Lamp" and self.lamp != "RectLight":  # what all lamps have is tried on one
+                names = set(names) - set(
+                    Usd.SchemaRegistry().FindConcretePrimDefinition("RectLight").GetPropertyNames()
+                )
+            names = [*sorted(names), *(f"inputs:{name}" for name in inputs_of(prim))]
+            found |= dict.fromkeys((at, name) for name in names if name.startswith("plen:") or not is_ours)
         return list(found)
+
+
+def _unpaint(mesh: Sdf.PrimSpec) -> None:
+    for name in ("material:binding", "primvars:st"):
+        del mesh.properties[name]
 
 
 def path_of(stage: Usd.Stage, at: str) -> Usd.Prim:
     """A prim by its path below /Scene."""
     return stage.GetPrimAtPath(f"/Scene/{at}".rstrip("/"))
+
+
+def inputs_of(prim: Usd.Prim) -> dict[str, Sdr.ShaderProperty]:
+    """Inputs of a shader by the definition of USD; none of any other prim."""
+    shader = prim.IsA(UsdShade.Shader) and Sdr.Registry().GetShaderNodeByIdentifier(UsdShade.Shader(prim).GetShaderId())
+    return {name: shader.GetShaderInput(name) for name in shader.GetShaderInputNames()} if shader else {}
 
 
 def put(stage: Usd.Stage, at: str, name: str, value: Any) -> None:
@@ -277,6 +340,10 @@ SCENES: dict[str, Scene] = {
         _of("", exports=["npz", "opencv"], exports__position="exact", exports__noise=0.1, exports__outliers=0.1)
         | _of("", exports__outlierReach=9.0, exports__missed=0.1, exports__noiseSeed=2)
     ),
+    "exports behind microlenses": Scene(
+        _PLENOPTIC | _of("", exports=["libpleno"]) | _of("Board", columns=3, rows=2, squareSize=4.0, markerSize=3.0),
+        "PlenCharuco",
+    ),
     "white images": Scene(_PLENOPTIC | _of("Camera", image__fNumbers=[16.0], image__diffraction=True)),
     "catalogue": Scene(_SINGLET | {("Lens/Front", "plen:abbe"): 64.17}),
     "ideal": Scene(_of("Lens/Stop", focalLength=5000.0)),
@@ -298,6 +365,16 @@ SCENES: dict[str, Scene] = {
         | _of("Camera", image__bounces=1),
         whole=("Lamp", "Screen"),
     ),
+    "painted": Scene(
+        {("Screen", "material:binding"): [Sdf.Path("/Scene/Paint")]}
+        | {("Screen", "primvars:st"): [(0, 0), (1, 0), (0, 1)]},
+        whole=("Lamp", "Paint", *_SHADERS),
+        lamp="DistantLight",
+    ),
+    "painted without lamps": Scene({("Board", "plen:white"): 0.9}, whole=_SHADERS[1:2]),
+    "sky": Scene({("Lamp", "inputs:texture:file"): Sdf.AssetPath("./picture.png")}, whole=("Lamp",), lamp="DomeLight"),
+    **{f"{kind} lamp": Scene(whole=("Lamp",), lamp=f"{kind}Light") for kind in ("Disk", "Sphere", "Cylinder")},
+    "other sky": Scene(whole=("Lamp",), lamp="DomeLight_1"),
     "patches": Scene(_of("Board", ink__patch="cyan", paper__patch="white 9.5 (.05 D)")),
     "photons": Scene(_PHOTONS, responds=True),
     "radiance": Scene(_RADIANCE | _TABLES, responds=True),

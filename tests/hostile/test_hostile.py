@@ -8,14 +8,18 @@ from pathlib import Path
 
 import pytest
 from hostile.attempt import BUILD_S, Tally, build, build_s, check
+from hostile.pictures import PICTURES, lay_pictures
 from hostile.scenes import SCENES
-from hostile.values import Attempt, attempts
-from pxr import Gf, Sdf, Usd, UsdGeom
+from hostile.values import WITHOUT_VALUES, Attempt, attempts, pairs, type_of
+from pxr import Gf, Sdf, Sdr, Usd, UsdGeom
 
+from pipeline.export_formats import FORMATS
 from pipeline.scene.load import load
+from pipeline.scene.read.lamps import KINDS
 from pipeline.share import share
 
-FEW = 200
+SHADERS = ("UsdPreviewSurface", "UsdUVTexture", "UsdTransform2d", "UsdPrimvarReader_float2")
+FEW = 300
 """`make test` tries one of so many values."""
 SHARDS = [pytest.param(n, marks=pytest.mark.heavy) for n in range(0, 30, 3)]
 """`make proofs` tries a third of all values: shards of thirty."""
@@ -30,30 +34,40 @@ LONGEST_BUILD_S = 2 * BUILD_S
 
 def test_every_scene_is_right_before_a_hostile_value_is_put_into_it(tmp_path):
     path = tmp_path / "dataset.usda"
+    lay_pictures(tmp_path)
     for name, scene in SCENES.items():
         path.write_text(scene.stage().GetRootLayer().ExportToString(), encoding="utf-8")
         assert load(path).errors == [], name
 
 
 def test_every_attribute_and_relationship_is_tried_with_hostile_values():
-    """All of our schemas, all of USD's cameras and meshes, all that moves a prim or is said of a whole stage."""
+    """All of our schemas, all of USD's cameras, meshes, lamps and shaders, all that moves a prim or is said of a whole
+    stage; and every export and picture.
+    """
     layer = Sdf.Layer.FindOrOpen(str(share("schemas") / "plenScene/resources/plenScene/schema.usda"))
     wanted = {prop.name for prim in layer.rootPrims for prop in prim.properties}
     registry = Usd.SchemaRegistry()
-    for name in ("Camera", "Mesh"):
-        wanted |= set(registry.FindConcretePrimDefinition(name).GetPropertyNames())
+    for name in ("Camera", "Mesh", "Material", "Shader", *KINDS):
+        definition = registry.FindConcretePrimDefinition(name)
+        wanted |= {one for one in definition.GetPropertyNames() if type_of(definition, one) not in WITHOUT_VALUES}
+    for name in SHADERS:
+        wanted |= {f"inputs:{one}" for one in Sdr.Registry().GetShaderNodeByIdentifier(name).GetShaderInputNames()}
     wanted |= {f"xformOp:{UsdGeom.XformOp.GetOpTypeToken(kind)}" for kind in UsdGeom.XformOp.Type.allValues[1:]}
     wanted |= {"metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode", "defaultPrim"}
     counts = Counter(attempt.name for attempt in attempts())
     assert {name: counts[name] for name in wanted if counts[name] < FEWEST} == {}
     assert {attempt.name for attempt in attempts() if attempt.type_name == "rel"} >= {"plen:mesh", "plen:targets"}
+    assert {text for one in attempts() if one.name == "plen:exports" for text in one.value} >= set(FORMATS)
+    named = {(one.at, one.value.path) for one in attempts() if one.type_name == "asset"}
+    assert named >= {(at, f"./{name}") for at in ("Lamp", "Paint/Picture") for name in PICTURES}
 
 
 def test_whatever_of_usd_is_read_is_tried(tmp_path, monkeypatch):
     """What `check` asks a prim for: an attribute that it begins to read must be of a type that is tried as a whole."""
     asked, get = set(), Usd.Prim.GetAttribute
     monkeypatch.setattr(Usd.Prim, "GetAttribute", lambda prim, name: asked.add(name) or get(prim, name))
-    for name in ("conventional", "plenoptic", "mesh"):
+    lay_pictures(tmp_path)
+    for name in ("conventional", "plenoptic", "mesh", "painted", "sky", "Cylinder lamp"):
         (tmp_path / "dataset.usda").write_text(SCENES[name].stage().GetRootLayer().ExportToString(), encoding="utf-8")
         assert not load(tmp_path / "dataset.usda", look=True).errors
     assert {"points", "plen:points"} <= asked <= {attempt.name for attempt in attempts()}
@@ -87,7 +101,7 @@ def test_a_build_may_take_as_long_as_the_rays_that_are_asked_for(tmp_path):
 
 
 def test_some_hostile_values_do_no_harm(tmp_path, capsys):
-    some = random.Random(11).sample(attempts(), len(attempts()) // FEW)
+    some = random.Random(11).sample(attempts(), len(attempts()) // FEW) + pairs(attempts(), 10)
     tally = _tally(some, tmp_path, builds=1)
     with capsys.disabled():
         print(f"\n{tally}")
@@ -100,6 +114,16 @@ def test_no_hostile_value_does_harm(shard, tmp_path, capsys):
     random.Random(11).shuffle(some)
     some = some[shard :: len(SHARDS)]
     tally = _tally(some, tmp_path, builds=None)
+    with capsys.disabled():
+        print(f"\n{tally}")
+    assert not tally.wrong, tally.wrong
+
+
+@pytest.mark.heavy
+def test_no_pair_of_hostile_values_does_harm(tmp_path, capsys):
+    """Of values that `check` accepts one by one: others are refused in pairs as they are alone."""
+    some = random.Random(3).sample(attempts(), 1500)
+    tally = _tally(pairs([one for one in some if check(one, tmp_path, Tally())], 500), tmp_path, builds=60)
     with capsys.disabled():
         print(f"\n{tally}")
     assert not tally.wrong, tally.wrong

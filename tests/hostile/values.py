@@ -1,11 +1,13 @@
 """Every attribute of the schemas, and of USD what is used of it, with every hostile value of its type."""
 
 import math
+import random
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from hostile.scenes import SCENES, metadata, path_of, put, xform_ops
+from hostile.pictures import PICTURES
+from hostile.scenes import SCENES, inputs_of, metadata, path_of, put, xform_ops
 from pxr import Sdf, Usd, Vt
 
 from pipeline.scene.usd.values import range_of
@@ -14,8 +16,10 @@ FLOATS = (0.0, -0.0, 5e-324, 1e-30, -1.0, -1e-9, 1e9, 1e155, -1e155, 1.7e308, ma
 INTS = (0, -1, 1, 7, 65536, 2**31 - 1, -(2**31))
 LONG = "n" * 100_000
 TEXTS = ("", "bogus", LONG, "a\x1b[31m\x07\r\nb", "\u202eabc", "Ünïcode", "../../x", "%s{}")
-FILES = ("", "./nowhere.png", "./dataset.usda", "/dev/zero")
+FILES = ("", "./nowhere.png", "./dataset.usda", "/dev/zero", *(f"./{name}" for name in PICTURES))
 LENGTHS = (0, 1, 2, 1_000, 100_000)
+WITHOUT_VALUES = ("opaque", "pathExpression")
+"""Types whose values Python has no type for."""
 BACK = "/Scene/Back.custom:rel"
 """A relationship that points at whatever points at it."""
 LINKS: tuple[list[str], ...] = (
@@ -51,19 +55,26 @@ WRITTEN = {
 
 @dataclass(frozen=True)
 class Attempt:
-    """One property of one scene with one hostile value."""
+    """One property of one scene with one hostile value, and another of the same scene if there is one."""
 
     scene: str
     at: str
     name: str
     type_name: str
     value: Any
+    also: "Attempt | None" = None
 
     def text(self) -> str:
         """The stage, as usda."""
-        if self.type_name == "metadata":
-            return _with_metadata(SCENES[self.scene].stage(), self.name, self.value)
         stage = SCENES[self.scene].stage()
+        if self.type_name == "metadata":
+            return _with_metadata(stage, self.name, self.value)
+        for one in filter(None, (self, self.also)):
+            one.put(stage)
+        return stage.GetRootLayer().ExportToString()
+
+    def put(self, stage: Usd.Stage) -> None:
+        """Author this value alone."""
         prim = path_of(stage, self.at)
         if self.type_name == "rel":
             put(stage, self.at, self.name, [Sdf.Path(path) for path in self.value])
@@ -82,11 +93,11 @@ class Attempt:
                 attribute.Set(self.value)
             if self.name.startswith("xformOp:"):
                 prim.GetAttribute("xformOpOrder").Set(["xformOp:translate", *{self.name} - {"xformOp:translate"}])
-        return stage.GetRootLayer().ExportToString()
 
     def __str__(self) -> str:
         shown = repr(self.value)
-        return f"{self.scene}: {self.at}.{self.name} = {shown if len(shown) < 60 else shown[:60] + '…'}"
+        other = f" and {self.also}" if self.also else ""
+        return f"{self.scene}: {self.at}.{self.name} = {shown if len(shown) < 60 else shown[:60] + '…'}{other}"
 
 
 def attempts() -> list[Attempt]:
@@ -102,22 +113,36 @@ def attempts() -> list[Attempt]:
     return found
 
 
+def pairs(some: list[Attempt], count: int) -> list[Attempt]:
+    """Two of some hostile values together, of different properties of the same scene, drawn by chance."""
+    dice, found = random.Random(count), list[Attempt]()
+    while len(found) < count:
+        one, other = dice.choice(some), dice.choice(some)
+        is_apart = (one.at, one.name) != (other.at, other.name) and "metadata" not in (one.type_name, other.type_name)
+        if one.scene == other.scene and is_apart:
+            found.append(replace(one, also=other))
+    return found
+
+
 def _of_scene(scene: str) -> Iterator[Attempt]:
     stage = SCENES[scene].stage()
     for at, name in SCENES[scene].tried():
         prim = path_of(stage, at)
         definition = prim.GetPrimDefinition()
-        attribute = definition.GetAttributeDefinition(name)
-        if not attribute:
+        shader = inputs_of(prim).get(name.removeprefix("inputs:"))
+        attribute = definition.GetAttributeDefinition(name) or (not shader and prim.GetAttribute(name))
+        if not (attribute or shader):
             links = [*LINKS, [str(prim.GetPath())], [f"{prim.GetPath()}.{name}"]]
             yield from (Attempt(scene, at, name, "rel", link) for link in links)
             continue
-        kind = str(attribute.GetTypeName())
-        if kind in ("opaque", "pathExpression"):  # values that Python has no type for
+        kind = str(shader.GetTypeAsSdfType().GetSdfType() if shader else attribute.GetTypeName())
+        if kind in WITHOUT_VALUES:
             continue
         doc = definition.GetPropertyMetadata(name, "documentation") or ""
         tokens = definition.GetPropertyMetadata(name, "allowedTokens") or ()
-        for value in [*values(kind, doc, prim.GetAttribute(name).Get(1)), *_tokens(kind, tokens)]:
+        tokens = [token for token, _ in shader.GetOptions()] if shader else tokens
+        usual = prim.GetAttribute(name).Get(1) if prim.GetAttribute(name) else None
+        for value in [*values(kind, doc, usual), *_tokens(kind, tokens)]:
             yield Attempt(scene, at, name, kind, value)
         yield Attempt(scene, at, name, "wrong", "a text")
 
@@ -175,6 +200,12 @@ def _tokens(kind: str, tokens: Any) -> list[Any]:
     if not kind.endswith("[]"):
         return list(tokens)
     return [Vt.TokenArray([token]) for token in tokens] + ([Vt.TokenArray(list(tokens) * 2)] if tokens else [])
+
+
+def type_of(definition: Usd.PrimDefinition, name: str) -> str:
+    """Type of an attribute of a schema; empty for a relationship."""
+    attribute = definition.GetAttributeDefinition(name)
+    return str(attribute.GetTypeName()) if attribute else ""
 
 
 def _type(name: str) -> Sdf.ValueTypeName:

@@ -264,7 +264,7 @@ def test_a_texture_without_file_or_coordinates_is_named_at_its_shader(tmp_path):
         (content.replace("@picture.png@", "@absent.png@"), "asset-missing", "absent.png"),
         (content.replace("texCoord2f[] primvars:st", "texCoord2f[] primvars:uv"), "unreadable-value", "primvars:st"),
         (content.replace("UsdPrimvarReader_float2", "UsdPrimvarReader_float3"), "not-yet-supported", "connect a"),
-        (content.replace('Space = "raw"', 'Space = "linear"'), "not-yet-supported", "auto, raw, sRGB"),
+        (content.replace('Space = "raw"', 'Space = "linear"'), "unreadable-value", "raw, sRGB, auto"),
     ]
     for text, code, word in broken:
         errors = loaded(tmp_path, text).errors

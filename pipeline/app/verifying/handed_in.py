@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.app.sandbox import project_of_untrusted
-from pipeline.app.verifying.readable import unreadable
+from pipeline.app.verifying.readable import is_of_stage, unreadable
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved
 from pipeline.camera.parts.camera import Camera, Sampling
@@ -126,8 +126,10 @@ class HandedIn:
 
     def project(self) -> Project | None:
         """Project of the folder's stage. If it cannot be read: None, and a problem is added."""
+        folder, named = ForeignFolder(self.root), sorted(filter(is_of_stage, self.manifest.files))
         try:
-            project = _project(ForeignFolder(self.root).read(STAGE, limits().layer_bytes))
+            pictures = tuple((name, folder.read(name, limits().picture_bytes)) for name in named)
+            project = _project(folder.read(STAGE, limits().layer_bytes), pictures)
         except Unfit as reason:
             self._add(f"{STAGE} {reason}")
             return None
@@ -219,11 +221,13 @@ def _focused(focus: Focus, planes: Planes) -> Camera:
 
 
 @functools.lru_cache(maxsize=1)
-def _project(stage: bytes) -> Project:
-    """The project of a stage that stands alone in an empty folder, so that it finds no other file to read."""
+def _project(stage: bytes, pictures: tuple[tuple[str, bytes], ...]) -> Project:
+    """The project of a stage that stands with its pictures in an empty folder, so that it finds no other file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder).resolve() / STAGE
-        path.write_bytes(stage)
+        for name, content in ((STAGE, stage), *pictures):
+            (path.parent / name).parent.mkdir(exist_ok=True)
+            (path.parent / name).write_bytes(content)
         try:
             return project_of_untrusted(path, Path(folder), ())
         except UsageError as error:

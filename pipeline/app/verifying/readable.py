@@ -6,6 +6,7 @@ The process writes one line per file. If a reader crashes, the file is known, an
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -28,6 +29,8 @@ _TOO_LARGE = f"needs more than {MEMORY_BYTES // 2**30} GiB of memory"
 
 _OTHERS = "exports/"
 """Folder of the files of other programs, whose readers are not ours: their digests are compared."""
+_PICTURES = re.compile(r"pictures/[0-9a-f]{16}\.\w+")
+"""Names of pictures of the stage, by their content: the stage is read with them."""
 _ENDINGS = (".exr", ".png", ".json", ".csv", ".tiff", ".dng")
 
 Reader = Callable[[Path], Any]
@@ -35,7 +38,8 @@ Reader = Callable[[Path], Any]
 
 def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[str, str]]:
     """Files with damaged content, and files too large to be checked: name -> reason each."""
-    left = [name for name in sorted(names) if Path(name).suffix in _ENDINGS and not name.startswith(_OTHERS)]
+    ours = (name for name in sorted(names) if not name.startswith(_OTHERS) and not is_of_stage(name))
+    left = [name for name in ours if Path(name).suffix in _ENDINGS]
     damaged, unknown = dict[str, str](), dict[str, str]()
     while left:
         answers, ended = _ask(root, left)
@@ -46,6 +50,11 @@ def unreadable(root: Path, names: Iterable[str]) -> tuple[dict[str, str], dict[s
         if left:
             damaged[left.pop(0)] = f"its reader {ended}"
     return damaged, unknown
+
+
+def is_of_stage(name: str) -> bool:
+    """Whether a file is a picture that the stage names, of whatever program."""
+    return _PICTURES.fullmatch(name) is not None
 
 
 def main() -> None:

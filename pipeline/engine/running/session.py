@@ -30,6 +30,7 @@ from pipeline.engine.running.result import Result
 from pipeline.engine.store.store import DamagedBlob, Store, writable
 from pipeline.engine.store.structure import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
+from pipeline.jit.decorators import cache_folder
 from pipeline.places import flaw_of
 
 _SOURCES_KEPT = 4
@@ -178,7 +179,11 @@ def _require_place(project: Project) -> None:
         raise UsageError(
             f"the output folder {project.out} lies in a store of results, {root}", hint="choose another folder with -o"
         )
-    out = Path(os.path.realpath(project.out))
+    out, kernels = Path(os.path.realpath(project.out)), Path(os.path.realpath(cache_folder()))
+    if out == kernels.parent or out.is_relative_to(kernels):
+        raise UsageError(
+            f"the output folder {project.out} is that of compiled kernels", hint="choose another folder with -o"
+        )
     inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
     if inside:
         raise UsageError(

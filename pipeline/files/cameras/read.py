@@ -5,7 +5,7 @@ from pathlib import Path
 from pipeline.camera.parts.imported_camera import PrintedCamera
 from pipeline.files.cameras.blender import read_blender_camera
 from pipeline.files.cameras.libpleno import read_libpleno
-from pipeline.files.lenses.text import UnreadableLens
+from pipeline.files.lenses.text import UnreadableLens, computing
 
 
 def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamera:
@@ -18,10 +18,12 @@ def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamer
     """
     suffix = Path(path).suffix.lower()
     if suffix == ".csv":
-        return read_blender_camera(path, lens)
+        with computing(path):
+            return read_blender_camera(path, lens)
     if lens is not None:
         raise UnreadableLens(path, "--lens is for cameras of the Blender add-on (.csv)")
     if suffix != ".js":
         hint = "known are .csv (the Blender add-on), .js (libpleno)"
         raise UnreadableLens(path, f'camera files do not end in "{suffix}"', hint=hint)
-    return read_libpleno(path)
+    with computing(path):
+        return read_libpleno(path)

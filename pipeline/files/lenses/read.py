@@ -11,7 +11,7 @@ from pipeline.files.lenses.optical_bench import is_optical_bench, read_optical_b
 from pipeline.files.lenses.pbrt import read_pbrt
 from pipeline.files.lenses.sizing import Beam, sized
 from pipeline.files.lenses.table import read_table
-from pipeline.files.lenses.text import UnreadableLens, read_lines
+from pipeline.files.lenses.text import UnreadableLens, computing, read_lines
 from pipeline.files.lenses.zemax import read_zemax
 from pipeline.optics.printed import PrintedLens
 
@@ -68,14 +68,15 @@ def read_lens(
     ):
         if value is not None and kind != only:
             raise UnreadableLens(path, f"{name} {'are' if ' and ' in name else 'is'} for {what}")
-    if kind == _TABLE:
-        what, lens = _from_table(path, f_number, half_field_deg)
-    elif kind == _BENCH:
-        what, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
-    else:
-        what, reader = _READERS[kind]
-        told = {".dat": spacing, ".lens": apertures}
-        lens = reader(path, told[kind]) if kind in told else reader(path)
+    with computing(path):
+        if kind == _TABLE:
+            what, lens = _from_table(path, f_number, half_field_deg)
+        elif kind == _BENCH:
+            what, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
+        else:
+            what, reader = _READERS[kind]
+            told = {".dat": spacing, ".lens": apertures}
+            lens = reader(path, told[kind]) if kind in told else reader(path)
     origin = f"Imported from {Path(path).name}, {what}."
     return replace(lens, provenance=(origin, *lens.provenance))
 

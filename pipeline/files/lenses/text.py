@@ -2,6 +2,8 @@
 
 import codecs
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pipeline.errors import UsageError
@@ -34,6 +36,15 @@ class UnreadableLens(UsageError):
         self.path = Path(path)
         self.reason = reason
         self.line = line
+
+
+@contextmanager
+def computing(path: str | Path) -> Iterator[None]:
+    """Context of a reader: numbers with which nothing can be computed are an error of the file."""
+    try:
+        yield
+    except ArithmeticError as error:
+        raise UnreadableLens(path, f"holds numbers from which no lens can be computed ({error})") from error
 
 
 def read_lines(path: str | Path) -> list[str]:

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pipeline.channel_names import colour_of
 from pipeline.records.shapes import Num
 from pipeline.render.sensor.response import SensorResponse
 
 PRIMARIES = ("red", "green", "blue")
-"""Channels that make a picture."""
+"""Colours that make a picture."""
 
 
 def in_colour(
@@ -38,13 +39,15 @@ def in_colour(
     efficiency = dict(zip(response.channels, response.quantum_efficiency, strict=True))
     if photons:
         efficiency = {name: share * photons[name] for name, share in efficiency.items()}
-    best = max(efficiency[name] for name in PRIMARIES)
-    return np.stack([_between(light, where == name, period) * best / efficiency[name] for name in PRIMARIES], axis=-1)
+    name_of = {colour_of(name): name for name in response.channels}
+    names = [name_of[colour] for colour in PRIMARIES]
+    best = max(efficiency[name] for name in names)
+    return np.stack([_between(light, where == name, period) * best / efficiency[name] for name in names], axis=-1)
 
 
 def has_colours(response: SensorResponse) -> bool:
     """Whether a mosaic has the channels of a picture."""
-    return set(PRIMARIES) <= set(response.channels)
+    return set(PRIMARIES) <= set(map(colour_of, response.channels))
 
 
 def _between(values: np.ndarray, known: np.ndarray, period: int) -> np.ndarray:

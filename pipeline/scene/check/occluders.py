@@ -9,7 +9,7 @@ from pipeline.frames import apply
 from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.occluders import is_visible, read_occluder
 from pipeline.scene.read.prims import camera_from_world, camera_name, read_prescription, stage_mm_per_unit
-from pipeline.scene.usd.meshes import SHAPE
+from pipeline.scene.usd.meshes import SHAPE, is_skinned
 from pipeline.scene.usd.poses import product, world_from, xform_ops
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -30,6 +30,7 @@ def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 
 def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
+    yield from check_skin(prim)
     moving = [name for name in SHAPE if prim.GetAttribute(name).ValueMightBeTimeVarying()]
     if moving:
         message = f'"{moving[0]}" of an occluder is animated, and occluders keep their shape'
@@ -43,6 +44,14 @@ def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
     except ValueError:
         message = "the faces of the mesh contradict each other"
         yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts and faceVertexIndices")
+
+
+def check_skin(prim: Usd.Prim) -> Iterator[Problem]:
+    """A problem if a skeleton moves the vertices of a mesh: images and truth would have it as it was modelled."""
+    if is_skinned(prim):
+        message = f"UsdSkel moves the vertices of <{prim.GetPath()}>, and skinned meshes are not drawn"
+        hint = "bake its shape (UsdSkel.BakeSkinning) and keep one, or take its joints and blend shapes out"
+        yield problem(prim, "not-yet-supported", message, hint=hint)
 
 
 def check_outside_lens(

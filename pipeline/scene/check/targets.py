@@ -7,6 +7,7 @@ import numpy as np
 from pxr import Sdf, Usd
 
 from pipeline.render.spectral.nodes import SpectrumError
+from pipeline.scene.check.occluders import check_skin
 from pipeline.scene.read.targets import read_target
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
@@ -115,6 +116,8 @@ def _check_mesh(prim: Usd.Prim) -> Iterator[Problem]:
         yield problem(relationship, "bad-mesh", message, hint="a mesh moves with its target: put it below")
     elif any(attribute.ValueMightBeTimeVarying() for attribute in mesh.GetAuthoredAttributes()):
         yield problem(relationship, "not-yet-supported", f"<{mesh.GetPath()}> is animated, and targets are rigid")
+    else:
+        yield from check_skin(mesh)
 
 
 def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:

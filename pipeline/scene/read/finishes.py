@@ -1,7 +1,6 @@
 """Reading of what meshes of a lit scene are made of, and of which meshes these are."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdShade
@@ -79,12 +78,12 @@ def _normals(mesh: UsdGeom.Mesh, shape: Fans) -> tuple[Numbers, ...]:
     else:
         attribute = mesh.GetNormalsAttr()
         values, interpolation = attribute.Get(), mesh.GetNormalsInterpolation()
-    return _at_corners(plain(values or ()), interpolation, shape, attribute)
+    return _at_corners(plain(values or ()), interpolation, shape, attribute, 3)
 
 
 def _st(mesh: UsdGeom.Mesh, shape: Fans, found: list[Shaded]) -> tuple[Numbers, ...]:
     """Texture coordinates at the corners of all triangles."""
-    names = list(dict.fromkeys(one.primvar for one in found if one.primvar))
+    names = list(dict.fromkeys(one.primvar for one in found if all_of([one.material])))
     if len(names) > 1:
         raise NotSupported(
             f"its materials read texture coordinates from {' and '.join(names)}",
@@ -97,13 +96,13 @@ def _st(mesh: UsdGeom.Mesh, shape: Fans, found: list[Shaded]) -> tuple[Numbers, 
         hint = f"write texCoord2f[] primvars:{names[0]} with an interpolation"
         what = f'the material reads texture coordinates "{names[0]}", which <{mesh.GetPath()}> does not have'
         raise UnreadableValue(what, mesh.GetPrim(), hint=hint)
-    return _at_corners(values, primvar.GetInterpolation(), shape, primvar.GetAttr())
+    return _at_corners(values, primvar.GetInterpolation(), shape, primvar.GetAttr(), 2)
 
 
 def _at_corners(
-    values: tuple[Numbers, ...], interpolation: str, shape: Fans, attribute: Usd.Attribute
+    values: tuple[Numbers, ...], interpolation: str, shape: Fans, attribute: Usd.Attribute, size: int
 ) -> tuple[Numbers, ...]:
-    """Values of a primvar at the three corners of each triangle, one after the other."""
+    """Values of a primvar, of so many numbers each, at the three corners of each triangle, one after the other."""
     if not values:
         return ()
     place: dict[str, Callable[[int, int], int]] = {
@@ -112,7 +111,12 @@ def _at_corners(
         UsdGeom.Tokens.faceVarying: lambda face, corner: corner,
     }
     index = place.get(interpolation, lambda face, corner: shape.indices[corner])
-    found: Any = np.array(values, float)
+    try:
+        found = np.array(values, float).reshape(len(values), size)
+    except (TypeError, ValueError):
+        raise UnreadableValue(
+            f'"{attribute.GetName()}" holds something else than {size} numbers each', attribute
+        ) from None
     rows = [[index(face, corner) for corner in fan] for face, fan in zip(shape.faces, shape.corners, strict=True)]
     if not np.isfinite(found).all() or (len(rows) and np.max(rows) >= len(found)):
         raise UnreadableValue(f'"{attribute.GetName()}" has {len(found)} values, too few for the faces', attribute)

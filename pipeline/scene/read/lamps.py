@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom, UsdLux
 
 from pipeline.render.lighting.records import Lamp, Rgb
 from pipeline.scene.dataset import LampEntry, Matrix
-from pipeline.scene.read.pictures import is_picture, name_of
+from pipeline.scene.read.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import world_from
 from pipeline.scene.usd.values import UnreadableValue, need
 from pipeline.units import mm_per_unit
@@ -68,6 +68,11 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     texture = name_of(picture) if kind == "dome" and is_picture(picture) else ""
     area = Lamp(kind=kind, radiance=(0.0, 0.0, 0.0), size=size).area
     lamp = Lamp(kind=kind, radiance=_radiance(prim, kind, area, unit_mm), size=size, texture=texture)
+    if texture:
+        least, most = picture_of(picture).least, max(lamp.radiance) * picture_of(picture).most
+        if not (least >= 0 and most <= _BRIGHTEST):
+            what = f"the sky shines with {least * max(lamp.radiance):g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
+            raise UnreadableValue(what, picture, hint="clip the picture, or lower inputs:intensity")
     return LampEntry(prim_path=str(prim.GetPath()), lamp=lamp)
 
 

@@ -2,13 +2,15 @@
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-from pxr import Usd, UsdShade
+from pxr import Sdr, Usd, UsdShade
 
 from pipeline.render.lighting.records import Input, Material, Numbers, Texture
 from pipeline.scene.read.pictures import picture_name
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, plain
+from pipeline.scene.usd.problems import shortened
+from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain
 
 _COLOUR, _NUMBER = 3, 1
 """Components of inputs [1]."""
@@ -23,6 +25,10 @@ _FALLBACKS: dict[str, tuple[str, Numbers]] = {
 """Field of the record, and fallback of UsdPreviewSurface, for each input that may have a texture."""
 _UNUSED = {"clearcoat": 0.0, "displacement": 0.0}
 """Inputs that are not supported, and the values with which they do nothing."""
+_RANGES = {"ior": Range(low=0.0, high=1e3), "emissiveColor": Range(low=0.0, high=1e30)}
+"""Ranges of inputs [1]: with other indices a surface reflects more than there is; of light, as of lamps."""
+_ANY = Range(low=-1e9, high=1e9)
+"""Range of all other inputs [1]: shares are cut to 0 to 1, as renderers do."""
 _UNTRANSFORMED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 """Rows of the affine map that changes nothing."""
 
@@ -46,7 +52,7 @@ def read_material(material: UsdShade.Material) -> Shaded:
     surface = _shader(material.ComputeSurfaceSource()[0], material.GetPrim(), "UsdPreviewSurface")
     for name, idle in _UNUSED.items():
         source = _source(surface, name)
-        if isinstance(source, UsdShade.Shader) or (source is not None and source != idle):
+        if isinstance(source, _Connected) or (source is not None and source != idle):
             attribute = surface.GetInput(name).GetAttr()
             raise NotSupported(f'"inputs:{name}" is not supported', attribute, hint=f"write {idle:g}, or leave it out")
     reader = _Inputs(surface)
@@ -83,16 +89,11 @@ class _Inputs:
             return Input(value=fallback)
         if isinstance(source, _Connected):
             return Input(value=fallback, texture=self._texture(source, len(fallback)))
-        value = plain(source)
-        numbers = (value,) if isinstance(value, int | float) else value
-        if len(numbers) != len(fallback) or not all(math.isfinite(number) for number in numbers):
-            attribute = self._surface.GetInput(name).GetAttr()
-            raise UnreadableValue(f'"inputs:{name}" is {value}, not {len(fallback)} numbers', attribute)
-        return Input(value=tuple(float(number) for number in numbers))
+        return Input(value=tuple((numbers(source) + 0.0).tolist()))
 
     def _texture(self, source: "_Connected", components: int) -> Texture:
         shader = _shader(source.shader, source.shader.GetPrim(), "UsdUVTexture")
-        if (source.output == "rgb") != (components == _COLOUR):
+        if source.output not in ({"rgb"} if components == _COLOUR else {"r", "g", "b", "a"}):
             what = f'an input of {components} numbers is connected to "outputs:{source.output}"'
             hint = "connect colours to outputs:rgb, and single numbers to outputs:r, g, b or a"
             raise NotSupported(what, shader.GetPrim(), hint=hint)
@@ -148,7 +149,32 @@ def _source(shader: UsdShade.Shader, name: str) -> Any:
     if attribute.ValueMightBeTimeVarying():
         what = f'"{attribute.GetName()}" is animated, and materials are not'
         raise NotSupported(what, attribute, hint="write one value")
-    return attribute.Get()
+    value = attribute.Get()
+    if value is not None and (wanted := _wanted(shader.GetShaderId(), name, value)):
+        raise UnreadableValue(f'"inputs:{name}" is {shortened(str(value))}, not {wanted}', attribute)
+    return value
+
+
+def _wanted(shader_id: str, name: str, value: Any) -> str | None:
+    """Content of an input by the definition of its shader, if a value of USD is not that; else None."""
+    count, tokens = _declared(shader_id).get(name, (0, ()))
+    if tokens:
+        return None if value in tokens else f"one of {', '.join(tokens)}"
+    if not count:
+        return None if isinstance(value, str) else "a text"
+    found, span = numbers(value), _RANGES.get(name, _ANY)
+    return None if len(found) == count and span.holds(found).all() else f"{count} in {span}"
+
+
+@cache
+def _declared(shader_id: str) -> dict[str, tuple[int, tuple[str, ...]]]:
+    """Inputs of a shader: how many numbers each holds, 0 for texts, and the tokens that it may be."""
+    shader = Sdr.Registry().GetShaderNodeByIdentifier(shader_id)
+    inputs = {name: shader.GetShaderInput(name) for name in shader.GetShaderInputNames()}
+    return {
+        name: (len(numbers(one.GetDefaultValueAsSdfType())), tuple(token for token, _ in one.GetOptions()))
+        for name, one in inputs.items()
+    }
 
 
 def _plain(shader: UsdShade.Shader, name: str, fallback: Any) -> Any:
@@ -161,10 +187,7 @@ def _plain(shader: UsdShade.Shader, name: str, fallback: Any) -> Any:
 
 
 def _number(shader: UsdShade.Shader, name: str, fallback: float) -> float:
-    value = _plain(shader, name, fallback)
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        raise UnreadableValue(f'"inputs:{name}" is no number: {value}', shader.GetInput(name).GetAttr())
-    return float(value)
+    return float(_plain(shader, name, fallback))
 
 
 def _shader(shader: UsdShade.Shader, place: Usd.Prim, wanted: str) -> UsdShade.Shader:

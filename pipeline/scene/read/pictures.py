@@ -1,19 +1,48 @@
-"""Pictures that textures and domes name: files, by content."""
+"""Pictures that textures and domes name: files, by content, each opened and decoded once."""
 
 import base64
 import hashlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 
 from pxr import Ar, Sdf, Usd, UsdShade
 
+from pipeline.errors import PipelineError
 from pipeline.scene.dataset import PictureEntry
 from pipeline.scene.read.targets import is_in_preview
-from pipeline.scene.usd.values import NotSupported, UnreadableValue
+from pipeline.scene.usd.layer_files import read_file
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, read_once
 
 SPACES = ("auto", "raw", "sRGB")
 """Colour spaces of a UsdUVTexture."""
+NAMES = ("inputs:file", "inputs:texture:file")
+"""Attributes that name a picture: of a texture, or in a sky."""
+OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".exr")
 """Kinds of picture files that are read."""
+_ROOTS: ContextVar[tuple[Path, ...]] = ContextVar("folders from which pictures are read", default=())
+
+
+@dataclass(frozen=True, slots=True)
+class PictureFile:
+    """A picture that can be decoded: its bytes, and numbers that none of its pixels lies below or above [1]."""
+
+    content: bytes
+    least: float
+    most: float
+
+
+@contextmanager
+def reading_below(roots: Iterable[Path]) -> Iterator[None]:
+    """Context in which pictures are read, from these folders alone."""
+    token = _ROOTS.set(tuple(roots))
+    try:
+        yield
+    finally:
+        _ROOTS.reset(token)
 
 
 def picture_name(shader: UsdShade.Shader, space: str) -> str:
@@ -30,13 +59,13 @@ def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
     if space not in SPACES:
         hint = f"one of {', '.join(SPACES)}"
         raise NotSupported(f'there is no colour space "{space}" of textures', attribute, hint=hint)
-    return f"{hashlib.sha256(_bytes(attribute)).hexdigest()[:16]}-{space}"
+    return f"{hashlib.sha256(picture_of(attribute).content).hexdigest()[:16]}-{space}"
 
 
 def read_pictures(stage: Usd.Stage) -> tuple[PictureEntry, ...]:
     """All pictures that the stage's textures and domes name, each once."""
     found = dict[str, PictureEntry]()
-    for prim in stage.Traverse():
+    for prim in stage.TraverseAll():
         for attribute, space in _named_by(prim):
             entry = _entry(attribute, space)
             found[entry.name] = entry
@@ -46,30 +75,29 @@ def read_pictures(stage: Usd.Stage) -> tuple[PictureEntry, ...]:
 def picture_files(stage: Usd.Stage) -> dict[Sdf.Path, str]:
     """Copies in the output folder of the pictures that attributes name, by the paths of these attributes."""
     found = dict[Sdf.Path, str]()
-    for prim in stage.Traverse():
+    for prim in stage.TraverseAll():
         for attribute, space in _named_by(prim):
-            entry = _entry(attribute, space)
-            found[attribute.GetPath()] = entry.file
+            found[attribute.GetPath()] = _entry(attribute, space).file
     return found
 
 
 def _entry(attribute: Usd.Attribute, space: str) -> PictureEntry:
-    encoded = base64.b64encode(_bytes(attribute)).decode("ascii")
-    return PictureEntry(
-        name=name_of(attribute, space), suffix=_path(attribute).suffix.lower(), encoded=encoded, space=space
-    )
+    encoded = base64.b64encode(picture_of(attribute).content).decode("ascii")
+    suffix = Path(attribute.Get().resolvedPath).suffix.lower()
+    return PictureEntry(name=name_of(attribute, space), suffix=suffix, encoded=encoded, space=space)
 
 
 def _named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
+    """Attributes of a prim, or behind one of a texture, that name pictures, with the colour space: whether anything
+    is made of them or not, because a delivered stage names all of them.
+    """
+    if is_in_preview(prim):
+        return []  # in no image
     if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
-        if is_in_preview(prim):
-            return []  # in no image
-        shader = UsdShade.Shader(prim)
-        given, space = shader.GetInput("file"), shader.GetInput("sourceColorSpace")
+        given, space = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
         found = given.GetValueProducingAttributes() if given else []
         return [(found[0], str(space.Get() or "auto") if space else "auto")] if found else []
-    attribute = prim.GetAttribute("inputs:texture:file")
-    return [(attribute, "auto")] if is_picture(attribute) else []
+    return [(one, "auto") for name in NAMES if is_picture(one := prim.GetAttribute(name))]
 
 
 def is_picture(attribute: Usd.Attribute) -> bool:
@@ -78,19 +106,48 @@ def is_picture(attribute: Usd.Attribute) -> bool:
     return isinstance(value, Sdf.AssetPath) and bool(value.path)
 
 
-def _path(attribute: Usd.Attribute) -> Path:
+def picture_of(attribute: Usd.Attribute) -> PictureFile:
+    """The picture that an attribute names.
+
+    Raises
+    ------
+    UnreadableValue
+        It is not there, lies outside of the folders that the stage may read, is no plain file, larger than the limits,
+        of another kind, or broken.
+    """
     value = attribute.Get()
-    if not isinstance(value, Sdf.AssetPath) or not value.resolvedPath:
-        raise UnreadableValue(f'"{attribute.GetName()}" names no file that is there', attribute)
-    path = Path(value.resolvedPath)
-    if Ar.IsPackageRelativePath(value.resolvedPath) or "<UDIM>" in value.path or path.suffix.lower() not in _SUFFIXES:
-        what = f"@{value.path}@ is no picture that can be read"
-        raise NotSupported(what, attribute, hint=f"known are files that end in {', '.join(_SUFFIXES)}")
-    return path
+    if not isinstance(value, Sdf.AssetPath) or not value.path:
+        raise UnreadableValue(f'"{attribute.GetName()}" names no file', attribute)
+    found = _inspected(value.path, value.resolvedPath, _ROOTS.get())
+    if isinstance(found, PictureFile):
+        return found
+    code, what, hint = found
+    raise UnreadableValue(f"@{value.path}@ {what}", attribute, hint, code)
 
 
-def _bytes(attribute: Usd.Attribute) -> bytes:
+@read_once
+def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile | tuple[str, str, str | None]:
+    """A picture, or the code of what is wrong with it, in words, and a hint."""
+    if not path:
+        return "asset-missing", "cannot be found", "asset paths use forward slashes" if "\\" in asset else None
+    if Ar.IsPackageRelativePath(path):
+        return NotSupported.code, "lies in a package: its pictures are not read", "unpack it beside the stage"
+    if Path(path).suffix.lower() not in _SUFFIXES:
+        hint = f"known are files that end in {', '.join(_SUFFIXES)}"
+        return NotSupported.code, "is no picture of a kind that is read", hint
     try:
-        return _path(attribute).read_bytes()
+        file = read_file(path, roots, "picture_bytes")
     except OSError as error:
-        raise UnreadableValue(f"cannot read the picture: {error.strerror}", attribute) from None
+        return "unreadable", f"cannot be read: {error.strerror}", None
+    if not any(file.real.is_relative_to(root) for root in roots):
+        return "asset-outside", "lies outside the folders that a stage may read", OUTSIDE_HINT
+    if not file.is_plain:
+        return "file-kind", "is not a plain file", None
+    for problem in file.problems:
+        return problem.code, f"has {problem.message}", problem.hint
+    from pipeline.files.pictures import ends_of  # stages without pictures need no library for them
+
+    try:
+        return PictureFile(file.data, *ends_of(file.data, Path(path).suffix.lower()))
+    except PipelineError as error:
+        return "bad-picture", error.what, error.hint

@@ -78,7 +78,7 @@ def read_dataset(root: Usd.Prim) -> Dataset:
         frames=_read_frames(root, cameras, boards),
         occluders=tuple(read_occluder_entry(prim, lit=bool(lamps)) for prim in occluders),
         lamps=tuple(read_lamp_entry(prim, frame_numbers(root)) for prim in lamps),
-        pictures=read_pictures(root.GetStage()) if lamps else (),
+        pictures=read_pictures(root.GetStage()),
         exports=read_exports(root),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
         up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),

@@ -2,6 +2,7 @@
 
 from pxr import Usd
 
+from pipeline.channel_names import colour_of
 from pipeline.render.sensor.colorimetry import DAYLIGHT, Colorimetry, colorimetry
 from pipeline.render.sensor.demosaic import PRIMARIES
 from pipeline.render.sensor.irradiation import ChannelRadiance, Irradiation, Radiance
@@ -71,10 +72,10 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
 
 def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ...]:
     """The channels red, green and blue of a PlenSensor beside the standard observer, in this light and in daylight."""
-    channels = {prim.GetName(): prim for prim in channel_prims(sensor)}
+    channels = {colour_of(prim.GetName()): prim for prim in channel_prims(sensor)}
     if not set(PRIMARIES) <= channels.keys():
         return ()
-    responses = [response_of(channels[name]) for name in PRIMARIES]
+    responses = [response_of(channels[colour]) for colour in PRIMARIES]
     seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
     return tuple(one for one in seen if one and seen[0])
 

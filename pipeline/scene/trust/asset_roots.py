@@ -10,14 +10,14 @@ from pathlib import Path
 from pxr import Ar, Sdf, Tf, Usd
 
 from pipeline.roots import real_path
+from pipeline.scene.read.pictures import NAMES, OUTSIDE_HINT, is_picture, picture_of
 from pipeline.scene.read.targets import is_in_preview
 from pipeline.scene.usd.problems import Problem, shown_path
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.usd.used_layers import used_layers
+from pipeline.scene.usd.values import UnreadableValue
 from pipeline.scene.write.lens_distortion import LENS_DISTORTION_NAMES
-
-HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
 
 
 def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
@@ -44,7 +44,7 @@ def outside(file: str, roots: list[Path], user: str, asset: str | None = None) -
         message=f"{shown_path(real_path(file))} lies outside the folders that a stage may read",
         file=shown_path(user),
         line=text_map(user).assets.get(asset or "", 1),
-        hint=HINT,
+        hint=OUTSIDE_HINT,
     )
 
 
@@ -56,8 +56,8 @@ def check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
 
 
 def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Problems of asset values: those outside all roots, those that are missing, and those that nothing reads, but
-    pictures and tables of other renderers.
+    """Problems of asset values: pictures that cannot be read, other files outside all roots, those that are missing,
+    and those that nothing reads, but tables of other renderers.
     """
     prims = Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
     return [problem for prim in prims for problem in _check_asset_values(prim, roots)]
@@ -65,24 +65,28 @@ def check_assets(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
 
 def _check_asset_values(prim: Usd.Prim, roots: list[Path]) -> Iterator[Problem]:
     for attribute in prim.GetAuthoredAttributes():
+        if attribute.GetName() in NAMES and is_picture(attribute) and not attribute.GetNumTimeSamples():
+            # Previews are of viewers: a copied dataset.usda builds without its pictures.
+            yield from () if is_in_preview(prim) else _check_picture(attribute)
+            continue
         values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
         for asset in [asset for value in values for asset in _assets(value)]:
             if asset.resolvedPath and not is_inside(file_of(asset.resolvedPath), roots):
                 message = f"@{asset.path}@ lies outside the folders that a stage may read"
-                yield problem(attribute, "asset-outside", message, hint=HINT)
+                yield problem(attribute, "asset-outside", message, hint=OUTSIDE_HINT)
             elif asset.path and not asset.resolvedPath:
-                if is_in_preview(prim):
-                    continue  # of viewers: a copied dataset.usda builds without its pictures
                 slashes = "asset paths use forward slashes" if "\\" in asset.path else None
                 yield problem(attribute, "asset-missing", f"cannot find file @{asset.path}@", hint=slashes)
-            elif asset.path and not (_is_of_picture(attribute) or _is_of_others(attribute)):
+            elif asset.path and not _is_of_others(attribute):
                 message = f"@{asset.path}@: files other than layers are not supported yet"
                 yield problem(attribute, "not-yet-supported", message)
 
 
-def _is_of_picture(attribute: Usd.Attribute) -> bool:
-    """Whether an attribute names a picture: of a texture, or in a sky."""
-    return attribute.GetName() in ("inputs:file", "inputs:texture:file")
+def _check_picture(attribute: Usd.Attribute) -> Iterator[Problem]:
+    try:
+        picture_of(attribute)
+    except UnreadableValue as error:
+        yield problem(error.thing, error.code, error.what, hint=error.hint)
 
 
 def _is_of_others(attribute: Usd.Attribute) -> bool:

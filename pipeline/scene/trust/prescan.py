@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pxr import Ar, Sdf, Tf, UsdUtils
+from pxr import Ar, Sdf, Tf
 
 from pipeline.confine.process import Guards
 from pipeline.limits import how_to_raise, limits
@@ -82,15 +82,11 @@ class Look:
         """Open all layers that composing the stage would open."""
         # As in USD, names without ./ are also searched beside the root layer.
         context = Ar.GetResolver().CreateDefaultContextForAsset(self.root.as_posix())
-        # Collects what USD would print to stderr.
-        delegate = UsdUtils.CoalescingDiagnosticDelegate()
         try:
             with Ar.ResolverContextBinder(context):
                 self._run(_Mention(self.root.as_posix(), self.root.as_posix()))
                 self._count_prims()
         finally:
-            delegate.TakeUncoalescedDiagnostics()
-            del delegate
             self._files.clear()
         self.problems = list(dict.fromkeys(self.problems))
 

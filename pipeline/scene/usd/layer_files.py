@@ -1,4 +1,4 @@
-"""Files of layers, inspected before USD opens them: exactly the bytes that USD will get, and their problems.
+"""Files that a stage names, inspected before anything reads them: of layers exactly the bytes that USD will get.
 
 A name may lead to another file a moment later. So a file is opened once, and the open file is checked and read.
 """
@@ -7,7 +7,7 @@ import io
 import os
 import stat
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,20 +57,33 @@ class LayerFile:
         return self.data[:8] == b"PXR-USDC" or self.is_package
 
 
-def read_layer_file(path: str, roots: list[Path]) -> LayerFile:
-    """Open and read a file that lies below one of the roots. Anything else is not opened."""
+def read_file(path: str, roots: Iterable[Path], limit: str = "layer_bytes") -> LayerFile:
+    """Open and read a file that lies below one of the roots and is no larger than a limit. Anything else is not opened.
+
+    Raises
+    ------
+    OSError
+    """
     with _anchored(path) as (place, real, status):
         found = LayerFile(real, stat.S_ISREG(status.st_mode))
         if not found.is_plain or not any(real.is_relative_to(root) for root in roots):
             return found
-        most = limits().layer_bytes
+        most = getattr(limits(), limit)
         with place.open("rb") as stream:
             found.data = stream.read(most + 1) if status.st_size <= most else b""
     size = max(status.st_size, len(found.data))
     if size > most:
-        hint = how_to_raise("layer_bytes", size)
-        found.problems = [_problem(path, "file-size", f"{size:,} bytes; a layer may have {most:,}", hint)]
-    elif path.lower().endswith(".usdz"):
+        what = f"{size:,} bytes; a {limit.removesuffix('_bytes')} may have {most:,}"
+        found.problems = [_problem(path, "file-size", what, how_to_raise(limit, size))]
+    return found
+
+
+def read_layer_file(path: str, roots: Iterable[Path]) -> LayerFile:
+    """The file of a layer, with the problems of its content."""
+    found = read_file(path, roots)
+    if found.problems:
+        return found
+    if path.lower().endswith(".usdz"):
         found.problems = list(_check_package(found, path))
     else:
         found.problems = list(_check_text(found, path, path, found.data))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from pxr import Usd, UsdGeom
+from pxr import Usd, UsdGeom, UsdSkel
 
 from pipeline.scene.usd.values import plain
 
@@ -58,6 +58,13 @@ def fans(mesh: UsdGeom.Mesh) -> Fans:
     if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
         corners = [(a, c, b) for a, b, c in corners]
     return Fans(points, indices, corners, faces)
+
+
+def is_skinned(prim: Usd.Prim) -> bool:
+    """Whether joints or blend shapes of UsdSkel move the vertices of a mesh."""
+    joints = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("skel:jointIndices")
+    blends = UsdSkel.BindingAPI(prim).GetBlendShapeTargetsRel()
+    return bool(UsdSkel.Root.Find(prim)) and (joints.HasValue() or bool(blends and blends.GetTargets()))
 
 
 def _value(mesh: UsdGeom.Mesh, name: str) -> Any:

@@ -63,9 +63,11 @@ class UnreadableValue(PipelineError):
 
     code = "unreadable-value"
 
-    def __init__(self, what: str, thing: Usd.Prim | Usd.Property, hint: str | None = None) -> None:
+    def __init__(
+        self, what: str, thing: Usd.Prim | Usd.Property, hint: str | None = None, code: str | None = None
+    ) -> None:
         super().__init__(what, hint=hint)
-        self.thing = thing
+        self.thing, self.code = thing, code or self.code
 
 
 class NotSupported(UnreadableValue):

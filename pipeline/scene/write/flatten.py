@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from pxr import Sdf, Usd, UsdGeom, UsdUtils
+from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.scene.dataset import CameraEntry, Dataset, TargetEntry
 from pipeline.scene.write.for_viewers import show_in_viewers, without_parts
@@ -16,10 +16,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
     would write their paths on this machine. So are parts of cameras, which a build has made for viewers. Instances
     must have been written out (`instances`), because flattening would leave their prototypes beside the root.
     """
-    # Flattening prints warnings about unknown metadata, which it leaves out.
-    delegate = UsdUtils.CoalescingDiagnosticDelegate()
-    layer = stage.Flatten(addSourceFileComment=False)
-    delegate.TakeUncoalescedDiagnostics()
+    layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
     _leave_out_tables(layer)
     for prim in stage.TraverseAll():
         if prim.IsA(UsdGeom.Camera) and (spec := layer.GetPrimAtPath(prim.GetPath())):

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
+from pipeline.channel_names import colour_of
 from pipeline.optics.glass.errors import GlassError
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.read.channels import channel_prims, illuminant_of, read_channel, wavelengths_of
@@ -32,6 +33,7 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
         message = "a PlenChannel stands directly below its PlenSensor, and this one does not"
         yield problem(channel, "misplaced-channel", message, hint="channels are the colours of their sensor")
         return
+    yield from _check_name(channel)
     table, name = read(channel, "plen:wavelengths"), read(channel, "plen:sensitivity")
     response = read(channel, "plen:response")
     if table is None or response is None or name is None:
@@ -45,6 +47,16 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
         yield problem(channel.GetAttribute("plen:response"), "channel-response", message, hint="one value for each")
     else:
         yield from _check_spectrum(channel)
+
+
+def _check_name(channel: Usd.Prim) -> Iterator[Problem]:
+    """A channel that an earlier one of its sensor leaves no name: files are named by channels, and by their colours."""
+    prims = channel_prims(channel.GetParent())
+    named = [colour_of(prim.GetName()) or prim.GetName().casefold() for prim in prims]
+    place = prims.index(channel) if channel in prims else 0
+    if named[place] in named[:place]:
+        message = f'two channels of a sensor share the name "{named[place]}"'
+        yield problem(channel, "name-collision", message, hint="rename one of the prims")
 
 
 def _check_spectrum(channel: Usd.Prim) -> Iterator[Problem]:

@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.export_formats import EXACT, FORMATS, Format, Targets
+from pipeline.scene.read.channels import channel_prims
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.usd.values import read, target_paths, targets
+from pipeline.scene.usd.values import read, target, target_paths, targets
 
 _ASKED = "plen:exports"
 _GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
-"""Types of targets whose points may form a grid; of an asymmetric grid of circles they do not, and its task says so."""
+"""Types of targets whose points may form a grid."""
 
 
 def check_exports(root: Usd.Prim) -> Iterator[Problem]:
@@ -29,6 +30,9 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
             others = [other for other, one in FORMATS.items() if one.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
             yield problem(place, "export-cameras", message, hint=f"formats for its cameras: {', '.join(others)}")
+        elif sum(_channels(camera) for camera in taken) < FORMATS[name].least_cameras:
+            message = f'"{name}" relates cameras to each other, and the dataset has one'
+            yield problem(place, "export-cameras", message, hint="take it out, or add a camera")
         yield from _check_targets(root, name, FORMATS[name])
         yield from _check_position(root, name, taken)
 
@@ -40,10 +44,15 @@ def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Proble
     if len(found) > 1:
         message = f'"{name}" describes one target, and the dataset has {len(found)}'
         yield problem(place, "export-targets", message, hint=f"`pipeline export {name} OUT --only TARGET` takes one")
-    elif wanted.targets is Targets.BOARD and found and found[0].GetTypeName() not in _GRIDS:
+    elif wanted.targets is Targets.BOARD and found and not _has_grid(found[0]):
         message = f'"{name}" describes boards whose points form a grid, and {found[0].GetName()} has none'
-        hint = "checkerboards, ChArUco boards and symmetric circle grids have one"
+        hint = "checkerboards, ChArUco boards and symmetric circle grids have one, of two columns and rows at least"
         yield problem(place, "export-targets", message, hint=hint)
+
+
+def _has_grid(prim: Usd.Prim) -> bool:
+    counts = [read(prim, name) or 0 for name in ("plen:columns", "plen:rows")]
+    return prim.GetTypeName() in _GRIDS and min(counts) > 1 and not read(prim, "plen:asymmetric")
 
 
 def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Iterator[Problem]:
@@ -55,6 +64,12 @@ def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Itera
         message = f'"{name}" is to take the positions "{position}", which <{lacking[0].GetPath()}> does not compute'
         hint = f'write plen:truth:columns = ["{position}"] on the camera'
         yield problem(root.GetAttribute(f"{_ASKED}:position"), "export-position", message, hint=hint)
+
+
+def _channels(camera: Usd.Prim) -> int:
+    """Number of cameras that an export has of one."""
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    return max(1, len(channel_prims(sensor))) if sensor else 1
 
 
 def _is_plenoptic(camera: Usd.Prim) -> bool:

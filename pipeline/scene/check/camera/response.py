@@ -4,7 +4,9 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
+from pipeline.channel_names import COLOURS
 from pipeline.errors import PipelineError
+from pipeline.files.dng import nameless_filters
 from pipeline.scene.check.camera.losses import check_losses
 from pipeline.scene.read.channels import channel_prims
 from pipeline.scene.read.response import has_response, read_response
@@ -12,6 +14,7 @@ from pipeline.scene.usd.problems import Problem, did_you_mean
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.usd.values import UnreadableValue, read
 
+_FILTERS = "plen:response:filters"
 MONO = "mono"
 """The channel of a sensor that has no channels."""
 
@@ -31,11 +34,11 @@ def check_response(sensor: Usd.Prim) -> Iterator[Problem]:
 def _check_filters(sensor: Usd.Prim) -> Iterator[Problem]:
     """Colour filters that let through what is no channel of the sensor."""
     channels = [prim.GetName() for prim in channel_prims(sensor)] or [MONO]
-    for name in dict.fromkeys(read(sensor, "plen:response:filters") or ()):
+    for name in dict.fromkeys(read(sensor, _FILTERS) or ()):
         if name not in channels:
             message = f'there is a colour filter "{name}", and the sensor has no such channel'
             hint = did_you_mean(name, channels) or f"its channels: {', '.join(channels)}"
-            yield problem(sensor.GetAttribute("plen:response:filters"), "colour-filters", message, hint=hint)
+            yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=hint)
 
 
 def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
@@ -47,6 +50,9 @@ def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
             ' prepend apiSchemas = ["PlenSensorResponseAPI"]'
         )
         yield problem(camera.GetAttribute("plen:image:exposure"), "no-response", message, hint=hint)
+    elif read(camera, "plen:image:exposure") != "none" and (odd := nameless_filters(read(sensor, _FILTERS) or ())):
+        message = f"raw.dng tells filters by their colours, and {', '.join(odd)} names none"
+        yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=f"call them {', '.join(COLOURS)}")
     if read(camera, "plen:image:exposure") == "radiance":
         yield from _check_radiance(camera)
 

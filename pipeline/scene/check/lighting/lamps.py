@@ -17,6 +17,8 @@ _IDLE: dict[str, tuple[Any, ...]] = {
     "inputs:diffuse": (1.0,),
     "inputs:specular": (1.0,),
     "inputs:texture:format": ("automatic", "latlong"),
+    "collection:lightLink:includeRoot": (True,),
+    "collection:shadowLink:includeRoot": (True,),
     "poleAxis": ("scene", "Y"),
     "treatAsLine": (False,),
     "treatAsPoint": (False,),
