@@ -40,7 +40,6 @@ class Board(StrEnum):
 
     RIGHT_DOWN = "from point 0, x right, y down, z away from the viewer"
     KALIBR = "from point 0, z towards the viewer; x down, y right, but x right, y up of AprilGrids"
-    RIGHT_UP = "from the lower left point, x right, y up, z towards the viewer"
     OURS = "from the middle of the pattern, x right, y up, z towards the viewer"
     NONE = "none, columns and rows alone"
 
@@ -76,7 +75,6 @@ class Unit(StrEnum):
     """Unit of lengths in space."""
 
     MM = "mm"
-    CM = "cm"
     M = "m"
     NONE = "none"
 
@@ -165,27 +163,6 @@ CONVENTIONS = {
         rotation=Rotation.QUATERNION,
         unit=Unit.M,
         source="colmap/colmap: doc/format.rst, doc/cameras.rst",
-    ),
-    "puzzlepaint": Convention(
-        consumer="puzzlepaint camera_calibration",
-        origin=Origin.HALF,
-        board=Board.NONE,
-        unit=Unit.M,
-        source="puzzlepaint/camera_calibration: io/calibration_io.cc, dataset.h",
-    ),
-    "mc-calib": Convention(
-        consumer="MC-Calib: keypoints_path",
-        origin=Origin.ZERO,
-        board=Board.NONE,
-        unit=Unit.NONE,
-        source="rameau-fr/MC-Calib: McCalib/src/McCalib.cpp, loadDetectedKeypoints",
-    ),
-    "deltille": Convention(
-        consumer="Deltille, BabelCalib",
-        origin=Origin.ZERO,
-        board=Board.RIGHT_UP,
-        unit=Unit.CM,
-        source="deltille/detector: DeltilleDetector.cpp; ylochman/babelcalib: core/feature/get_corners_from_orpc.m",
     ),
     "lensboy": Convention(
         consumer="lensboy: OpenCV.load",
@@ -320,15 +297,6 @@ CONVENTIONS = {
         unit=Unit.NONE,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
         source="CONVENTIONS.md; columns and rows as in libpleno, pleno/geometry/mesh.cpp",
-    ),
-    "puzzlepaint-rays": Convention(
-        consumer="puzzlepaint camera_calibration: NoncentralGenericModel",
-        note="control points of B-splines for points and directions of rays",
-        origin=Origin.HALF,
-        board=Board.NONE,
-        unit=Unit.M,
-        rays=Rays.VISION,
-        source="puzzlepaint/camera_calibration: noncentral_generic.h, central_grid.h, b_spline.h, calibration_io.cc",
     ),
 }
 """Format -> convention, in the order of `pipeline export --list`."""

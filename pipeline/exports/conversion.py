@@ -24,12 +24,11 @@ from pipeline.exports.seen.pixels import positions
 from pipeline.exports.seen.stated_sight import StatedSight
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
-_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.CM: 0.1, Unit.M: 1e-3}
+_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.M: 1e-3}
 """One millimetre in the unit."""
 _AXES = {
     Board.OURS: np.eye(3),
     Board.NONE: np.eye(3),
-    Board.RIGHT_UP: np.eye(3),
     Board.RIGHT_DOWN: np.diag([1.0, -1.0, -1.0]),
     Board.KALIBR: np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
 }
@@ -92,8 +91,6 @@ def board_from_target(target: ExportTarget, convention: Convention) -> np.ndarra
     origin = target.nominal[0]
     if convention.board in (Board.OURS, Board.NONE):
         origin = np.zeros(3)
-    elif convention.board is Board.RIGHT_UP:
-        origin = target.nominal.min(axis=0)
     return rigid(turn, -turn @ origin)
 
 

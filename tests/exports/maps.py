@@ -10,10 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import OpenEXR
-import yaml
 from exports.pretended import write_manifest
 from pxr import Usd
-from scipy.interpolate import BSpline
 
 from pipeline.sight.answers import PixelRays
 
@@ -176,37 +174,8 @@ def check_depth(folder: Path) -> None:
     same(ends, [0, 0, 63, 47], 0)
 
 
-def check_generic(folder: Path) -> None:
-    """EvalUniformCubicBSplineSurface of puzzlepaint: the ray of the known pixel passes the point that it sees."""
-    data = yaml.safe_load((folder / "Left.yaml").read_text().replace(" : ", ": "))
-    assert data["type"] == "NoncentralGenericModel" and (data["width"], data["height"]) == SIZE_PX
-    low = [data[f"calibration_min_{axis}"] for axis in "xy"]
-    high = [data[f"calibration_max_{axis}"] for axis in "xy"]
-    assert (low, high) == ([0, 0], [63, 47])
-    counts = data["grid_width"], data["grid_height"]
-    grids = [np.array(data[name]).reshape(*counts[::-1], 3) for name in ("point_grid", "direction_grid")]
-    for pixel in (PIXEL, (0, 0), (63, 47)):
-        place = np.array(pixel) + 0.5
-        x, y = (1 + (n - 3) * (p - a) / (b + 1 - a) for n, p, a, b in zip(counts, place, low, high, strict=True))
-        start, way = (surface(grid, x, y) for grid in grids)
-        way /= np.linalg.norm(way)
-        seen = (np.append(undistorted(np.array([pixel]))[0], 1) * Z_MM + STOP_MM) / 1000
-        same(np.cross(seen - start, way), np.zeros(3), 2e-8)
-        same(start[2], 0, 1e-9)
-    assert (way * [1, 1, 1] > 0).all()
-
-
-def surface(grid: np.ndarray, x: float, y: float) -> np.ndarray:
-    """A uniform cubic B-spline surface, by SciPy's."""
-    for place in (y, x):
-        knots = np.arange(-2, grid.shape[0] + 2)  # control point i has its top at i
-        grid = BSpline(knots, grid, 3)(place)
-    return grid
-
-
 CHECKS = {
     "depth": check_depth,
-    "puzzlepaint-rays": check_generic,
     "rays": check_rays,
     "stmap": check_stmap,
     "omni-lut": check_omni_lut,
