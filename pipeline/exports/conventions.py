@@ -220,7 +220,7 @@ CONVENTIONS = {
         board=Board.NONE,
         unit=Unit.NONE,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
-        source="doda42/LFToolbox: SupportFunctions/LFBuildHexGrid.m, LFUtilProcessWhiteImages.m",
+        source="doda42/LFToolbox 3bf4f55: SupportFunctions/LFBuildLensletGridModel.m, LFBuildHexGrid",
     ),
     "plenopticam": Convention(
         consumer="plenopticam",
