@@ -28,10 +28,10 @@ class ImageAxes(StrEnum):
 
 
 class Rays(StrEnum):
-    """Axes in which a format counts rays; their origin is the centre of the aperture stop."""
+    """Axes in which a format counts rays, and where they start."""
 
-    VISION = "x right, y down, z forward"
-    USD = "x right, y up, z backward"
+    VISION = "x right, y down, z forward, from the centre of the aperture stop"
+    USD = "x right, y up, z backward, from the equivalent pinhole"
     NONE = "none"
 
 
@@ -58,6 +58,8 @@ class Centre(StrEnum):
     """Point of the camera that a pose leads to."""
 
     PINHOLE = "equivalent pinhole"
+    ROWS = "pinhole of the rows"
+    """Of the exported rows, as export.json states it; the equivalent pinhole where these determine none."""
     PRINCIPAL_POINT = "front principal point"
 
 
@@ -123,6 +125,7 @@ CONVENTIONS = {
         note="stereo- of pairs of cameras",
         origin=Origin.ZERO,
         pose=Pose.CAMERA_FROM_TARGET,
+        centre=Centre.ROWS,
         rotation=Rotation.VECTOR,
         unit=Unit.MM,
         source="opencv/opencv: issues 10130, 24633; modules/calib/include/opencv2/calib.hpp",
@@ -131,6 +134,7 @@ CONVENTIONS = {
         consumer="calibrateMultiview of OpenCV 5",
         origin=Origin.ZERO,
         pose=Pose.CAMERA_FROM_FIRST,
+        centre=Centre.ROWS,
         rotation=Rotation.VECTOR,
         unit=Unit.M,
         source="opencv/opencv: modules/calib/src/multiview_calibration.cpp",
@@ -141,6 +145,7 @@ CONVENTIONS = {
         origin=Origin.ZERO,
         board=Board.NONE,
         pose=Pose.CAMERA_FROM_FIRST,
+        centre=Centre.ROWS,
         rotation=Rotation.VECTOR,
         unit=Unit.M,
         source="dkogan/mrcal: doc/conventions.org, mrcal/calibration.py, mrcal/cameramodel.py",
@@ -151,6 +156,7 @@ CONVENTIONS = {
         origin=Origin.ZERO,
         board=Board.KALIBR,
         pose=Pose.CAMERA_FROM_PREVIOUS,
+        centre=Centre.ROWS,
         rotation=Rotation.MATRIX,
         unit=Unit.M,
         source="ethz-asl/kalibr: kalibr_common/ConfigReader.py, GridCalibrationTargetCheckerboard.cpp",
@@ -160,6 +166,7 @@ CONVENTIONS = {
         note="the world is the target",
         origin=Origin.HALF,
         pose=Pose.CAMERA_FROM_TARGET,
+        centre=Centre.ROWS,
         rotation=Rotation.QUATERNION,
         unit=Unit.M,
         source="colmap/colmap: doc/format.rst, doc/cameras.rst",
