@@ -180,7 +180,7 @@ class Material:
         return next(target for target in self.targets if target.name == name)
 
     def residuals_px(self, view: ExportView) -> np.ndarray:
-        """How far the pinhole of the camera projects points of a view from their observations, (n,)."""
+        """Distances of observations from where the pinhole of the camera projects their points, (n,)."""
         (camera,) = (one for one in self.cameras if one.name == view.camera)
         points, pose = self.target(view.target).points[view.observations.ids], view.camera_from_target
         assert pose is not None

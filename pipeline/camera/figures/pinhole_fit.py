@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.records.shapes import Float64, Shaped
+
 STEPS = 40
 """Steps of a fit at most: a fit that settles needs few, and one that does not has to end."""
 SETTLED = 1e-12
@@ -53,10 +55,10 @@ class Projection:
 class Sightings:
     """Image positions (n, 2) and the points of the vision frame that they see, (n, 3)."""
 
-    x_px: np.ndarray
-    places_mm: np.ndarray
+    x_px: Float64[np.ndarray, "n 2"]
+    places_mm: Float64[np.ndarray, "n 3"]
 
-    def residuals(self, p: np.ndarray) -> np.ndarray:
+    def residuals(self, p: Shaped[np.ndarray, "11"]) -> np.ndarray:
         """Differences of a pinhole's images of the points from their positions, (n, 2) [px]; analytic in `p`."""
         (k1, k2, k3), (p1, p2) = p[list(RADIAL)], p[list(TANGENTIAL)]
         ahead = self.places_mm - p[list(CENTRE)]
@@ -67,14 +69,14 @@ class Sightings:
         y = v * radial + p1 * (square + 2 * v * v) + 2 * p2 * u * v
         return np.asarray(p[F] * np.stack([x, y], axis=1) + p[list(POINT)] - self.x_px)
 
-    def slopes(self, p: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
+    def slopes(self, p: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
         """Derivatives of the residuals by the parameters in `free`, (2 n, free), by complex steps."""
         tilted = p + IMAGINARY * 1j * np.eye(len(p))[list(free)]
         with np.errstate(over="ignore", invalid="ignore"):  # a fit that runs away ends as NaN
             found = np.array([self.residuals(row).imag.ravel() for row in tilted]) / IMAGINARY
         return found.reshape(len(free), self.x_px.size).T
 
-    def fitted(self, start: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
+    def fitted(self, start: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
         """The parameters with those in `free` at least squares: Gauss and Newton."""
         p = start.copy()
         for _ in range(STEPS):
@@ -89,7 +91,7 @@ class Sightings:
                 break
         return p
 
-    def with_radial(self, found: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
+    def with_radial(self, found: Float64[np.ndarray, "11"], free: tuple[int, ...]) -> np.ndarray:
         """Parameters fitted again with those radial coefficients that are worth it."""
         for count in range(1, len(RADIAL) + 1):
             if self.rms_px(found) < NOTHING_LEFT_PX:
@@ -99,11 +101,11 @@ class Sightings:
                 found = finer
         return found
 
-    def rms_px(self, p: np.ndarray) -> float:
+    def rms_px(self, p: Float64[np.ndarray, "11"]) -> float:
         """Root mean square of the lengths of the residuals."""
         return float(np.sqrt(np.mean(np.sum(self.residuals(p) ** 2, axis=1))))
 
-    def projection(self, p: np.ndarray) -> Projection:
+    def projection(self, p: Float64[np.ndarray, "11"]) -> Projection:
         """The part of the parameters that makes the image."""
         k1, k2, k3, p1, p2 = p[[*RADIAL, *TANGENTIAL]].tolist()
         x, y = p[list(POINT)].tolist()
