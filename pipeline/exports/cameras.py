@@ -106,11 +106,10 @@ class GridMesh:
         down = closer if self.layout == "hexagonal" else 1
         return self.pitch_px[0] * across, self.pitch_px[1] * down
 
-    @property
-    def shift_px(self) -> tuple[float, float]:
-        """Shift of lines 0, 2, …: of rows to the right, or of columns downwards, by half a pitch."""
-        across, down = self.pitch_px
-        return across / 2 * (self.layout == "hexagonal"), down / 2 * (self.layout == "hexagonal-columns")
+    def place(self, x_px: float, y_px: float) -> np.ndarray:
+        """Image position of a place that counts from the origin along the axes of the mesh, (2,)."""
+        cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        return np.array([[cos, -sin], [sin, cos]]) @ [x_px, y_px] + self.origin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.records.shapes import Float64, Shaped
+from pipeline.records.shapes import Float64, Num, Shaped
 
 STEPS = 40
 """Steps of a fit at most: a fit that settles needs few, and one that does not has to end."""
@@ -56,7 +56,7 @@ class Sightings:
     """Image positions (n, 2) and the points of the vision frame that they see, (n, 3)."""
 
     x_px: Float64[np.ndarray, "n 2"]
-    places_mm: Float64[np.ndarray, "n 3"]
+    places_mm: Num[np.ndarray, "n 3"]
 
     def residuals(self, p: Shaped[np.ndarray, "11"]) -> np.ndarray:
         """Differences of a pinhole's images of the points from their positions, (n, 2) [px]; analytic in `p`."""
