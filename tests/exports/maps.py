@@ -125,14 +125,16 @@ def check_stmap(folder: Path) -> None:
     undistort, distort = (channels(folder / f"Left.{name}.exr", "R", "G") for name in ("undistort", "distort"))
     assert undistort.shape == distort.shape == (48, 64, 2)
     row, column = np.mgrid[2:46:4, 2:62:6].reshape(2, -1)
-    ahead = np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))])
-    for table, wanted in (
-        (undistort, pixels_of(ahead)),
-        (distort, undistorted(np.stack([column, row], axis=1))),
-    ):
-        place = wanted if table is undistort else wanted * F_PX + CENTRE_PX
-        shares = (place + 0.5) / size
+    for table, name in ((undistort, "undistort"), (distort, "distort")):
+        shares = (looked_at(name, row, column) + 0.5) / size
         same(table[row, column], np.column_stack([shares[:, 0], 1 - shares[:, 1]]), 1e-6)
+
+
+def looked_at(name: str, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Where a map of pixels looks in the other picture, (n, 2) [px]."""
+    if name == "distort":
+        return undistorted(np.stack([column, row], axis=1)) * F_PX + CENTRE_PX
+    return pixels_of(np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))]))
 
 
 def check_omni_lut(folder: Path) -> None:
