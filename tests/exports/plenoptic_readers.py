@@ -156,7 +156,7 @@ def check_plenopticam(folder: Path, scene: PlenopticScene) -> None:
 
 def check_lftoolbox(folder: Path, scene: PlenopticScene) -> None:
     """LFBuildHexGrid of LFToolbox 3bf4f55, in LFBuildLensletGridModel.m since 0.5: Rot about its origin, then the
-    offset. MATLAB counts pixels from 1. `test_octave` runs the function itself.
+    offset. MATLAB counts pixels from 1. `test_programs` runs the function itself.
     """
     model = json.loads((folder / f"{NAME}.grid.json").read_text())["LensletGridModel"]
     assert model["Orientation"] == "horz"
