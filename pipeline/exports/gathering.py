@@ -78,9 +78,10 @@ def _with_row_pinhole(camera: ExportCamera, material: Material) -> ExportCamera:
         return camera
     seen = []
     for view in material.of(camera):
-        points_mm = material.target(view.target).points[view.observations.ids]
-        pose = view.built.poses.camera_from_target[view.target]
-        seen.append(Sightings(view.observations.positions, apply(pose, points_mm)))
+        if len(view.observations.ids):
+            points_mm = material.target(view.target).points[view.observations.ids]
+            pose = view.built.poses.camera_from_target[view.target]
+            seen.append(Sightings(view.observations.positions, apply(pose, points_mm)))
     return replace(camera, row_pinhole=row_pinhole(camera.pinhole, seen))
 
 

@@ -5,6 +5,7 @@ corners; as the pupil of a lens moves with the angle, it has another centre, and
 This one is found as calibrations find theirs, by targets that may move. It stands where these see the true centre.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
@@ -27,9 +28,9 @@ from pipeline.camera.figures.pinhole_fit import (
 )
 from pipeline.frames import apply, inverse, rigid
 
-_DETERMINED = 1e-3
-"""Share of what a parameter does to the rows that neither moved targets nor other parameters can undo, at least [1]. A
-board that faces the camera leaves nothing of the principal distance, 40 degrees in a field of 3 leave 0.0017."""
+_UNCERTAIN = 1e-4
+"""Standard error of the principal distance from which rows do not determine it, relative: a fifth of what pinholes of
+the image and of the rows of a wide lens differ by."""
 
 
 def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole | None:
@@ -43,24 +44,23 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
     image : BuiltPinhole
         The pinhole with distortion of camera.json.
     seen : sequence of Sightings
-        Rows of each target in each frame, where it truly is.
+        Rows of each target in each frame that shows some, where it truly is.
     """
     start = np.zeros(11)
     start[[F, *CENTRE, *POINT]] = image.principal_distance_px, *image.centre_mm, *image.principal_point_px
     start[[*RADIAL, *TANGENTIAL]] = image.distortion[[0, 1, 4, 2, 3]]
     free = (F, *(number for number in RADIAL if start[number]))
-    rows = tuple(one for one in seen if len(one.x_px))
-    if sum(one.x_px.size for one in rows) <= 6 * len(rows) + len(free):
+    if sum(one.x_px.size for one in seen) <= 6 * len(seen) + len(free):
         return None
-    found = _Adjusted(start, rows, (np.eye(4),) * len(rows)).settled(())
+    found = _Adjusted(start, tuple(seen), (np.eye(4),) * len(seen)).settled(())
     if found.together.rms_px(start) > NOTHING_LEFT_PX:
         nearer = found.settled(free)
-        if not nearer.share > _DETERMINED:
+        if not nearer.error < _UNCERTAIN:
             return None
         if nearer.together.rms_px(nearer.parameters) < WORTH_IT * found.together.rms_px(start):
             found = nearer
     centres = np.array([apply(inverse(move), image.centre_mm) for move in found.moves])
-    centre_mm = np.average(centres, axis=0, weights=[len(one.x_px) for one in rows])
+    centre_mm = np.average(centres, axis=0, weights=[len(one.x_px) for one in seen])
     projection = found.together.projection(found.parameters)
     return BuiltPinhole(
         centre_mm=np.where(image.centre_mm[:2].any(), centre_mm, [0.0, 0.0, centre_mm[2]]),
@@ -74,12 +74,12 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
 
 @dataclass(frozen=True, slots=True)
 class _Adjusted:
-    """A pinhole before targets that have moved, each by a rigid `moves` (4, 4), and the `share` of `_DETERMINED`."""
+    """A pinhole before targets that have moved, each by a rigid `moves` (4, 4), and the `error` of `_UNCERTAIN`."""
 
     parameters: np.ndarray
     seen: tuple[Sightings, ...]
     moves: tuple[np.ndarray, ...]
-    share: float = 1.0
+    error: float = 0.0
 
     @property
     def together(self) -> Sightings:
@@ -100,8 +100,7 @@ class _Adjusted:
         p, eliminated, parts = self.parameters.copy(), [], []
         for one in self.seen:
             by_move, own = _by_move(one, p), np.column_stack([one.slopes(p, free), one.residuals(p).ravel()])
-            span = np.linalg.qr(by_move)[0]
-            eliminated.append(own - span @ (span.T @ own))
+            eliminated.append(_without(by_move, own))
             parts.append((by_move, own))
         left, scale = np.concatenate(eliminated), np.linalg.norm(np.concatenate([own for _, own in parts]), axis=0)
         slopes = left[:, :-1] / scale[:-1]
@@ -114,8 +113,19 @@ class _Adjusted:
             seen.append(replace(one, places_mm=apply(move, one.places_mm)))
             moves.append(move @ before)
             change_px = max(change_px, float(np.linalg.norm(by_move @ turn_and_shift)))
-        share = float(np.linalg.svd(slopes, compute_uv=False)[-1]) if free else 1.0
-        return replace(self, parameters=p, seen=tuple(seen), moves=tuple(moves), share=share), change_px
+        error = 0.0
+        if free:
+            own = np.linalg.norm(_without(slopes[:, 1:], slopes[:, :1])) * scale[0]
+            spare = len(left) - 6 * len(self.seen) - len(free)
+            off = np.linalg.norm(left[:, -1] + left[:, :-1] @ step) / math.sqrt(spare)
+            error = float(off / own / p[F])
+        return replace(self, parameters=p, seen=tuple(seen), moves=tuple(moves), error=error), change_px
+
+
+def _without(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """What is left of other columns when all that these can undo is taken off."""
+    span = np.linalg.qr(columns)[0]
+    return np.asarray(others - span @ (span.T @ others))
 
 
 def _by_move(one: Sightings, p: np.ndarray) -> np.ndarray:
