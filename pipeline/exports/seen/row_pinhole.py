@@ -123,7 +123,7 @@ class _Adjusted:
 
 
 def _without(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """What is left of other columns when all that these can undo is taken off."""
+    """Other columns less their projection on the span of these."""
     span = np.linalg.qr(columns)[0]
     return np.asarray(others - span @ (span.T @ others))
 
