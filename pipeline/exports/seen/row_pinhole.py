@@ -54,7 +54,10 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
         return None
     found = _Adjusted(start, tuple(seen), (np.eye(4),) * len(seen)).settled(())
     if found.together.rms_px(start) > NOTHING_LEFT_PX:
-        nearer = found.settled(free)
+        try:
+            nearer = found.settled(free)
+        except np.linalg.LinAlgError:  # it ran away
+            return None
         if not nearer.error < _UNCERTAIN:
             return None
         if nearer.together.rms_px(nearer.parameters) < WORTH_IT * found.together.rms_px(start):
