@@ -136,9 +136,6 @@ FORMATS = {
         targets=Targets.ONE,
         files=tuple(f"text/{name}.txt" for name in _MODEL) + tuple(f"binary/{name}.bin" for name in _MODEL),
     ),
-    "puzzlepaint": Format(cameras=_CONVENTIONAL, files=("dataset.bin",)),
-    "mc-calib": Format(cameras=_CONVENTIONAL, files=("detected_keypoints_data.yml",)),
-    "deltille": Format(cameras=_CONVENTIONAL, targets=Targets.BOARD, files=("<camera>/<frame>.orpc", "board.dsc")),
     "lensboy": Format(cameras=_CONVENTIONAL, reads=_NOTHING, files=("<camera>.json",)),
     "vision-calibration": Format(cameras=_CONVENTIONAL, files=("<camera>.json",)),
     "libpleno": Format(
@@ -170,7 +167,6 @@ FORMATS = {
         reads=frozenset({Reads.CORNERS, Reads.IMAGES}),
         files=("<camera>/<frame>.lightfield.npz",),
     ),
-    "puzzlepaint-rays": Format(cameras=_CONVENTIONAL, reads=_RAYS, files=("<camera>.yaml",)),
 }
 """Format -> its facts, in the order of `pipeline export --list`."""
 

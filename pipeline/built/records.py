@@ -12,6 +12,7 @@ from pipeline.built.correspondences import Backdrop, CorrespondenceRows, all_of,
 from pipeline.built.folder import BuiltFolder
 from pipeline.built.rows import MICROLENS, as_pandas, joined, rows_of
 from pipeline.channel_names import body_and_channel, folder_of
+from pipeline.records.shapes import Float64
 
 if TYPE_CHECKING:
     import pandas
@@ -46,6 +47,18 @@ class BuiltPinhole:
         """Camera matrix of OpenCV, (3, 3)."""
         (x, y), f = self.principal_point_px, self.principal_distance_px
         return np.array([[f, 0.0, x], [0.0, f, y], [0.0, 0.0, 1.0]])
+
+    def projected(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
+        """Image positions of points of the pinhole's frame, (n, 2) [px]; `cv2.projectPoints`."""
+        k1, k2, p1, p2, k3 = self.distortion.tolist()
+        x, y = (points_mm[:, :2] / points_mm[:, 2:]).T
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        bent = [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ]
+        return np.stack(bent, axis=1) * self.principal_distance_px + self.principal_point_px
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.built.records import BuiltCamera
+from pipeline.built.records import BuiltCamera, BuiltPinhole
 from pipeline.exports.errors import ExportError
 from pipeline.exports.seen.stated_sight import Sight, StatedSight
 
@@ -24,30 +24,6 @@ class StatedPose:
 
     rotation: np.ndarray
     translation: np.ndarray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportPinhole:
-    """The equivalent pinhole with distortion.
-
-    Attributes
-    ----------
-    principal_distance_px : float
-    principal_point : (2,) float64
-        An image position.
-    distortion : (5,) float64
-        k1, k2, p1, p2, k3 of OpenCV.
-    """
-
-    principal_distance_px: float
-    principal_point: np.ndarray
-    distortion: np.ndarray
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """Camera matrix, (3, 3)."""
-        (x, y), f = self.principal_point, self.principal_distance_px
-        return np.array([[f, 0.0, x], [0.0, f, y], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,11 +106,10 @@ class GridMesh:
         down = closer if self.layout == "hexagonal" else 1
         return self.pitch_px[0] * across, self.pitch_px[1] * down
 
-    @property
-    def shift_px(self) -> tuple[float, float]:
-        """Shift of lines 0, 2, …: of rows to the right, or of columns downwards, by half a pitch."""
-        across, down = self.pitch_px
-        return across / 2 * (self.layout == "hexagonal"), down / 2 * (self.layout == "hexagonal-columns")
+    def place(self, x_px: float, y_px: float) -> np.ndarray:
+        """Image position of a place that counts from the origin along the axes of the mesh, (2,)."""
+        cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        return np.array([[cos, -sin], [sin, cos]]) @ [x_px, y_px] + self.origin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,8 +119,11 @@ class ExportCamera:
     Attributes
     ----------
     size_px : tuple of int
-    pinhole : ExportPinhole or None
-        The equivalent pinhole; None where none fits.
+    pinhole : BuiltPinhole or None
+        The equivalent pinhole with distortion; after the conversion that of the rows, if the format asks for it. None
+        where none fits.
+    row_pinhole : BuiltPinhole or None
+        That of the rows; None where they determine none, and behind microlenses.
     axis : (2,) float64
         Image position of the optical axis.
     micro_images : MicroImages or None
@@ -167,10 +145,11 @@ class ExportCamera:
     name: str
     size_px: tuple[int, int]
     pitch_mm: float
-    pinhole: ExportPinhole | None
+    pinhole: BuiltPinhole | None
     axis: np.ndarray
     micro_images: MicroImages | None = field(repr=False)
     built: BuiltCamera = field(repr=False)
+    row_pinhole: BuiltPinhole | None = None
     array: ArrayFit | None = None
     mesh: GridMesh | None = None
     pose: StatedPose | None = None
@@ -184,7 +163,7 @@ class ExportCamera:
         return self.stated
 
     @property
-    def model(self) -> ExportPinhole:
+    def model(self) -> BuiltPinhole:
         """The pinhole, of formats that cannot do without one.
 
         Raises

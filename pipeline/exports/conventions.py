@@ -28,10 +28,10 @@ class ImageAxes(StrEnum):
 
 
 class Rays(StrEnum):
-    """Axes in which a format counts rays; their origin is the centre of the aperture stop."""
+    """Axes in which a format counts rays, and where they start."""
 
-    VISION = "x right, y down, z forward"
-    USD = "x right, y up, z backward"
+    VISION = "x right, y down, z forward, from the centre of the aperture stop"
+    USD = "x right, y up, z backward, from the equivalent pinhole"
     NONE = "none"
 
 
@@ -40,7 +40,6 @@ class Board(StrEnum):
 
     RIGHT_DOWN = "from point 0, x right, y down, z away from the viewer"
     KALIBR = "from point 0, z towards the viewer; x down, y right, but x right, y up of AprilGrids"
-    RIGHT_UP = "from the lower left point, x right, y up, z towards the viewer"
     OURS = "from the middle of the pattern, x right, y up, z towards the viewer"
     NONE = "none, columns and rows alone"
 
@@ -59,6 +58,8 @@ class Centre(StrEnum):
     """Point of the camera that a pose leads to."""
 
     PINHOLE = "equivalent pinhole"
+    ROWS = "pinhole of the rows"
+    """Of the exported rows, as export.json states it; the equivalent pinhole where these determine none."""
     PRINCIPAL_POINT = "front principal point"
 
 
@@ -76,7 +77,6 @@ class Unit(StrEnum):
     """Unit of lengths in space."""
 
     MM = "mm"
-    CM = "cm"
     M = "m"
     NONE = "none"
 
@@ -102,7 +102,7 @@ class Convention:
     note : str
         Facts that a reader of its files has to know, beside their names.
     source : str
-        Place in the consumer's code or documentation that says so.
+        How we know: programs that are run on files, in every test or in a proof, and what was only read.
     """
 
     consumer: str
@@ -125,17 +125,19 @@ CONVENTIONS = {
         note="stereo- of pairs of cameras",
         origin=Origin.ZERO,
         pose=Pose.CAMERA_FROM_TARGET,
+        centre=Centre.ROWS,
         rotation=Rotation.VECTOR,
         unit=Unit.MM,
-        source="opencv/opencv: issues 10130, 24633; modules/calib/include/opencv2/calib.hpp",
+        source="run: cv2 5.0.0. Read: opencv/opencv issues 10130, 24633 on the centres of pixels",
     ),
     "opencv-multiview": Convention(
         consumer="calibrateMultiview of OpenCV 5",
         origin=Origin.ZERO,
         pose=Pose.CAMERA_FROM_FIRST,
+        centre=Centre.ROWS,
         rotation=Rotation.VECTOR,
         unit=Unit.M,
-        source="opencv/opencv: modules/calib/src/multiview_calibration.cpp",
+        source="run: cv2 5.0.0",
     ),
     "mrcal": Convention(
         consumer="mrcal",
@@ -143,9 +145,10 @@ CONVENTIONS = {
         origin=Origin.ZERO,
         board=Board.NONE,
         pose=Pose.CAMERA_FROM_FIRST,
+        centre=Centre.ROWS,
         rotation=Rotation.VECTOR,
         unit=Unit.M,
-        source="dkogan/mrcal: doc/conventions.org, mrcal/calibration.py, mrcal/cameramodel.py",
+        source="proof: mrcal 2.2 of Debian calibrates from the corners and reads the models",
     ),
     "kalibr": Convention(
         consumer="Kalibr",
@@ -153,39 +156,20 @@ CONVENTIONS = {
         origin=Origin.ZERO,
         board=Board.KALIBR,
         pose=Pose.CAMERA_FROM_PREVIOUS,
+        centre=Centre.ROWS,
         rotation=Rotation.MATRIX,
         unit=Unit.M,
-        source="ethz-asl/kalibr: kalibr_common/ConfigReader.py, GridCalibrationTargetCheckerboard.cpp",
+        source="proof: ConfigReader.py of ethz-asl/kalibr 1f60227. Read: GridCalibrationTarget*.cpp there",
     ),
     "colmap": Convention(
         consumer="COLMAP",
         note="the world is the target",
         origin=Origin.HALF,
         pose=Pose.CAMERA_FROM_TARGET,
+        centre=Centre.ROWS,
         rotation=Rotation.QUATERNION,
         unit=Unit.M,
-        source="colmap/colmap: doc/format.rst, doc/cameras.rst",
-    ),
-    "puzzlepaint": Convention(
-        consumer="puzzlepaint camera_calibration",
-        origin=Origin.HALF,
-        board=Board.NONE,
-        unit=Unit.M,
-        source="puzzlepaint/camera_calibration: io/calibration_io.cc, dataset.h",
-    ),
-    "mc-calib": Convention(
-        consumer="MC-Calib: keypoints_path",
-        origin=Origin.ZERO,
-        board=Board.NONE,
-        unit=Unit.NONE,
-        source="rameau-fr/MC-Calib: McCalib/src/McCalib.cpp, loadDetectedKeypoints",
-    ),
-    "deltille": Convention(
-        consumer="Deltille, BabelCalib",
-        origin=Origin.ZERO,
-        board=Board.RIGHT_UP,
-        unit=Unit.CM,
-        source="deltille/detector: DeltilleDetector.cpp; ylochman/babelcalib: core/feature/get_corners_from_orpc.m",
+        source="run: pycolmap 4.2.1",
     ),
     "lensboy": Convention(
         consumer="lensboy: OpenCV.load",
@@ -193,14 +177,14 @@ CONVENTIONS = {
         origin=Origin.ZERO,
         board=Board.NONE,
         unit=Unit.NONE,
-        source="lensboy 4.0.3: camera_models/opencv.py, to_json and from_json",
+        source="proof: lensboy 4.0.3 loads the camera and projects",
     ),
     "vision-calibration": Convention(
         consumer="vision-calibration (calibration-rs): run_planar_intrinsics, run_scheimpflug_intrinsics",
         note="Observation.from_payload takes each entry obs of views",
         origin=Origin.ZERO,
         unit=Unit.M,
-        source="vision-calibration 0.9.0: models.py, PlanarDataset.to_payload",
+        source="run: vision-calibration 0.9.0",
     ),
     "libpleno": Convention(
         consumer="libpleno, COMPOTE, BLADE",
@@ -210,7 +194,7 @@ CONVENTIONS = {
         rotation=Rotation.COLUMNS,
         unit=Unit.MM,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
-        source="comsee-research/libpleno: pleno/geometry/{observation,mesh,mia,pose}.cpp, geometry/camera/camera.cpp",
+        source="proof: projections of comsee-research/libpleno 48db282. Read: camera.js, in its pleno/io/cfg/",
     ),
     "raytrix": Convention(
         consumer="PlenopticToolbox 2.0, TLCT: calibration as RxLive writes it",
@@ -219,14 +203,14 @@ CONVENTIONS = {
         board=Board.NONE,
         unit=Unit.NONE,
         microlenses=Microlenses.FROM_CENTRAL,
-        source="freerafiki/PlenopticToolbox2.0: python/plenopticIO/{imgIO,lens_grid}.py",
+        source="proof: load_from_xml of freerafiki/PlenopticToolbox2.0 79f2761. Read: SIGS-TZ/TLCT 9ef550c",
     ),
     "pip": Convention(
         consumer="PlenopticImageProcessing",
         origin=Origin.ZERO,
         board=Board.NONE,
         unit=Unit.MM,
-        source="Arne-Petersen/PlenopticImageProcessing: PIPBase/PlenopticTypes.hh, SampleData/MLAconfig.xml",
+        source="read: Arne-Petersen/PlenopticImageProcessing f72013a, PlenopticTypes.hh, PlenopticTools.cpp",
     ),
     "bok": Convention(
         consumer="MATLAB code of Bok 2017 and Nousias 2017",
@@ -234,7 +218,7 @@ CONVENTIONS = {
         board=Board.NONE,
         unit=Unit.MM,
         microlenses=Microlenses.TYPES_FROM_ONE,
-        source="sotnousias/plenoptic-camera-calibration: src/, thirdParty/Geometric_Calibration_Lightfield/",
+        source="proof: GNU Octave 7.3 loads the files. Read: sotnousias/plenoptic-camera-calibration d41208d",
     ),
     "lftoolbox": Convention(
         consumer="LFToolbox (MATLAB)",
@@ -243,7 +227,7 @@ CONVENTIONS = {
         board=Board.NONE,
         unit=Unit.NONE,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
-        source="doda42/LFToolbox: SupportFunctions/LFBuildHexGrid.m, LFUtilProcessWhiteImages.m",
+        source="proof: LFBuildHexGrid of doda42/LFToolbox 3bf4f55, LFBuildLensletGridModel.m, in GNU Octave 7.3",
     ),
     "plenopticam": Convention(
         consumer="plenopticam",
@@ -253,7 +237,7 @@ CONVENTIONS = {
         board=Board.NONE,
         unit=Unit.NONE,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
-        source="hahnec/plenopticam: plenopticam/lfp_calibrator/, cfg/constants.py",
+        source="read: hahnec/plenopticam 24bb523, cfg/cfg.py, lfp_aligner/lfp_local_resampler.py",
     ),
     "parquet": Convention(
         consumer="pandas, Polars, R and all else that reads Parquet",
@@ -293,7 +277,7 @@ CONVENTIONS = {
         axes=ImageAxes.X_UP,
         board=Board.NONE,
         unit=Unit.NONE,
-        source="Foundry: Nuke, STMap; the identity is ((x + 0.5) / width, (y + 0.5) / height) from the bottom left",
+        source="proof: st_warp of OpenImageIO 3.2 with flip_t. Read: documentation of Foundry Nuke, STMap",
     ),
     "omni-lut": Convention(
         consumer="Omniverse RTX, Isaac Sim: OmniLensDistortionLutAPI",
@@ -301,7 +285,7 @@ CONVENTIONS = {
         board=Board.NONE,
         unit=Unit.NONE,
         rays=Rays.USD,
-        source="NVIDIA: omni.usd.schema.omni_lens_distortion, lens calibration of ovrtx; DS-MSP: isaac_sim/lut.py",
+        source="read: documentation of NVIDIA, omni.usd.schema.omni_lens_distortion; DS-MSP, isaac_sim/lut.py",
     ),
     "depth": Convention(
         consumer="robotics, compositors; OpenEXR",
@@ -320,15 +304,6 @@ CONVENTIONS = {
         unit=Unit.NONE,
         microlenses=Microlenses.MICRO_IMAGE_GRID,
         source="CONVENTIONS.md; columns and rows as in libpleno, pleno/geometry/mesh.cpp",
-    ),
-    "puzzlepaint-rays": Convention(
-        consumer="puzzlepaint camera_calibration: NoncentralGenericModel",
-        note="control points of B-splines for points and directions of rays",
-        origin=Origin.HALF,
-        board=Board.NONE,
-        unit=Unit.M,
-        rays=Rays.VISION,
-        source="puzzlepaint/camera_calibration: noncentral_generic.h, central_grid.h, b_spline.h, calibration_io.cc",
     ),
 }
 """Format -> convention, in the order of `pipeline export --list`."""

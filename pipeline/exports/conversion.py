@@ -24,12 +24,11 @@ from pipeline.exports.seen.pixels import positions
 from pipeline.exports.seen.stated_sight import StatedSight
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 
-_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.CM: 0.1, Unit.M: 1e-3}
+_MM = {Unit.NONE: 1.0, Unit.MM: 1.0, Unit.M: 1e-3}
 """One millimetre in the unit."""
 _AXES = {
     Board.OURS: np.eye(3),
     Board.NONE: np.eye(3),
-    Board.RIGHT_UP: np.eye(3),
     Board.RIGHT_DOWN: np.diag([1.0, -1.0, -1.0]),
     Board.KALIBR: np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
 }
@@ -44,6 +43,8 @@ def converted(material: Material, convention: Convention) -> Material:
     ExportError
         Microlenses cannot be numbered as the format does it.
     """
+    if convention.centre is Centre.ROWS:
+        material = _by_rows(material)
     grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}
     cameras = {camera.name: camera for camera in material.cameras}
     frames = {target.name: board_from_target(target, convention) for target in material.targets}
@@ -67,6 +68,31 @@ def converted(material: Material, convention: Convention) -> Material:
     )
 
 
+def _by_rows(material: Material) -> Material:
+    """A material whose cameras are the pinholes of their rows, where these determine one, and its poses to these."""
+    shifts = {
+        camera.name: rigid(np.eye(3), camera.pinhole.centre_mm - camera.row_pinhole.centre_mm)
+        for camera in material.cameras
+        if camera.pinhole and camera.row_pinhole
+    }
+
+    def shifted(camera: str, pose: np.ndarray | None) -> np.ndarray | None:
+        return None if pose is None else shifts.get(camera, np.eye(4)) @ pose
+
+    return replace(
+        material,
+        cameras=tuple(replace(one, pinhole=one.row_pinhole or one.pinhole) for one in material.cameras),
+        views=tuple(
+            replace(
+                view,
+                camera_from_target=shifted(view.camera, view.camera_from_target),
+                camera_from_world=shifted(view.camera, view.camera_from_world),
+            )
+            for view in material.views
+        ),
+    )
+
+
 def meaning(convention: Convention) -> tuple[str, ...]:
     """Lines that say what the numbers of a file mean."""
     first = str(convention.origin)
@@ -81,7 +107,7 @@ def meaning(convention: Convention) -> tuple[str, ...]:
     if convention.microlenses is not Microlenses.NONE:
         lines.append(f"microlenses: {convention.microlenses}")
     if convention.rays is not Rays.NONE:
-        lines.append(f"rays: {convention.rays}, from the centre of the aperture stop")
+        lines.append(f"rays: {convention.rays}")
     return tuple(lines)
 
 
@@ -92,8 +118,6 @@ def board_from_target(target: ExportTarget, convention: Convention) -> np.ndarra
     origin = target.nominal[0]
     if convention.board in (Board.OURS, Board.NONE):
         origin = np.zeros(3)
-    elif convention.board is Board.RIGHT_UP:
-        origin = target.nominal.min(axis=0)
     return rigid(turn, -turn @ origin)
 
 
@@ -129,7 +153,7 @@ def _grid(material: Material, camera: ExportCamera, convention: Convention) -> M
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
     pinhole, images = camera.pinhole, camera.micro_images
     if pinhole is not None:
-        pinhole = replace(pinhole, principal_point=positions(pinhole.principal_point, convention, camera.size_px))
+        pinhole = replace(pinhole, principal_point_px=positions(pinhole.principal_point_px, convention, camera.size_px))
     axis = positions(camera.axis, convention, camera.size_px)
     seen = StatedSight(built=camera.built, sight=camera.sight, convention=convention, scale=_MM[convention.unit])
     camera = replace(camera, stated=seen)
@@ -172,7 +196,7 @@ def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> 
 
 def _camera_from_target(view: ExportView, camera: ExportCamera, convention: Convention) -> np.ndarray | None:
     """The pose to the point that the format counts from, (4, 4) [mm]; None where it is a pinhole and none fits."""
-    if convention.centre is Centre.PINHOLE:
+    if convention.centre is not Centre.PRINCIPAL_POINT:
         return view.camera_from_target
     front_mm = camera.built.record["lens"]["principal_planes_mm"][0]
     return rigid(np.eye(3), np.array([0.0, 0.0, -front_mm])) @ view.built.poses.camera_from_target[view.target]

@@ -6,17 +6,14 @@ from pathlib import Path
 from pipeline.exports.material import Material
 from pipeline.exports.writers import (
     colmap,
-    deltille,
     kalibr,
     lensboy,
-    mc_calib,
     mrcal,
     opencv,
-    puzzlepaint,
     tables,
     vision_calibration,
 )
-from pipeline.exports.writers.maps import depth, generic, lightfield, omni_lut, rays, stmap
+from pipeline.exports.writers.maps import depth, lightfield, omni_lut, rays, stmap
 from pipeline.exports.writers.plenoptic import bok, lftoolbox, libpleno, pip, plenopticam, raytrix
 
 Writer = Callable[[Material, Path], None]
@@ -26,9 +23,6 @@ WRITERS: dict[str, Writer] = {
     "mrcal": mrcal.write,
     "kalibr": kalibr.write,
     "colmap": colmap.write,
-    "puzzlepaint": puzzlepaint.write,
-    "mc-calib": mc_calib.write,
-    "deltille": deltille.write,
     "lensboy": lensboy.write,
     "vision-calibration": vision_calibration.write,
     "libpleno": libpleno.write,
@@ -44,6 +38,5 @@ WRITERS: dict[str, Writer] = {
     "omni-lut": omni_lut.write,
     "depth": depth.write,
     "lightfield": lightfield.write,
-    "puzzlepaint-rays": generic.write,
 }
 """Format -> what writes its files into a folder, of a material in its conventions; as many as in CONVENTIONS."""

@@ -9,11 +9,14 @@ import numpy as np
 
 from pipeline.built.output import Output
 from pipeline.built.records import BuiltCamera, BuiltTarget, BuiltView
+from pipeline.camera.figures.pinhole_fit import Sightings
 from pipeline.export_formats import EXACT
-from pipeline.exports.cameras import ExportCamera, ExportPinhole, MicroImages
+from pipeline.exports.cameras import ExportCamera, MicroImages
 from pipeline.exports.errors import ExportError
 from pipeline.exports.material import ExportTarget, ExportView, Grid, Material, Observations, Scene
+from pipeline.exports.seen.row_pinhole import row_pinhole
 from pipeline.exports.seen.stated_sight import Sight
+from pipeline.frames import apply
 from pipeline.spelling import did_you_mean
 
 _REGULAR_MM = 1e-9
@@ -58,7 +61,7 @@ def gather(output: Output, position: str = EXACT, around: Around | None = None) 
     remarks: tuple[str, ...] = (f"exported from a build of {output.stage} by plenoptic-pipeline",)
     if position != EXACT:
         remarks = (*remarks, f"positions: {position}, not those of J")
-    return Material(
+    material = Material(
         stage=output.stage,
         remarks=remarks,
         cameras=tuple(_camera(camera, around) for camera in output.cameras.values()),
@@ -67,6 +70,19 @@ def gather(output: Output, position: str = EXACT, around: Around | None = None) 
         frames=output.frames,
         scene=around.scene if around else None,
     )
+    return replace(material, cameras=tuple(_with_row_pinhole(camera, material) for camera in material.cameras))
+
+
+def _with_row_pinhole(camera: ExportCamera, material: Material) -> ExportCamera:
+    if camera.built.is_plenoptic or camera.pinhole is None:
+        return camera
+    seen = []
+    for view in material.of(camera):
+        if len(view.observations.ids):
+            points_mm = material.target(view.target).points[view.observations.ids]
+            pose = view.built.poses.camera_from_target[view.target]
+            seen.append(Sightings(view.observations.positions, apply(pose, points_mm)))
+    return replace(camera, row_pinhole=row_pinhole(camera.pinhole, seen))
 
 
 def chosen(material: Material, names: tuple[str, ...]) -> Material:
@@ -110,18 +126,11 @@ def grid_of(nominal: np.ndarray) -> Grid | None:
 
 
 def _camera(camera: BuiltCamera, around: Around | None) -> ExportCamera:
-    model = camera.pinhole_with_distortion
     return ExportCamera(
         name=camera.name,
         size_px=camera.size_px,
         pitch_mm=camera.pitch_mm,
-        pinhole=None
-        if model is None
-        else ExportPinhole(
-            principal_distance_px=model.principal_distance_px,
-            principal_point=model.principal_point_px,
-            distortion=model.distortion,
-        ),
+        pinhole=camera.pinhole_with_distortion,
         axis=np.array(camera.record["optical_axis_px"]),
         sight=partial(around.sight, camera.name) if around else None,
         micro_images=_micro_images(camera),

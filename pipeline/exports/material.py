@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.built.records import BuiltView
 from pipeline.exports.cameras import ExportCamera, StatedPose
 from pipeline.exports.errors import ExportError
-from pipeline.frames import inverse
+from pipeline.frames import apply, inverse
 
 _SAME_MM = 1e-9
 """Deviation of poses that are the same [mm]: rounding of products of matrices."""
@@ -178,6 +178,13 @@ class Material:
     def target(self, name: str) -> ExportTarget:
         """Target of a name."""
         return next(target for target in self.targets if target.name == name)
+
+    def residuals_px(self, view: ExportView) -> np.ndarray:
+        """Distances of observations from where the pinhole of the camera projects their points, (n,)."""
+        (camera,) = (one for one in self.cameras if one.name == view.camera)
+        points, pose = self.target(view.target).points[view.observations.ids], view.camera_from_target
+        assert pose is not None
+        return np.hypot(*(camera.model.projected(apply(pose, points)) - view.observations.positions).T)
 
     @property
     def only_target(self) -> ExportTarget:

@@ -1,7 +1,8 @@
 """Micro-images counted by column and row from the top left of the image, as libpleno does it.
 
-In hexagonal rows lines 0, 2, … are shifted by half a micro-image to the right, in hexagonal columns downwards:
-`GridMesh_::node` of libpleno, pleno/geometry/mesh.cpp.
+In hexagonal rows lines 0, 2, … are shifted by half a micro-image to the right, in hexagonal columns downwards.
+`GridMesh_::node` of libpleno, pleno/geometry/mesh.cpp, moves lines 1, 3, … of columns up instead: the same places from
+another origin.
 """
 
 import math

@@ -2,9 +2,10 @@
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from pipeline.export_formats import FORMATS, SIDE_CAR, NamedCamera
-from pipeline.exports.conventions import CONVENTIONS, Convention
+from pipeline.exports.conventions import CONVENTIONS, Centre, Convention
 from pipeline.exports.conversion import converted
 from pipeline.exports.formats import WRITERS
 from pipeline.exports.material import Material
@@ -28,7 +29,9 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     convention = CONVENTIONS[name]
     WRITERS[name](converted(material, convention), folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    facts = {"stage": material.stage, "format": name, "position": position}
+    facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
+    if convention.centre is Centre.ROWS:
+        facts["pinholes_of_rows"] = _by_name(material)
     noisy = None if noise.is_none else noise.to_dict()
     write_json(folder / SIDE_CAR, {**facts, "noise": noisy, "conventions": _plain(convention), "files": files})
     cameras = [NamedCamera(name=one.name, is_plenoptic=one.built.is_plenoptic) for one in material.cameras]
@@ -39,3 +42,12 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
 
 def _plain(convention: Convention) -> dict[str, str]:
     return {name: str(value) for name, value in asdict(convention).items()}
+
+
+def _by_name(material: Material) -> dict[str, Any]:
+    """The pinholes of the rows in our conventions, by the keys of camera.json; null where rows determine none."""
+    found = {one.name: None if one.row_pinhole is None else asdict(one.row_pinhole) for one in material.cameras}
+    for one in found.values():
+        if one is not None:
+            one["residual_px"] = {"rms": one.pop("rms_px"), "max": one.pop("max_px")}
+    return found

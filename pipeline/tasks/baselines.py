@@ -14,7 +14,7 @@ from pipeline.tasks.params.poses import Baselines as Params
 
 HEADER = (
     "two cameras in a frame: point in the second = R(rvec) point in the first + t, axes x right, y down, z forward",
-    "pinhole: between the pinholes of camera.json, what OpenCV's stereoCalibrate calls R and T; mm, rvec in rad",
+    "pinhole: between the pinholes of camera.json, R and T as OpenCV's stereoCalibrate defines them; mm, rvec in rad",
     "stop: between the centres of the aperture stops, the origins of the vision frames; rvec is the same",
     "baseline: distance of the two centres, mm; empty where a camera has no pinhole",
 )

@@ -7,8 +7,9 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
+from pipeline.camera.figures.equivalent_pinhole import Pinhole
 from pipeline.camera.figures.first_order_figures import report
+from pipeline.camera.figures.pinhole_fit import Projection
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.files.jsonfile import write_json

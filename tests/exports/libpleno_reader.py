@@ -78,10 +78,10 @@ def matrix(columns: list[list[float]]) -> np.ndarray:
 
 
 def node(mesh: dict, k: int, l: int) -> np.ndarray:
-    """GridMesh_::nodeInWorld, (2,) [px]."""
+    """GridMesh_::nodeInWorld of 48db282, (2,) [px]."""
     geometry, (pitch,) = mesh["geometry"], mesh["pitch"]
     across = 0.5 if geometry == 1 and l % 2 == 0 else 0.0
-    down = 0.5 if geometry == 2 and k % 2 == 0 else 0.0
+    down = -0.5 if geometry == 2 and k % 2 == 1 else 0.0
     x = pitch[0] * (k + across) * (SIN_60 if geometry == 2 else 1.0)
     y = pitch[1] * (l + down) * (SIN_60 if geometry == 1 else 1.0)
     (translation,) = mesh["pose"]["translation"]

@@ -10,10 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import OpenEXR
-import yaml
 from exports.pretended import write_manifest
 from pxr import Usd
-from scipy.interpolate import BSpline
 
 from pipeline.sight.answers import PixelRays
 
@@ -127,14 +125,16 @@ def check_stmap(folder: Path) -> None:
     undistort, distort = (channels(folder / f"Left.{name}.exr", "R", "G") for name in ("undistort", "distort"))
     assert undistort.shape == distort.shape == (48, 64, 2)
     row, column = np.mgrid[2:46:4, 2:62:6].reshape(2, -1)
-    ahead = np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))])
-    for table, wanted in (
-        (undistort, pixels_of(ahead)),
-        (distort, undistorted(np.stack([column, row], axis=1))),
-    ):
-        place = wanted if table is undistort else wanted * F_PX + CENTRE_PX
-        shares = (place + 0.5) / size
+    for table, name in ((undistort, "undistort"), (distort, "distort")):
+        shares = (looked_at(name, row, column) + 0.5) / size
         same(table[row, column], np.column_stack([shares[:, 0], 1 - shares[:, 1]]), 1e-6)
+
+
+def looked_at(name: str, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Where a map of pixels looks in the other picture, (n, 2) [px]."""
+    if name == "distort":
+        return undistorted(np.stack([column, row], axis=1)) * F_PX + CENTRE_PX
+    return pixels_of(np.column_stack([(column - CENTRE_PX[0]) / F_PX, (row - CENTRE_PX[1]) / F_PX, np.ones(len(row))]))
 
 
 def check_omni_lut(folder: Path) -> None:
@@ -176,37 +176,8 @@ def check_depth(folder: Path) -> None:
     same(ends, [0, 0, 63, 47], 0)
 
 
-def check_generic(folder: Path) -> None:
-    """EvalUniformCubicBSplineSurface of puzzlepaint: the ray of the known pixel passes the point that it sees."""
-    data = yaml.safe_load((folder / "Left.yaml").read_text().replace(" : ", ": "))
-    assert data["type"] == "NoncentralGenericModel" and (data["width"], data["height"]) == SIZE_PX
-    low = [data[f"calibration_min_{axis}"] for axis in "xy"]
-    high = [data[f"calibration_max_{axis}"] for axis in "xy"]
-    assert (low, high) == ([0, 0], [63, 47])
-    counts = data["grid_width"], data["grid_height"]
-    grids = [np.array(data[name]).reshape(*counts[::-1], 3) for name in ("point_grid", "direction_grid")]
-    for pixel in (PIXEL, (0, 0), (63, 47)):
-        place = np.array(pixel) + 0.5
-        x, y = (1 + (n - 3) * (p - a) / (b + 1 - a) for n, p, a, b in zip(counts, place, low, high, strict=True))
-        start, way = (surface(grid, x, y) for grid in grids)
-        way /= np.linalg.norm(way)
-        seen = (np.append(undistorted(np.array([pixel]))[0], 1) * Z_MM + STOP_MM) / 1000
-        same(np.cross(seen - start, way), np.zeros(3), 2e-8)
-        same(start[2], 0, 1e-9)
-    assert (way * [1, 1, 1] > 0).all()
-
-
-def surface(grid: np.ndarray, x: float, y: float) -> np.ndarray:
-    """A uniform cubic B-spline surface, by SciPy's."""
-    for place in (y, x):
-        knots = np.arange(-2, grid.shape[0] + 2)  # control point i has its top at i
-        grid = BSpline(knots, grid, 3)(place)
-    return grid
-
-
 CHECKS = {
     "depth": check_depth,
-    "puzzlepaint-rays": check_generic,
     "rays": check_rays,
     "stmap": check_stmap,
     "omni-lut": check_omni_lut,

@@ -155,20 +155,24 @@ def check_plenopticam(folder: Path, scene: PlenopticScene) -> None:
 
 
 def check_lftoolbox(folder: Path, scene: PlenopticScene) -> None:
-    """LFBuildHexGrid: turned about (HOffset, VOffset), and that added once more; MATLAB counts pixels from 1."""
+    """LFBuildHexGrid of LFToolbox 3bf4f55, in LFBuildLensletGridModel.m since 0.5: Rot about its origin, then the
+    offset. MATLAB counts pixels from 1. `test_programs` runs the function itself.
+    """
     model = json.loads((folder / f"{NAME}.grid.json").read_text())["LensletGridModel"]
     assert model["Orientation"] == "horz"
-    offset, (cos, sin) = np.array([model["HOffset"], model["VOffset"]]), (np.cos(model["Rot"]), np.sin(model["Rot"]))
+    cos, sin = np.cos(model["Rot"]), np.sin(model["Rot"])
     v, u = np.mgrid[: model["VMax"], : model["UMax"]]
     shifted = np.isin(v, np.arange(model["FirstPosShiftRow"] - 1, model["VMax"], 2))
     flat = np.stack([(u + 0.5 * shifted) * model["HSpacing"], v * model["VSpacing"]], axis=-1).reshape(-1, 2)
-    places = (flat - offset) @ np.array([[cos, -sin], [sin, cos]]).T + 2 * offset - 1
-    inside = ((places > 0) & (places < np.array(SIZE_PX) - 1)).all(axis=1)
-    assert inside.sum() > 60
+    require_all_centres(flat @ np.array([[cos, -sin], [sin, cos]]).T + [model["HOffset"], model["VOffset"]] - 1, scene)
+
+
+def require_all_centres(places: np.ndarray, scene: PlenopticScene) -> None:
+    """Fail unless those of places (n, 2) that lie in the image are the centres of all micro-images there."""
+    inside, seen = (((one > 0) & (one < np.array(SIZE_PX) - 1)).all(axis=1) for one in (places, scene.array.centre_px))
+    assert inside.sum() == seen.sum() > 60
     for place in places[inside]:
         nearest(scene, place)
-    seen = ((scene.array.centre_px > 0) & (scene.array.centre_px < np.array(SIZE_PX) - 1)).all(axis=1)
-    assert inside.sum() == seen.sum()
 
 
 def check_lightfield(folder: Path, scene: PlenopticScene) -> None:

@@ -6,7 +6,6 @@ comes from the table of conventions.
 
 import ast
 import json
-import struct
 from pathlib import Path
 
 import cv2
@@ -208,61 +207,6 @@ def check_colmap(folder: Path, scene: Scene) -> None:
         assert model.points3D[1].track.length() == 8
 
 
-def check_puzzlepaint(folder: Path, scene: Scene) -> None:
-    """From the layout: ten letters, integers big-endian, floats little-endian."""
-    data = (folder / "dataset.bin").read_bytes()
-    place = 10
-    assert data[:place] == b"calib_data"
-
-    def take(form: str):
-        nonlocal place
-        values = struct.unpack_from(form, data, place)
-        place += struct.calcsize(form)
-        return values if len(values) > 1 else values[0]
-
-    assert take(">I") == 0 and take(">I") == 3
-    assert [take(">II") for _ in range(3)] == [SIZE_PX] * 3
-    assert take(">I") == 3
-    for frame in (1, 2, 3):
-        assert take(f"{take('>I')}s") == f"{frame:04d}.png".encode()
-        for name in scene.rig:
-            rows = [(*take("<ff"), take(">i")) for _ in range(take(">I"))]
-            assert [row[2] for row in rows] == scene.ids(name, frame)
-            same([row[:2] for row in rows], scene.pixels(name, frame)[scene.ids(name, frame)] + 0.5, FLOAT32_PX)
-            if (frame, name) == (1, "Left"):
-                same(rows[0][:2], CORNER_PX + 0.5, FLOAT32_PX)
-    assert take(">I") == 1
-    same(take("<f"), SQUARE_MM / 1000, 1e-9)
-    known = [take(">iii") for _ in range(take(">I"))]
-    assert known == [(point, point % COLUMNS, point // COLUMNS) for point in range(COLUMNS * ROWS)]
-    assert place == len(data)
-
-
-def check_deltille(folder: Path, scene: Scene) -> None:
-    board, family, *nodes = (folder / "board.dsc").read_text().splitlines()
-    number, columns, rows, size_mm = board.split(",")
-    assert (number, columns, rows, float(size_mm)) == ("0", str(COLUMNS + 1), str(ROWS + 1), SQUARE_MM)
-    assert family.split(",")[0] in ("t16h5", "t25h7", "t25h9", "t36h9", "t36h11") and len(nodes) == COLUMNS * ROWS
-    for point, node in enumerate(nodes):  # from the top row down; row, and y, count from the bottom; cm
-        tag, column, row, *xyz = node.split(",")
-        assert (int(tag), int(column), int(row)) == (-1, point % COLUMNS, ROWS - 1 - point // COLUMNS)
-        same([float(value) for value in xyz], [int(column) * SQUARE_MM / 10, int(row) * SQUARE_MM / 10, 0], 1e-12)
-    for name in scene.rig:
-        for frame in (1, 2, 3):
-            lines = (folder / f"{name}/{frame:04d}.orpc").read_text().splitlines()
-            head = dict(line.split(": ") for line in lines[:5])
-            assert list(head) == ["filename", "width", "height", "num_corners", "encoding"]
-            assert (int(head["width"]), int(head["height"]), head["encoding"]) == (*SIZE_PX, "ascii")
-            rows = [line.split(",") for line in lines[5:]]
-            assert int(head["num_corners"]) == len(rows)
-            assert [int(row[1]) for row in rows] == scene.ids(name, frame)
-            assert {(row[0], row[2]) for row in rows} == {("0", "1")}
-            places = np.array([[float(x), float(y)] for *_, x, y in rows])
-            same(places, scene.pixels(name, frame)[scene.ids(name, frame)], PRINTED_PX)
-            if (frame, name) == (1, "Left"):
-                same(places[0], CORNER_PX, SOLVED_PX)
-
-
 def check_parquet(folder: Path, scene: Scene) -> None:
     _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
 
@@ -288,26 +232,6 @@ def _check_tables(frame_of, scene: Scene) -> None:
             tvec = pose[[f"t_{axis}_mm" for axis in "xyz"]].to_numpy(float)
             seen = cv2.projectPoints(board_mm()[view.point_id], rvec, tvec, scene.matrix, DISTORTION)[0][:, 0]
             same(seen, pixels, PRINTED_PX)
-
-
-def check_mc_calib(folder: Path, scene: Scene) -> None:
-    """loadDetectedKeypoints: five lists of one length for each camera."""
-    storage = cv2.FileStorage(str(folder / "detected_keypoints_data.yml"), cv2.FILE_STORAGE_READ)
-    assert storage.getNode("nb_camera").real() == len(scene.rig)
-    for number, name in enumerate(scene.rig):
-        node = storage.getNode(f"camera_{number}")
-        assert (node.getNode("img_width").real(), node.getNode("img_height").real()) == SIZE_PX
-        lists = {
-            key: node.getNode(key) for key in ("frame_idxs", "frame_paths", "board_idxs", "pts_2d", "charuco_idxs")
-        }
-        assert {one.size() for one in lists.values()} == {len(scene.poses)}
-        for row, frame in enumerate(scene.poses):
-            assert lists["frame_idxs"].at(row).real() == frame and lists["board_idxs"].at(row).real() == 0
-            assert lists["frame_paths"].at(row).string() == f"frames/{frame:04d}/{name}/image.png"
-            flat, ids = (lists[key].at(row) for key in ("pts_2d", "charuco_idxs"))
-            points = np.array([flat.at(i).real() for i in range(flat.size())]).reshape(-1, 2)
-            assert [int(ids.at(i).real()) for i in range(ids.size())] == scene.ids(name, frame)
-            same(points, scene.pixels(name, frame)[scene.ids(name, frame)], PRINTED_PX)
 
 
 def check_lensboy(folder: Path, scene: Scene) -> None:
@@ -340,9 +264,6 @@ CHECKS = {
     "mrcal": check_mrcal,
     "kalibr": check_kalibr,
     "colmap": check_colmap,
-    "puzzlepaint": check_puzzlepaint,
-    "mc-calib": check_mc_calib,
-    "deltille": check_deltille,
     "lensboy": check_lensboy,
     "vision-calibration": check_vision_calibration,
     "parquet": check_parquet,

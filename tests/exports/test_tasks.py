@@ -14,7 +14,7 @@ from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
 
 ASKED = {
-    "conventional": ["opencv", "mrcal", "colmap", "deltille", "npz", "rays", "stmap", "depth"],
+    "conventional": ["opencv", "mrcal", "colmap", "kalibr", "npz", "rays", "stmap", "depth"],
     "plenoptic": ["libpleno", "pip", "bok", "lftoolbox", "plenopticam", "npz", "depth", "lightfield"],
 }
 NOISE = Noise(noise_px=0.2, outliers=0.1, missed=0.1, seed=5)

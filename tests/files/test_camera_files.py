@@ -139,10 +139,10 @@ def test_a_camera_of_libpleno_is_a_thin_lens_camera(tmp_path):
 
 
 def theirs(geometry: int, k: int, l: int, x_mm: float, y_mm: float) -> tuple[float, float]:
-    """Node of libpleno's GridMesh: even rows, or columns, shifted by half a pitch."""
+    """Node of GridMesh of libpleno 48db282: even rows shifted to the right, odd columns up, by half a pitch."""
     sin_60 = 3**0.5 / 2
     x = (k + 0.5 * (geometry == 1 and l % 2 == 0)) * (sin_60 if geometry == 2 else 1)
-    y = (l + 0.5 * (geometry == 2 and k % 2 == 0)) * (sin_60 if geometry == 1 else 1)
+    y = (l - 0.5 * (geometry == 2 and k % 2 == 1)) * (sin_60 if geometry == 1 else 1)
     return x * x_mm, y * y_mm
 
 

@@ -24,7 +24,6 @@ from pipeline.files.png import read_png, write_png
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.report.page.diary import Diary
 from pipeline.report.page.images import picture_of
-from pipeline.report.page.residuals import projected
 from pipeline.report.page.spots import field_bundles, field_curvature, spots, transfer
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -150,7 +149,7 @@ def test_the_pinhole_of_the_residuals_is_opencvs():
     )
     points = np.random.default_rng(1).uniform((-100, -100, 300), (100, 100, 500), (50, 3))
     theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), pinhole.matrix, distortion)
-    np.testing.assert_allclose(projected(pinhole, points), theirs[:, 0], atol=1e-9)
+    np.testing.assert_allclose(pinhole.projected(points), theirs[:, 0], atol=1e-9)
 
 
 @pytest.fixture(scope="module")

@@ -134,7 +134,7 @@ def ideal_map(camera: BuiltCamera, sight: Sight) -> IdealMap:
 
 
 def _model_and_plane(camera: BuiltCamera) -> tuple[BuiltPinhole, float]:
-    """The equivalent pinhole, and vision z of the plane in the middle between near and far, in dioptres."""
+    """The equivalent pinhole, and vision z of the plane at the harmonic mean of near and far."""
     model = camera.pinhole_with_distortion
     if model is None:
         raise ExportError(

@@ -48,18 +48,19 @@ def write(material: Material, folder: Path) -> None:
     models = [_parameters(camera) for camera in material.cameras]
     images = [_Image(number, names.index(view.camera) + 1, view) for number, view in enumerate(material.views, 1)]
     tracks = _tracks(images, len(target.points))
+    errors = _errors(material, images)
     for place in ("text", "binary"):
         (folder / place).mkdir()
     remarks = [f"# {line}" for line in material.remarks]
     for name, lines in (
         ("cameras", _camera_lines(material, models)),
         ("images", _image_lines(images)),
-        ("points3D", _point_lines(target, tracks)),
+        ("points3D", _point_lines(target, tracks, errors)),
     ):
         (folder / f"text/{name}.txt").write_text("\n".join([*remarks, *lines, ""]), encoding="utf-8")
     (folder / "binary/cameras.bin").write_bytes(_camera_bytes(material, models))
     (folder / "binary/images.bin").write_bytes(_image_bytes(images))
-    (folder / "binary/points3D.bin").write_bytes(_point_bytes(target, tracks))
+    (folder / "binary/points3D.bin").write_bytes(_point_bytes(target, tracks, errors))
 
 
 def _parameters(camera: ExportCamera) -> tuple[tuple[int, str], list[float]]:
@@ -67,7 +68,7 @@ def _parameters(camera: ExportCamera) -> tuple[tuple[int, str], list[float]]:
     model = camera.model
     f = model.principal_distance_px
     *four, k3 = model.distortion.tolist()
-    pinhole = [f, f, *model.principal_point.tolist(), *four]
+    pinhole = [f, f, *model.principal_point_px.tolist(), *four]
     return (_FULL_OPENCV, [*pinhole, k3, *([0.0] * 3)]) if k3 else (_OPENCV, pinhole)
 
 
@@ -78,6 +79,16 @@ def _tracks(images: list[_Image], count: int) -> list[list[tuple[int, int]]]:
         for row, point in enumerate(image.view.observations.ids.tolist()):
             tracks[point].append((image.number, row))
     return tracks
+
+
+def _errors(material: Material, images: list[_Image]) -> list[float]:
+    """Mean residual of each point [px]; -1, as COLMAP has it: nothing sees it."""
+    total, count = np.zeros((2, len(material.only_target.points)))
+    for image in images:
+        np.add.at(total, image.view.observations.ids, material.residuals_px(image.view))
+        np.add.at(count, image.view.observations.ids, 1)
+    errors: list[float] = np.where(count > 0, total / np.maximum(count, 1), -1).tolist()
+    return errors
 
 
 def _camera_lines(material: Material, models: list[tuple[tuple[int, str], list[float]]]) -> Iterator[str]:
@@ -95,11 +106,12 @@ def _image_lines(images: list[_Image]) -> Iterator[str]:
         yield " ".join(f"{x!r} {y!r} {point}" for (x, y), point in rows)
 
 
-def _point_lines(target: ExportTarget, tracks: list[list[tuple[int, int]]]) -> Iterator[str]:
+def _point_lines(target: ExportTarget, tracks: list[list[tuple[int, int]]], errors: list[float]) -> Iterator[str]:
     yield "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as IMAGE_ID, POINT2D_IDX"
-    for number, place, track in zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, strict=True):
+    points = zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, errors, strict=True)
+    for number, place, track, error in points:
         seen = [str(value) for pair in track for value in pair]
-        yield " ".join([str(number), *map(repr, place), *map(str, _COLOUR), "0", *seen])
+        yield " ".join([str(number), *map(repr, place), *map(str, _COLOUR), repr(error), *seen])
 
 
 def _numbers(ids: np.ndarray) -> list[int]:
@@ -129,9 +141,10 @@ def _image_bytes(images: list[_Image]) -> bytes:
     return b"".join(parts)
 
 
-def _point_bytes(target: ExportTarget, tracks: list[list[tuple[int, int]]]) -> bytes:
+def _point_bytes(target: ExportTarget, tracks: list[list[tuple[int, int]]], errors: list[float]) -> bytes:
     parts = [struct.pack("<Q", len(tracks))]
-    for number, place, track in zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, strict=True):
-        parts += [struct.pack("<Q3d3Bd", number, *place, *_COLOUR, 0.0), struct.pack("<Q", len(track))]
+    points = zip(_numbers(np.arange(len(tracks))), target.points.tolist(), tracks, errors, strict=True)
+    for number, place, track, error in points:
+        parts += [struct.pack("<Q3d3Bd", number, *place, *_COLOUR, error), struct.pack("<Q", len(track))]
         parts += [struct.pack("<ii", *pair) for pair in track]
     return b"".join(parts)

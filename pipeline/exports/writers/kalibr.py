@@ -74,7 +74,7 @@ def _chain(material: Material) -> Iterator[str]:
 def _camera(camera: ExportCamera) -> Iterator[str]:
     model = camera.model
     *radtan, k3 = model.distortion.tolist()
-    f, point = model.principal_distance_px, model.principal_point.tolist()
+    f, point = model.principal_distance_px, model.principal_point_px.tolist()
     yield "camera_model: pinhole"
     if k3:
         yield f"# k3 = {k3!r} of the pinhole has no place in radtan: this model is another by that"

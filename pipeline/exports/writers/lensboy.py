@@ -20,7 +20,7 @@ def write(material: Material, folder: Path) -> None:
     for camera in material.cameras:
         model, (width, height) = camera.model, camera.size_px
         known = model.distortion.tolist()
-        x, y = model.principal_point.tolist()
+        x, y = model.principal_point_px.tolist()
         said = {
             "type": "opencv",
             "about": list(material.remarks),

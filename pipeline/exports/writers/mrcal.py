@@ -54,7 +54,7 @@ def _model(material: Material, camera: ExportCamera) -> Iterator[str]:
     """A Python literal: the reader evaluates it."""
     model = camera.model
     f = model.principal_distance_px
-    numbers = [f, f, *model.principal_point.tolist(), *model.distortion.tolist()]
+    numbers = [f, f, *model.principal_point_px.tolist(), *model.distortion.tolist()]
     assert camera.pose is not None
     extrinsics = [*camera.pose.rotation.tolist(), *camera.pose.translation.tolist()]
     yield from (f"# {line}" for line in material.remarks)

@@ -121,12 +121,12 @@ def _array(
 
 
 def _node(layout: str, k: int, l: int) -> tuple[float, float]:
-    """Node (k, l) of a mesh in its two pitches: even rows, or columns, are shifted by half a pitch."""
+    """Node (k, l) of a mesh in its two pitches: even rows are shifted to the right by half of it, odd columns up."""
     if layout == "square":
         return k, l
     if layout == "hexagonal":
         return k + 0.5 * (l % 2 == 0), l * _SIN_60
-    return k * _SIN_60, l + 0.5 * (k % 2 == 0)
+    return k * _SIN_60, l - 0.5 * (k % 2 == 1)
 
 
 def _angles_deg(turn: list[list[float]]) -> tuple[float, float, float]:

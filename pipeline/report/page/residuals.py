@@ -8,7 +8,6 @@ import numpy as np
 
 from pipeline.built.records import BuiltCamera, BuiltPinhole, BuiltView
 from pipeline.frames import apply
-from pipeline.records.shapes import Float64
 from pipeline.report.page.records import Histogram, Residuals
 from pipeline.report.page.tables import drawn
 
@@ -70,21 +69,8 @@ def _off_in_view(view: BuiltView, pinhole: BuiltPinhole) -> np.ndarray:
     for name, pose in view.poses.pinhole_from_target.items():
         own = rows.target == name
         points = np.column_stack([rows[f"target_{axis}_mm"][own] for axis in "xyz"])
-        off[own] = np.column_stack([rows.x_px[own], rows.y_px[own]]) - projected(pinhole, apply(pose, points))
+        off[own] = np.column_stack([rows.x_px[own], rows.y_px[own]]) - pinhole.projected(apply(pose, points))
     return off
-
-
-def projected(pinhole: BuiltPinhole, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-    """Image positions of points of the pinhole's frame, (n, 2) [px]; `cv2.projectPoints` with k1, k2, p1, p2, k3."""
-    k1, k2, p1, p2, k3 = pinhole.distortion.tolist()
-    x, y = (points_mm[:, :2] / points_mm[:, 2:]).T
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    bent = [
-        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-    ]
-    return np.stack(bent, axis=1) * pinhole.principal_distance_px + pinhole.principal_point_px
 
 
 def _linear(title: str, unit: str, values: np.ndarray) -> Histogram | None:

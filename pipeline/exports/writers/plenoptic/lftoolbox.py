@@ -1,9 +1,9 @@
-"""LFToolbox (MATLAB): the grid of micro-images as LFUtilProcessWhiteImages writes it."""
+"""LFToolbox (MATLAB): the grid of micro-images as LFUtilProcessWhiteImages writes it.
 
-import math
+Since release 0.5 LFBuildHexGrid turns the grid about its own first place and then adds the offset.
+"""
+
 from pathlib import Path
-
-import numpy as np
 
 from pipeline.exports.errors import ExportError
 from pipeline.exports.material import Material
@@ -23,15 +23,12 @@ def write(material: Material, folder: Path) -> None:
         assert mesh is not None
         if mesh.layout != "hexagonal":
             raise ExportError(f"lftoolbox knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
-        cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
-        # LFBuildHexGrid: place = 2 offset + Rot (grid - offset), and the first micro-image is that of grid 0.
-        offset = np.linalg.solve(2 * np.eye(2) - [[cos, -sin], [sin, cos]], mesh.origin)
         across, down = mesh.step_px
         model = {
             "HSpacing": across,
             "VSpacing": down,
-            "HOffset": float(offset[0]),
-            "VOffset": float(offset[1]),
+            "HOffset": float(mesh.origin[0]),
+            "VOffset": float(mesh.origin[1]),
             "Rot": mesh.angle_rad,
             "UMax": mesh.columns,
             "VMax": mesh.rows,

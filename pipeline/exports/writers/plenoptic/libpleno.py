@@ -141,17 +141,17 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
 
 def _array_pose(mesh: GridMesh, axis: np.ndarray, per_px: float, distance_mm: float) -> dict[str, Any]:
     """The pose of the array, whose nodes are those of the micro-images seen from the main lens, turned by 180 deg."""
-    (columns, rows), (across, down), (shift_x, shift_y) = _size(mesh), mesh.step_px, mesh.shift_px
-    x, y = across * (columns - 1) + shift_x, down * (rows - 1) + shift_y
+    (columns, rows), (across, down) = _size(mesh), mesh.step_px
+    shift = mesh.pitch_px[0] / 2 if mesh.layout == "hexagonal" else 0  # node (0, 0) is shifted in rows alone
+    first = (axis - mesh.place(across * (columns - 1) + shift, down * (rows - 1))) * per_px
     cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
-    opposite = np.array([cos * x - sin * y, sin * x + cos * y])
-    first = -(mesh.origin - axis + opposite) * per_px
     turn = [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
     return {"rotation": turn, "translation": [[*first.tolist(), -distance_mm]]}
 
 
 def _mesh(mesh: GridMesh) -> dict[str, Any]:
-    """Matrices are lists of columns."""
+    """Matrices are lists of columns. libpleno moves columns 1, 3, … up where a mesh moves 0, 2, … down."""
+    down = mesh.pitch_px[1] / 2 if mesh.layout == "hexagonal-columns" else 0
     cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
     columns, rows = _size(mesh)
     return {
@@ -159,7 +159,7 @@ def _mesh(mesh: GridMesh) -> dict[str, Any]:
         "width": columns,
         "height": rows,
         "pitch": [list(mesh.pitch_px)],
-        "pose": {"rotation": [[cos, sin], [-sin, cos]], "translation": [mesh.origin.tolist()]},
+        "pose": {"rotation": [[cos, sin], [-sin, cos]], "translation": [mesh.place(0, down).tolist()]},
     }
 
 
