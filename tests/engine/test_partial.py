@@ -84,7 +84,9 @@ def test_an_edited_part_takes_the_manifest_away_and_nothing_else(out, tmp_path):
     after = toy.contents(out)
     assert after.keys() == before.keys() - {"manifest.json"}
     assert [name for name in after if after[name] != before[name]] == [IMAGE]
-    assert {task.state for task in status_of(toy.project(out, poses=MOVED))} == {"missing"}
+    status = status_of(toy.project(out, poses=MOVED))
+    assert [path for path, state in status.files.items() if state != "built"] == ["report/index.html"]
+    assert not status.has_manifest
     build(toy.project(out, poses=MOVED), ALONE)
     assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "new", poses=MOVED), ALONE).out)
 

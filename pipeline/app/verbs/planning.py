@@ -1,13 +1,19 @@
 """`pipeline plan`, `explain`, `status`: the tasks that a build would run, the reasons, and the finished files."""
 
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs.options import Force, Specs, Target, Until, project_of
+from pipeline.app.verbs.options import Force, Specs, Until, names_of, project_of
 from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, Untrusted, note, say, say_json
 from pipeline.errors import Exit, UsageError
+from pipeline.ranges import frames_in_words
+
+_STATES = "built", "stale", "missing"
+"""States of files, best first."""
 
 
 def plan(
@@ -36,41 +42,81 @@ def plan(
 
 def explain(
     stage: Stage,
-    target: Target,
+    target: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="TARGET",
+            help="A task, or a file or folder of OUT; by default whatever would run.",
+            autocompletion=names_of,
+        ),
+    ] = None,
     out: Out = None,
     as_json: Json = False,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
 ) -> None:
-    """Print why a task would run: the attribute, frame and line that were edited. Similar tasks share one line."""
+    """Print why a task, or any task, would run: the attribute, frame and line that were edited. Similar tasks share one
+    line.
+    """
     from pipeline.engine.planning.explain import describe_alike
     from pipeline.engine.project import tasks_of
     from pipeline.engine.running.session import plan_of
 
     project = project_of(stage, out, allow_root, untrusted)
-    names = set(tasks_of(project, target))
-    tasks = [task for task in _with_edits(plan_of(project), project, stage) if task.name in names]
+    planned = _with_edits(plan_of(project), project, stage)
+    names = {task.name for task in planned if task.state != "cached"} if target is None else tasks_of(project, target)
+    tasks = [task for task in planned if task.name in names]
     if as_json:
         say_json({"tasks": [task.to_dict() for task in tasks]})
         return
-    for line in describe_alike(tasks):
+    for line in describe_alike(tasks) if tasks else ["nothing would run"]:
         say(line)
 
 
 def status(
     stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None, untrusted: Untrusted = False
 ) -> None:
-    """Print the state of the output folder: built, stale or missing, per task."""
+    """Print by frame which files of the output folder a build of the stage, as it is now, would leave as they are:
+    built, stale or missing.
+    """
     from pipeline.engine.running.session import status_of
 
     project = project_of(stage, out, allow_root, untrusted)
-    states = status_of(project)
+    found = status_of(project)
     if as_json:
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
-        say_json({**head, "tasks": [state.to_dict() for state in states]})
+        say_json({**head, "manifest": found.has_manifest, "files": found.files})
         return
-    for state in states:
-        say(f"{state.state:<8} {state.name}")
+    for line in _status_lines(found):
+        say(line)
+
+
+def _status_lines(found: Any) -> Iterator[str]:
+    """Counts in one line, then frames and other files by state."""
+    frames, others = dict[int, list[str]](), dict[str, list[str]]()
+    for path, state in found.files.items():
+        folder, _, rest = path.partition("/")
+        if folder == "frames":
+            frames.setdefault(int(rest.split("/")[0]), []).append(state)
+        else:
+            others[path] = [state]
+    counts = (f"{word}: {_counted(states)}" for word, states in (("frames", frames), ("other files", others)) if states)
+    end = "" if found.has_manifest else "; no manifest: `pipeline build` of the whole stage finishes the folder"
+    yield "; ".join(counts) + end
+    for state in _STATES:
+        if numbers := [number for number, states in frames.items() if _worst(states) == state]:
+            yield f"{state:<8} {frames_in_words(numbers)}"
+        if state != "built":
+            yield from (f"{state:<8} {path}" for path, states in others.items() if states == [state])
+
+
+def _counted(groups: Mapping[Any, list[str]]) -> str:
+    counts = Counter(_worst(states) for states in groups.values())
+    return ", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])
+
+
+def _worst(states: list[str]) -> str:
+    return max(states, key=_STATES.index)
 
 
 def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:

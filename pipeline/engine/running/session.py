@@ -19,7 +19,7 @@ from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller, Known
 from pipeline.engine.output import manifest
 from pipeline.engine.output.deliver import Contents, Delivery, deliver
 from pipeline.engine.output.output_index import Seen
-from pipeline.engine.output.status import TaskStatus, status
+from pipeline.engine.output.status import Status, status
 from pipeline.engine.planning.forecast import Forecast, Past, Size, forecast, means_by_kind
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
@@ -252,9 +252,11 @@ def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
     return kept if isinstance(kept, list) else []
 
 
-def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatus]:
+def status_of(project: Project, *, store: Store | None = None) -> Status:
     """State of the project's files in its output folder."""
-    return status(plan_of(project, store=store), project.files, project.out)
+    store = writable(store or Store())
+    seen = Seen(project.out, store, project.stage_id)
+    return status(plan_of(project, store=store), project.files, manifest.read(project.out), seen, store)
 
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
