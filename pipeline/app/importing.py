@@ -12,8 +12,9 @@ from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost
-from pipeline.scene.load import load
-from pipeline.scene.usd.problems import Problem
+from pipeline.scene.fix import fix
+from pipeline.scene.load import Loaded, load
+from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.write.cameras import camera_text
 from pipeline.scene.write.text import lens_text
 
@@ -83,8 +84,8 @@ def require_free(out: Path) -> None:
         raise UsageError(f"{out} cannot be written: there is no folder {out.parent}", hint=f"mkdir -p {out.parent}")
 
 
-def write_stage(text: str, out: Path) -> list[Problem]:
-    """Write a new stage, check it, and return its problems."""
+def write_stage(text: str, out: Path) -> Loaded:
+    """Write a new stage with the lines that viewers need, and read it; its problems, if any, are in the result."""
     require_free(out)
     try:
         with out.open("x", encoding="utf-8", newline="\n") as stream:
@@ -93,7 +94,30 @@ def write_stage(text: str, out: Path) -> list[Problem]:
         raise UsageError(f"{out} exists", hint="choose another name, or remove it") from None
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror}") from None
-    return load(out).problems
+    loaded = load(out)
+    return load(out) if not loaded.errors and fix(out).count and loaded.problems else loaded
+
+
+def write_whole(text: str, out: Path) -> Loaded:
+    """As `write_stage`, but a stage with errors is not kept.
+
+    Raises
+    ------
+    StageError
+    """
+    loaded = write_stage(text, out)
+    if loaded.errors:
+        out.unlink()
+        raise StageError(unwritten(loaded.errors, out, out))
+    return loaded
+
+
+def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Problem]:
+    """Problems of a stage that was `read` and will not lie at `out`: those of its own text have no line for a user."""
+    own = shown_path(read.resolve())
+    return [
+        replace(one, file=str(out), line=None, column=None, at=None) if one.file == own else one for one in problems
+    ]
 
 
 def _losses(lost: Iterable[Lost]) -> Iterator[str]:

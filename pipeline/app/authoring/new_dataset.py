@@ -11,13 +11,13 @@ from pipeline.app.authoring.assets import asset, found
 from pipeline.app.authoring.poses import Field, Pose, Wish, poses_that_fill
 from pipeline.app.authoring.stage_text import DatasetText, Placed
 from pipeline.app.chosen import chosen
-from pipeline.app.importing import require_free, write_stage
+from pipeline.app.importing import require_free, unwritten, write_whole
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.scene.dataset import Dataset, TargetEntry
-from pipeline.scene.load import load
+from pipeline.scene.load import Loaded, load
 from pipeline.scene.read.targets import PATTERNS
-from pipeline.scene.usd.problems import Problem, StageError
+from pipeline.scene.usd.problems import StageError
 from pipeline.scene.write.text import identifier
 from pipeline.targets.target import Target
 
@@ -39,11 +39,12 @@ class NewDataset:
     ----------
     lines : list of str
         Sentences that tell a person what its poses fill.
-    problems : list of Problem
+    loaded : Loaded
+        The stage as it was read again.
     """
 
     lines: list[str]
-    problems: list[Problem]
+    loaded: Loaded
 
 
 def new_dataset(
@@ -103,9 +104,9 @@ def _written(out: Path, plan: DatasetText, wish: Wish) -> NewDataset:
     placed = [
         Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
     ]
-    problems = write_stage(plan.text(placed), out)
+    loaded = write_whole(plan.text(placed), out)
     sensor = entry.camera.sensor
-    return NewDataset(lines=_summary(sensor.width_px, sensor.height_px, poses), problems=problems)
+    return NewDataset(lines=_summary(sensor.width_px, sensor.height_px, poses), loaded=loaded)
 
 
 def _read(out: Path, text: str) -> Dataset:
@@ -119,7 +120,7 @@ def _read(out: Path, text: str) -> Dataset:
     finally:
         path.unlink()
     if loaded.dataset is None:
-        raise StageError(loaded.problems)
+        raise StageError(unwritten(loaded.problems, path, out))
     return loaded.dataset
 
 

@@ -135,14 +135,14 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     from pipeline.engine.planning.explain import describe
     from pipeline.engine.running.run_task import write_specs
     from pipeline.engine.running.session import forecast_of, plan_of
-    from pipeline.graph.sizes import size
+    from pipeline.graph.sizes import assumed_cost, size
 
     how = {"untrusted": options.untrusted, "preview": options.preview}
     project = project_made_of(stage, out, options.allow_roots, **how)
     tasks = _with_edits(plan_of(project, options), project, stage)
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
-    to_come = forecast_of(project, tasks, size)
+    to_come = forecast_of(project, tasks, size, assumed_cost)
     if as_json:
         rows = [task.to_dict() for task in tasks]
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}

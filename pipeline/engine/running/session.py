@@ -20,7 +20,7 @@ from pipeline.engine.output import manifest
 from pipeline.engine.output.deliver import Contents, Delivery, deliver
 from pipeline.engine.output.output_index import Seen
 from pipeline.engine.output.status import Status, status
-from pipeline.engine.planning.forecast import Forecast, Past, Size, forecast, means_by_kind
+from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast, means_by_kind
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
 from pipeline.engine.project import Project, files_of, selection, tasks_of
@@ -235,15 +235,15 @@ def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | N
 
 
 def forecast_of(
-    project: Project, planned: Iterable[PlannedTask], size: Size, *, store: Store | None = None
+    project: Project, planned: Iterable[PlannedTask], size: Size, assumed: Assumed, *, store: Store | None = None
 ) -> Forecast:
-    """Forecast of the work of a plan, from earlier builds of this project and others in the store."""
+    """Forecast of the work of a plan, from earlier builds of this project and others in the store, else assumed."""
     store = writable(store or Store())
     own, name = _history(project, store), _history_name(project)
     others = (store.read_facts("history", other).get("costs") for other in store.notes("history") if other != name)
     kinds = [own["costs"], *(costs for costs in others if isinstance(costs, dict))]
     past = Past(store, own["keys"], kinds, size)
-    return forecast(planned, lambda task: project.graph[task].params, past)
+    return forecast(planned, project.graph, past, assumed)
 
 
 def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
