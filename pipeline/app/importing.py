@@ -84,8 +84,8 @@ def require_free(out: Path) -> None:
         raise UsageError(f"{out} cannot be written: there is no folder {out.parent}", hint=f"mkdir -p {out.parent}")
 
 
-def write_stage(text: str, out: Path) -> Loaded:
-    """Write a new stage with the lines that viewers need, and read it; its problems, if any, are in the result."""
+def write_stage(text: str, out: Path) -> list[Problem]:
+    """Write a new stage, check it, and return its problems."""
     require_free(out)
     try:
         with out.open("x", encoding="utf-8", newline="\n") as stream:
@@ -94,22 +94,21 @@ def write_stage(text: str, out: Path) -> Loaded:
         raise UsageError(f"{out} exists", hint="choose another name, or remove it") from None
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror}") from None
-    loaded = load(out)
-    return load(out) if not loaded.errors and fix(out).count and loaded.problems else loaded
+    return load(out).problems
 
 
 def write_whole(text: str, out: Path) -> Loaded:
-    """As `write_stage`, but a stage with errors is not kept.
+    """Write a new stage with the lines that viewers need, and read it; one with errors is not kept.
 
     Raises
     ------
     StageError
     """
-    loaded = write_stage(text, out)
-    if loaded.errors:
+    if errors := [one for one in write_stage(text, out) if one.is_error]:
         out.unlink()
-        raise StageError(unwritten(loaded.errors, out, out))
-    return loaded
+        raise StageError(unwritten(errors, out, out))
+    fix(out)
+    return load(out)
 
 
 def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Problem]:

@@ -193,7 +193,7 @@ def _deliver(imported: Any, out: Path | None) -> None:
     if out is None:
         say(imported.text.rstrip("\n"))
         return
-    problems = write_stage(imported.text, out).problems
+    problems = write_stage(imported.text, out)
     for problem in problems:
         note(str(problem))
     say(str(out))
