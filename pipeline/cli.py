@@ -193,10 +193,8 @@ def print_target(
     for warning in shown.warnings:
         note(str(warning))
     say("\n".join(shown.page()))
-    for path, write in ((svg, shown.write_svg), (pdf, shown.write_pdf)):
-        if path is not None:
-            write(path)
-            note(f"wrote {path}")
+    for path in filter(None, (svg, pdf)):
+        note(f"wrote {path}: {shown.write(path)}")
 
 
 def verify(
