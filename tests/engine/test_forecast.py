@@ -1,6 +1,7 @@
 """Forecasts of plans: from the same task before, from its kind here, from its kind in other builds of the store."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from engine import toy
@@ -9,6 +10,9 @@ from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.planning.explain import describe
 from pipeline.engine.planning.forecast import Cost, means_by_kind
 from pipeline.engine.running.session import build, forecast_of, plan_of
+from pipeline.graph.dataset_graph import graph_of
+from pipeline.graph.sizes import assumed_cost
+from pipeline.scene.load import open_dataset
 
 UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
 
@@ -74,10 +78,18 @@ def test_kinds_that_never_ran_cost_what_is_assumed(known, store, tmp_path):
     assert "to come: about 30 min of processor time, 5 rays: a guess by their number, because no task" in told
 
 
+def test_the_rays_of_a_first_plan_are_those_of_its_images():
+    """Example 01: a white image and six frames, of which three tenths are reckoned, with 64 rays per pixel."""
+    graph = graph_of(open_dataset(Path(__file__).parents[2] / "examples/01_conventional/dataset.usda"))[0]
+    costs = [assumed_cost(graph, name) for name in graph]
+    assert sum(cost.rays for cost in costs) == pytest.approx(640 * 480 * 64 * (1 + 6 * 0.3))
+    assert sum(cost.cpu_seconds for cost in costs) == pytest.approx(640 * 480 * 64 * 2.8e-7 + 0.05 * len(graph))
+
+
 def test_a_plan_tells_work_in_words(known, store):
     tasks = plan_of(known, BuildOptions(force=("image",)), store=store)
     told = list(describe(tasks, forecast_of(known, tasks, size, assumed, store=store)))
-    assert told[1].startswith("to come: about 6 s of processor time, 3e+02 rays, 0.001 GB in one process at most")
+    assert told[1].startswith("to come: about 6.0 s of processor time, 3e+02 rays, 0.001 GB in one process at most")
 
 
 def test_a_build_keeps_the_mean_of_each_kind(tmp_path, store):
