@@ -21,15 +21,7 @@ from pipeline.scene.write.text import lens_text
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """An imported lens or camera, as the text of a stage.
-
-    Attributes
-    ----------
-    text : str
-        The .usda file.
-    warnings : tuple of str
-        Statements of the file that the stage cannot hold, with file and line.
-    """
+    """An imported lens or camera as the text of a stage, and statements of the file that no stage can hold."""
 
     text: str
     warnings: tuple[str, ...]

@@ -19,14 +19,7 @@ from pipeline.targets.target import Target
 
 @dataclass(frozen=True)
 class Artwork:
-    """One target of a stage.
-
-    Attributes
-    ----------
-    entry : TargetEntry
-    warnings : list of Problem
-        Warnings about its stage.
-    """
+    """One target of a stage, and warnings about the stage."""
 
     entry: TargetEntry
     warnings: list[Problem]

@@ -1,6 +1,7 @@
 """Sizes of tasks for forecasts: numbers proportional to their work, and a coarse cost where nothing has run yet."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 from pipeline.engine.planning.explain import duration
@@ -52,22 +53,20 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
 
 
 def cost_lines(dataset: Dataset | None, cameras: Iterable[CameraEntry]) -> list[str]:
-    """What a dataset, or an image of each camera of a rig, will cost, said before anything has run."""
-    sensors = {entry.name: entry.asked.sensor for entry in cameras}
-    sizes = {name: f"{sensor.width_px} x {sensor.height_px} px" for name, sensor in sensors.items()}
+    """Lines on the cost of a dataset, or of an image of each camera of a rig, before anything has run."""
+    sizes = [(entry, f"{entry.asked.sensor.width_px} x {entry.asked.sensor.height_px} px") for entry in cameras]
     if dataset:
-        graph, frames = graph_of(dataset)[0], len(dataset.frames)
-        seconds = sum(assumed_cost(graph, name).cpu_seconds for name in graph)
-        what = (
-            f"{frames} frame{'s' * (frames != 1)} of {' and '.join(dict.fromkeys(sizes.values()))}, {len(graph)} tasks"
-        )
+        frames, shown = len(dataset.frames), " and ".join(dict.fromkeys(size_px for _, size_px in sizes))
+        # All frames have tasks alike: a graph of two tells what each adds.
+        graphs = [graph_of(replace(dataset, frames=dataset.frames[:count]))[0] for count in (1, 2)]
+        costs = [(len(graph), sum(assumed_cost(graph, name).cpu_seconds for name in graph)) for graph in graphs]
+        tasks, seconds = (one + (frames - 1) * (two - one) for one, two in zip(*costs, strict=True))
         sooner = "; `pipeline build --preview` makes small pictures first" if seconds > _LONG_S else ""
+        what = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
         return [f"{what}: about {duration(seconds)} of processor time{sooner}"]
     lines = []
-    for entry in cameras:
-        sensor, rays = sensors[entry.name], entry.image_samples * max(1, len(entry.channels))
+    for entry, size_px in sizes:
+        sensor, rays = entry.asked.sensor, entry.image_samples * max(1, len(entry.channels))
         time = duration(sensor.width_px * sensor.height_px * rays * SECONDS_PER_RAY)
-        lines.append(
-            f"{entry.name}: {sizes[entry.name]}; an image takes about {time} of processor time at {rays} rays each"
-        )
+        lines.append(f"{entry.name}: {size_px}; an image takes about {time} of processor time at {rays} rays each")
     return lines

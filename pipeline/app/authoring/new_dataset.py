@@ -33,15 +33,7 @@ _CELLS = 8, 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewDataset:
-    """A dataset that was written.
-
-    Attributes
-    ----------
-    lines : list of str
-        Sentences that tell a person what its poses fill.
-    loaded : Loaded
-        The stage as it was read again.
-    """
+    """A dataset that was written, as it was read again; sentences tell a person what its poses fill."""
 
     lines: list[str]
     loaded: Loaded

@@ -13,23 +13,8 @@ from pipeline.scene.usd.problems import StageError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigWish:
-    """Demands on a rig.
-
-    Attributes
-    ----------
-    sensor : Path
-        Stage: a file, or a name of the library, as `lens` and `microlenses`.
-    lens : Path or float
-        Stage; or the focal length of an ideal thin lens, for a lens whose prescription nobody knows [mm].
-    focus_mm, sensor_distance_mm : float or None
-        Object distance from the stop that is in focus, or distance of the sensor from the stop.
-    f_number : float or None
-        None: the stop as the lens has it.
-    microlenses : Path or None
-    microlens_distance_mm : float or None
-        Distance of the microlenses from the sensor; only with microlenses.
-    near_mm, far_mm : float or None
-        Planes of its rays; needed where the camera is focused at infinity.
+    """Demands on a rig. `lens`, `sensor` and `microlenses` are stages, files or names of the library; a number in place
+    of a lens is the focal length of an ideal thin one [mm], for a lens whose prescription nobody knows.
     """
 
     sensor: Path

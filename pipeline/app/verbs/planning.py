@@ -1,7 +1,6 @@
 """`pipeline plan`, `explain`, `status`: the tasks that a build would run, the reasons, and the finished files."""
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -92,31 +91,25 @@ def status(
 
 
 def _status_lines(found: Any) -> Iterator[str]:
-    """Counts in one line, then frames and other files by state."""
-    frames, others = dict[int, list[str]](), dict[str, list[str]]()
+    """Counts in one line, then frames, which are as bad as their worst file, and other files by state."""
+    frames, others = dict[int, str](), dict[str, str]()
     for path, state in found.files.items():
-        folder, _, rest = path.partition("/")
-        if folder == "frames":
-            frames.setdefault(int(rest.split("/")[0]), []).append(state)
+        if path.startswith("frames/"):
+            number = int(path.split("/")[1])
+            frames[number] = max(state, frames.get(number, state), key=_STATES.index)
         else:
-            others[path] = [state]
-    counts = (f"{word}: {_counted(states)}" for word, states in (("frames", frames), ("other files", others)) if states)
+            others[path] = state
+    counts = [(word, list(states.values())) for word, states in (("frames", frames), ("other files", others))]
+    told = (
+        f"{word}: {', '.join(f'{all_.count(one)} {one}' for one in _STATES if one in all_)}" for word, all_ in counts
+    )
     end = "" if found.has_manifest else "; no manifest: `pipeline build` of the whole stage finishes the folder"
-    yield "; ".join(counts) + end
-    for state in _STATES:
-        if numbers := [number for number, states in frames.items() if _worst(states) == state]:
-            yield f"{state:<8} {frames_in_words(numbers)}"
-        if state != "built":
-            yield from (f"{state:<8} {path}" for path, states in others.items() if states == [state])
-
-
-def _counted(groups: Mapping[Any, list[str]]) -> str:
-    counts = Counter(_worst(states) for states in groups.values())
-    return ", ".join(f"{counts[state]} {state}" for state in _STATES if counts[state])
-
-
-def _worst(states: list[str]) -> str:
-    return max(states, key=_STATES.index)
+    yield "; ".join(told) + end
+    for wanted in _STATES:
+        if numbers := [number for number, state in frames.items() if state == wanted]:
+            yield f"{wanted:<8} {frames_in_words(numbers)}"
+        if wanted != "built":
+            yield from (f"{wanted:<8} {path}" for path, state in others.items() if state == wanted)
 
 
 def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:

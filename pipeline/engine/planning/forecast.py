@@ -15,17 +15,7 @@ Size = Callable[[str, dict[str, Any]], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """Cost of a task, or mean of several.
-
-    Attributes
-    ----------
-    cpu_seconds : float
-        Processor time [s].
-    rays : float
-        Rays started.
-    peak_bytes : int
-        Peak memory of one process.
-    """
+    """Cost of a task, or mean of several; rays are those started, memory the peak of one process."""
 
     cpu_seconds: float
     rays: float
@@ -42,14 +32,8 @@ Assumed = Callable[[TaskGraph, str], Cost]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """Expected work.
-
-    Attributes
-    ----------
-    tasks, unknown : int
-        Number of tasks that run or may have to run; number of those whose kind has never run, whose costs are assumed.
-    cpu_seconds, rays, peak_bytes :
-        Sums of the fields of `Cost`, and the largest memory of one task.
+    """Expected work: sums of the costs of tasks that run or may have to run, and the largest memory of one. Costs of
+    the unknown ones, whose kind has never run, are assumed.
     """
 
     tasks: int
