@@ -26,12 +26,13 @@ export function chartOf(chart: Chart): HTMLElement {
   });
   const data = [chart.x, ...chart.lines.map((line) => line.y)] as uPlot.AlignedData;
   let plot: uPlot | null = null;
-  new ResizeObserver(() => {
+  const fit = () => {
     const width = Math.floor(place.clientWidth);
     if (!width) return;
     if (plot) plot.setSize({ width, height: 250 });
     else plot = new uPlot(options(width), data, place);
-  }).observe(place);
+  };
+  new ResizeObserver(() => requestAnimationFrame(fit)).observe(place); // a size set within the notice would call for another
   return h("figure", { class: "chart" }, h("figcaption", {}, h("strong", {}, chart.title), h("span", {}, chart.remark)), place, valuesOf(chart));
 }
 

@@ -115,7 +115,7 @@ export function svg(text: string): SVGElement {
 
 export function optics(state: State): HTMLElement {
   return ofOptics(state, (found) => [
-    h("div", { class: "panel" }, h("h3", {}, "Spots"), h("p", { class: "muted" }, "Rays of one image position where they cross a plane of the scene, drawn in the image; the square is a pixel."), spotsOf(found.spots)),
+    h("div", { class: "panel" }, h("h3", {}, "Spots"), h("p", { class: "muted" }, "Rays of one image position where they cross a plane of the scene, drawn in the image; the square is a pixel. In focus is where rays near the axis meet: with spherical aberration the smallest spot lies before or behind."), spotsOf(found.spots)),
     h("div", { class: "charts" }, ...found.charts.map((chart) => h("div", { class: "panel" }, chartOf(chart)))),
   ]);
 }

@@ -118,8 +118,8 @@ def _read(out: Path, text: str) -> Dataset:
 
 def _documentation(wish: Wish) -> str:
     return (
-        f"{wish.count} poses all over the image and the depth of field of the camera, tilted by up to"
-        f" {wish.most_tilt_deg:g} degrees; points blur to {wish.blur_px:g} px at most.\n\n"
+        f"{wish.count} poses all over the image and the depth of field of the camera; points blur to"
+        f" {wish.blur_px:g} px at most, and tilts are as large as that lets them be.\n\n"
         f"Written by pipeline new dataset with seed {wish.seed}; edit it as you like."
     )
 
