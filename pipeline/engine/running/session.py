@@ -255,8 +255,9 @@ def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
 def status_of(project: Project, *, store: Store | None = None) -> Status:
     """State of the project's files in its output folder."""
     store = writable(store or Store())
+    planned = plan_of(project, store=store)
     seen = Seen(project.out, store, project.stage_id)
-    return status(plan_of(project, store=store), project.files, manifest.read(project.out), seen, store)
+    return status(planned, project.files, manifest.read(project.out), seen, store)
 
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:
