@@ -130,7 +130,7 @@ def test_nothing_arrives_from_tasks_without_files_or_after_a_failure_and_the_rea
         ("frames/0001/cam/imgae.txt", f"did you mean {IMAGE!r}?"),
         ("rays/can", "did you mean 'rays/cam'?"),
         ("cam", "there are cameras/cam, frames/0000/cam, frames/0001/cam, image/cam, rays/cam"),
-        ("something/else", "`pipeline status` lists the tasks; their names begin with image, lens, rays, report"),
+        ("something/else", "`pipeline graph` shows the tasks; their names begin with image, lens, rays, report"),
     ],
 )
 def test_what_means_nothing_is_told_with_what_is_near(out, target, hint):
