@@ -71,19 +71,21 @@ def check(
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
     found = [_problems(path, tuple(allow_root or ()), untrusted) for path in stages]
-    rows = [row for rows, _ in found for row in rows]
+    rows = [row for rows, _, _ in found for row in rows]
     texts = [row.pop("text") for row in rows]
     errors = sum(row["severity"] == "error" for row in rows)
     if as_json:
-        confined = {"confined": [guards for _, guards in found]} if untrusted else {}
+        confined = {"confined": [guards for _, guards, _ in found]} if untrusted else {}
         say(json.dumps({"errors": errors, "warnings": len(rows) - errors, **confined, "problems": rows}, indent=1))
     else:
         for text in texts:
             say(text)
         counts = f"{number_of(errors, 'error')}, {number_of(len(rows) - errors, 'warning')}"
         note(f"{number_of(len(stages), 'stage')} checked: {counts}")
-        for told in dict.fromkeys(guards["told"] for _, guards in found if guards):
+        for told in dict.fromkeys(guards["told"] for _, guards, _ in found if guards):
             note(f"read by a process with {told}")
+        for line in (line for _, _, costs in found for line in costs):
+            note(line)
     if not (errors or untrusted):
         from pipeline.scene.fix import said_of
 
@@ -95,17 +97,21 @@ def check(
 
 def _problems(
     path: Path, allow_roots: tuple[Path, ...], untrusted: bool
-) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Problems of a stage as in `check --json`, each with its `text`; and the guards of the process that read it."""
+) -> tuple[list[dict[str, Any]], dict[str, Any], list[str]]:
+    """Problems of a stage as in `check --json`, each with its `text`; the guards of the process that read it; its cost
+    in words.
+    """
     if untrusted:
         from pipeline.app.sandbox import problems_of_untrusted
 
         rows, guards = problems_of_untrusted(path, allow_roots)
-        return [{"stage": str(path), **row} for row in rows], {"stage": str(path), **guards.to_dict()}
+        return [{"stage": str(path), **row} for row in rows], {"stage": str(path), **guards.to_dict()}, []
+    from pipeline.graph.sizes import cost_lines
     from pipeline.scene.load import load
 
-    problems = load(path, allow_roots, look=True).problems
-    return [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in problems], {}
+    loaded = load(path, allow_roots, look=True)
+    rows = [{"stage": str(path), **problem.to_dict(), "text": str(problem)} for problem in loaded.problems]
+    return rows, {}, cost_lines(loaded.dataset, loaded.cameras)
 
 
 def show(
@@ -188,10 +194,8 @@ def print_target(
     for warning in shown.warnings:
         note(str(warning))
     say("\n".join(shown.page()))
-    for path, write in ((svg, shown.write_svg), (pdf, shown.write_pdf)):
-        if path is not None:
-            write(path)
-            note(f"wrote {path}")
+    for path in filter(None, (svg, pdf)):
+        note(f"wrote {path}: {shown.write(path)}")
 
 
 def verify(

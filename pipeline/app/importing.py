@@ -12,23 +12,16 @@ from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost
-from pipeline.scene.load import load
-from pipeline.scene.usd.problems import Problem
+from pipeline.scene.fix import fix
+from pipeline.scene.load import Loaded, load
+from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.write.cameras import camera_text
 from pipeline.scene.write.text import lens_text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """An imported lens or camera, as the text of a stage.
-
-    Attributes
-    ----------
-    text : str
-        The .usda file.
-    warnings : tuple of str
-        Statements of the file that the stage cannot hold, with file and line.
-    """
+    """An imported lens or camera as the text of a stage, and statements of the file that no stage can hold."""
 
     text: str
     warnings: tuple[str, ...]
@@ -94,6 +87,28 @@ def write_stage(text: str, out: Path) -> list[Problem]:
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror}") from None
     return load(out).problems
+
+
+def write_whole(text: str, out: Path) -> Loaded:
+    """Write a new stage with the lines that viewers need, and read it; one with errors is not kept.
+
+    Raises
+    ------
+    StageError
+    """
+    if errors := [one for one in write_stage(text, out) if one.is_error]:
+        out.unlink()
+        raise StageError(unwritten(errors, out, out))
+    fix(out)
+    return load(out)
+
+
+def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Problem]:
+    """Problems of a stage that was `read` and will not lie at `out`: those of its own text have no line for a user."""
+    own = shown_path(read.resolve())
+    return [
+        replace(one, file=str(out), line=None, column=None, at=None) if one.file == own else one for one in problems
+    ]
 
 
 def _losses(lost: Iterable[Lost]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from pipeline.engine.files import chosen_place
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
 from pipeline.files.pdf import write_pdf
-from pipeline.report.artwork import pages_of, pdf_content, svg
+from pipeline.report.artwork import pages_of, paper_of, pdf_content, svg
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.load import load
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
@@ -19,14 +19,7 @@ from pipeline.targets.target import Target
 
 @dataclass(frozen=True)
 class Artwork:
-    """One target of a stage.
-
-    Attributes
-    ----------
-    entry : TargetEntry
-    warnings : list of Problem
-        Warnings about its stage.
-    """
+    """One target of a stage, and warnings about the stage."""
 
     entry: TargetEntry
     warnings: list[Problem]
@@ -46,16 +39,17 @@ class Artwork:
         lines.append("extent  " + ", ".join(f"{a} {x:g} to {y:g} mm" for a, x, y in zip("xyz", low, high, strict=True)))
         return lines
 
-    def write_svg(self, path: Path) -> None:
-        """Write one SVG file with all pages, one below the other."""
-        with chosen_place("write", path):
-            write_drawing(path, svg(pages_of(self._printable(), self.entry.name)))
-
-    def write_pdf(self, path: Path) -> None:
-        """Write a PDF file with one page per chart."""
+    def write(self, path: Path) -> str:
+        """Write one SVG file with all pages, one below the other, or a PDF file with one page per chart; returns the
+        paper that they need, in words.
+        """
         pages = pages_of(self._printable(), self.entry.name)
         with chosen_place("write", path):
-            write_pdf(path, [(page.width_mm, page.height_mm, pdf_content(page)) for page in pages])
+            if path.suffix == ".svg":
+                write_drawing(path, svg(pages))
+            else:
+                write_pdf(path, [(page.width_mm, page.height_mm, pdf_content(page)) for page in pages])
+        return paper_of(pages)
 
     def _printable(self) -> Target:
         if isinstance(self.entry.target, MeshTarget):

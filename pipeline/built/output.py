@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,16 @@ from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:
     import pandas
+
+
+class Named(dict[str, Any]):
+    """Things by name; a wrong name is told with those that there are, and only these are printed."""
+
+    def __missing__(self, name: Any) -> Any:
+        raise KeyError(f"{name!r} is none of {', '.join(self)}")
+
+    def __repr__(self) -> str:
+        return f"<{', '.join(self)}>"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,8 +156,8 @@ def output_of(folder: BuiltFolder) -> Output:
     return Output(
         path=folder.path,
         stage=folder.stage,
-        cameras=cameras,
-        targets={name: target(name, folder.record(f"targets/{name}.json")) for name in names},
+        cameras=Named(cameras),
+        targets=Named({name: target(name, folder.record(f"targets/{name}.json")) for name in names}),
         frames=frames,
         _folder=folder,
     )

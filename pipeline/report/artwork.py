@@ -24,6 +24,9 @@ _BAR_SPACE_MM = 9.0
 _TEXT_MM, _LINE_MM = 3.0, 4.2
 """Size of letters and distance of lines [mm]: 8.5 points, readable at arm's length, and 1.4 times that."""
 
+_PAPERS_MM = {"A4": (210, 297), "A3": (297, 420), "A2": (420, 594), "A1": (594, 841), "A0": (841, 1189)}
+"""Sheets of ISO 216, short side first [mm]."""
+
 Curve = tuple[Point, ...]
 """One point: a line to it; three: a Bezier curve by two control points."""
 
@@ -58,6 +61,17 @@ def pages_of(target: Target, name: str) -> list[Page]:
         )
         for number, (patch, pattern) in enumerate(pieces)
     ]
+
+
+def paper_of(pages: list[Page]) -> str:
+    """Number and size of the pages, and the smallest paper that holds the largest of them."""
+    short, long = (max(side(page.width_mm, page.height_mm) for page in pages) for side in (min, max))
+    fits = (name for name, (one, other) in _PAPERS_MM.items() if short <= one and long <= other)
+    paper = next(fits, None)
+    on = f"fits {paper}" if paper else "is larger than A0: a print shop has rolls"
+    return (
+        f"{len(pages)} page{'s' * (len(pages) != 1)} of up to {long:.0f} x {short:.0f} mm, which {on}; print at 100 %"
+    )
 
 
 def _page(drawing: Drawing, line: str) -> Page:

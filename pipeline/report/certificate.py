@@ -2,29 +2,40 @@
 
 from typing import Any
 
+_LEGEND = "  rows        mean px    rms px     max px     between the table and another rule of integration"
+"""What the figures are: lengths of the differences, and which rows they are of."""
+
 
 def lines(cameras: dict[str, dict[str, Any]]) -> list[str]:
-    """A verdict per camera, and its figures by distance from the cell's edge [px]."""
+    """A verdict per camera, and its differences: of all rows that were solved again, and of parts of them by method and
+    by distance from the cell's edge [px], where there are several.
+    """
     text = []
     for name, found in sorted(cameras.items()):
         claim = "no claim" if found["claim_px"] is None else f"claim {found['claim_px']:g} px"
         text.append(f"certificate of {name}: {_verdict(found)} ({claim})")
         if not found["of"]:
             continue
-        text.append("  rows        mean px    rms px     max px     own sigma")
+        kinds = [(part, f"by {part['kind']}{_kept(part)}") for part in found["by_kind"] if part["rows"]]
+        edges = [(part, _distance(part)) for part in found["by_distance_from_cell_edge"] if part["rows"]]
         own = "-" if found["own_sigma_px"] is None else f"{found['own_sigma_px']:.1e}"
-        text.append(f"  {found['rows']:4d} of {found['of']:<6d}{_figures(found)}  {own}")
-        for part in found["by_kind"]:
-            if part["rows"]:
-                kept = "" if part["within_claim"] is None else f", {part['within_claim']} within the claim"
-                text.append(f"  {part['rows']:4d} of {part['of']:<6d}{_figures(part)}  from {part['kind']}{kept}")
-        for part in found["by_distance_from_cell_edge"]:
-            if part["rows"]:
-                end = "" if part["to_px"] is None else f" to {part['to_px']:g}"
-                text.append(
-                    f"  {part['rows']:4d}        {_figures(part)}  from {part['from_px']:g}{end} px inside its edge"
-                )
+        whole = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own} px"
+        text += [_LEGEND, *(_row(*one) for one in ((found, whole), *kinds, *(edges if len(edges) > 1 else ())))]
     return text
+
+
+def _row(part: dict[str, Any], name: str) -> str:
+    of = f"of {part['of']:<6d}" if part.get("of") else " " * 9
+    return f"  {part['rows']:4d} {of}{_figures(part)}  {name}"
+
+
+def _distance(part: dict[str, Any]) -> str:
+    end = "px and more" if part["to_px"] is None else f"to {part['to_px']:g} px"
+    return f"{part['from_px']:g} {end} inside the edge of the cell or image"
+
+
+def _kept(part: dict[str, Any]) -> str:
+    return "" if part["within_claim"] is None else f", {part['within_claim']} within the claim"
 
 
 def failed(cameras: dict[str, dict[str, Any]] | None) -> bool:

@@ -111,16 +111,12 @@ def said_of(path: Path, *, write: bool) -> list[str]:
     name = shown_path(path.resolve())
     if write:
         found = fix(path)
-        return (
-            [f"{name}: added for USD viewers without our plug-in, lines: {found.count}", *found.wrong]
-            if found.count
-            else found.wrong
-        )
+        return [f"{name}: added for USD viewers, lines: {found.count}", *found.wrong] if found.count else found.wrong
     found = lacking(open_stage(path)[0])
     if not found.count:
         return found.wrong
-    offer = f"{name}: lines that USD viewers without our plug-in need: {found.count}, written by `pipeline check --fix`"
-    return [f"{offer}; the dataset.usda of a build has them", *found.wrong]
+    offer = f"to look at {name} in usdview or Blender, let `pipeline check --fix` add what they need"
+    return [f"{offer}; the dataset.usda of a build has it", *found.wrong]
 
 
 def _inserts(text: str, path: Path, wanted: dict[str, list[str]]) -> list[tuple[int, str]]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
+from pipeline.optics.first_order import first_order
 from pipeline.records.declared import number
 from pipeline.sight.answers import Fate, PixelRays, Projected
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
@@ -50,6 +51,11 @@ class ReadyCamera:
     rig: Rig = field(repr=False)
     min_hit_fraction: float
     accuracy_px: float
+
+    def __str__(self) -> str:
+        sensor, lens = self.camera.sensor, first_order(self.camera.prescription)
+        what = f"{sensor.width_px} x {sensor.height_px} px, f = {lens.efl_mm:.5g} mm, F/{lens.f_number:.3g}"
+        return f"{self.name or 'camera'}: {what}"
 
     @property
     def camera(self) -> Camera:
@@ -112,7 +118,10 @@ class ReadyCamera:
         CameraError
             An argument holds no such numbers.
         """
-        x, y = np.broadcast_arrays(_numbers("x_px", x_px), _numbers("y_px", y_px))
+        x, y = _numbers("x_px", x_px), _numbers("y_px", y_px)
+        if len(x) != len(y) and 1 not in (len(x), len(y)):
+            raise CameraError(f"{len(x)} x_px have {len(y)} y_px", hint="as many of both, or one for all")
+        x, y = np.broadcast_arrays(x, y)
         near_mm, far_mm = self.planes_mm
         found = mean_rays(self.rig, np.stack([x, y], axis=1), (near_mm, far_mm), self._accuracy(accuracy_px))
         near, far = found.crossings_mm[:, 0], found.crossings_mm[:, 1]
@@ -167,8 +176,6 @@ class ReadyCamera:
         near_mm, far_mm = self.camera.near_mm, self.camera.far_mm
         if near_mm is not None and far_mm is not None and np.isfinite([near_mm, far_mm]).all():
             return near_mm, far_mm
-        from pipeline.optics.first_order import first_order
-
         efl_mm = abs(first_order(self.camera.prescription).efl_mm)
         first, second = (self._front_mm + times * efl_mm for times in _PLANES_FOCAL_LENGTHS)
         return first, second

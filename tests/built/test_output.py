@@ -128,6 +128,11 @@ def test_whatever_is_no_finished_build_is_named(conventional, tmp_path):
     assert "format 7" in told(tmp_path)
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     assert "missing, though manifest.json lists it" in told(tmp_path)
+    pictures = {name: entry for name, entry in manifest["files"].items() if name.endswith(".png")}
+    (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "files": pictures}))
+    assert "holds a preview, without truth" in told(tmp_path)
+    with pytest.raises(KeyError, match=r"0 is none of Rig\.Camera"):
+        pipeline.open_output(conventional).cameras[0]
 
 
 def test_frames_and_cameras_that_are_not_there_are_named(conventional):

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.report.certificate import lines
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
@@ -25,6 +26,20 @@ def test_the_exit_code_of_a_build_is_that_of_its_certificates(
     assert ("FAILED, a row differs" in found.output) == (False in passed)
     if not quiet and True in passed:
         assert "passed" in found.output
+
+
+def test_figures_are_said_once_and_what_they_are() -> None:
+    whole = certificate(passed=True)
+    kind = {"kind": "direct", "rows": 64, "of": 100, "within_claim": 64, **dict.fromkeys(FIGURES, 1e-4)}
+    edge = {"from_px": 4, "to_px": None, "rows": 64, **dict.fromkeys(FIGURES, 1e-4)}
+    told = lines({"c": {**whole, "by_kind": [kind], "by_distance_from_cell_edge": [edge]}})
+    assert len(told) == 3 and "between the table and another rule of integration" in told[1]
+    assert told[2].endswith("all, by direct, 64 within the claim; certain to 1.0e-05 px")
+    near = {**edge, "to_px": 5}
+    assert len(lines({"c": {**whole, "by_kind": [kind], "by_distance_from_cell_edge": [near, edge]}})) == 5
+
+
+FIGURES = "mean_px", "rms_px", "max_px"
 
 
 def certificate(passed: bool | None) -> dict[str, Any]:

@@ -104,9 +104,15 @@ def test_plan_explain_and_status_agree(pipeline, stage):
     plan = json.loads(pipeline("build", "s.json", "-n", "--json")[1])
     assert (plan["cached"], plan["run"], plan["maybe"]) == (1, 1, 3)
     assert "params.samples: 8 -> 9" in pipeline("explain", "s.json", "cameras/cam/near.bin")[1]
-    _, output, _ = pipeline("status", "s.json")
-    assert "built    lens" in output and "stale    rays/cam" in output
-    assert "running" not in output
+    assert pipeline("explain", "s.json")[1].count("params.samples: 8 -> 9") == 1
+    assert pipeline("status", "s.json")[1].splitlines()[:2] == [
+        "frames: 2 stale; other files: 1 built, 3 stale",
+        "stale    frames 0-1",
+    ]
+    pipeline("build", "s.json", "frames/0001", "-j1")
+    head, *lines = pipeline("status", "s.json")[1].splitlines()
+    assert head.startswith("frames: 1 built, 1 stale; other files: 1 built, 3 stale; no manifest")
+    assert lines[:2] == ["built    frame 1", "stale    frame 0"]
 
 
 @pytest.mark.parametrize(

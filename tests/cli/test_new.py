@@ -1,6 +1,7 @@
 """`pipeline new` as a user meets it: stages that pass `check`, the same again, with poses that fill what is seen."""
 
 import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from pipeline.app.authoring.poses import Wish, poses_that_fill
 from pipeline.camera.focusing.depth_of_field import foci
 from pipeline.errors import UsageError
 from pipeline.scene.load import load
+from pipeline.share import share
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 
@@ -53,6 +55,46 @@ def test_a_new_rig_is_focused_and_stopped_as_asked(pipeline):
     assert "f-number                      8.00" in output
     assert pipeline("new", "dataset", "d.usda", "--rig", "r.usda", *PARTS[2:], "--poses", "2", "--fit")[0] == 0
     assert load("d.usda").errors == []
+
+
+THIN = ("--focal-length", "12", "--f-number", "2", "--sensor", "sensors/sensor_640x480_10um.usda")
+
+
+def test_a_lens_that_nobody_knows_is_a_thin_one(pipeline):
+    """1/f = 1/a + 1/b; what viewers need is in the file, and what an image costs is said: 640 x 480 x 256 x 0.1 us."""
+    code, _, log = pipeline("new", "rig", "r.usda", *THIN, "--focus", "500")
+    assert code == 0 and "640 x 480 px; an image takes about 7.9 s" in log
+    shown = json.loads(pipeline("show", "r.usda", "--json")[1])
+    assert shown["sensor_distance_mm"] == pytest.approx(1 / (1 / 12 - 1 / 500), rel=1e-12)
+    assert shown["lens"]["stop_diameter_mm"] == pytest.approx(6.0)
+    assert "usdview" not in pipeline("check", "r.usda")[2]
+
+
+def test_a_rig_that_no_distance_focuses_says_what_to_give(pipeline):
+    """As in Lytro's cameras, microlenses as far from the sensor as their focal length see every object through."""
+    text = Path(share("stages") / "mlas/michels_2019.usda").read_text(encoding="utf-8")
+    Path("a.usda").write_text(text.replace("[1.9, 2.1, 2.3]", "[1.9]"), encoding="utf-8")
+    rig = ("new", "rig", "r.usda", *THIN, "--microlenses", "a.usda", "--microlens-distance", "1.9")
+    assert "give --sensor-distance instead of --focus" in pipeline(*rig, "--focus", "500")[2]
+    assert pipeline(*rig, "--sensor-distance", "14.2")[0] == 0
+    far = ("new", "rig", "far.usda", *THIN, "--focus", "inf")
+    assert "give --near and --far" in pipeline(*far)[2] and not Path("far.usda").exists()
+    assert pipeline(*far, "--near", "300", "--far", "900")[0] == 0
+
+
+@pytest.mark.parametrize("where", [("--focus", "0.5"), (), ("--focus", "500", "--sensor-distance", "12")])
+def test_a_rig_that_cannot_be_leaves_no_file_and_names_no_line_of_it(pipeline, where):
+    code, output, log = pipeline("new", "rig", "r.usda", *THIN, *where)
+    assert (code, output) == (2, "") and "hint: " in log and ".usda:" not in log.replace("r.usda: error", "")
+    assert not list(Path().glob("*.usda"))
+
+
+def test_a_rig_that_lies_outside_is_told_without_a_file_that_nobody_has(pipeline, tmp_path, monkeypatch):
+    pipeline("new", "rig", "r.usda", *THIN, "--focus", "500")
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir(tmp_path / "below")
+    log = pipeline("new", "dataset", "d.usda", "--rig", "../r.usda", *PARTS[2:])[2]
+    assert log.startswith("d.usda: error: ") and "lies outside the folders" in log
 
 
 @pytest.mark.parametrize(

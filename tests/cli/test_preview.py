@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from pipeline.app.build import build, project
+from pipeline.app.verifying.verify import verify
 from pipeline.engine.running.session import plan_of
 from pipeline.errors import UsageError
 
@@ -33,6 +34,8 @@ def test_a_preview_has_a_quarter_of_the_size_and_the_same_view(tmp_path, common_
     assert {path: path.read_bytes() for path in before} == before
     manifest = json.loads((tmp_path / "small" / "manifest.json").read_text())
     assert set(manifest["files"]) == PICTURES
+    with pytest.raises(UsageError, match="it is a preview, without truth"):
+        verify(tmp_path / "small")
     fine, coarse = (light(tmp_path / name / "frames/0001/Rig.Camera/image.png") for name in ("whole", "small"))
     assert (fine.shape, coarse.shape) == ((24, 32), (6, 8))
     means = fine.reshape(6, 4, 8, 4).mean(axis=(1, 3))

@@ -1,5 +1,6 @@
 """`pipeline target`: what a target is, as words and as a print."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,7 @@ def test_prints_are_written_and_the_same_twice(pipeline, tmp_path):
         code, _, log = pipeline(
             "target", TARGETS / "aprilgrid_cube.usda", "--svg", f"{name}.svg", "--pdf", f"{name}.pdf"
         )
-        assert (code, log) == (0, f"wrote {name}.svg\nwrote {name}.pdf\n")
+        assert code == 0 and log.startswith(f"wrote {name}.svg: 6 pages of up to ") and f"\nwrote {name}.pdf: " in log
     for suffix in ("svg", "pdf"):
         assert (tmp_path / f"one.{suffix}").read_bytes() == (tmp_path / f"two.{suffix}").read_bytes()
     assert (tmp_path / "one.pdf").read_bytes().startswith(b"%PDF-1.4")
@@ -47,7 +48,19 @@ def test_every_target_of_the_library_prints_but_the_mesh(pipeline, file):
         assert code == 2
         assert "a mesh, which cannot be printed" in log
     else:
-        assert (code, log) == (0, "wrote print.svg\n")
+        assert code == 0 and log.startswith("wrote print.svg: ")
+
+
+@pytest.mark.parametrize(("square_mm", "paper"), [(6, "fits A4"), (30, "fits A3"), (200, "is larger than A0")])
+def test_a_print_says_what_paper_it_needs(pipeline, square_mm, paper):
+    """Its size is that of the page in the PDF file, in points of 1/72 inch."""
+    head = '(\n    defaultPrim = "B"\n    metersPerUnit = 0.001\n    upAxis = "Y"\n)'
+    board = f"@targets/checkerboard_4x7.usda@)\n{{\n    uniform double plen:squareSize = {square_mm}\n}}\n"
+    Path("b.usda").write_text(f'#usda 1.0\n{head}\n\ndef "B" (prepend references = {board}', encoding="utf-8")
+    log = pipeline("target", "b.usda", "--pdf", "b.pdf")[2]
+    box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", Path("b.pdf").read_bytes())
+    long, short = sorted((float(side) / 72 * 25.4 for side in box.groups()), reverse=True)
+    assert f"1 page of up to {long:.0f} x {short:.0f} mm, which {paper}" in log
 
 
 def test_a_target_of_a_dataset_is_found_by_its_name(pipeline):

@@ -43,7 +43,7 @@ def load(path, allow_roots=(), *, look=False):
         raise UsageError(f"{path} does not exist")
     facts = json.loads(path.read_text())
     problems = [Problem(*problem) for problem in facts.get("problems", [])]
-    return types.SimpleNamespace(dataset=None, problems=problems, flattened="")
+    return types.SimpleNamespace(dataset=None, cameras=(), problems=problems, flattened="")
 
 
 def said_of(path, *, write):

@@ -169,14 +169,13 @@ def test_a_full_disk_leaves_the_previous_build_whole(out, monkeypatch):
 
 
 def test_status_says_built_stale_and_missing(out):
-    assert {s.state for s in status_of(toy.project(out))} == {"built"}
+    assert set(status_of(toy.project(out)).files.values()) == {"built"}
     edited = toy.project(out, poses=[toy.POSES[0], [[3.0, 0.0], [0.0, 1.0]], toy.POSES[1]])
-    states = {s.name: s.state for s in status_of(edited)}
-    assert states["image/cam/0000"] == "built"
-    assert states["image/cam/0001"] == "stale"
-    assert states["image/cam/0002"] == "missing"
-    (out / "frames/0000/cam/image.txt").unlink()
-    assert {s.name: s.state for s in status_of(edited)}["image/cam/0000"] == "missing"
+    image = "frames/{:04d}/cam/image.txt".format
+    states = status_of(edited).files
+    assert [states[image(number)] for number in range(3)] == ["built", "stale", "missing"]
+    (out / image(0)).unlink()
+    assert status_of(edited).files[image(0)] == "missing"
 
 
 @pytest.mark.parametrize("path", ["../x", "/etc/x", "a//b", "a/./b", "manifest.json", "a\\b"])

@@ -1,14 +1,18 @@
 """Forecasts of plans: from the same task before, from its kind here, from its kind in other builds of the store."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from engine import toy
 
 from pipeline.engine.options import ALONE, BuildOptions
 from pipeline.engine.planning.explain import describe
-from pipeline.engine.planning.forecast import means_by_kind
+from pipeline.engine.planning.forecast import Cost, means_by_kind
 from pipeline.engine.running.session import build, forecast_of, plan_of
+from pipeline.graph.dataset_graph import graph_of
+from pipeline.graph.sizes import assumed_cost
+from pipeline.scene.load import open_dataset
 
 UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
 
@@ -16,6 +20,11 @@ UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
 def size(kind, params):
     """Work of the toy's rays grows with their samples."""
     return float(params["samples"]) if kind == "rays" else 0.0
+
+
+def assumed(graph, name):
+    """Half an hour for every task that nothing is known of."""
+    return Cost(cpu_seconds=1800.0, rays=5.0, peak_bytes=0)
 
 
 @pytest.fixture
@@ -35,7 +44,7 @@ def known(tmp_path, store):
 
 
 def to_come(project, store, **options):
-    return forecast_of(project, plan_of(project, BuildOptions(**options), store=store), size, store=store)
+    return forecast_of(project, plan_of(project, BuildOptions(**options), store=store), size, assumed, store=store)
 
 
 def test_nothing_is_to_come_when_all_is_there(known, store):
@@ -60,18 +69,27 @@ def test_another_dataset_learns_from_the_kinds_of_this_one(known, store, tmp_pat
     assert (found.tasks, found.unknown, found.cpu_seconds) == (5, 0, 10.0)
 
 
-def test_kinds_that_never_ran_are_counted_and_told(known, store, tmp_path):
+def test_kinds_that_never_ran_cost_what_is_assumed(known, store, tmp_path):
     extra = ("fail", "fail", {"flag": str(tmp_path / "flag")})
     project = toy.project(tmp_path / "out", extra=[extra])
     found = to_come(project, store)
-    assert (found.tasks, found.unknown, found.cpu_seconds) == (1, 1, 0)
-    assert "to come: unknown, because no task" in "\n".join(describe(plan_of(project, store=store), found))
+    assert (found.tasks, found.unknown, found.cpu_seconds) == (1, 1, 1800.0)
+    told = "\n".join(describe(plan_of(project, store=store), found))
+    assert "to come: about 30 min of processor time, 5 rays: a guess by their number, because no task" in told
+
+
+def test_the_rays_of_a_first_plan_are_those_of_its_images():
+    """Example 01: a white image and six frames, of which three tenths are reckoned, with 64 rays per pixel."""
+    graph = graph_of(open_dataset(Path(__file__).parents[2] / "examples/01_conventional/dataset.usda"))[0]
+    costs = [assumed_cost(graph, name) for name in graph]
+    assert sum(cost.rays for cost in costs) == pytest.approx(640 * 480 * 64 * (1 + 6 * 0.3))
+    assert sum(cost.cpu_seconds for cost in costs) == pytest.approx(640 * 480 * 64 * 2.8e-7 + 0.05 * len(graph))
 
 
 def test_a_plan_tells_work_in_words(known, store):
     tasks = plan_of(known, BuildOptions(force=("image",)), store=store)
-    told = list(describe(tasks, forecast_of(known, tasks, size, store=store)))
-    assert told[1].startswith("to come: about 6 s of processor time, 3e+02 rays, 0.001 GB in one process at most")
+    told = list(describe(tasks, forecast_of(known, tasks, size, assumed, store=store)))
+    assert told[1].startswith("to come: about 6.0 s of processor time, 3e+02 rays, 0.001 GB in one process at most")
 
 
 def test_a_build_keeps_the_mean_of_each_kind(tmp_path, store):

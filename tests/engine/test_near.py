@@ -23,7 +23,7 @@ FILES = ["dataset.usda", *(f"frames/{frame:04d}/Rig.Camera/image.png" for frame 
         ("frames/9", "there are frames/0001, frames/0002"),
         ("truth/Rig.Camera/9", "there are truth/Rig.Camera/0001, truth/Rig.Camera/0002"),
         ("frames/0001/outlines.csv", "there is frames/0001/Rig.Camera"),
-        ("something/else", "`pipeline status` lists the tasks; their names begin with focus, image, truth"),
+        ("something/else", "`pipeline graph` shows the tasks; their names begin with focus, image, truth"),
     ],
 )
 def test_a_hint_names_what_lacks_a_part_or_is_misspelt_or_stands_beside(target, said):

@@ -84,7 +84,9 @@ def test_an_edited_part_takes_the_manifest_away_and_nothing_else(out, tmp_path):
     after = toy.contents(out)
     assert after.keys() == before.keys() - {"manifest.json"}
     assert [name for name in after if after[name] != before[name]] == [IMAGE]
-    assert {task.state for task in status_of(toy.project(out, poses=MOVED))} == {"missing"}
+    status = status_of(toy.project(out, poses=MOVED))
+    assert [path for path, state in status.files.items() if state != "built"] == ["report/index.html"]
+    assert not status.has_manifest
     build(toy.project(out, poses=MOVED), ALONE)
     assert toy.contents(out) == toy.contents(build(toy.project(tmp_path / "new", poses=MOVED), ALONE).out)
 
@@ -128,7 +130,7 @@ def test_nothing_arrives_from_tasks_without_files_or_after_a_failure_and_the_rea
         ("frames/0001/cam/imgae.txt", f"did you mean {IMAGE!r}?"),
         ("rays/can", "did you mean 'rays/cam'?"),
         ("cam", "there are cameras/cam, frames/0000/cam, frames/0001/cam, image/cam, rays/cam"),
-        ("something/else", "`pipeline status` lists the tasks; their names begin with image, lens, rays, report"),
+        ("something/else", "`pipeline graph` shows the tasks; their names begin with image, lens, rays, report"),
     ],
 )
 def test_what_means_nothing_is_told_with_what_is_near(out, target, hint):

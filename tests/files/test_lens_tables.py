@@ -8,6 +8,7 @@ from files import on_the_spot
 from files.on_the_spot import LENSES, before, stage_prescription
 
 from pipeline.app.importing import import_lens, write_stage
+from pipeline.errors import PipelineError
 from pipeline.files.lenses.read import read_lens
 from pipeline.files.lenses.table import NAMES
 from pipeline.optics.first_order import first_order
@@ -182,3 +183,9 @@ def test_the_table_of_the_documentation_is_read_and_every_name_stands_there(tmp_
     rows = {cells[1].strip(): cells[2] for line in page.splitlines() if len(cells := line.split("|")) == 5}
     for quantity, names in NAMES.items():
         assert [name.strip() for name in rows[quantity].split(",")] == list(names)
+
+
+def test_a_table_without_surfaces_is_led_to_a_thin_lens(tmp_path):
+    (tmp_path / "lens.csv").write_text("efl,fno\n12,2\n", encoding="utf-8")
+    with pytest.raises(PipelineError, match="new rig --focal-length"):
+        import_lens(tmp_path / "lens.csv")

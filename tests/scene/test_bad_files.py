@@ -27,6 +27,7 @@ WARNINGS = {
         "weak-microlens",
         "small-array",
         "overlap",
+        "gaps",
     ),
     "image-circle",
     "coating-range",

@@ -193,6 +193,36 @@ def test_a_stage_with_other_units_than_all_that_it_uses_is_told_once_and_at_its_
     assert problem.file.endswith(path.name)
 
 
+@pytest.mark.parametrize(
+    ("place", "away", "hint"),
+    [("437", "behind the stop", "has a negative z"), ("-0.4", "0.4 mm before the stop", "were metres meant?")],
+)
+def test_one_mistake_in_all_frames_is_one_message(tmp_path, place, away, hint):
+    """A board on the wrong side, or in metres; distances are told by words, not by a sign of another frame."""
+    text = (TINY / "dataset.usda").read_text(encoding="utf-8").replace("@../../../stages/", "@")
+    head, start, rest = text.partition("xformOp:translate.timeSamples = {")
+    samples = f"\n            1: (0, 0, {place}),\n            2: (0, 0, {place}),\n        }}"
+    (tmp_path / "s.usda").write_text(head + start + samples + rest.partition("}")[2], encoding="utf-8")
+    [problem] = load(tmp_path / "s.usda").problems
+    assert "in frames 1-2; in frame 1" in problem.message and away in problem.message and hint in problem.hint
+
+
+def test_a_sensor_is_doubted_alone_and_blamed_where_it_was_written(tmp_path):
+    rig = HEAD + 'def "Rig" (prepend references = @rigs/conventional_100mm.usda@)\n{\nover "Sensor"\n{\n'
+    for text, line in (
+        (
+            HEAD + '    def PlenSensor "S"\n    {\n        uniform int2 plen:resolution = (64, 48)\n',
+            "plen:pixelPitch = 1.4",
+        ),
+        (rig, "plen:resolution = (640, 48000)"),
+    ):
+        kind = "double" if "Pitch" in line else "int2"
+        whole = f"{text}            uniform {kind} {line}\n" + "}\n" * (text.count("{\n"))
+        (tmp_path / "s.usda").write_text(whole.replace("PlenDataset", "Xform"), encoding="utf-8")
+        [problem] = load(tmp_path / "s.usda", look=True).problems
+        assert whole.splitlines()[problem.line - 1].strip().endswith(line)
+
+
 PLATE = """    def PlenLens "Lens" (prepend references = @lenses/cooke_triplet_50mm.usda@)
     {
         uniform double plen:nominalFocalLength = 50

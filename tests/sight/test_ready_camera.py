@@ -136,6 +136,13 @@ def test_wrong_numbers_are_named(conventional, arguments, said):
         pipeline.ready(conventional).project(*arguments)
 
 
+def test_a_camera_says_what_it_is_and_which_positions_do_not_go_together(conventional):
+    camera = pipeline.ready(conventional)
+    assert str(camera) == "camera: 96 x 72 px, f = 100.72 mm, F/7.71"
+    with pytest.raises(CameraError, match="2 x_px have 3 y_px"):
+        camera.rays([1, 2], [1, 2, 3])
+
+
 def test_wrong_cameras_are_named(plenoptic_out, tmp_path):
     with pytest.raises(UsageError, match=r'did you mean "Rig.Camera"\?'):
         pipeline.ready(plenoptic_out, "Rig.Camra")

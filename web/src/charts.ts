@@ -20,18 +20,19 @@ export function chartOf(chart: Chart): HTMLElement {
     width, height: 250, legend: { show: true, live: true }, cursor: { points: { size: 6 } }, scales: { x: { time: false } },
     axes: [axis(chart.x_name, 34), axis(chart.y_name, 62)],
     series: [
-      { label: chart.x_name, value: (_, value) => figure(value, 4) },
-      ...chart.lines.map((line, i) => ({ label: line.name, stroke: tint(i), width: 2, dash: line.is_dashed ? [6, 4] : [], points: { show: false }, value: (_: uPlot, value: number | null) => figure(value, 4) })),
+      { label: chart.x_name, value: (_, value) => (value === null ? "" : figure(value, 4)) },
+      ...chart.lines.map((line, i) => ({ label: line.name, stroke: tint(i), width: 2, dash: line.is_dashed ? [6, 4] : [], points: { show: false }, value: (_: uPlot, value: number | null) => (value === null ? "" : figure(value, 4)) })),
     ],
   });
   const data = [chart.x, ...chart.lines.map((line) => line.y)] as uPlot.AlignedData;
   let plot: uPlot | null = null;
-  new ResizeObserver(() => {
+  const fit = () => {
     const width = Math.floor(place.clientWidth);
     if (!width) return;
     if (plot) plot.setSize({ width, height: 250 });
     else plot = new uPlot(options(width), data, place);
-  }).observe(place);
+  };
+  new ResizeObserver(() => requestAnimationFrame(fit)).observe(place); // a size set within the notice would call for another
   return h("figure", { class: "chart" }, h("figcaption", {}, h("strong", {}, chart.title), h("span", {}, chart.remark)), place, valuesOf(chart));
 }
 

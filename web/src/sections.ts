@@ -66,7 +66,8 @@ function certificate(camera: CameraPart): HTMLElement {
       found.claim_px ? h("span", { class: "gauge-claim", style: `left:${x(found.claim_px)}%`, title: `claim ${found.claim_px} px` }) : null,
       ...marks.map(([name, value]) => h("span", { class: `gauge-mark ${name}`, style: `left:${x(value)}%`, title: `${name} ${value} px` }))),
     h("div", { class: "gauge-scale", "aria-hidden": "true" }, ...[-7, -6, -5, -4, -3, -2, -1, 0].map((power) => h("span", {}, power === 0 ? "1 px" : `10${[...String(power)].map((one) => "⁻⁰¹²³⁴⁵⁶⁷"["-01234567".indexOf(one)]).join("")}`))),
-    h("p", {}, `${found.rows} of ${count(found.of)} rows · rms ${measured(found.rms_px, 2)} px, largest ${measured(found.max_px, 2)} px`, found.claim_px ? ` · claim ${figure(found.claim_px)} px` : "", found.reason ? ` · ${found.reason}` : ""),
+    h("p", { class: "legend" }, ...marks.map(([name, value]) => h("span", {}, h("i", { class: `gauge-mark ${name}` }), `${name} ${measured(value, 2)} px`))),
+    h("p", {}, `${found.rows} of ${count(found.of)} rows`, found.claim_px ? ` · claim ${figure(found.claim_px)} px` : "", found.reason ? ` · ${found.reason}` : ""),
     bars.length > 1 ? h("details", {}, h("summary", {}, "by distance from the edge of the cell or image"), h("table", {}, h("thead", {}, h("tr", {}, ...["distance", "rows", "rms px", "largest px", ""].map((name) => h("th", { scope: "col" }, name)))), h("tbody", {}, ...bars))) : null);
 }
 
@@ -114,7 +115,7 @@ export function svg(text: string): SVGElement {
 
 export function optics(state: State): HTMLElement {
   return ofOptics(state, (found) => [
-    h("div", { class: "panel" }, h("h3", {}, "Spots"), h("p", { class: "muted" }, "Rays of one image position where they cross a plane of the scene, drawn in the image; the square is a pixel."), spotsOf(found.spots)),
+    h("div", { class: "panel" }, h("h3", {}, "Spots"), h("p", { class: "muted" }, "Rays of one image position where they cross a plane of the scene, drawn in the image; the square is a pixel. In focus is where rays near the axis meet: with spherical aberration the smallest spot lies before or behind."), spotsOf(found.spots)),
     h("div", { class: "charts" }, ...found.charts.map((chart) => h("div", { class: "panel" }, chartOf(chart)))),
   ]);
 }

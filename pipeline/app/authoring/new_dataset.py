@@ -11,13 +11,13 @@ from pipeline.app.authoring.assets import asset, found
 from pipeline.app.authoring.poses import Field, Pose, Wish, poses_that_fill
 from pipeline.app.authoring.stage_text import DatasetText, Placed
 from pipeline.app.chosen import chosen
-from pipeline.app.importing import require_free, write_stage
+from pipeline.app.importing import require_free, unwritten, write_whole
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.scene.dataset import Dataset, TargetEntry
-from pipeline.scene.load import load
+from pipeline.scene.load import Loaded, load
 from pipeline.scene.read.targets import PATTERNS
-from pipeline.scene.usd.problems import Problem, StageError
+from pipeline.scene.usd.problems import StageError
 from pipeline.scene.write.text import identifier
 from pipeline.targets.target import Target
 
@@ -33,17 +33,10 @@ _CELLS = 8, 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewDataset:
-    """A dataset that was written.
-
-    Attributes
-    ----------
-    lines : list of str
-        Sentences that tell a person what its poses fill.
-    problems : list of Problem
-    """
+    """A dataset that was written, as it was read again; sentences tell a person what its poses fill."""
 
     lines: list[str]
-    problems: list[Problem]
+    loaded: Loaded
 
 
 def new_dataset(
@@ -103,9 +96,9 @@ def _written(out: Path, plan: DatasetText, wish: Wish) -> NewDataset:
     placed = [
         Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
     ]
-    problems = write_stage(plan.text(placed), out)
+    loaded = write_whole(plan.text(placed), out)
     sensor = entry.camera.sensor
-    return NewDataset(lines=_summary(sensor.width_px, sensor.height_px, poses), problems=problems)
+    return NewDataset(lines=_summary(sensor.width_px, sensor.height_px, poses), loaded=loaded)
 
 
 def _read(out: Path, text: str) -> Dataset:
@@ -119,14 +112,14 @@ def _read(out: Path, text: str) -> Dataset:
     finally:
         path.unlink()
     if loaded.dataset is None:
-        raise StageError(loaded.problems)
+        raise StageError(unwritten(loaded.problems, path, out))
     return loaded.dataset
 
 
 def _documentation(wish: Wish) -> str:
     return (
-        f"{wish.count} poses all over the image and the depth of field of the camera, tilted by up to"
-        f" {wish.most_tilt_deg:g} degrees; points blur to {wish.blur_px:g} px at most.\n\n"
+        f"{wish.count} poses all over the image and the depth of field of the camera; points blur to"
+        f" {wish.blur_px:g} px at most, and tilts are as large as that lets them be.\n\n"
         f"Written by pipeline new dataset with seed {wish.seed}; edit it as you like."
     )
 

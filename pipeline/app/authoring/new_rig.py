@@ -1,57 +1,73 @@
-"""A new rig: a lens, a sensor and a focus distance, and microlenses if wanted."""
+"""A new rig: a lens, a sensor and where it stands, and microlenses if wanted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.app.authoring.assets import asset, found
-from pipeline.app.importing import require_free, write_stage
+from pipeline.app.importing import require_free, write_whole
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
-from pipeline.scene.load import load
-from pipeline.scene.usd.problems import Problem, StageError
+from pipeline.scene.load import Loaded, load
+from pipeline.scene.usd.problems import StageError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigWish:
-    """Demands on a rig.
-
-    Attributes
-    ----------
-    lens, sensor : Path
-        Stages: files, or names of the library.
-    focus_mm : float
-        Object distance from the stop that is in focus.
-    f_number : float or None
-        None: the stop as the lens has it.
-    microlenses : Path or None
-    microlens_distance_mm : float or None
-        Distance of the microlenses from the sensor; only with microlenses.
+    """Demands on a rig. `lens`, `sensor` and `microlenses` are stages, files or names of the library; a number in place
+    of a lens is the focal length of an ideal thin one [mm], for a lens whose prescription nobody knows.
     """
 
-    lens: Path
     sensor: Path
-    focus_mm: float
+    lens: Path | float
+    focus_mm: float | None
+    sensor_distance_mm: float | None
     f_number: float | None = None
     microlenses: Path | None = None
     microlens_distance_mm: float | None = None
+    near_mm: float | None = None
+    far_mm: float | None = None
 
 
-def new_rig(out: Path, wish: RigWish) -> list[Problem]:
-    """Write a rig that is focused by its parts; gives the problems of the new stage.
+_AS_OPTIONS = {
+    "author plen:camera:sensorDistance": "give --sensor-distance instead of --focus",
+    "author plen:camera:near and plen:camera:far": "give --near and --far",
+}
+"""Hints about a stage, and what they are for a stage that is not written yet."""
+
+
+def new_rig(out: Path, wish: RigWish) -> Loaded:
+    """Write a rig; returns it as it was read again.
 
     Raises
     ------
     StageError
-        The lens does not pass `check`.
+        The lens or the rig does not pass `check`; then there is no file.
     UsageError
-        A part is missing or is none, or the file cannot be written.
+        A part is missing or is none, demands contradict each other, or the file cannot be written.
     """
     require_free(out)
+    if (wish.focus_mm is None) == (wish.sensor_distance_mm is None):
+        raise UsageError(
+            "a rig has a distance in focus, or a distance of its sensor from the stop",
+            hint="give either --focus or --sensor-distance",
+        )
     if (wish.microlenses is None) != (wish.microlens_distance_mm is None):
         raise UsageError(
             "microlenses and their distance from the sensor go together",
             hint="give --microlenses and --microlens-distance, or neither",
         )
+    try:
+        return write_whole(_text(out, wish, _lens(out, wish)), out)
+    except StageError as error:
+        told = [replace(one, hint=_AS_OPTIONS.get(str(one.hint), one.hint)) for one in error.problems]
+        raise StageError(told) from None
+
+
+def _lens(out: Path, wish: RigWish) -> str:
+    if isinstance(wish.lens, float):
+        if wish.f_number is None:
+            raise UsageError("a lens of a focal length alone has no stop", hint="give --f-number, too")
+        return _THIN_LENS.format(focal_mm=wish.lens, semi_mm=wish.lens / wish.f_number / 2)
     loaded = load(found(wish.lens))
     if loaded.errors:
         raise StageError(loaded.problems)
@@ -63,12 +79,36 @@ def new_rig(out: Path, wish: RigWish) -> list[Problem]:
         semi_mm = prescription.stop.semi_diameter_mm * first_order(prescription).f_number / wish.f_number
         stop = f'        # The stop of F/{wish.f_number:g}.\n        over "{loaded.lens.stop_name}"\n        {{\n'
         stop += f"            uniform double plen:semiDiameter = {semi_mm:.9g}\n        }}\n"
-    return write_stage(_text(out, wish, stop), out)
+    return _part("Lens", asset(wish.lens, out), stop)
 
 
-def _text(out: Path, wish: RigWish, stop: str) -> str:
+_THIN_LENS = """    # An ideal thin lens, as camera models have it: sharp and undistorted everywhere. No glass does it.
+    def PlenLens "Lens"
+    {{
+        uniform token[] plen:surfaceOrder = ["Stop"]
+
+        def PlenSurface "Stop"
+        {{
+            uniform double plen:focalLength = {focal_mm:g}
+            uniform bool plen:isStop = 1
+            uniform double plen:semiDiameter = {semi_mm:.9g}
+        }}
+    }}
+"""
+
+
+def _text(out: Path, wish: RigWish, lens: str) -> str:
     array = ""
-    camera = f"        uniform double plen:camera:focusDistance = {wish.focus_mm:g}\n"
+    if wish.focus_mm is None:
+        doc = f"A camera whose sensor is {wish.sensor_distance_mm:g} mm behind its stop."
+        camera = f"        uniform double plen:camera:sensorDistance = {wish.sensor_distance_mm:.9g}\n"
+    else:
+        doc = f"A camera focused at {wish.focus_mm:g} mm from its stop."
+        camera = "        # The sensor moves to where this distance is sharp;"
+        camera += " plen:camera:sensorDistance would say where it stands.\n"
+        camera += f"        uniform double plen:camera:focusDistance = {wish.focus_mm:g}\n"
+    for name, value_mm in (("near", wish.near_mm), ("far", wish.far_mm)):
+        camera += "" if value_mm is None else f"        uniform double plen:camera:{name} = {value_mm:.9g}\n"
     if wish.microlenses is not None:
         array = _part("Microlenses", asset(wish.microlenses, out), "")
         camera += "        rel plen:camera:microlenses = </Rig/Microlenses>\n"
@@ -76,7 +116,7 @@ def _text(out: Path, wish: RigWish, stop: str) -> str:
     return f"""#usda 1.0
 (
     defaultPrim = "Rig"
-    doc = "A camera focused at {wish.focus_mm:g} mm from its stop. Written by pipeline new rig; edit it as you like."
+    doc = "{doc} Written by pipeline new rig; edit it as you like."
     metersPerUnit = 0.001
     timeCodesPerSecond = 24
     upAxis = "Y"
@@ -92,10 +132,9 @@ def Xform "Rig" (
     {{
         rel plen:camera:lens = </Rig/Lens>
         rel plen:camera:sensor = </Rig/Sensor>
-        # The sensor moves to where this distance is sharp; plen:camera:sensorDistance would say where it stands.
 {camera}    }}
 
-{_part("Lens", asset(wish.lens, out), stop)}
+{lens}
 {_part("Sensor", asset(wish.sensor, out), "")}{array and chr(10)}{array}}}
 """
 

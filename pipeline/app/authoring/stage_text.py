@@ -17,19 +17,8 @@ class Placed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetText:
-    """Contents of a new dataset.
-
-    Attributes
-    ----------
-    name : str
-        Name of the default prim.
-    doc : str
-    rig, target : str
-        Asset paths, relative to the new file or of the library.
-    camera : str
-        Path of the camera below the rig.
-    values : dict
-        Attributes of the target that differ from its file, in millimetres.
+    """Contents of a new dataset: name of the default prim, asset paths relative to the new file or of the library, path
+    of the camera below the rig, and attributes of the target that differ from its file [mm].
     """
 
     name: str

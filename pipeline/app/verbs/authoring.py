@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.app.verbs.terminal import Verb, new_family, note, say
-from pipeline.errors import Exit
+from pipeline.errors import Exit, UsageError
 
 new = new_family(help="Write stages to begin with: a dataset of poses, a rig of parts.")
 imports = new_family(help="Turn files of other programs into stages.")
@@ -56,17 +56,28 @@ def dataset(
     made = new_dataset(out, rig, target, wish, camera, fit=fit)
     for line in made.lines:
         note(line)
-    _end(out, made.problems)
+    _end(out, made.loaded)
 
 
 @new.command("rig", cls=Verb)
 def rig(
     out: NewFile,
-    lens: Annotated[Path, typer.Option(metavar="LENS", help=f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")],
     sensor: Annotated[Path, typer.Option(metavar="SENSOR", help=f"{_LIBRARY} sensors/sensor_640x480_10um.usda.")],
-    focus: Annotated[float, typer.Option(metavar="MM", min=0, help="Object distance from the stop in focus; inf.")],
+    lens: Annotated[
+        Path | None, typer.Option(metavar="LENS", help=f"{_LIBRARY} lenses/tessar_100mm_zemax.usda.")
+    ] = None,
+    focal_length: Annotated[
+        float | None,
+        typer.Option("--focal-length", metavar="MM", min=1e-3, help="Instead of a lens: an ideal thin lens."),
+    ] = None,
+    focus: Annotated[
+        float | None, typer.Option(metavar="MM", min=0, help="Object distance from the stop in focus; inf.")
+    ] = None,
+    sensor_distance: Annotated[
+        float | None, typer.Option("--sensor-distance", metavar="MM", help="Instead of --focus: from stop to sensor.")
+    ] = None,
     f_number: Annotated[
-        float | None, typer.Option("--f-number", metavar="N", help="By default as the lens is.")
+        float | None, typer.Option("--f-number", metavar="N", min=1e-3, help="By default as the lens is.")
     ] = None,
     microlenses: Annotated[
         Path | None, typer.Option(metavar="ARRAY", help=f"{_LIBRARY} mlas/michels_2019.usda.")
@@ -74,27 +85,38 @@ def rig(
     microlens_distance: Annotated[
         float | None, typer.Option("--microlens-distance", metavar="MM", help="From the sensor to the microlenses.")
     ] = None,
+    near: Annotated[float | None, typer.Option(metavar="MM", help="Plane of rays, where focus is at infinity.")] = None,
+    far: Annotated[float | None, typer.Option(metavar="MM", help="The other one, beyond it.")] = None,
 ) -> None:
     """Write a rig of a lens and a sensor, focused at a distance."""
     from pipeline.app.authoring.new_rig import RigWish, new_rig
 
+    either = focal_length if lens is None else lens
+    if either is None or (lens is not None and focal_length is not None):
+        hint = "give --lens or, where nobody knows the prescription, --focal-length"
+        raise UsageError("a rig has one lens", hint=hint)
     wish = RigWish(
-        lens=lens,
+        lens=either,
         sensor=sensor,
         focus_mm=focus,
+        sensor_distance_mm=sensor_distance,
         f_number=f_number,
         microlenses=microlenses,
         microlens_distance_mm=microlens_distance,
+        near_mm=near,
+        far_mm=far,
     )
     _end(out, new_rig(out, wish))
 
 
-def _end(out: Path, problems: list[Any]) -> None:
-    """Say what the new stage lacks, and where it is."""
-    for problem in problems:
-        note(str(problem))
+def _end(out: Path, loaded: Any) -> None:
+    """Say what the new stage lacks, what it costs, and where it is."""
+    from pipeline.graph.sizes import cost_lines
+
+    for line in (*map(str, loaded.problems), *cost_lines(loaded.dataset, loaded.cameras)):
+        note(line)
     say(str(out))
-    raise typer.Exit(Exit.USAGE if any(problem.is_error for problem in problems) else Exit.DONE)
+    raise typer.Exit(Exit.DONE)
 
 
 @imports.command("lens", cls=Verb)

@@ -1,13 +1,18 @@
 """`pipeline plan`, `explain`, `status`: the tasks that a build would run, the reasons, and the finished files."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from pipeline.app.verbs.options import Force, Specs, Target, Until, project_of
+from pipeline.app.verbs.options import Force, Specs, Until, names_of, project_of
 from pipeline.app.verbs.terminal import OUTPUT, Json, Out, Roots, Stage, Untrusted, note, say, say_json
 from pipeline.errors import Exit, UsageError
+from pipeline.ranges import frames_in_words
+
+_STATES = "built", "stale", "missing"
+"""States of files, best first."""
 
 
 def plan(
@@ -36,41 +41,75 @@ def plan(
 
 def explain(
     stage: Stage,
-    target: Target,
+    target: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="TARGET",
+            help="A task, or a file or folder of OUT; by default whatever would run.",
+            autocompletion=names_of,
+        ),
+    ] = None,
     out: Out = None,
     as_json: Json = False,
     allow_root: Roots = None,
     untrusted: Untrusted = False,
 ) -> None:
-    """Print why a task would run: the attribute, frame and line that were edited. Similar tasks share one line."""
+    """Print why a task, or any task, would run: the attribute, frame and line that were edited. Similar tasks share one
+    line.
+    """
     from pipeline.engine.planning.explain import describe_alike
     from pipeline.engine.project import tasks_of
     from pipeline.engine.running.session import plan_of
 
     project = project_of(stage, out, allow_root, untrusted)
-    names = set(tasks_of(project, target))
-    tasks = [task for task in _with_edits(plan_of(project), project, stage) if task.name in names]
+    planned = _with_edits(plan_of(project), project, stage)
+    names = {task.name for task in planned if task.state != "cached"} if target is None else tasks_of(project, target)
+    tasks = [task for task in planned if task.name in names]
     if as_json:
         say_json({"tasks": [task.to_dict() for task in tasks]})
         return
-    for line in describe_alike(tasks):
+    for line in describe_alike(tasks) if tasks else ["nothing would run"]:
         say(line)
 
 
 def status(
     stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None, untrusted: Untrusted = False
 ) -> None:
-    """Print the state of the output folder: built, stale or missing, per task."""
+    """Print by frame which files of the output folder a build of the stage, as it is now, would leave as they are:
+    built, stale or missing.
+    """
     from pipeline.engine.running.session import status_of
 
     project = project_of(stage, out, allow_root, untrusted)
-    states = status_of(project)
+    found = status_of(project)
     if as_json:
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
-        say_json({**head, "tasks": [state.to_dict() for state in states]})
+        say_json({**head, "manifest": found.has_manifest, "files": found.files})
         return
-    for state in states:
-        say(f"{state.state:<8} {state.name}")
+    for line in _status_lines(found):
+        say(line)
+
+
+def _status_lines(found: Any) -> Iterator[str]:
+    """Counts in one line, then frames, which are as bad as their worst file, and other files by state."""
+    frames, others = dict[int, str](), dict[str, str]()
+    for path, state in found.files.items():
+        if path.startswith("frames/"):
+            number = int(path.split("/")[1])
+            frames[number] = max(state, frames.get(number, state), key=_STATES.index)
+        else:
+            others[path] = state
+    counts = [(word, list(states.values())) for word, states in (("frames", frames), ("other files", others))]
+    told = (
+        f"{word}: {', '.join(f'{all_.count(one)} {one}' for one in _STATES if one in all_)}" for word, all_ in counts
+    )
+    end = "" if found.has_manifest else "; no manifest: `pipeline build` of the whole stage finishes the folder"
+    yield "; ".join(told) + end
+    for wanted in _STATES:
+        if numbers := [number for number, state in frames.items() if state == wanted]:
+            yield f"{wanted:<8} {frames_in_words(numbers)}"
+        if wanted != "built":
+            yield from (f"{wanted:<8} {path}" for path, state in others.items() if state == wanted)
 
 
 def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
@@ -89,14 +128,14 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     from pipeline.engine.planning.explain import describe
     from pipeline.engine.running.run_task import write_specs
     from pipeline.engine.running.session import forecast_of, plan_of
-    from pipeline.graph.sizes import size
+    from pipeline.graph.sizes import assumed_cost, size
 
     how = {"untrusted": options.untrusted, "preview": options.preview}
     project = project_made_of(stage, out, options.allow_roots, **how)
     tasks = _with_edits(plan_of(project, options), project, stage)
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
-    to_come = forecast_of(project, tasks, size)
+    to_come = forecast_of(project, tasks, size, assumed_cost)
     if as_json:
         rows = [task.to_dict() for task in tasks]
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}

@@ -78,6 +78,7 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
     folder = HandedIn(Path(out), manifest.read(Path(out)))
     if STAGE not in folder.manifest.files:
         why = "its manifest.json is none of a build, or damaged" if folder.manifest.data else "it has no manifest.json"
+        why = "it is a preview, without truth" if folder.manifest.files else why
         hint = "verify takes the folder that `pipeline build` filled"
         raise UsageError(f"{out} holds no finished build: {why}", hint=hint)
     folder.look()

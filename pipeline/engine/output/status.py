@@ -1,50 +1,46 @@
-"""Status of a dataset: which of its files are finished in the output folder.
+"""Status of an output folder: which of its files hold what a build of the stage, as it is now, would put there.
 
 It is read from the folder and the store only, so no task is ever shown as running.
 """
 
+import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
-from pipeline.engine.output import manifest
 from pipeline.engine.output.deliver import Source
+from pipeline.engine.output.manifest import Manifest
+from pipeline.engine.output.output_index import Seen
 from pipeline.engine.planning.plan import PlannedTask
+from pipeline.engine.store.store import Store
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TaskStatus:
-    """A task and its state: built, stale (another version of it was delivered) or missing."""
+class Status:
+    """State of each file by path (built, missing, or stale: other bytes are there), and whether there is a manifest."""
 
-    name: str
-    kind: str
-    state: str
-
-    def to_dict(self) -> dict[str, str]:
-        """Plain data, as in `status --json`."""
-        return {"name": self.name, "kind": self.kind, "state": self.state}
+    files: dict[str, str]
+    has_manifest: bool
 
 
-def status(planned: Iterable[PlannedTask], files: Mapping[str, Source], out: Path) -> list[TaskStatus]:
-    """State of every task of a plan, from the manifest of `out` and the files that exist."""
-    there = manifest.read(out)
-    incomplete = {
-        source[0] for path, source in files.items() if not isinstance(source, bytes) and not _is_there(path, there, out)
-    }
-    return [
-        TaskStatus(name=task.name, kind=task.kind, state=_state(task, there, task.name in incomplete))
-        for task in planned
-    ]
+def status(
+    planned: Iterable[PlannedTask], files: Mapping[str, Source], there: Manifest, seen: Seen, store: Store
+) -> Status:
+    """Compare the files of a folder, whose manifest and index are given, with the results that a plan finds."""
+    tasks = {task.name: task for task in planned}
+    records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}
 
+    def wanted(path: str, source: Source) -> str | None:
+        if isinstance(source, bytes):
+            return hashlib.sha256(source).hexdigest()
+        if record := records.get(source[0]):
+            return str(record["outputs"][source[1]]["sha256"])
+        # The store may have lost what the folder still has.
+        is_same = there.tasks.get(source[0], "") == tasks[source[0]].key
+        return there.files.get(path, {}).get("sha256") if is_same else None
 
-def _state(task: PlannedTask, there: manifest.Manifest, incomplete: bool) -> str:
-    if task.name not in there.tasks or (incomplete and there.tasks[task.name] == task.key):
-        return "missing"
-    return "built" if there.tasks[task.name] == task.key else "stale"
+    def state(path: str, source: Source) -> str:
+        found = seen.digest(path)
+        return "missing" if found is None else "built" if found == wanted(path, source) else "stale"
 
-
-def _is_there(path: str, there: manifest.Manifest, out: Path) -> bool:
-    try:
-        return path in there.files and (out / path).lstat().st_size == there.files[path]["size"]
-    except OSError:
-        return False
+    states = {path: state(path, source) for path, source in sorted(files.items())}
+    return Status(files=states, has_manifest=there.data is not None)

@@ -41,11 +41,17 @@ def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) ->
 
 
 def _work(to_come: Forecast) -> str:
+    known = f"about {duration(to_come.cpu_seconds)} of processor time, {to_come.rays:.2g} rays"
     if to_come.unknown == to_come.tasks:
-        return "unknown, because no task of these kinds has run here"
-    known = f"about {to_come.cpu_seconds:.3g} s of processor time, {to_come.rays:.2g} rays,"
-    known += f" {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
-    return known + (f"; {to_come.unknown} of a kind that never ran here" if to_come.unknown else "")
+        return f"{known}: a guess by their number, because no task of these kinds has run here"
+    known += f", {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
+    return known + (f"; {to_come.unknown} of a kind that never ran here are guessed" if to_come.unknown else "")
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit that people would take: 1.6 s, 12 min, 3.4 h."""
+    unit, size = ("h", 3600.0) if seconds >= 3 * 3600 else ("min", 60.0) if seconds >= 120 else ("s", 1.0)
+    return f"{seconds / size:.{0 if seconds >= 10 * size else 1}f} {unit}"
 
 
 def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:

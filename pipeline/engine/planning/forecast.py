@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask
 from pipeline.engine.planning.task_spec import Record
 from pipeline.engine.store.store import Store
@@ -14,17 +15,7 @@ Size = Callable[[str, dict[str, Any]], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """Cost of a task, or mean of several.
-
-    Attributes
-    ----------
-    cpu_seconds : float
-        Processor time [s].
-    rays : float
-        Rays started.
-    peak_bytes : int
-        Peak memory of one process.
-    """
+    """Cost of a task, or mean of several; rays are those started, memory the peak of one process."""
 
     cpu_seconds: float
     rays: float
@@ -35,17 +26,14 @@ class Cost:
         return Cost(cpu_seconds=self.cpu_seconds * factor, rays=self.rays * factor, peak_bytes=self.peak_bytes)
 
 
+Assumed = Callable[[TaskGraph, str], Cost]
+"""Function from a graph and the name of a task in it to a coarse cost."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """Expected work.
-
-    Attributes
-    ----------
-    tasks, unknown : int
-        Number of tasks that run or may have to run; number of those whose kind has never run, which are left out of the
-        sums.
-    cpu_seconds, rays, peak_bytes :
-        Sums of the fields of `Cost`, and the largest memory of one task.
+    """Expected work: sums of the costs of tasks that run or may have to run, and the largest memory of one. Costs of
+    the unknown ones, whose kind has never run, are assumed.
     """
 
     tasks: int
@@ -59,17 +47,17 @@ class Forecast:
         return {**asdict(self), "cpu_seconds": round(self.cpu_seconds, 3), "rays": round(self.rays)}
 
 
-def forecast(planned: Iterable[PlannedTask], params: Callable[[str], dict[str, Any]], past: "Past") -> Forecast:
-    """Sum the costs of all tasks of a plan that are not cached; `params` maps the name of a task to its parameters."""
+def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: "Past", assumed: Assumed) -> Forecast:
+    """Sum the costs of all tasks of a plan that are not cached; of kinds that never ran, those that are assumed."""
     todo = [task for task in planned if task.state != "cached"]
-    costs = [past.cost_of(task, params(task.name)) for task in todo]
-    known = [cost for cost in costs if cost is not None]
+    known = [past.cost_of(task, graph[task.name].params) for task in todo]
+    costs = [cost or assumed(graph, task.name) for task, cost in zip(todo, known, strict=True)]
     return Forecast(
         tasks=len(todo),
-        unknown=len(todo) - len(known),
-        cpu_seconds=sum(cost.cpu_seconds for cost in known),
-        rays=sum(cost.rays for cost in known),
-        peak_bytes=max((cost.peak_bytes for cost in known), default=0),
+        unknown=known.count(None),
+        cpu_seconds=sum(cost.cpu_seconds for cost in costs),
+        rays=sum(cost.rays for cost in costs),
+        peak_bytes=max((cost.peak_bytes for cost in costs), default=0),
     )
 
 

@@ -34,7 +34,7 @@ def hint(target: str, tasks: Iterable[str], files: Iterable[str]) -> str:
     for depth in range(len(parts), 0, -1):
         if beside := sorted({"/".join(name[: depth + 1]) for name, plain in names if plain[:depth] == parts[:depth]}):
             return _there_are(beside)
-    return f"`pipeline status` lists the tasks; their names begin with {', '.join(kinds)}"
+    return f"`pipeline graph` shows the tasks; their names begin with {', '.join(kinds)}"
 
 
 def _beginnings(

@@ -19,8 +19,8 @@ from pipeline.engine.options import NOBODY, USUAL, BuildOptions, Caller, Known
 from pipeline.engine.output import manifest
 from pipeline.engine.output.deliver import Contents, Delivery, deliver
 from pipeline.engine.output.output_index import Seen
-from pipeline.engine.output.status import TaskStatus, status
-from pipeline.engine.planning.forecast import Forecast, Past, Size, forecast, means_by_kind
+from pipeline.engine.output.status import Status, status
+from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast, means_by_kind
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, plan
 from pipeline.engine.project import Project, files_of, selection, tasks_of
@@ -240,15 +240,15 @@ def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | N
 
 
 def forecast_of(
-    project: Project, planned: Iterable[PlannedTask], size: Size, *, store: Store | None = None
+    project: Project, planned: Iterable[PlannedTask], size: Size, assumed: Assumed, *, store: Store | None = None
 ) -> Forecast:
-    """Forecast of the work of a plan, from earlier builds of this project and others in the store."""
+    """Forecast of the work of a plan, from earlier builds of this project and others in the store, else assumed."""
     store = writable(store or Store())
     own, name = _history(project, store), _history_name(project)
     others = (store.read_facts("history", other).get("costs") for other in store.notes("history") if other != name)
     kinds = [own["costs"], *(costs for costs in others if isinstance(costs, dict))]
     past = Past(store, own["keys"], kinds, size)
-    return forecast(planned, lambda task: project.graph[task].params, past)
+    return forecast(planned, project.graph, past, assumed)
 
 
 def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
@@ -257,9 +257,12 @@ def sources_of(project: Project, *, store: Store | None = None) -> list[Any]:
     return kept if isinstance(kept, list) else []
 
 
-def status_of(project: Project, *, store: Store | None = None) -> list[TaskStatus]:
+def status_of(project: Project, *, store: Store | None = None) -> Status:
     """State of the project's files in its output folder."""
-    return status(plan_of(project, store=store), project.files, project.out)
+    store = writable(store or Store())
+    planned = plan_of(project, store=store)
+    seen = Seen(project.out, store, project.stage_id)
+    return status(planned, project.files, manifest.read(project.out), seen, store)
 
 
 def logs_of(project: Project, target: str, *, store: Store | None = None) -> list[dict[str, Any]]:

@@ -138,6 +138,10 @@ def _columns(path: str | Path, line: int, header: str) -> _Table:
     if wanted or twice:
         reason = f"the header has no column for {' and '.join(wanted)}" if wanted else f"two columns hold {twice[0]}"
         hint = "e.g. surface,radius,thickness,nd,vd,semi_diameter; docs/lenses.md lists the names"
+        if len(wanted) == 3:
+            hint = (
+                "where nobody knows the surfaces, `pipeline new rig --focal-length MM --f-number N` takes a thin lens"
+            )
         raise UnreadableLens(path, reason, line=line, hint=hint)
     return table
 

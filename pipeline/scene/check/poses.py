@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from pipeline.ranges import frames_in_words
 from pipeline.scene.check.occluders import check_outside_lens
 from pipeline.scene.read.finishes import seen_meshes
 from pipeline.scene.read.lamps import lamp_prims
@@ -32,6 +33,8 @@ _MENDABLE = 1e-3
 """Deviation of a quaternion from unit length up to which it is normalised with a warning: the resolution of half
 precision. A worse one was not meant as a rotation.
 """
+_METRES_MM = 5.0
+"""Distance of a target from the stop below which metres are suspected [mm]: they would be one to five metres."""
 _RIGID = 1e-9
 """Largest deviation of the columns of a rotation from orthonormal ones."""
 
@@ -135,18 +138,27 @@ def _check_before_camera(
     for board, corners in zip(boards, hulls, strict=True):
         vision_from_board = product(vision_from_world, world_from(board, frames, scale_mm))
         nearest_mm = (corners @ vision_from_board[:, 2, :3].T + vision_from_board[:, 2, 3]).min(axis=0)
-        for index in np.flatnonzero(nearest_mm <= first_mm):
-            name = camera_name(camera, root)
-            yield _too_near(board, name, frames[index], float(nearest_mm[index]), first_mm)
+        near_mm = {frame: float(z) for frame, z in zip(frames, nearest_mm, strict=True) if z <= first_mm}
+        if near_mm:
+            away_mm = float(np.linalg.norm(vision_from_board[frames.index(next(iter(near_mm))), :3, 3]))
+            yield _too_near(board, camera_name(camera, root), near_mm, first_mm, away_mm)
 
 
-def _too_near(board: Usd.Prim, camera: str, number: int, nearest_mm: float, first_mm: float) -> Problem:
-    where = "behind" if nearest_mm <= 0 else "into the lens of"
+def _too_near(board: Usd.Prim, camera: str, near_mm: dict[int, float], first_mm: float, away_mm: float) -> Problem:
+    """One problem for all frames, told by the first: distances of the nearest corner before the stop, by frame, and of
+    the board's origin.
+    """
+    number, nearest_mm = next(iter(near_mm.items()))
+    is_behind = nearest_mm <= 0
+    where, side = ("behind", "behind") if is_behind else ("into the lens of", "before")
+    frames = frames_in_words(near_mm) + (f"; in frame {number}" if len(near_mm) > 1 else ":")
     message = (
-        f'"{board.GetName()}" reaches {where} "{camera}" at time code {number}: its nearest'
-        f" corner lies at z = {nearest_mm:.6g} mm, the first vertex at {first_mm:.6g} mm"
+        f'"{board.GetName()}" reaches {where} "{camera}" in {frames} its nearest corner lies {abs(nearest_mm):.6g} mm'
+        f" {side} the stop, and the first vertex {first_mm:.6g} mm before it"
     )
     moving = next((op.GetAttr() for op in xform_ops(board) if op.GetAttr().GetTimeSamples()), None)
-    hint = "the camera looks along its -Z"
-    code = "behind-camera" if nearest_mm <= 0 else "inside-lens"
+    hint = "the camera looks along its -Z: what it sees has a negative z"
+    if away_mm < _METRES_MM:
+        hint = f"its origin is only {away_mm:.3g} mm from the stop: were metres meant? The stage is in mm"
+    code = "behind-camera" if is_behind else "inside-lens"
     return problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)

@@ -149,8 +149,10 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
     stage, name = relationship.GetStage(), relationship.GetName()
     wanted = wanted_target(relationship.GetPrim(), name)
     missing = [path for path in target_paths(relationship) if not stage.GetObjectAtPath(path)]
+    fitting = [str(prim.GetPath()) for prim in stage.TraverseAll() if not wanted or prim.IsA(wanted)] if missing else []
     for path in missing[:_NAMED]:
-        hint = did_you_mean(str(path), (str(prim.GetPath()) for prim in stage.TraverseAll()))
+        there = f"of this kind there are {', '.join(fitting[:_NAMED])}" if wanted and fitting else None
+        hint = did_you_mean(str(path), fitting) or there
         message = f'"{name}" points at <{path}>, which does not exist'
         yield problem(relationship, "missing-target", message, hint=hint)
     if len(missing) > _NAMED:

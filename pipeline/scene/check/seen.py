@@ -79,16 +79,17 @@ def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
         return "move it, or the object in front of it"
     if fate == MERGED:
         spacing, blur = spacing_px(camera, view.points_mm[index]), np.median(view.outlook.blur_px[index])
-        return f"in frame {number}, at z = {z:.4g} mm, points are {spacing:.2g} px apart and blur to {blur:.3g} px"
+        where = f"in frame {number}, {z:.4g} mm before the stop"
+        return f"{where}, points are {spacing:.2g} px apart and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
         blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
         return (
-            f"in frame {number} it is at z = {z:.4g} mm, and the focus at {middle_focus(camera):.4g} mm: its points"
-            f" blur to {blur:.3g} px, and {of} is {widest_blur_px(camera):.3g} px wide"
+            f"in frame {number} it is {z:.4g} mm before the stop, and the focus at {middle_focus(camera):.4g} mm: its"
+            f" points blur to {blur:.3g} px, and {of} is {widest_blur_px(camera):.3g} px wide"
         )
     width, height = covered_mm(camera, float(z))
     across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")
     return (
-        f"in frame {number} it is {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it; at its"
-        f" z = {z:.4g} mm the image covers about {width:.3g} x {height:.3g} mm"
+        f"in frame {number} it is {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it;"
+        f" {z:.4g} mm before the stop the image covers about {width:.3g} x {height:.3g} mm"
     )

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from pxr import Usd
 
-from pipeline.camera.figures.doubts import doubts
+from pipeline.camera.figures.doubts import doubts, pixel_doubts
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
@@ -12,6 +12,7 @@ from pipeline.errors import PipelineError
 from pipeline.scene.check.camera.losses import check_angles
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.read.media import ordered_surfaces
+from pipeline.scene.read.prims import read_sensor
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
@@ -20,6 +21,11 @@ from pipeline.scene.usd.values import read, target
 
 def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator[Problem]:
     """Warnings about each camera, at the attribute most likely to blame; an error if no ray can be traced."""
+    alone = [prim for prim in stage.Traverse() if prim.IsA("PlenSensor")] if not cameras else []
+    for prim in alone:
+        for doubt in pixel_doubts(read_sensor(prim)):
+            blamed = prim.GetAttribute("plen:pixelPitch")
+            yield problem(blamed, doubt.code, doubt.what, hint=doubt.hint, severity="warning")
     for entry in cameras:
         prim = stage.GetPrimAtPath(entry.prim_path)
         try:
@@ -47,7 +53,12 @@ def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Propert
         return ordered_surfaces(lens)[camera.prescription.stop_index].GetAttribute("plen:semiDiameter")
     if part in ("sensor", "image"):
         sensor = target(prim, "plen:camera:sensor", "PlenSensor")
-        return sensor if part == "image" else sensor.GetAttribute("plen:pixelPitch")
+        if part == "image":
+            return sensor
+        # An override of the stage itself is more likely to be wrong than a file of the library.
+        said = [sensor.GetAttribute("plen:pixelPitch"), sensor.GetAttribute("plen:resolution")]
+        root = prim.GetStage().GetRootLayer()
+        return next((one for one in said if one.GetPropertyStack()[0].layer == root), said[0])
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     if part == "microlenses":
         return array
