@@ -15,7 +15,7 @@ def chosen(path: str | Path, kind: str, names: list[str], wanted: str | None) ->
         No entry has that name, or the stage has several and none is named.
     """
     if wanted is None and len(names) > 1:
-        raise UsageError(f"{path} has {len(names)} {kind}s: {', '.join(names)}", hint=f"name one of them with --{kind}")
+        raise UsageError(f"{path} has {len(names)} {kind}s: {', '.join(names)}", hint="name one of them")
     if wanted is not None and wanted not in names:
         hint = did_you_mean(wanted, names) or f"its {kind}s: {', '.join(names)}"
         raise UsageError(f'{path} has no {kind} "{wanted}"', hint=hint)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.app.authoring.assets import asset, found
 from pipeline.app.authoring.calibration import NOISE_PX
-from pipeline.app.authoring.poses import Field, Pose, Wish, best_size, doubt_px, poses_that_fill, predicted
+from pipeline.app.authoring.poses import Field, Pose, Wish, best_size, poses_that_fill, predicted
 from pipeline.app.authoring.stage_text import DatasetText, Placed
 from pipeline.app.chosen import chosen
 from pipeline.app.importing import require_free, write_stage
@@ -188,9 +188,9 @@ def _summary(names: list[str], fields: Sequence[Field], poses: list[Pose]) -> li
         if not field.camera.microlenses:
             f_px, (x_px, y_px) = known.principal_distance_px, known.principal_point_px
             lines.append(
-                f"corners detected to {NOISE_PX:g} px tell a calibration of f, centre and k1 the focal length to"
+                f"a calibration (f, centre, k1; corners detected to {NOISE_PX:g} px) knows f to"
                 f" {100 * f_px / field.principal_distance_px:.2g} % ({f_px:.1f} px) and the centre to {x_px:.1f} x"
-                f" {y_px:.1f} px (one sigma)"
+                f" {y_px:.1f} px, one sigma"
             )
     return lines
 
@@ -206,9 +206,10 @@ def _limit(fields: Sequence[Field]) -> str:
         if field.camera.microlenses:
             return f"{limit}: --blur {blur_px:g} allows more"
         wider = [dataclasses.replace(one, wish=dataclasses.replace(wish, blur_px=blur_px)) for one in fields]
-        remedies = {f"a stop half as wide, or --blur {blur_px:g},": wider}
+        remedies = {f"a stop half as wide, or --blur {blur_px:g},": best_size(wider) if wish.fit else wider}
     if not wish.fit:
         remedies["--fit"] = best_size(fields)
-    gains = {remedy: doubt_px(fields) / doubt_px(helped) for remedy, helped in remedies.items()}
-    worth = [f"{what} would tell both {gain:.1f} times as well" for what, gain in gains.items() if gain > _WORTH_SAYING]
+    known = [predicted(one, [*poses_that_fill(one)])[0].principal_distance_px for one in (fields, *remedies.values())]
+    gains = {remedy: known[0] / one for remedy, one in zip(remedies, known[1:], strict=True)}
+    worth = [f"{what} tells f {gain:.1f} times as well" for what, gain in gains.items() if gain > _WORTH_SAYING]
     return "; ".join([limit, *worth])

@@ -8,6 +8,7 @@ what all of them see, then tilted less, then moved away, until it shows enough.
 
 import contextlib
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -19,10 +20,12 @@ from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from pipeline.app.authoring.calibration import Uncertainty, uncertainty
+from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.outlook import covered_mm
-from pipeline.camera.focusing.depth_of_field import foci, middle_focus
+from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
+from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -263,13 +266,17 @@ def predicted(fields: Sequence[Field], poses: Sequence[Pose]) -> list[Uncertaint
         pinhole_from_first = field.vision_from_first - np.outer((0, 0, 1, 0), (0, 0, 0, field.pupil_mm))
         seen = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
         placed = [pinhole_from_first @ pose.vision_from_target for pose in poses]
-        known.append(uncertainty(field.principal_distance_px, zip(placed, seen, strict=True)))
+        known.append(uncertainty(field.principal_distance_px, _k1(field.camera), zip(placed, seen, strict=True)))
     return known
 
 
-def doubt_px(fields: Sequence[Field], room: tuple[bool, ...] = (True, False)) -> float:
-    """Uncertainty of the calibration of the worst camera by the poses that fill fields."""
-    return max(one.together_px for one in predicted(fields, [*poses_that_fill(fields, room)]))
+@functools.cache
+def _k1(camera: Camera) -> float:
+    """Radial distortion of the equivalent pinhole, which a principal point is told by; 0 where there is none."""
+    with contextlib.suppress(CameraError):
+        if found := pinhole(focused(camera)):
+            return found.distorted.distortion[0]
+    return 0.0
 
 
 def best_size(fields: Sequence[Field]) -> list[Field]:
@@ -282,7 +289,8 @@ def best_size(fields: Sequence[Field]) -> list[Field]:
         scale = fields[0].filling(share).scale
         scaled = [dataclasses.replace(field, scale=scale, wish=wish) for field in fields]
         with contextlib.suppress(UsageError):
-            sized.append((doubt_px(scaled, (True,)), scaled))
+            known = predicted(scaled, [*poses_that_fill(scaled, room=(True,))])
+            sized.append((max(one.together_px for one in known), scaled))
     if not sized:
         raise _no_place(fields[0].filling(_SHARES[0]))
     return min(sized, key=lambda one: one[0])[1]

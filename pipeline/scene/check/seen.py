@@ -87,7 +87,8 @@ def _hint(camera: Camera, view: View, missed: dict[int, int]) -> str:
         return "move it, or the object in front of it"
     if fate == MERGED:
         spacing, blur = view.spacing_px[index], np.median(view.outlook.blur_px[index])
-        return f"in frame {number}, at z = {z:.4g} mm, points are {spacing:.2g} px apart and blur to {blur:.3g} px"
+        apart = f"{spacing:.2g} px apart{' in a micro-image' if camera.microlenses else ''}"
+        return f"in frame {number}, at z = {z:.4g} mm, points are {apart} and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
         blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
         return (
