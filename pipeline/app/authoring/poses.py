@@ -36,7 +36,7 @@ from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import tangent_planes
 
-_DEEPEST, _PLENOPTIC_DEEPEST = 2.0, 4.0
+_DEEPEST, _PLENOPTIC_DEEPEST = 2.0, 6.0
 """Farthest distance of a target over its nearest [1], without and with microlenses: a depth of field may reach from the
 lens to infinity. Calibrations gain by a large image of the target, of microlenses by all depths."""
 _FILLED = 0.9
