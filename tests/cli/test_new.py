@@ -50,7 +50,7 @@ SINGLE = """def PlenMicrolensArray "Rig"
 
 def filled(camera: Camera, board: Target, wish: Wish) -> tuple[Field, list[Pose]]:
     """A camera before a board, and its poses by real rays."""
-    field = Field(camera=camera, target=board, wish=wish, vision_from_first=np.eye(4), is_traced=True)
+    field = Field(camera=camera, target=board, wish=wish, vision_from_first=np.eye(4))
     return field, list(poses_that_fill([field]))
 
 
@@ -256,7 +256,7 @@ def test_fitted_poses_are_as_steep_as_the_depth_of_field_permits_and_the_limit_i
     share, f_px = map(float, re.search(r"knows f to (\S+) % \((\S+) px\)", log).groups())
     assert f_px < 100 and share == pytest.approx(100 * f_px / 12809, rel=0.05)
     assert "the depth of field, 430.9 to 437.9 mm, limits tilts to" in log
-    assert "a stop half as wide, or --blur 6, tells f" in log
+    assert "a stop half as wide, or --blur 6, allows 40" in log
     assert log.splitlines()[0].startswith("pose 1 of 10: ")
     assert "limits tilts to" in Path("d.usda").read_text(encoding="utf-8")
 

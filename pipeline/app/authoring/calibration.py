@@ -21,11 +21,6 @@ class Uncertainty:
     principal_distance_px: float
     principal_point_px: tuple[float, float]
 
-    @property
-    def together_px(self) -> float:
-        """One figure to compare poses by."""
-        return float(np.hypot(self.principal_distance_px, np.hypot(*self.principal_point_px)))
-
 
 def uncertainty(principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]) -> Uncertainty:
     """Predict it for a pinhole with one focal length and k1.

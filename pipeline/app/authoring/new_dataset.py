@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.app.authoring.assets import asset, found
 from pipeline.app.authoring.calibration import NOISE_PX
-from pipeline.app.authoring.poses import Field, Pose, Wish, best_size, poses_that_fill, predicted
+from pipeline.app.authoring.poses import PLENOPTIC_SHARES, SHARES, Field, Pose, Wish, poses_that_fill, predicted
 from pipeline.app.authoring.stage_text import DatasetText, Placed
 from pipeline.app.chosen import chosen
 from pipeline.app.importing import require_free, write_stage
@@ -26,8 +26,6 @@ from pipeline.targets.target import Target
 
 _FAR_MM = 1e5
 """Distance at which a target waits for its poses [mm]: a hundred metres, behind no lens and inside none."""
-_WORTH_SAYING = 1.2
-"""Least gain of a remedy that is worth a line [1]."""
 _WITH = {"camera": "rigs", "target": "targets"}
 """Kinds of parts of the library that hold one."""
 _CELLS = 8, 6
@@ -50,12 +48,7 @@ class NewDataset:
 
 
 def new_dataset(
-    out: Path,
-    rig: Path,
-    target: Path,
-    wish: Wish,
-    camera: str | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    out: Path, rig: Path, target: Path, wish: Wish, camera: str | None, tell: Callable[[str], None]
 ) -> NewDataset:
     """Write a dataset whose poses fill the fields of view and the depths of field of cameras.
 
@@ -67,8 +60,8 @@ def new_dataset(
         Stages: files, or names of the library such as `rigs/conventional_100mm.usda`.
     camera : str, optional
         Name of a camera of the rig; by default all of them see each pose.
-    tell : callable, optional
-        What is told that a pose was found.
+    tell : callable
+        What hears of each pose as soon as it is found.
 
     Raises
     ------
@@ -78,6 +71,21 @@ def new_dataset(
         A part is missing, the file cannot be written, or the target is too large for the cameras.
     """
     require_free(out)
+    plan = _plan(out, rig, target, camera)
+    dataset = _read(out, plan)
+    fields, poses = _filled(_fields(dataset, wish), tell)
+    if wish.fit:
+        plan = dataclasses.replace(plan, values=_scaled(dataset.targets[0], fields[0].scale))
+    world_from_camera = inverse(np.array(dataset.frames[0].camera_from_world[dataset.cameras[0].name]))
+    placed = [
+        Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
+    ]
+    lines = [*_summary([entry.name for entry in dataset.cameras], fields, poses), *_limit(fields)]
+    plan = dataclasses.replace(plan, doc=_documentation(lines, fields))
+    return NewDataset(lines=lines, problems=write_stage(plan.text(placed), out))
+
+
+def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> DatasetText:
     parts = load(found(rig)), load(found(target))
     for part in parts:
         if part.errors:
@@ -89,7 +97,7 @@ def new_dataset(
     if parts[0].dataset:
         raise UsageError(f"{rig} is a dataset", hint="name a stage of one or more cameras without a PlenDataset")
     only = range(len(names)) if camera is None else [chosen(rig, "camera", names, camera)]
-    plan = DatasetText(
+    return DatasetText(
         name=identifier(out.stem if out.stem != "dataset" else out.resolve().parent.name),
         doc="",
         rig=asset(rig, out),
@@ -97,48 +105,49 @@ def new_dataset(
         cameras=tuple("/" + parts[0].cameras[one].prim_path.strip("/").partition("/")[2] for one in only),
         values={},
     )
-    away = np.eye(4)
-    away[2, 3] = -_FAR_MM
-    waiting = [Placed(world_from_target=away, comment="")]
-    dataset = _read(out, plan.text(waiting))
-    if wish.fit:
-        scale = best_size(_fields(dataset, wish))[0].scale
-        plan = dataclasses.replace(plan, values=_scaled(dataset.targets[0], scale))
-        dataset = _read(out, plan.text(waiting))
-    fields = _fields(dataset, wish, is_traced=True)
-    poses = list[Pose]()
-    for pose in poses_that_fill(fields):
-        poses.append(pose)
-        tell(f"pose {len(poses)} of {wish.count}: {_comment(pose)}")
-    world_from_camera = inverse(np.array(dataset.frames[0].camera_from_world[dataset.cameras[0].name]))
-    placed = [
-        Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
-    ]
-    lines = _summary([entry.name for entry in dataset.cameras], fields, poses)
-    if not any(field.camera.microlenses and field.steepest_deg >= wish.most_tilt_deg for field in fields):
-        lines.append(_limit(_fields(dataset, wish)))
-    plan = dataclasses.replace(plan, doc=_documentation(lines, fields))
-    return NewDataset(lines=lines, problems=write_stage(plan.text(placed), out))
 
 
-def _fields(dataset: Dataset, wish: Wish, *, is_traced: bool = False) -> list[Field]:
+def _fields(dataset: Dataset, wish: Wish) -> list[Field]:
     """The cameras of a dataset before its target."""
     vision_from_world = [np.array(dataset.frames[0].camera_from_world[entry.name]) for entry in dataset.cameras]
-    own = [vision @ inverse(vision_from_world[0]) for vision in vision_from_world]
-    target = dataset.targets[0].target
+    own, target = [vision @ inverse(vision_from_world[0]) for vision in vision_from_world], dataset.targets[0].target
     return [
-        Field(camera=entry.camera, target=target, wish=wish, vision_from_first=vision_from_first, is_traced=is_traced)
+        Field(camera=entry.camera, target=target, wish=wish, vision_from_first=vision_from_first)
         for entry, vision_from_first in zip(dataset.cameras, own, strict=True)
     ]
 
 
-def _read(out: Path, text: str) -> Dataset:
-    """The records of a stage that is not written yet, as if it lay where it will."""
+def _filled(fields: list[Field], tell: Callable[[str], None]) -> tuple[list[Field], list[Pose]]:
+    """Poses that fill fields, and these with the largest target that has poses, if it may be scaled."""
+    first, sizes, poses = fields[0], [fields], list[Pose]()
+    if first.wish.fit:
+        shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
+        scales = [first.filling(share).scale for share in shares]
+        sizes = [[dataclasses.replace(field, scale=scale) for field in fields] for scale in scales]
+    for sized in sizes:
+        poses.clear()
+        try:
+            for pose in poses_that_fill(sized, room=(True,) if first.wish.fit else (True, False)):
+                poses.append(pose)
+                tell(f"pose {len(poses)} of {first.wish.count}: {_comment(pose)}")
+        except UsageError as error:
+            if sized is sizes[-1]:
+                raise
+            tell(f"{error.what}: a smaller one is tried")
+        else:
+            break
+    return sized, poses
+
+
+def _read(out: Path, plan: DatasetText) -> Dataset:
+    """The records of a stage that is not written yet, as if it lay where it will; its target is far away."""
+    away = np.eye(4)
+    away[2, 3] = -_FAR_MM
     handle, name = tempfile.mkstemp(prefix=".", suffix=".usda", dir=out.resolve().parent)
     path = Path(name)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
+            stream.write(plan.text([Placed(world_from_target=away, comment="")]))
         loaded = load(path)
     finally:
         path.unlink()
@@ -195,21 +204,14 @@ def _summary(names: list[str], fields: Sequence[Field], poses: list[Pose]) -> li
     return lines
 
 
-def _limit(fields: Sequence[Field]) -> str:
-    """What limits the tilts of paraxial fields, or else a calibration, and by how much a remedy would help."""
-    field, wish = min(fields, key=lambda one: one.steepest_deg), fields[0].wish
-    if field.steepest_deg >= wish.most_tilt_deg:
-        limit, remedies = "the field of view limits that: more poses help by the root of their number", {}
-    else:
-        (near, far), blur_px = field.depth_mm, 2 * field.blur_px
-        limit = f"the depth of field, {near:.1f} to {far:.1f} mm, limits tilts to {field.steepest_deg:.0f} degrees"
-        if field.camera.microlenses:
-            return f"{limit}: --blur {blur_px:g} allows more"
-        wider = [dataclasses.replace(one, wish=dataclasses.replace(wish, blur_px=blur_px)) for one in fields]
-        remedies = {f"a stop half as wide, or --blur {blur_px:g},": best_size(wider) if wish.fit else wider}
-    if not wish.fit:
-        remedies["--fit"] = best_size(fields)
-    known = [predicted(one, [*poses_that_fill(one)])[0].principal_distance_px for one in (fields, *remedies.values())]
-    gains = {remedy: known[0] / one for remedy, one in zip(remedies, known[1:], strict=True)}
-    worth = [f"{what} tells f {gain:.1f} times as well" for what, gain in gains.items() if gain > _WORTH_SAYING]
-    return "; ".join([limit, *worth])
+def _limit(fields: Sequence[Field]) -> list[str]:
+    """The limit of a calibration, and what would help."""
+    field = min(fields, key=lambda one: one.steepest_deg)
+    if field.steepest_deg >= field.wish.most_tilt_deg:
+        limit = "the field of view limits that: more poses help by the root of their number"
+        return [] if field.camera.microlenses else [limit]
+    (near, far), blur_px = field.depth_mm, 2 * field.blur_px
+    wider = dataclasses.replace(field, wish=dataclasses.replace(field.wish, blur_px=blur_px))
+    remedy = f"--blur {blur_px:g}" if field.camera.microlenses else f"a stop half as wide, or --blur {blur_px:g},"
+    limit = f"the depth of field, {near:.1f} to {far:.1f} mm, limits tilts to {field.steepest_deg:.0f} degrees"
+    return [f"{limit}: {remedy} allows {min(wider.steepest_deg, field.wish.most_tilt_deg):.0f}"]

@@ -50,12 +50,10 @@ _STEEP = 0.45
 """Reach of a tilted target along the axis over the depth of field [1], on either side: a tenth is for its place."""
 _BLUR_PX = 3.0
 """Largest blur before a conventional camera, unless asked otherwise [px]: detectors find corners well in that."""
-_SHARES = (0.3, 0.4, 0.5, 0.6, 0.7)
-"""Radii of a target that are compared, over half the diagonal of the image in the middle of the depths [1]."""
-_PLENOPTIC_SHARE = 0.5
-"""The same behind microlenses, where a target that fits at all depths tells more [1]."""
-_COMPARED = 24
-"""Most poses that are compared for each: more would not choose otherwise."""
+SHARES, PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
+"""Radii that a fitted target may have, over half the diagonal of the image in the middle of the depths [1]: the first
+that fits. A larger one shows more perspective even where its tilts are flatter; microlenses learn more by more depths.
+"""
 _ROUGH_PX = 0.05
 """Accuracy of image positions that only decide what is seen [px]."""
 _LEAST_LIGHT = 0.2
@@ -81,7 +79,7 @@ class Wish:
         Largest diameter of blur, by the paraxial depth of field. By default 3, and behind microlenses the camera's
         circle of confusion: in a micro-image of a dozen pixels 3 leave nothing of a pattern.
     fit : bool
-        Whether the lengths of the target are scaled, so that calibrations know most.
+        Whether the target was scaled.
     """
 
     count: int
@@ -126,17 +124,14 @@ class Field:
     ----------
     vision_from_first : (4, 4) float64
         From the vision frame of the first camera to that of this one.
-    is_traced : bool
-        Whether positions are those of real rays; else they are paraxial, to compare many poses.
     scale : float
-        Size of the target over that of its record; 1 where rays are traced.
+        Size of the target over that of its record.
     """
 
     camera: Camera
     target: AnyTarget
     wish: Wish
     vision_from_first: np.ndarray
-    is_traced: bool = False
     scale: float = 1.0
 
     @cached_property
@@ -203,8 +198,6 @@ class Field:
 
     def place_mm(self, x_px: np.ndarray, z_mm: float) -> np.ndarray:
         """The point at a depth whose bundle's middle is an image position, (3,); NaN where nothing passes."""
-        if not self.is_traced:
-            return np.append((x_px - self.middle_px) * (z_mm - self.pupil_mm) / self.principal_distance_px, z_mm)
         planes = parallel_planes(z_mm, z_mm + _APART_MM)[None]
         bundle = Bundles(x_px[None], np.array([NO_MICROLENS]), planes)
         return np.append(integrals(self.rig.tracer, bundle, 1).moments[0, :2], z_mm)
@@ -220,13 +213,7 @@ class Field:
 
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""
-        if not self.is_traced:
-            x, y, z = apply(vision_from_target, self.points_mm).T
-            seen = np.stack([x, y], axis=1) * (self.principal_distance_px / (z - self.pupil_mm))[:, None]
-            seen[(np.abs(seen) > self.middle_px + 0.5).any(axis=1)] = np.nan
-            return seen + self.middle_px
-        points = self.target.points()
-        planes = tangent_planes(vision_from_target, points.position_mm, points.plane_axes)
+        planes = tangent_planes(vision_from_target, self.points_mm, self.target.points().plane_axes)
         found = solve(self.rig, guesses(self.rig, planes)[0], planes, _ROUGH_PX, _LEAST_LIGHT).found
         seen = np.full((len(planes), 2), np.nan)
         seen[found.point] = np.stack([found.x_px, found.y_px], axis=1)
@@ -242,7 +229,7 @@ class Field:
 def poses_that_fill(fields: Sequence[Field], room: tuple[bool, ...] = (True, False)) -> Iterator[Pose]:
     """Poses all over the images and the depths of field of cameras, each with the points that are seen.
 
-    Where possible, what is around the points is in the image as well: first and second choice are in `room`.
+    Where possible, what is around the points is in the image as well, or always if `room` is (True,).
 
     Raises
     ------
@@ -255,7 +242,14 @@ def poses_that_fill(fields: Sequence[Field], room: tuple[bool, ...] = (True, Fal
         tries = (_tried(fields, index % len(fields), numbers, (*way, roomy)) for roomy, way in ways)
         pose = next(filter(None, tries), None)
         if pose is None:
-            raise _no_place(fields[0])
+            (near, far), radius_mm = fields[0].depth_mm, fields[0].radius_mm
+            where = f"no place between {near:.6g} and {far:.6g} mm before the camera"
+            if near >= far:
+                where = f"it fits into the image from {near:.6g} mm on but is sharp up to {far:.6g} mm only: no place"
+            other = "" if wish.fit else "take a smaller target, --fit to scale it, "
+            hint = f"{other}allow more blur with --blur, or ask for a smaller share of its points with --seen"
+            what = f"the target reaches {radius_mm:.4g} mm from its middle, and {where} shows enough of it"
+            raise UsageError(what, hint=hint)
         yield pose
 
 
@@ -277,30 +271,6 @@ def _k1(camera: Camera) -> float:
         if found := pinhole(focused(camera)):
             return found.distorted.distortion[0]
     return 0.0
-
-
-def best_size(fields: Sequence[Field]) -> list[Field]:
-    """Paraxial fields with the target scaled so that calibrations know most.
-
-    A larger one shows more perspective; before a shallow depth of field a smaller one may be tilted more.
-    """
-    wish, sized = dataclasses.replace(fields[0].wish, count=min(_COMPARED, fields[0].wish.count)), []
-    for share in (_PLENOPTIC_SHARE,) if fields[0].camera.microlenses else _SHARES:
-        scale = fields[0].filling(share).scale
-        scaled = [dataclasses.replace(field, scale=scale, wish=wish) for field in fields]
-        with contextlib.suppress(UsageError):
-            known = predicted(scaled, [*poses_that_fill(scaled, room=(True,))])
-            sized.append((max(one.together_px for one in known), scaled))
-    if not sized:
-        raise _no_place(fields[0].filling(_SHARES[0]))
-    return min(sized, key=lambda one: one[0])[1]
-
-
-def _no_place(field: Field) -> UsageError:
-    (near, far), other = field.sharp_mm(), "" if field.wish.fit else "take a smaller target, --fit to scale it, "
-    what = f"the target reaches {field.radius_mm:.4g} mm from its middle, and no place in the depth of field,"
-    hint = f"{other}allow more blur with --blur, or ask for a smaller share of its points with --seen"
-    return UsageError(f"{what} {near:.6g} to {far:.6g} mm before the camera, shows enough of it", hint=hint)
 
 
 def _tried(fields: Sequence[Field], drawn_in: int, numbers: np.ndarray, way: tuple[float, ...]) -> Pose | None:

@@ -153,7 +153,9 @@ def _is_in_image(camera: Camera, x_px: np.ndarray, slack_px: np.ndarray | float)
     return inside
 
 
-def behind_microlenses_px(camera: Camera, array: MicrolensArray, z_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def behind_microlenses_px(
+    camera: Camera, array: MicrolensArray, z_mm: Float64[np.ndarray, "n"]
+) -> tuple[np.ndarray, np.ndarray]:
     """Blur disc D |1 - B / f - B / a| of objects at vision z [px], and size of 1 mm of theirs in a micro-image [px],
     both of the sharpest type; see `focusing.depth_of_field`.
     """
