@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.app.build import build
 from pipeline.ranges import frames_in_words, ranges
 from pipeline.scene.load import load
 
@@ -60,7 +61,7 @@ def test_a_board_of_grey_is_named_though_its_light_arrives(check):
     assert check({4: far, 5: behind}) == ["frame 4 (too far away or too blurred to tell its points apart)"]
 
 
-def test_a_board_of_grey_in_micro_images_is_named(tmp_path):
+def test_a_board_of_grey_in_micro_images_is_named_also_by_a_build(tmp_path, monkeypatch):
     """Squares of 1 mm at 420 and 800 mm: images over white images have standard deviations of 0.30 and 0.10."""
     text = (TINY.parents[1] / "tiny_plenoptic" / "dataset.usda").read_text(encoding="utf-8")
     found = []
@@ -69,7 +70,14 @@ def test_a_board_of_grey_in_micro_images_is_named(tmp_path):
         (tmp_path / "dataset.usda").write_text(moved, encoding="utf-8")
         found.append([str(one) for one in load(tmp_path / "dataset.usda", look=True).problems])
     assert found[0] == []
-    assert "frames 1-2 (too far away or too blurred to tell its points apart)" in found[1][0]
+    grey = "frames 1-2 (too far away or too blurred to tell its points apart)"
+    assert grey in found[1][0]
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))  # a task has to run
+    told = []
+    build(
+        tmp_path / "dataset.usda", tmp_path / "out", on_event=told.append, targets=("cameras/Rig.Camera/camera.json",)
+    )
+    assert [grey in event["text"] for event in told if event["event"] == "warning"] == [True]
 
 
 def test_frames_of_few_points_are_named(check):

@@ -19,6 +19,8 @@ from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
 from pipeline.scene.views import HIDDEN, MERGED, View, look
 
+NOT_SEEN = ("blank", "few-points")
+"""Codes of these warnings, which a build repeats before its first task."""
 _FEW = 0.25
 """Share of the points that face a camera below which a frame is named [1]: calibrations gain little by such frames, and
 boards that reach over the edge of the image on purpose show more."""
@@ -38,10 +40,9 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             view = look(dataset, entry.name, camera, number)
             prim = stage.GetPrimAtPath(target.prim_path)
             fates = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
-            for code, sees, which in (
-                ("blank", "no point", view.share == 0),
-                ("few-points", "less than a quarter of the points", (view.share > 0) & (view.share < _FEW)),
-            ):
+            is_few = (view.share > 0) & (view.share < _FEW)
+            told = ("no point", view.share == 0), ("less than a quarter of the points", is_few)
+            for code, (sees, which) in zip(NOT_SEEN, told, strict=True):
                 missed = {frame: fates[frame] for frame in np.array(view.numbers)[which].tolist()}
                 if missed:
                     whom = f'"{entry.name}" sees {sees} of "{prim.GetName()}"'
