@@ -16,14 +16,16 @@ NOISE_PX = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uncertainty:
-    """Standard deviations of what a calibration finds, with `NOISE_PX` in each coordinate; inf: it finds nothing."""
+    """Standard deviations of what a calibration finds, with `NOISE_PX` in each coordinate."""
 
     principal_distance_px: float
     principal_point_px: tuple[float, float]
 
 
-def uncertainty(principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]) -> Uncertainty:
-    """Predict it for a pinhole with one focal length and k1.
+def uncertainty(
+    principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]
+) -> Uncertainty | None:
+    """Predict it for a pinhole with one focal length and k1; None where the points are too few to find them.
 
     Parameters
     ----------
@@ -46,6 +48,6 @@ def uncertainty(principal_distance_px: float, k1: float, views: Iterable[tuple[n
         information += left.T @ left
     size = np.sqrt(np.diag(information))  # the columns differ by many powers of ten
     if not (size > 0).all() or np.linalg.matrix_rank(scaled := information / np.outer(size, size)) < 4:
-        return Uncertainty(principal_distance_px=np.inf, principal_point_px=(np.inf, np.inf))
+        return None
     f_px, x_px, y_px, _ = (NOISE_PX * np.sqrt(np.diag(np.linalg.inv(scaled))) / size).tolist()
     return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px))

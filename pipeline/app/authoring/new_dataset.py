@@ -17,12 +17,13 @@ from pipeline.app.chosen import chosen
 from pipeline.app.importing import require_free, write_stage
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
-from pipeline.scene.dataset import Dataset, TargetEntry
+from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import load
 from pipeline.scene.read.targets import PATTERNS
 from pipeline.scene.usd.problems import Problem, StageError
 from pipeline.scene.write.text import identifier
-from pipeline.targets.target import Target
+from pipeline.targets.errors import TargetError
+from pipeline.targets.target import AnyTarget, Target
 
 _FAR_MM = 1e5
 """Distance at which a target waits for its poses [mm]: a hundred metres, behind no lens and inside none."""
@@ -75,7 +76,9 @@ def new_dataset(
     dataset = _read(out, plan)
     fields, poses = _filled(_fields(dataset, wish), tell)
     if wish.fit:
-        plan = dataclasses.replace(plan, values=_scaled(dataset.targets[0], fields[0].scale))
+        board = _with_lengths(fields[0].target)
+        values = {attribute: getattr(board.pattern, name) for name, attribute in _lengths(board).items()}
+        plan = dataclasses.replace(plan, values=values)
     world_from_camera = inverse(np.array(dataset.frames[0].camera_from_world[dataset.cameras[0].name]))
     placed = [
         Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
@@ -119,24 +122,23 @@ def _fields(dataset: Dataset, wish: Wish) -> list[Field]:
 
 def _filled(fields: list[Field], tell: Callable[[str], None]) -> tuple[list[Field], list[Pose]]:
     """Poses that fill fields, and these with the largest target that has poses, if it may be scaled."""
-    first, sizes, poses = fields[0], [fields], list[Pose]()
-    if first.wish.fit:
-        shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
-        scales = [first.filling(share).scale for share in shares]
-        sizes = [[dataclasses.replace(field, scale=scale) for field in fields] for scale in scales]
-    for sized in sizes:
+    first, poses = fields[0], list[Pose]()
+    board = _with_lengths(first.target) if first.wish.fit else None
+    shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
+    for share in shares if board else shares[-1:]:
         poses.clear()
         try:
-            for pose in poses_that_fill(sized, room=(True,) if first.wish.fit else (True, False)):
+            target = _scaled(board, first.scale_to_fill(share)) if board else first.target
+            fields = [dataclasses.replace(field, target=target) for field in fields]
+            for pose in poses_that_fill(fields, room=(True,) if board else (True, False)):
                 poses.append(pose)
                 tell(f"pose {len(poses)} of {first.wish.count}: {_comment(pose)}")
-        except UsageError as error:
-            if sized is sizes[-1]:
+            break
+        except (UsageError, TargetError) as error:
+            if share == shares[-1]:
                 raise
             tell(f"{error.what}: a smaller one is tried")
-        else:
-            break
-    return sized, poses
+    return fields, poses
 
 
 def _read(out: Path, plan: DatasetText) -> Dataset:
@@ -164,14 +166,22 @@ def _documentation(lines: list[str], fields: Sequence[Field]) -> str:
     return "\n".join([filled, "", *lines, "", seed])
 
 
-def _scaled(entry: TargetEntry, scale: float) -> dict[str, float]:
-    """Lengths of a scaled target by attribute."""
-    target = entry.target
+def _with_lengths(target: AnyTarget) -> Target:
     if not isinstance(target, Target):
-        raise UsageError(f'"{entry.name}" is a mesh, which has no lengths to scale')
+        raise UsageError("a mesh has no lengths to scale", hint="leave out --fit")
+    return target
+
+
+def _lengths(target: Target) -> dict[str, str]:
+    """Names of the lengths of a pattern, and their attributes."""
     names = next(names for kind, names in PATTERNS.values() if kind is type(target.pattern))
-    lengths = [name for name in names if name.endswith("_mm")]
-    return {names[name]: scale * getattr(target.pattern, name) for name in lengths}
+    return {name: attribute for name, attribute in names.items() if name.endswith("_mm")}
+
+
+def _scaled(target: Target, scale: float) -> Target:
+    """The target with scaled lengths of its pattern, as a stage states them; its surface stays as it is."""
+    lengths = {name: float(f"{scale * getattr(target.pattern, name):.6g}") for name in _lengths(target)}
+    return dataclasses.replace(target, pattern=dataclasses.replace(target.pattern, **lengths))  # type: ignore[type-var]
 
 
 def _comment(pose: Pose) -> str:
@@ -194,7 +204,9 @@ def _summary(names: list[str], fields: Sequence[Field], poses: list[Pose]) -> li
         filled = len(np.unique(np.clip(cells, 0, np.array(_CELLS) - 1), axis=0))
         what = f"{len(own_px)} points seen in {filled} of {_CELLS[0] * _CELLS[1]} cells of the image"
         lines.append(f"{name}: {what}" if len(names) > 1 else f"{len(poses)} poses, {what}")
-        if not field.camera.microlenses:
+        if known is None and not field.camera.microlenses:
+            lines.append("no calibration of f, centre and k1: too few points, or no pinhole fits the lens")
+        if known:
             f_px, (x_px, y_px) = known.principal_distance_px, known.principal_point_px
             lines.append(
                 f"a calibration (f, centre, k1; corners detected to {NOISE_PX:g} px) knows f to"

@@ -6,9 +6,7 @@ image of one of them, and all have to see it. A pose that shows too little of th
 what all of them see, then tilted less, then moved away, until it shows enough.
 """
 
-import contextlib
 import dataclasses
-import functools
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -25,7 +23,6 @@ from pipeline.camera.figures.outlook import covered_mm
 from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
-from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
@@ -124,15 +121,12 @@ class Field:
     ----------
     vision_from_first : (4, 4) float64
         From the vision frame of the first camera to that of this one.
-    scale : float
-        Size of the target over that of its record.
     """
 
     camera: Camera
     target: AnyTarget
     wish: Wish
     vision_from_first: np.ndarray
-    scale: float = 1.0
 
     @cached_property
     def rig(self) -> Rig:
@@ -142,7 +136,7 @@ class Field:
     @cached_property
     def points_mm(self) -> np.ndarray:
         """Points of the target, (n, 3), target frame."""
-        return self.scale * self.target.points().position_mm
+        return self.target.points().position_mm
 
     @cached_property
     def radius_mm(self) -> float:
@@ -189,12 +183,11 @@ class Field:
         near, far = self.depth_mm
         return math.degrees(math.asin(min(1.0, _STEEP * max(0.0, far - near) / self.radius_mm)))
 
-    def filling(self, share: float) -> "Field":
-        """The same with a target of that radius over half the diagonal of the image, in the middle of the depths."""
+    def scale_to_fill(self, share: float) -> float:
+        """Factor of the target for that radius over half the diagonal of the image, in the middle of the depths."""
         focus_mm = middle_focus(self.camera)
         middle_mm = float(np.mean(self.sharp_mm(focus_mm / 2 if math.isfinite(focus_mm) else 0.0)))
-        half_mm = np.hypot(*covered_mm(self.camera, middle_mm)) / 2
-        return dataclasses.replace(self, scale=float(share * half_mm * self.scale / self.radius_mm))
+        return share * float(np.hypot(*covered_mm(self.camera, middle_mm))) / 2 / self.radius_mm
 
     def place_mm(self, x_px: np.ndarray, z_mm: float) -> np.ndarray:
         """The point at a depth whose bundle's middle is an image position, (3,); NaN where nothing passes."""
@@ -253,24 +246,18 @@ def poses_that_fill(fields: Sequence[Field], room: tuple[bool, ...] = (True, Fal
         yield pose
 
 
-def predicted(fields: Sequence[Field], poses: Sequence[Pose]) -> list[Uncertainty]:
-    """Uncertainty of the calibration of each camera by poses."""
-    known = []
+def predicted(fields: Sequence[Field], poses: Sequence[Pose]) -> list[Uncertainty | None]:
+    """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and of too few points."""
+    known = list[Uncertainty | None]()
     for number, field in enumerate(fields):
         pinhole_from_first = field.vision_from_first - np.outer((0, 0, 1, 0), (0, 0, 0, field.pupil_mm))
         seen = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
         placed = [pinhole_from_first @ pose.vision_from_target for pose in poses]
-        known.append(uncertainty(field.principal_distance_px, _k1(field.camera), zip(placed, seen, strict=True)))
+        fitted = None if field.camera.microlenses else pinhole(focused(field.camera))
+        k1 = fitted.distorted.distortion[0] if fitted else 0.0  # a centre is told by the distortion around it, too
+        views = zip(placed, seen, strict=True)
+        known.append(uncertainty(field.principal_distance_px, k1, views) if fitted else None)
     return known
-
-
-@functools.cache
-def _k1(camera: Camera) -> float:
-    """Radial distortion of the equivalent pinhole, which a principal point is told by; 0 where there is none."""
-    with contextlib.suppress(CameraError):
-        if found := pinhole(focused(camera)):
-            return found.distorted.distortion[0]
-    return 0.0
 
 
 def _tried(fields: Sequence[Field], drawn_in: int, numbers: np.ndarray, way: tuple[float, ...]) -> Pose | None:
