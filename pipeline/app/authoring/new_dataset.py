@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from pipeline.scene.read.targets import PATTERNS
 from pipeline.scene.usd.problems import Problem, StageError
 from pipeline.scene.write.text import identifier
 from pipeline.targets.errors import TargetError
-from pipeline.targets.target import AnyTarget, Target
+from pipeline.targets.target import Target
 
 _FAR_MM = 1e5
 """Distance at which a target waits for its poses [mm]: a hundred metres, behind no lens and inside none."""
@@ -76,7 +77,7 @@ def new_dataset(
     dataset = _read(out, plan)
     fields, poses = _filled(_fields(dataset, wish), tell)
     if wish.fit:
-        board = _with_lengths(fields[0].target)
+        board: Any = fields[0].target
         values = {attribute: getattr(board.pattern, name) for name, attribute in _lengths(board).items()}
         plan = dataclasses.replace(plan, values=values)
     world_from_camera = inverse(np.array(dataset.frames[0].camera_from_world[dataset.cameras[0].name]))
@@ -123,14 +124,15 @@ def _fields(dataset: Dataset, wish: Wish) -> list[Field]:
 def _filled(fields: list[Field], tell: Callable[[str], None]) -> tuple[list[Field], list[Pose]]:
     """Poses that fill fields, and these with the largest target that has poses, if it may be scaled."""
     first, poses = fields[0], list[Pose]()
-    board = _with_lengths(first.target) if first.wish.fit else None
+    if fit := first.wish.fit:
+        _lengths(first.target)  # a mesh is refused at once
     shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
-    for share in shares if board else shares[-1:]:
+    for share in shares if fit else shares[-1:]:
         poses.clear()
         try:
-            target = _scaled(board, first.scale_to_fill(share)) if board else first.target
+            target = _scaled(first.target, first.scale_to_fill(share)) if fit else first.target
             fields = [dataclasses.replace(field, target=target) for field in fields]
-            for pose in poses_that_fill(fields, room=(True,) if board else (True, False)):
+            for pose in poses_that_fill(fields, room=(True,) if fit else (True, False)):
                 poses.append(pose)
                 tell(f"pose {len(poses)} of {first.wish.count}: {_comment(pose)}")
             break
@@ -166,22 +168,18 @@ def _documentation(lines: list[str], fields: Sequence[Field]) -> str:
     return "\n".join([filled, "", *lines, "", seed])
 
 
-def _with_lengths(target: AnyTarget) -> Target:
+def _lengths(target: Any) -> dict[str, str]:
+    """Names of the lengths of a pattern, and their attributes."""
     if not isinstance(target, Target):
         raise UsageError("a mesh has no lengths to scale", hint="leave out --fit")
-    return target
-
-
-def _lengths(target: Target) -> dict[str, str]:
-    """Names of the lengths of a pattern, and their attributes."""
     names = next(names for kind, names in PATTERNS.values() if kind is type(target.pattern))
     return {name: attribute for name, attribute in names.items() if name.endswith("_mm")}
 
 
-def _scaled(target: Target, scale: float) -> Target:
+def _scaled(target: Any, scale: float) -> Any:
     """The target with scaled lengths of its pattern, as a stage states them; its surface stays as it is."""
     lengths = {name: float(f"{scale * getattr(target.pattern, name):.6g}") for name in _lengths(target)}
-    return dataclasses.replace(target, pattern=dataclasses.replace(target.pattern, **lengths))  # type: ignore[type-var]
+    return dataclasses.replace(target, pattern=dataclasses.replace(target.pattern, **lengths))
 
 
 def _comment(pose: Pose) -> str:
