@@ -30,6 +30,7 @@ from pipeline.limits import limits
 from pipeline.machine.another_python import command
 from pipeline.machine.processor import level, settings
 from pipeline.records.declared import arguments_settled
+from pipeline.scene.check.seen import NOT_SEEN
 from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.spelling import nearest
@@ -175,7 +176,14 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
     dataset = project(path, out, roots, untrusted=untrusted, preview=options.preview, warn=warn)
     if options.device is not None:
         dataset = on_device(dataset, options)
-    caller = Caller(on_event=on_event, prepare=lambda: compile_once(warn, dataset.graph, options.workers))
+
+    def prepare() -> None:
+        compile_once(warn, dataset.graph, options.workers)
+        for problem in load(path, roots, look=True).problems if not untrusted else ():
+            if problem.code in NOT_SEEN:
+                warn(f"{problem.message}\n    hint: {problem.hint}")
+
+    caller = Caller(on_event=on_event, prepare=prepare)
     return session.build(dataset, options, engine=_place(options), caller=caller)
 
 

@@ -86,7 +86,7 @@ def write_stage(text: str, out: Path) -> list[Problem]:
         raise UsageError(f"{out} exists", hint="choose another name, or remove it") from None
     except OSError as error:
         raise UsageError(f"{out} cannot be written: {error.strerror}") from None
-    return load(out).problems
+    return load(out, look=True).problems
 
 
 def write_whole(text: str, out: Path) -> Loaded:

@@ -1,9 +1,13 @@
-"""Claim: `check` names the frames of each camera and target that would be blank, in few words, and no others."""
+"""Claim: `check` names the frames of each camera and target that would be blank, or nearly so, in few words, and no
+others.
+"""
 
+import re
 from pathlib import Path
 
 import pytest
 
+from pipeline.app.build import build
 from pipeline.ranges import frames_in_words, ranges
 from pipeline.scene.load import load
 
@@ -36,7 +40,7 @@ def check(tmp_path):
         (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
         assert load(tmp_path / "dataset.usda").problems == []  # a plan need not ask for it
         return [
-            str(problem).split(": ", 3)[3].split(" [blank]")[0]
+            str(problem).split(": ", 3)[3].split(" [")[0]
             for problem in load(tmp_path / "dataset.usda", look=True).problems
         ]
 
@@ -55,6 +59,33 @@ def test_a_board_of_grey_is_named_though_its_light_arrives(check):
     """Squares of 1.4 mm: at 0.7 m they are 2.5 px apart and blur to 14; not so near the focus at 0.43 m."""
     far, behind = ("(1, 0, 0, 0)", "(0, 0, -700)"), ("(1, 0, 0, 0)", "(0, 0, -440)")
     assert check({4: far, 5: behind}) == ["frame 4 (too far away or too blurred to tell its points apart)"]
+
+
+def test_a_board_of_grey_in_micro_images_is_named_also_by_a_build(tmp_path, monkeypatch):
+    """Squares of 1 mm at 420 and 800 mm: images over white images have standard deviations of 0.30 and 0.10."""
+    text = (TINY.parents[1] / "tiny_plenoptic" / "dataset.usda").read_text(encoding="utf-8")
+    found = []
+    for z in (420, 800):
+        moved = re.sub(r"\(([-\d.]+), ([-\d.]+), -[\d.]+\)", rf"(\1, \2, -{z})", text)
+        (tmp_path / "dataset.usda").write_text(moved, encoding="utf-8")
+        found.append([str(one) for one in load(tmp_path / "dataset.usda", look=True).problems])
+    assert found[0] == []
+    grey = "frames 1-2 (too far away or too blurred to tell its points apart)"
+    assert grey in found[1][0]
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))  # a task has to run
+    told = []
+    build(
+        tmp_path / "dataset.usda", tmp_path / "out", on_event=told.append, targets=("cameras/Rig.Camera/camera.json",)
+    )
+    assert [grey in event["text"] for event in told if event["event"] == "warning"] == [True]
+
+
+def test_frames_of_few_points_are_named(check):
+    """Of 3 x 2 points 1.4 mm apart two are left, then one. The image shows 10.8 x 8.1 mm there, and 1.4 mm beside it a
+    point may still be seen.
+    """
+    few = {2: ("(1, 0, 0, 0)", "(7.5, 0, -434.4)"), 5: ("(1, 0, 0, 0)", "(7.5, 5.4, -434.4)")}
+    assert check(few) == ["frame 5 (out of view)"]
 
 
 def test_a_board_is_hidden_by_another_one_but_not_by_one_behind_it_or_beside_it(check):

@@ -1,30 +1,33 @@
 """A new dataset: a rig, a target, and poses that fill what the camera sees."""
 
+import dataclasses
 import os
 import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from pipeline.app.authoring.assets import asset, found
-from pipeline.app.authoring.poses import Field, Pose, Wish, poses_that_fill
+from pipeline.app.authoring.calibration import NOISE_PX
+from pipeline.app.authoring.poses import PLENOPTIC_SHARES, SHARES, Field, Pose, Wish, poses_that_fill, predicted
 from pipeline.app.authoring.stage_text import DatasetText, Placed
 from pipeline.app.chosen import chosen
 from pipeline.app.importing import require_free, unwritten, write_whole
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
-from pipeline.scene.dataset import Dataset, TargetEntry
+from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import Loaded, load
 from pipeline.scene.read.targets import PATTERNS
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.write.text import identifier
+from pipeline.targets.errors import TargetError
 from pipeline.targets.target import Target
 
 _FAR_MM = 1e5
 """Distance at which a target waits for its poses [mm]: a hundred metres, behind no lens and inside none."""
-_FITTED = 0.5
-"""Diagonal of a fitted target over that of the image, at the middle of the depth of field [1]: it may move and tilt."""
 _WITH = {"camera": "rigs", "target": "targets"}
 """Kinds of parts of the library that hold one."""
 _CELLS = 8, 6
@@ -40,9 +43,9 @@ class NewDataset:
 
 
 def new_dataset(
-    out: Path, rig: Path, target: Path, wish: Wish, camera: str | None = None, *, fit: bool = False
+    out: Path, rig: Path, target: Path, wish: Wish, camera: str | None, tell: Callable[[str], None]
 ) -> NewDataset:
-    """Write a dataset whose poses fill the field of view and the depth of field of a camera.
+    """Write a dataset whose poses fill the fields of view and the depths of field of cameras.
 
     Parameters
     ----------
@@ -51,18 +54,35 @@ def new_dataset(
     rig, target : Path
         Stages: files, or names of the library such as `rigs/conventional_100mm.usda`.
     camera : str, optional
-        Name of the camera of the rig; needed where it has several.
-    fit : bool
-        Whether the lengths of the target are scaled so that it fills half of the image.
+        Name of a camera of the rig; by default all of them see each pose.
+    tell : callable
+        What hears of each pose as soon as it is found.
 
     Raises
     ------
     StageError
         The rig or the target does not pass `check`.
     UsageError
-        A part is missing, the file cannot be written, or the target is too large for the camera.
+        A part is missing, the file cannot be written, or the target is too large for the cameras.
     """
     require_free(out)
+    plan = _plan(out, rig, target, camera)
+    dataset = _read(out, plan)
+    fields, poses = _filled(_fields(dataset, wish), tell)
+    if wish.fit:
+        board: Any = fields[0].target
+        values = {attribute: getattr(board.pattern, name) for name, attribute in _lengths(board).items()}
+        plan = dataclasses.replace(plan, values=values)
+    world_from_camera = inverse(np.array(dataset.frames[0].camera_from_world[dataset.cameras[0].name]))
+    placed = [
+        Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
+    ]
+    lines = [*_summary([entry.name for entry in dataset.cameras], fields, poses), *_limit(fields)]
+    plan = dataclasses.replace(plan, doc=_documentation(lines, fields))
+    return NewDataset(lines=lines, loaded=write_whole(plan.text(placed), out))
+
+
+def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> DatasetText:
     parts = load(found(rig)), load(found(target))
     for part in parts:
         if part.errors:
@@ -71,43 +91,60 @@ def new_dataset(
     if not names or not parts[1].targets:
         kind, path = ("camera", rig) if not names else ("target", target)
         raise UsageError(f"{path} holds no {kind}", hint=f"`pipeline library {_WITH[kind]}` lists some that do")
-    seen_by = parts[0].cameras[chosen(rig, "camera", names, camera)]
-    plan = DatasetText(
+    if parts[0].dataset:
+        raise UsageError(f"{rig} is a dataset", hint="name a stage of one or more cameras without a PlenDataset")
+    only = range(len(names)) if camera is None else [chosen(rig, "camera", names, camera)]
+    return DatasetText(
         name=identifier(out.stem if out.stem != "dataset" else out.resolve().parent.name),
-        doc=_documentation(wish),
+        doc="",
         rig=asset(rig, out),
         target=asset(target, out),
-        camera="/" + seen_by.prim_path.strip("/").partition("/")[2],
+        cameras=tuple("/" + parts[0].cameras[one].prim_path.strip("/").partition("/")[2] for one in only),
         values={},
     )
-    if fit:
-        entry = parts[1].targets[0]
-        plan = plan.with_values(_fitted(Field(seen_by.camera, entry.target), entry, wish.blur_px))
-    return _written(out, plan, wish)
 
 
-def _written(out: Path, plan: DatasetText, wish: Wish) -> NewDataset:
+def _fields(dataset: Dataset, wish: Wish) -> list[Field]:
+    """The cameras of a dataset before its target."""
+    vision_from_world = [np.array(dataset.frames[0].camera_from_world[entry.name]) for entry in dataset.cameras]
+    own, target = [vision @ inverse(vision_from_world[0]) for vision in vision_from_world], dataset.targets[0].target
+    return [
+        Field(camera=entry.camera, target=target, wish=wish, vision_from_first=vision_from_first)
+        for entry, vision_from_first in zip(dataset.cameras, own, strict=True)
+    ]
+
+
+def _filled(fields: list[Field], tell: Callable[[str], None]) -> tuple[list[Field], list[Pose]]:
+    """Poses that fill fields, and these with the largest target that has poses, if it may be scaled."""
+    first, poses = fields[0], list[Pose]()
+    if fit := first.wish.fit:
+        _lengths(first.target)  # a mesh is refused at once
+    shares = PLENOPTIC_SHARES if first.camera.microlenses else SHARES
+    for share in shares if fit else shares[-1:]:
+        poses.clear()
+        try:
+            target = _scaled(first.target, first.scale_to_fill(share)) if fit else first.target
+            fields = [dataclasses.replace(field, target=target) for field in fields]
+            for pose in poses_that_fill(fields, room=(True,) if fit else (True, False)):
+                poses.append(pose)
+                tell(f"pose {len(poses)} of {first.wish.count}: {_comment(pose)}")
+            break
+        except (UsageError, TargetError) as error:
+            if share == shares[-1]:
+                raise
+            tell(f"{error.what}: a smaller one is tried")
+    return fields, poses
+
+
+def _read(out: Path, plan: DatasetText) -> Dataset:
+    """The records of a stage that is not written yet, as if it lay where it will; its target is far away."""
     away = np.eye(4)
     away[2, 3] = -_FAR_MM
-    dataset = _read(out, plan.text([Placed(world_from_target=away, comment="")]))
-    entry, target, frame = dataset.cameras[0], dataset.targets[0], dataset.frames[0]
-    poses = poses_that_fill(entry.camera, target.target, wish)
-    world_from_camera = inverse(np.array(frame.camera_from_world[entry.name]))
-    placed = [
-        Placed(world_from_target=world_from_camera @ pose.vision_from_target, comment=_comment(pose)) for pose in poses
-    ]
-    loaded = write_whole(plan.text(placed), out)
-    sensor = entry.camera.sensor
-    return NewDataset(lines=_summary(sensor.width_px, sensor.height_px, poses), loaded=loaded)
-
-
-def _read(out: Path, text: str) -> Dataset:
-    """The records of a stage that is not written yet, as if it lay where it will."""
     handle, name = tempfile.mkstemp(prefix=".", suffix=".usda", dir=out.resolve().parent)
     path = Path(name)
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
+            stream.write(plan.text([Placed(world_from_target=away, comment="")]))
         loaded = load(path)
     finally:
         path.unlink()
@@ -116,42 +153,68 @@ def _read(out: Path, text: str) -> Dataset:
     return loaded.dataset
 
 
-def _documentation(wish: Wish) -> str:
-    return (
-        f"{wish.count} poses all over the image and the depth of field of the camera; points blur to"
-        f" {wish.blur_px:g} px at most, and tilts are as large as that lets them be.\n\n"
-        f"Written by pipeline new dataset with seed {wish.seed}; edit it as you like."
-    )
+def _documentation(lines: list[str], fields: Sequence[Field]) -> str:
+    blur = " and ".join(dict.fromkeys(f"{field.blur_px:g} px" for field in fields))
+    where = " behind microlenses" if any(field.camera.microlenses for field in fields) else ""
+    filled = f"Poses all over the image and the depth of field; points blur to {blur} at most{where}."
+    seed = f"Written by pipeline new dataset with seed {fields[0].wish.seed}; edit it as you like."
+    return "\n".join([filled, "", *lines, "", seed])
 
 
-def _fitted(field: Field, entry: TargetEntry, blur_px: float) -> dict[str, float]:
-    """Lengths of a target, by attribute, with which it fills half of the image."""
-    target = entry.target
+def _lengths(target: Any) -> dict[str, str]:
+    """Names of the lengths of a pattern, and their attributes."""
     if not isinstance(target, Target):
-        raise UsageError(f'"{entry.name}" is a mesh, which has no lengths to scale')
-    (near, far), middle = field.depth_mm(blur_px), field.middle_px
-    # Half of the way to the corner of the image: light reaches it in any camera, and the field is wide there already.
-    half_way, centre = (field.place_mm(x, (near + far) / 2) for x in (middle / 2, middle))
-    scale = _FITTED * 2 * float(np.hypot(*(half_way - centre)[:2])) / field.radius_mm
+        raise UsageError("a mesh has no lengths to scale", hint="leave out --fit")
     names = next(names for kind, names in PATTERNS.values() if kind is type(target.pattern))
-    lengths = [name for name in names if name.endswith("_mm")]
-    return {names[name]: scale * getattr(target.pattern, name) for name in lengths}
+    return {name: attribute for name, attribute in names.items() if name.endswith("_mm")}
+
+
+def _scaled(target: Any, scale: float) -> Any:
+    """The target with scaled lengths of its pattern, as a stage states them; its surface stays as it is."""
+    lengths = {name: float(f"{scale * getattr(target.pattern, name):.6g}") for name in _lengths(target)}
+    return dataclasses.replace(target, pattern=dataclasses.replace(target.pattern, **lengths))
 
 
 def _comment(pose: Pose) -> str:
-    middle = np.nanmean(pose.seen_px, axis=0)
+    middle = np.nanmean(pose.seen_px[0], axis=0)
     where = f"around ({middle[0]:.0f}, {middle[1]:.0f}) px, {pose.vision_from_target[2, 3]:.1f} mm away"
-    return f"{where}, tilted by {pose.tilt_deg:.0f} degrees; {pose.seen} of {len(pose.seen_px)} points"
+    return f"{where}, tilted by {pose.tilt_deg:.0f} degrees; {pose.seen} of {pose.seen_px.shape[1]} points"
 
 
-def _summary(width_px: int, height_px: int, poses: list[Pose]) -> list[str]:
-    """Lines that tell how much of the image and of the depths the poses fill."""
-    seen = np.concatenate([pose.seen_px[np.isfinite(pose.seen_px[:, 0])] for pose in poses])
-    cells = np.floor((seen + 0.5) / np.array([width_px, height_px]) * _CELLS).astype(int)
-    filled = len({tuple(cell) for cell in np.clip(cells, 0, np.array(_CELLS) - 1)})
+def _summary(names: list[str], fields: Sequence[Field], poses: list[Pose]) -> list[str]:
+    """Lines that tell what the poses fill, and what a calibration by them will know."""
     depths, tilts = [float(pose.vision_from_target[2, 3]) for pose in poses], [pose.tilt_deg for pose in poses]
-    return [
-        f"{len(poses)} poses, {len(seen)} points seen in {filled} of {_CELLS[0] * _CELLS[1]} cells of the image",
+    lines = [
         f"middles of the target {min(depths):.1f} to {max(depths):.1f} mm before the stop,"
-        f" tilts {min(tilts):.0f} to {max(tilts):.0f} degrees",
+        f" tilts {min(tilts):.0f} to {max(tilts):.0f} degrees"
     ]
+    seen_px = np.stack([pose.seen_px for pose in poses], axis=1)
+    for name, field, own_px, known in zip(names, fields, seen_px, predicted(fields, poses), strict=True):
+        own_px = own_px[np.isfinite(own_px[:, :, 0])]
+        cells = np.floor((own_px + 0.5) / (2 * field.middle_px + 1) * _CELLS).astype(int)
+        filled = len(np.unique(np.clip(cells, 0, np.array(_CELLS) - 1), axis=0))
+        what = f"{len(own_px)} points seen in {filled} of {_CELLS[0] * _CELLS[1]} cells of the image"
+        lines.append(f"{name}: {what}" if len(names) > 1 else f"{len(poses)} poses, {what}")
+        if known is None and not field.camera.microlenses:
+            lines.append("no calibration of f, centre and k1: too few points, or no pinhole fits the lens")
+        if known:
+            f_px, (x_px, y_px) = known.principal_distance_px, known.principal_point_px
+            lines.append(
+                f"a calibration (f, centre, k1; corners detected to {NOISE_PX:g} px) knows f to"
+                f" {100 * f_px / field.principal_distance_px:.2g} % ({f_px:.1f} px) and the centre to {x_px:.1f} x"
+                f" {y_px:.1f} px, one sigma"
+            )
+    return lines
+
+
+def _limit(fields: Sequence[Field]) -> list[str]:
+    """The limit of a calibration, and what would help."""
+    field = min(fields, key=lambda one: one.steepest_deg)
+    if field.steepest_deg >= field.wish.most_tilt_deg:
+        limit = "the field of view limits that: more poses help by the root of their number"
+        return [] if field.camera.microlenses else [limit]
+    (near, far), blur_px = field.depth_mm, 2 * field.blur_px
+    wider = dataclasses.replace(field, wish=dataclasses.replace(field.wish, blur_px=blur_px))
+    remedy = f"--blur {blur_px:g}" if field.camera.microlenses else f"a stop half as wide, or --blur {blur_px:g},"
+    limit = f"the depth of field, {near:.1f} to {far:.1f} mm, limits tilts to {field.steepest_deg:.0f} degrees"
+    return [f"{limit}: {remedy} allows {min(wider.steepest_deg, field.wish.most_tilt_deg):.0f}"]

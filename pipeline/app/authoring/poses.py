@@ -1,13 +1,15 @@
-"""Poses of a target that fill the field of view and the depth of field of a camera, by its real lens.
+"""Poses of a target that fill the field of view and the depth of field of cameras, by their real lenses.
 
 Where the middle of the target goes, how deep, how far and about which axis it is tilted come from one sequence of
-Halton, so that few poses already spread over all of them. A pose that shows too little of the target is moved towards
-the middle of the image, then tilted less, until it shows enough.
+Halton, so that few poses already spread over all of them. Of several cameras each has its turn: a pose is drawn in the
+image of one of them, and all have to see it. A pose that shows too little of the target is moved towards the middle of
+what all of them see, then tilted less, then moved away, until it shows enough.
 """
 
 import dataclasses
 import itertools
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,23 +17,40 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.stats import qmc
 
+from pipeline.app.authoring.calibration import Uncertainty, uncertainty
+from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.outlook import covered_mm
-from pipeline.camera.focusing.depth_of_field import foci
+from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.errors import UsageError
+from pipeline.frames import apply, inverse
+from pipeline.optics.first_order import first_order
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import tangent_planes
 
-_FARTHEST = 3.0
-"""Farthest distance of a target over that of the focus [1]: a depth of field may end at infinity."""
-_TRIES = tuple((pull, lean) for lean in (1.0, 0.5, 0.0) for pull in np.linspace(1.0, 0.0, 9))
-"""Ways from the middle of the image to the place that was drawn, and shares of the tilt that was drawn [1], in the
-order in which they are tried: a pose gives up its place before its tilt."""
+_DEEPEST, _PLENOPTIC_DEEPEST = 2.0, 6.0
+"""Farthest distance of a target over its nearest [1], without and with microlenses: a depth of field may reach from the
+lens to infinity. Calibrations gain by a large image of the target, of microlenses by all depths."""
+_FILLED = 0.9
+"""Radius of a target over half the diagonal of the image, at its nearest [1]."""
+_TRIES = tuple(
+    (pull, lean, away) for away in (0.0, 0.5, 1.0) for lean in (1.0, 0.5, 0.0) for pull in np.linspace(1.0, 0.0, 9)
+)
+"""Ways from the middle of the image to the place that was drawn, shares of the tilt that was drawn, and ways from the
+depth that was drawn to the farthest [1], in the order in which they are tried."""
+_STEEP = 0.45
+"""Reach of a tilted target along the axis over the depth of field [1], on either side: a tenth is for its place."""
+_BLUR_PX = 3.0
+"""Largest blur before a conventional camera, unless asked otherwise [px]: detectors find corners well in that."""
+SHARES, PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
+"""Radii that a fitted target may have, over half the diagonal of the image in the middle of the depths [1]: the first
+that fits. A larger one shows more perspective even where its tilts are flatter; microlenses learn more by more depths.
+"""
 _ROUGH_PX = 0.05
 """Accuracy of image positions that only decide what is seen [px]."""
 _LEAST_LIGHT = 0.2
@@ -53,26 +72,32 @@ class Wish:
         Largest angle between the target and the image plane.
     least_seen : float
         Least share of the points of the target that a pose shows.
-    blur_px : float
-        Largest diameter of blur, by the paraxial depth of field.
+    blur_px : float, optional
+        Largest diameter of blur, by the paraxial depth of field. By default 3, and behind microlenses the camera's
+        circle of confusion: in a micro-image of a dozen pixels 3 leave nothing of a pattern.
+    fit : bool
+        Whether the target was scaled.
     """
 
     count: int
     seed: int = 1
     most_tilt_deg: float = 40.0
     least_seen: float = 1.0
-    blur_px: float = 3.0
+    blur_px: float | None = None
+    fit: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """A place and a turn of a target, and what a camera sees of it.
+    """A place and a turn of a target, and what cameras see of it.
 
     Attributes
     ----------
     vision_from_target : (4, 4) float64
+        In the vision frame of the first camera.
     tilt_deg : float
-    seen_px : (n, 2) float64
+        Angle to the image plane of the camera in whose image it was drawn.
+    seen_px : (cameras, n, 2) float64
         Image positions of its points; NaN: not seen.
     """
 
@@ -82,19 +107,26 @@ class Pose:
 
     @property
     def seen(self) -> int:
-        """Number of points that are seen."""
-        return int(np.isfinite(self.seen_px[:, 0]).sum())
+        """Number of points that are seen by the camera that sees fewest."""
+        return int(np.isfinite(self.seen_px[:, :, 0]).sum(axis=1).min())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Field:
     """A camera's main lens before a target: image positions of poses, and places that have an image position.
 
     Microlenses are left out: they move a point by less than a micro-image.
+
+    Attributes
+    ----------
+    vision_from_first : (4, 4) float64
+        From the vision frame of the first camera to that of this one.
     """
 
     camera: Camera
     target: AnyTarget
+    wish: Wish
+    vision_from_first: np.ndarray
 
     @cached_property
     def rig(self) -> Rig:
@@ -102,23 +134,60 @@ class Field:
         return Rig.of(Tracer(dataclasses.replace(self.camera, microlenses=None)))
 
     @cached_property
+    def points_mm(self) -> np.ndarray:
+        """Points of the target, (n, 3), target frame."""
+        return self.target.points().position_mm
+
+    @cached_property
     def radius_mm(self) -> float:
         """Distance of the farthest point from the middle of the target."""
-        return float(np.linalg.norm(self.target.points().position_mm, axis=1).max())
+        return float(np.linalg.norm(self.points_mm, axis=1).max())
 
     @property
     def middle_px(self) -> np.ndarray:
         """Middle of the image."""
         return (np.array([self.camera.sensor.width_px, self.camera.sensor.height_px]) - 1) / 2
 
-    def depth_mm(self, blur_px: float) -> tuple[float, float]:
-        """Nearest and farthest distance that blurs to that diameter at most, of any microlens type."""
-        found = foci(dataclasses.replace(self.camera, circle_of_confusion_px=blur_px))
-        near = min(focus.depth_of_field_mm[0] for focus in found)
-        far = max(focus.depth_of_field_mm[1] for focus in found)
-        farthest = _FARTHEST * max(focus.focus_distance_mm for focus in found)
-        first = -self.camera.prescription.vertices_from_stop_mm[0]
-        return max(near, first + 1.0), min(far, farthest) if math.isfinite(farthest) else min(far, 1e5)
+    @cached_property
+    def pupil_mm(self) -> float:
+        """Vision z of the entrance pupil, the centre of the paraxial pinhole."""
+        return first_order(self.camera.prescription).entrance_pupil.z_mm
+
+    @cached_property
+    def principal_distance_px(self) -> float:
+        """Principal distance of the paraxial pinhole."""
+        return self.camera.sensor.width_px / covered_mm(self.camera, self.pupil_mm + 1.0)[0]
+
+    @property
+    def blur_px(self) -> float:
+        """Largest diameter of blur, on the sensor or in a micro-image."""
+        return self.wish.blur_px or (self.camera.circle_of_confusion_px if self.camera.microlenses else _BLUR_PX)
+
+    @cached_property
+    def depth_mm(self) -> tuple[float, float]:
+        """Nearest and farthest distance at which the target is sharp and fits into the image."""
+        seen_mm, half_px = self.radius_mm * self.wish.least_seen, np.hypot(*(self.middle_px + 0.5))
+        return self.sharp_mm(self.pupil_mm + seen_mm * self.principal_distance_px / (_FILLED * float(half_px)))
+
+    def sharp_mm(self, least_mm: float = 0.0) -> tuple[float, float]:
+        """Depth of field from a distance on, behind microlenses that of all types together."""
+        found = foci(dataclasses.replace(self.camera, circle_of_confusion_px=self.blur_px))
+        first_mm = -self.camera.prescription.vertices_from_stop_mm[0]
+        near = max(min(focus.depth_of_field_mm[0] for focus in found), first_mm + 1.0, least_mm)
+        deepest = _PLENOPTIC_DEEPEST if self.camera.microlenses else _DEEPEST
+        return near, min(max(focus.depth_of_field_mm[1] for focus in found), deepest * near)
+
+    @property
+    def steepest_deg(self) -> float:
+        """Largest tilt with which the target stays sharp."""
+        near, far = self.depth_mm
+        return math.degrees(math.asin(min(1.0, _STEEP * max(0.0, far - near) / self.radius_mm)))
+
+    def scale_to_fill(self, share: float) -> float:
+        """Factor of the target for that radius over half the diagonal of the image, in the middle of the depths."""
+        focus_mm = middle_focus(self.camera)
+        middle_mm = float(np.mean(self.sharp_mm(focus_mm / 2 if math.isfinite(focus_mm) else 0.0)))
+        return share * float(np.hypot(*covered_mm(self.camera, middle_mm))) / 2 / self.radius_mm
 
     def place_mm(self, x_px: np.ndarray, z_mm: float) -> np.ndarray:
         """The point at a depth whose bundle's middle is an image position, (3,); NaN where nothing passes."""
@@ -132,14 +201,12 @@ class Field:
         discs and halves of squares are in the image as a whole, but no more than a quarter of a target of few points.
         A whole square would keep points away from the edge of the image, where distortion is largest.
         """
-        points = self.target.points().position_mm
-        nearest, _ = KDTree(points).query(points, k=[2])
+        nearest, _ = KDTree(self.points_mm).query(self.points_mm, k=[2])
         return min(float(np.median(nearest)), self.radius_mm) / 2
 
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
         """Image positions of all points, (n, 2); NaN where one is not seen."""
-        points = self.target.points()
-        planes = tangent_planes(vision_from_target, points.position_mm, points.plane_axes)
+        planes = tangent_planes(vision_from_target, self.points_mm, self.target.points().plane_axes)
         found = solve(self.rig, guesses(self.rig, planes)[0], planes, _ROUGH_PX, _LEAST_LIGHT).found
         seen = np.full((len(planes), 2), np.nan)
         seen[found.point] = np.stack([found.x_px, found.y_px], axis=1)
@@ -147,60 +214,82 @@ class Field:
 
     def has_room(self, seen_px: np.ndarray, z_mm: float) -> np.ndarray:
         """Whether what is around points of a target at vision z is in the image as well, (n,) bool."""
-        shown_mm, _ = covered_mm(self.camera, z_mm)
-        room_px = self.around_mm * self.camera.sensor.width_px / shown_mm
+        room_px = self.around_mm * self.principal_distance_px / (z_mm - self.pupil_mm)
         inside: np.ndarray = np.all(np.abs(seen_px - self.middle_px) <= self.middle_px + 0.5 - room_px, axis=1)
         return inside
 
 
-def poses_that_fill(camera: Camera, target: AnyTarget, wish: Wish) -> list[Pose]:
-    """Poses all over the image and the depth of field, each with the points that are seen.
+def poses_that_fill(fields: Sequence[Field], room: tuple[bool, ...] = (True, False)) -> Iterator[Pose]:
+    """Poses all over the images and the depths of field of cameras, each with the points that are seen.
+
+    Where possible, what is around the points is in the image as well, or always if `room` is (True,).
 
     Raises
     ------
     UsageError
         The target is too large to be seen, wherever it stands.
     """
-    field = Field(camera, target)
-    near_mm, far_mm = field.depth_mm(wish.blur_px)
-    poses = []
-    for numbers in qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.count):
-        ways = itertools.product((True, False), _TRIES)  # with room around the points if any way leaves some
-        tries = (_tried(field, wish, numbers, (*way, roomy), (near_mm, far_mm)) for roomy, way in ways)
+    wish = fields[0].wish
+    for index, numbers in enumerate(qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.count)):
+        ways = itertools.product(room, _TRIES)
+        tries = (_tried(fields, index % len(fields), numbers, (*way, roomy)) for roomy, way in ways)
         pose = next(filter(None, tries), None)
         if pose is None:
-            what = (
-                f"the target reaches {field.radius_mm:.4g} mm from its middle, and no place between {near_mm:.6g} and"
-            )
-            hint = "take a smaller target, --fit to scale it, or a smaller share of its points with --seen"
-            raise UsageError(f"{what} {far_mm:.6g} mm before the camera shows enough of it", hint=hint)
-        poses.append(pose)
-    return poses
+            (near, far), radius_mm = fields[0].depth_mm, fields[0].radius_mm
+            where = f"no place between {near:.6g} and {far:.6g} mm before the camera"
+            if near >= far:
+                where = f"it fits into the image from {near:.6g} mm on but is sharp up to {far:.6g} mm only: no place"
+            other = "" if wish.fit else "take a smaller target, --fit to scale it, "
+            hint = f"{other}allow more blur with --blur, or ask for a smaller share of its points with --seen"
+            what = f"the target reaches {radius_mm:.4g} mm from its middle, and {where} shows enough of it"
+            raise UsageError(what, hint=hint)
+        yield pose
 
 
-def _tried(
-    field: Field, wish: Wish, numbers: np.ndarray, way: tuple[float, float, bool], depth_mm: tuple[float, float]
-) -> Pose | None:
-    """The pose of six numbers in [0, 1), by one of `_TRIES` and with or without room around points; None where it shows
-    too little.
+def predicted(fields: Sequence[Field], poses: Sequence[Pose]) -> list[Uncertainty | None]:
+    """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and of too few points."""
+    known = list[Uncertainty | None]()
+    for number, field in enumerate(fields):
+        pinhole_from_first = field.vision_from_first - np.outer((0, 0, 1, 0), (0, 0, 0, field.pupil_mm))
+        seen = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
+        placed = [pinhole_from_first @ pose.vision_from_target for pose in poses]
+        fitted = None if field.camera.microlenses else pinhole(focused(field.camera))
+        k1 = fitted.distorted.distortion[0] if fitted else 0.0  # a centre is told by the distortion around it, too
+        views = zip(placed, seen, strict=True)
+        known.append(uncertainty(field.principal_distance_px, k1, views) if fitted else None)
+    return known
+
+
+def _tried(fields: Sequence[Field], drawn_in: int, numbers: np.ndarray, way: tuple[float, ...]) -> Pose | None:
+    """The pose of six numbers in [0, 1) in the image of one of the cameras, by one of `_TRIES` and with or without room
+    around points; None where a camera sees too little.
     """
-    across, down, deep, tilted, about, turned = numbers
-    (pull, lean, roomy), (near, far), middle = way, depth_mm, field.middle_px
-    steepest = math.asin(min(1.0, 0.4 * (far - near) / field.radius_mm))
-    # The root favours steep tilts: they tell the principal distance from the distance of the target.
-    tilt = lean * math.sqrt(tilted) * min(steepest, math.radians(wish.most_tilt_deg))
+    field, (across, down, deep, tilted, about, turned), (pull, lean, away, roomy) = fields[drawn_in], numbers, way
+    (near, far), middle = field.depth_mm, field.middle_px
+    # Steep tilts tell the principal distance from the distance of the target.
+    tilt = lean * (3 + tilted) / 4 * math.radians(min(field.steepest_deg, field.wish.most_tilt_deg))
     reach = field.radius_mm * math.sin(tilt)
-    z = near + reach + deep * (far - near - 2 * reach)
+    z = near + reach + (deep + away * (1 - deep)) * (far - near - 2 * reach)
     centre = field.place_mm(middle + pull * (2 * np.array([across, down]) - 1) * (middle + 0.5), z)
-    if np.isnan(centre).any():
+    if len(fields) > 1:  # pulled towards what all cameras see
+        from_others = [field.vision_from_first @ inverse(one.vision_from_first) for one in fields]
+        middles = [apply(own, one.place_mm(one.middle_px, z)) for own, one in zip(from_others, fields, strict=True)]
+        centre[:2] += (1 - pull) * (np.mean(middles, axis=0) - field.place_mm(middle, z))[:2]
+    if np.isnan(centre).any() or far <= near:
         return None
     pose = np.eye(4)
     # A target that faces the camera has its y and z axes opposite to those of vision.
     pose[:3, :3] = _turn(2 * math.pi * about, tilt) @ _roll(math.radians(30) * (2 * turned - 1)) @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
-    found = Pose(vision_from_target=pose, tilt_deg=math.degrees(tilt), seen_px=field.seen_px(pose))
-    shown = int(field.has_room(found.seen_px, z).sum()) if roomy else found.seen
-    return found if shown >= max(1, wish.least_seen * len(found.seen_px)) else None
+    pose, seen = inverse(field.vision_from_first) @ pose, []
+    for one in fields:
+        own = one.vision_from_first @ pose
+        seen.append(one.seen_px(own))
+        shown = one.has_room(seen[-1], own[2, 3]) if roomy else np.isfinite(seen[-1][:, 0])
+        is_sharp = one.depth_mm[0] <= own[2, 3] <= one.depth_mm[1]
+        if not is_sharp or shown.sum() < max(1, one.wish.least_seen * len(shown)):
+            return None
+    return Pose(vision_from_target=pose, tilt_deg=math.degrees(tilt), seen_px=np.array(seen))
 
 
 def _turn(about: float, angle: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """New stages as text with comments, for people who go on from there."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,23 +17,31 @@ class Placed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetText:
-    """Contents of a new dataset: name of the default prim, asset paths relative to the new file or of the library, path
-    of the camera below the rig, and attributes of the target that differ from its file [mm].
+    """Contents of a new dataset.
+
+    Attributes
+    ----------
+    name : str
+        Name of the default prim.
+    doc : str
+    rig, target : str
+        Asset paths, relative to the new file or of the library.
+    cameras : tuple of str
+        Paths of the cameras below the rig.
+    values : dict
+        Attributes of the target that differ from its file, in millimetres.
     """
 
     name: str
     doc: str
     rig: str
     target: str
-    camera: str
+    cameras: tuple[str, ...]
     values: dict[str, float]
-
-    def with_values(self, values: dict[str, float]) -> "DatasetText":
-        """The same with other values of the target."""
-        return replace(self, values=values)
 
     def text(self, frames: Sequence[Placed]) -> str:
         """The stage, with one frame per pose."""
+        cameras = ", ".join(f"</{self.name}/Rig{camera}>" for camera in self.cameras)
         return f'''#usda 1.0
 (
     defaultPrim = "{self.name}"
@@ -49,7 +57,7 @@ def PlenDataset "{self.name}" (
     kind = "assembly"
 )
 {{
-    rel plen:cameras = </{self.name}/Rig{self.camera}>
+    rel plen:cameras = {f"[{cameras}]" if len(self.cameras) > 1 else cameras}
     uniform int plen:seed = 1
     rel plen:targets = </{self.name}/Board>
 

@@ -36,24 +36,28 @@ def dataset(
     rig: Annotated[Path, typer.Option(metavar="RIG", help=f"{_LIBRARY} rigs/conventional_100mm.usda.")],
     target: Annotated[Path, typer.Option(metavar="TARGET", help=f"{_LIBRARY} targets/charuco_8x5.usda.")],
     poses: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Frames, one pose each.")] = 12,
-    camera: Annotated[str | None, typer.Option(metavar="NAME", help="Of the rig, where it has several.")] = None,
+    camera: Annotated[str | None, typer.Option(metavar="NAME", help="One of the rig; else all see each pose.")] = None,
     tilt: Annotated[float, typer.Option(metavar="DEGREES", min=0, max=80, help="Largest tilt of the target.")] = 40.0,
     seen: Annotated[
         float, typer.Option(metavar="SHARE", min=0.01, max=1, help="Least share of its points that a pose shows.")
     ] = 1.0,
-    blur: Annotated[float, typer.Option(metavar="PX", min=0.1, help="Largest diameter of blur.")] = 3.0,
+    blur: Annotated[
+        float | None,
+        typer.Option(metavar="PX", min=0.1, help="Largest blur; 3, or behind microlenses as the rig says."),
+    ] = None,
     seed: Annotated[int, typer.Option(metavar="S", min=0, help="Other poses of the same kind.")] = 1,
-    fit: Annotated[bool, typer.Option("--fit", help="Scale the target so that it fills half of the image.")] = False,
+    fit: Annotated[bool, typer.Option("--fit", help="Scale the target so that calibrations know most.")] = False,
 ) -> None:
     """Write a dataset whose poses fill the field of view and the depth of field of the real lens.
 
-    The same command writes the same file. It is a text to go on from: every pose has a comment.
+    It says how well a calibration by them will know the camera, and what limits that. The same command writes the same
+    file. It is a text to go on from: every pose has a comment.
     """
     from pipeline.app.authoring.new_dataset import new_dataset
     from pipeline.app.authoring.poses import Wish
 
-    wish = Wish(count=poses, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur)
-    made = new_dataset(out, rig, target, wish, camera, fit=fit)
+    wish = Wish(count=poses, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur, fit=fit)
+    made = new_dataset(out, rig, target, wish, camera, note)
     for line in made.lines:
         note(line)
     _end(out, made.loaded)

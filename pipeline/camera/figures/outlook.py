@@ -73,7 +73,7 @@ def _outlook(camera: Camera, points_mm: np.ndarray, front: np.ndarray) -> Outloo
     if len(dark):
         blur[dark], lit[dark], inside[dark] = _light(tracer, table, points[dark], front_grid(table, _WIDE))
     if array := camera.microlenses:
-        blur = _blur_behind_microlenses_px(camera, array, lens, points[:, 2])
+        blur, _ = behind_microlenses_px(camera, array, points[:, 2])
     fate = np.where(inside, Fate.SEEN, Fate.OUTSIDE)
     wide = np.flatnonzero(blur >= widest_blur_px(camera))
     fate[wide] = Fate.BLURRED
@@ -153,14 +153,18 @@ def _is_in_image(camera: Camera, x_px: np.ndarray, slack_px: np.ndarray | float)
     return inside
 
 
-def _blur_behind_microlenses_px(
-    camera: Camera, array: MicrolensArray, lens: FirstOrder, z_mm: np.ndarray
-) -> np.ndarray:
-    """Blur disc D |1 - B / f - B / a| of objects at vision z, of the sharpest type; see `focusing.depth_of_field`."""
-    with np.errstate(divide="ignore"):
-        image = lens.rear_focus_mm - lens.efl_mm**2 / (z_mm - lens.front_focus_mm)
-        relative = [
-            np.abs(1 - behind / focal - behind / (ahead - camera.sensor_distance_mm - image))
-            for focal, (behind, ahead) in zip(array.focal_lengths_mm, array.principal_mm, strict=True)
-        ]
-    return np.min(relative, axis=0) * array.aperture_mm / camera.sensor.pitch_mm
+def behind_microlenses_px(
+    camera: Camera, array: MicrolensArray, z_mm: Float64[np.ndarray, "n"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Blur disc D |1 - B / f - B / a| of objects at vision z [px], and size of 1 mm of theirs in a micro-image [px],
+    both of the sharpest type; see `focusing.depth_of_field`.
+    """
+    lens, pitch_mm = first_order(camera.prescription), camera.sensor.pitch_mm
+    behind_mm, ahead_mm = np.array(array.principal_mm).T[:, :, None]
+    from_focus = z_mm - lens.front_focus_mm
+    # a (z - F) for an image at distance a behind the array: finite even where that image lies at infinity.
+    reach = from_focus * (ahead_mm - camera.sensor_distance_mm - lens.rear_focus_mm) + lens.efl_mm**2
+    relative = np.abs(1 - behind_mm / np.array(array.focal_lengths_mm)[:, None] - behind_mm * from_focus / reach)
+    sharpest = relative.argmin(axis=0), np.arange(len(z_mm))
+    size = np.abs(lens.efl_mm * behind_mm / reach)
+    return relative[sharpest] * array.aperture_mm / pitch_mm, size[sharpest] / pitch_mm

@@ -1,4 +1,4 @@
-"""Warnings about targets that a camera does not see: the frames in which the image would be blank, and the reason.
+"""Warnings about targets of which a camera sees nothing or little: the frames, and the reason.
 
 This check works on records, after all other checks.
 """
@@ -17,11 +17,17 @@ from pipeline.scene.dataset import Dataset
 from pipeline.scene.usd.hints import of_reader
 from pipeline.scene.usd.problems import Problem
 from pipeline.scene.usd.source_locations import problem
-from pipeline.scene.views import HIDDEN, MERGED, View, look, spacing_px
+from pipeline.scene.views import HIDDEN, MERGED, View, look
+
+NOT_SEEN = ("blank", "few-points")
+"""Codes of these warnings, which a build repeats before its first task."""
+_FEW = 0.25
+"""Share of the points that face a camera below which a frame is named [1]: calibrations gain little by such frames, and
+boards that reach over the edge of the image on purpose show more."""
 
 
 def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
-    """A warning for each camera and target if the camera sees no point of the target in some frames."""
+    """Warnings for each camera and target if the camera sees no point, or few points, of the target in some frames."""
     for entry in dataset.cameras:
         try:
             camera = focused(entry.camera)
@@ -32,20 +38,23 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             if not target.target.points().kinds:
                 continue  # the target has no points
             view = look(dataset, entry.name, camera, number)
-            blank = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
-            if blank:
-                prim = stage.GetPrimAtPath(target.prim_path)
-                whom = f'"{entry.name}" sees no point of "{prim.GetName()}"'
-                message = f"{whom} in {len(blank)} of {len(view.numbers)} frames: {_listed(blank)}"
-                hint = _hint(camera, view, blank)
-                yield problem(prim, "blank", message, hint=hint, severity="warning")
+            prim = stage.GetPrimAtPath(target.prim_path)
+            fates = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
+            is_few = (view.share > 0) & (view.share < _FEW)
+            told = ("no point", view.share == 0), ("less than a quarter of the points", is_few)
+            for code, (sees, which) in zip(NOT_SEEN, told, strict=True):
+                missed = {frame: fates[frame] for frame in np.array(view.numbers)[which].tolist()}
+                if missed:
+                    whom = f'"{entry.name}" sees {sees} of "{prim.GetName()}"'
+                    message = f"{whom} in {len(missed)} of {len(view.numbers)} frames: {_listed(missed)}"
+                    yield problem(prim, code, message, hint=_hint(camera, view, missed), severity="warning")
 
 
-def _listed(blank: dict[int, int]) -> str:
-    """A list of frames by the reason why they are blank, as text."""
-    reasons = dict.fromkeys(_REASONS[fate] for fate in blank.values())
+def _listed(missed: dict[int, int]) -> str:
+    """A list of frames by the reason why points are missing there, as text."""
+    reasons = dict.fromkeys(_REASONS[fate] for fate in missed.values())
     frames = {
-        reason: frames_in_words(number for number, fate in blank.items() if _REASONS[fate] == reason)
+        reason: frames_in_words(number for number, fate in missed.items() if _REASONS[fate] == reason)
         for reason in reasons
     }
     return "; ".join(f"{numbers} ({reason})" for reason, numbers in frames.items())
@@ -67,9 +76,9 @@ def _turned_deg(points_mm: np.ndarray, front: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(np.median(cosine), -1.0, 1.0))))
 
 
-def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
-    """A hint to mend the first blank frame."""
-    number, fate = next(iter(blank.items()))
+def _hint(camera: Camera, view: View, missed: dict[int, int]) -> str:
+    """A hint to mend the first frame."""
+    number, fate = next(iter(missed.items()))
     index = view.numbers.index(number)
     x, y, z = view.points_mm[index].mean(axis=0)
     if fate == Fate.AWAY:
@@ -78,9 +87,9 @@ def _hint(camera: Camera, view: View, blank: dict[int, int]) -> str:
     if fate == HIDDEN:
         return "move it, or the object in front of it"
     if fate == MERGED:
-        spacing, blur = spacing_px(camera, view.points_mm[index]), np.median(view.outlook.blur_px[index])
-        where = f"in frame {number}, {z:.4g} mm before the stop"
-        return f"{where}, points are {spacing:.2g} px apart and blur to {blur:.3g} px"
+        spacing, blur = view.spacing_px[index], np.median(view.outlook.blur_px[index])
+        apart = f"{spacing:.2g} px apart{' in a micro-image' if camera.microlenses else ''}"
+        return f"in frame {number}, {z:.4g} mm before the stop, points are {apart} and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
         blur, of = np.median(view.outlook.blur_px[index]), "a micro-image" if camera.microlenses else "the image"
         return (
