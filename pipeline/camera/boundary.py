@@ -86,7 +86,13 @@ class Corners(NamedTuple):
     angle: np.ndarray
 
 
-def corners(label_at: LabelAt, rows: Int64[np.ndarray, "n"], label: Int64[np.ndarray, "n d"], steps: int) -> Corners:
+def corners(
+    label_at: LabelAt,
+    rows: Int64[np.ndarray, "n"],
+    label: Int64[np.ndarray, "n d"],
+    steps: int,
+    turn: Float64[np.ndarray, "n"] | None = None,
+) -> Corners:
     """Directions between which the label of the edge changes, bisected.
 
     A third label in between is an arc that the first directions missed: then there are two corners instead of one.
@@ -99,11 +105,13 @@ def corners(label_at: LabelAt, rows: Int64[np.ndarray, "n"], label: Int64[np.nda
         Labels of each in `even_angles(d)`.
     steps : int
         Bisections of the angle between two of these directions.
+    turn : (n,) float64, optional
+        Angle by which the directions of each are turned [rad].
     """
     count = label.shape[1]
     region, place = np.nonzero(label != np.roll(label, -1, axis=1))
     before, after = label[region, place], np.roll(label, -1, axis=1)[region, place]
-    owner, left = rows[region], even_angles(count)[place]
+    owner, left = rows[region], even_angles(count)[place] + (0.0 if turn is None else turn[region])
     right = left + 2 * np.pi / count
     for _ in range(steps if len(owner) else 0):
         middle = (left + right) / 2

@@ -136,10 +136,10 @@ def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
     return result, sum(rays for _, rays in parts)
 
 
-def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
-    positions = tracer.positions_mm(*bundles.x_px.T)
-    found = regions(tracer.arrays, positions, bundles.microlens, FINE if levels[-1] > 0 else ROUGH)
-    parts = [found.moments(bundles.planes, NODES[level], level == levels[-1]) for level in levels]
+def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int | None = None) -> _Levels:
+    last, positions = levels[-1] if last is None else last, tracer.positions_mm(*bundles.x_px.T)
+    found = regions(tracer.arrays, positions, bundles.microlens, FINE if last > 0 else ROUGH)
+    parts = [found.moments(bundles.planes, NODES[level], level == last) for level in levels]
     return [(moments, status) for moments, status, _ in parts], found.rays + sum(rays for *_, rays in parts)
 
 
@@ -154,7 +154,7 @@ def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Level
             some = bundles.only(here)
             x = (some.x_px[:, None] + bundles.square_px * offset).reshape(-1, 2)
             behind, on = (np.repeat(values, len(share), axis=0) for values in (some.microlens, some.planes))
-            ((found, state),), more = _over_points(tracer, Bundles(x, behind, on), [level])
+            ((found, state),), more = _over_points(tracer, Bundles(x, behind, on), [level], levels[-1])
             moments[here] = mixed(found.reshape(-1, len(share), COLUMNS), share)
             status[here] = _worst(state.reshape(-1, len(share)))
             rays += more

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.pupil.chief_ray import chief_heights
+from pipeline.camera.pupil.chief_ray import chief_heights, chief_slopes
 from pipeline.camera.pupil.outlines import passes
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
@@ -46,5 +46,5 @@ def test_a_height_without_one_is_refused_with_a_number_and_a_hint() -> None:
     prescription = load(LENSES / "double_gauss_100mm_tronnier.usda").lens.prescription
     table, film = towards_scene(prescription), first_order(prescription).rear_focus_mm
     with pytest.raises(CameraError, match=r"no ray from 400 mm off the axis") as caught:
-        chief_heights(table, 5, film, np.array([1.0, 400.0, 300.0]))
+        chief_slopes(table, 5, np.array([[1.0, 0.0, film], [0.0, 400.0, film], [300.0, 0.0, film]]))
     assert "pixel pitch in mm" in caught.value.hint

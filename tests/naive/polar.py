@@ -3,12 +3,17 @@
 With 4,096 evenly spaced directions the corners of an edge leave errors of (2 pi / 4096)^2 / 12 = 2e-7 of a blur.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from naive import textbook
 
 from pipeline.camera.parts.camera import Camera
+from pipeline.optics.prescription import Prescription
 
 _BISECTIONS = 36
+Trace = Callable[[Prescription, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""As `textbook.trace`, which knows spheres only."""
 
 
 def mean_hit(
@@ -18,6 +23,7 @@ def mean_hit(
     lens: tuple[np.ndarray, float] | None = None,
     directions: int = 4096,
     radii: int = 16,
+    trace: Trace = textbook.trace,
 ) -> tuple[np.ndarray, float]:
     """J of a sensor point (2,) on a target's plane, in the target frame, and the weight that leaves.
 
@@ -35,7 +41,7 @@ def mean_hit(
     def send(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         slope = (points - start_mm) / ahead
         direction = np.column_stack([slope - (points - vertex) / focal, np.ones(len(points))])
-        position, direction, passes = textbook.trace(
+        position, direction, passes = trace(
             camera.prescription, np.column_stack([points, np.full(len(points), plane_mm)]), direction
         )
         if array is not None:
@@ -43,7 +49,7 @@ def mean_hit(
             passes &= ((points - vertex) @ normals <= array.pitch_mm / 2).all(axis=1)
         return position, direction, passes
 
-    half = 25.0 if array is None else 0.6 * array.pitch_mm
+    half = 1.5 * camera.prescription.surfaces[-1].semi_diameter_mm if array is None else 0.6 * array.pitch_mm
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-half, half, 101)]), axis=-1).reshape(-1, 2) + vertex
     inner = grid[send(grid)[2]].mean(axis=0)
     angle = 2 * np.pi * np.arange(directions) / directions

@@ -24,6 +24,7 @@ from pipeline.camera.tracing.acceptance import HALF_ANGLE
 from pipeline.camera.tracing.microlens_kernels import AIM, PLAIN_COLUMNS
 from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.camera.tracing.records import CameraArrays
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.records.shapes import Float64, Int64
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
@@ -38,7 +39,8 @@ _INNER_PROBES = 256
 _ROWS_AT_ONCE = 256
 """Regions of which such points are tried together: bounds memory, and no result depends on it."""
 _LEAST_PER_ARC = 4
-"""Nodes on the shortest arc: exact up to the seventh degree."""
+"""Nodes on the shortest arc of a result: exact up to the seventh degree. Finer levels have more, and the coarser one
+that a result is compared with fewer: what all levels integrate alike, their differences do not show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ class Edges(Ways):
         nodes : (int, int)
             Along the radius, and over the full circle.
         is_last : bool
-            Whether no finer level follows: rays over the whole bound are held against the finest one.
+            Whether it is a result, and no finer level follows: rays over the whole bound are held against that.
 
         Returns
         -------
@@ -106,7 +108,8 @@ class Edges(Ways):
         """
         n = len(self.positions)
         result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
-        owner, angle, share = boundary.directions(self.lit, self.corners, nodes[1], _LEAST_PER_ARC)
+        least = max(nodes[0] // 2, _LEAST_PER_ARC if is_last else 0)
+        owner, angle, share = boundary.directions(self.lit, self.corners, nodes[1], least)
         radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
         if len(owner):
             along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -157,9 +160,11 @@ def edges(
     regions that lie within others, if given, all over those."""
     found = replace(inner_points(arrays, positions_mm, microlens, within), effort=effort)
     owner, angle = found.spokes(_FIRST_DIRECTIONS)
+    # Behind a lens alone a rim begins to cut towards the axis or away from it: an arc is seen there however short.
+    turn = np.where(found.microlens == NO_MICROLENS, np.arctan2(*found.positions.T[::-1]), 0.0)
     # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
-    _, label, _, fine = found.find(owner, angle, effort.corner_edge_steps)
-    corners, again = _corners(found, label)
+    _, label, _, fine = found.find(owner, angle + turn[owner], effort.corner_edge_steps)
+    corners, again = _corners(found, label, turn)
     return replace(found, corners=corners, rays=found.rays + fine + again)
 
 
@@ -230,8 +235,8 @@ def _move_to_middle(found: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
     return len(some)
 
 
-def _corners(found: Edges, label: np.ndarray) -> tuple[boundary.Corners, int]:
-    """Corners of all edges from their labels in the first directions, and the number of rays."""
+def _corners(found: Edges, label: np.ndarray, turn: np.ndarray) -> tuple[boundary.Corners, int]:
+    """Corners of all edges from their labels in the first directions, turned by (n,), and the number of rays."""
     rays = 0
 
     def label_at(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -241,4 +246,4 @@ def _corners(found: Edges, label: np.ndarray) -> tuple[boundary.Corners, int]:
         return label
 
     each = label.reshape(-1, _FIRST_DIRECTIONS)
-    return boundary.corners(label_at, found.lit, each, found.effort.corner_steps), rays
+    return boundary.corners(label_at, found.lit, each, found.effort.corner_steps, turn[found.lit]), rays

@@ -31,6 +31,7 @@ _TRIED = 4001
 """Crossings that are tried there: two changes of sign closer than a 2000th of the half way are not seen."""
 _BISECTIONS = 60
 """Halvings between two of them: a double has 53 bits."""
+_NO_CHIEF_RAY = "no ray from {} mm off the axis reaches the centre of the aperture stop"
 _TOO_WIDE = (
     "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
 )
@@ -64,13 +65,15 @@ def chief_slopes(
         crossing = chief_crossings(table, stop_row, points_mm)
         if np.isnan(crossing).any():
             x, y = across[np.argmax(np.isnan(crossing[:, 0]))]
-            what = f"no ray from ({x:.4g}, {y:.4g}) mm off the axis reaches the centre of the aperture stop"
-            raise CameraError(what, hint=_TOO_WIDE)
+            raise CameraError(_NO_CHIEF_RAY.format(f"({x:.4g}, {y:.4g})"), hint=_TOO_WIDE)
         return (crossing - across) / ahead
     # The crossing is an odd, smooth function of the height: trace each height once.
     height = np.hypot(*across.T)
     unique, which = np.unique(np.stack([height, points_mm[:, 2]], axis=1), axis=0, return_inverse=True)
-    crossing = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])[which.reshape(-1)]
+    found = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])
+    if np.isnan(found).any():
+        raise CameraError(_NO_CHIEF_RAY.format(f"{unique[np.isnan(found), 0].max():.4g}"), hint=_TOO_WIDE)
+    crossing = found[which.reshape(-1)]
     outward = np.divide(across, height[:, None], out=np.zeros_like(across), where=height[:, None] > 0)
     return (crossing - height)[:, None] * outward / ahead
 
@@ -161,24 +164,16 @@ def chief_heights(
     -------
     (m,) float64
         Height of the crossing, on the side given by its sign; the secant method ends when the ray meets the stop
-        within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is bracketed. [mm]
-
-    Raises
-    ------
-    CameraError
-        When the rear group lets no such ray through.
+        within 1e-12 mm of its centre, or when it stops improving. Where it fails the crossing is bracketed; NaN where
+        the rear group lets no such ray through. [mm]
     """
     rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
     if np.isclose(rear[-1, 0], rear[0, 0]):
         return np.zeros_like(heights)
     newer, miss = _by_secants(rear, plane_mm, heights)
-    lost = np.flatnonzero(~(np.abs(miss) < _ACCEPTED_MM))
-    for row in lost[np.argsort(-np.abs(heights[lost]))]:  # the hopeless ones first: they end it
-        place = np.broadcast_to(plane_mm, heights.shape)[row]
-        newer[row] = _by_halving(rear, float(place), float(heights[row]))
-        if np.isnan(newer[row]):
-            what = f"no ray from {abs(heights[row]):.4g} mm off the axis reaches the centre of the aperture stop"
-            raise CameraError(what, hint=_TOO_WIDE)
+    places = np.broadcast_to(plane_mm, heights.shape)
+    for row in np.flatnonzero(~(np.abs(miss) < _ACCEPTED_MM)):
+        newer[row] = _by_halving(rear, float(places[row]), float(heights[row]))
     return newer
 
 

@@ -86,14 +86,34 @@ def outlines(
     heights = step * np.arange(HEIGHTS)
     inside = _inner_points(table, stop_row, plane_mm, heights)
     found = ~np.isnan(inside[:, 0])
-    vertices = np.zeros((HEIGHTS, DIRECTIONS, 2))
+    support = np.full((HEIGHTS, DIRECTIONS), np.nan)
     if found.any():
         starts = _on_axis(plane_mm, heights[found])
-        bounds = corners(supports(edges(table, starts, inside[found], _TRACED, _BISECTIONS, 0.0)))
-        centre = bounds.mean(axis=1, keepdims=True)
-        vertices[found] = centre + (1 + margin) * (bounds - centre)
+        support[found] = supports(edges(table, starts, inside[found], _TRACED, _BISECTIONS, 0.0))
+    vertices = _vertices(support, margin)
     drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if found[:2].all() else 0.0
     return Outlines(step, vertices[None], drift)
+
+
+def _vertices(support: np.ndarray, margin: float) -> np.ndarray:
+    """Outlines of all heights from their supports, (HEIGHTS, DIRECTIONS, 2); dark heights are NaN, and become zero.
+
+    Besides the margin they are widened where supports bend from height to height by more than half of it, as where
+    another rim begins to cut: half of the larger second difference at both ends of an interval bounds the error of
+    the interpolation in it. A dark height beside a lit one has that one's outline, joined with the same moved on: light
+    may end anywhere in between.
+    """
+    normals = directions_of(DIRECTIONS)
+    beyond = np.pad(support, ((2, 2), (0, 0)), constant_values=np.nan)
+    for beside, before in ((beyond[1:-3], beyond[:-4]), (beyond[3:-1], beyond[4:])):
+        motion = np.nan_to_num((corners(beside) - corners(before)).mean(axis=1))
+        support = np.where(np.isnan(support), np.fmax(beside, beside + motion @ normals.T), support)
+    bounds = corners(support)
+    centre = bounds.mean(axis=1, keepdims=True)
+    bend = np.pad(np.nan_to_num(np.abs(np.diff(support, 2, axis=0))), ((2, 2), (0, 0))) / 2
+    bend = np.maximum.reduce([bend[:-2], bend[1:-1], bend[2:]])
+    wide = np.maximum(bend - margin / 2 * (support - centre[:, 0] @ normals.T), 0.0).max(axis=1, keepdims=True)
+    return np.nan_to_num(centre + (1 + margin) * (bounds - centre) + corners(wide + 0 * support))
 
 
 def passes(

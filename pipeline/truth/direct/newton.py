@@ -24,6 +24,9 @@ micro-image.
 """
 _ROUGH_PX = 0.05
 """Length of a step below which finer integrals are used [px]: so near to a solution the derivative holds."""
+_SHARP_LEVEL = 2
+"""Level of the last derivatives where rays are random: of level 0 they err by 1 %, and twice as much the blur that is
+mapped by them."""
 _LONGEST_STEP_PX = 8.0
 """Longest step [px]: a wrong derivative far from the solution must not throw a row out of its micro-image."""
 _FINE_STEPS = 3
@@ -128,12 +131,16 @@ class Search:
 
     def refine(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
         """Use finer integrals, level by level, until their error and the next step are below the accuracy."""
+        asked = rows
         for level in range(1, LEVELS):
             self._settle(rows, level, accuracy_px)
             self.reached[rows] = np.hypot(*self.sigma_px[rows].T) < accuracy_px
             rows = rows[~self.reached[rows] & np.isfinite(self.x_px[rows, 0])]
             if not len(rows):
                 break
+        random = asked[self.is_random[asked] & np.isfinite(self.x_px[asked, 0])]
+        self._derive(random, _SHARP_LEVEL)
+        self.is_random[random] = True
 
     def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
         """Steps of Newton's method with integrals of one level; rows with a sufficiently small step stay."""
@@ -179,14 +186,14 @@ class Search:
             self.x_px[dark] = (self.x_px[dark] + self.home_px[dark]) / 2
         return np.flatnonzero(~np.isnan(self.residual[:, 0]))
 
-    def _derive(self, rows: np.ndarray) -> None:
+    def _derive(self, rows: np.ndarray, level: int = 0) -> None:
         """Derivatives of J by central differences; one-sided at the edge of the light."""
         if not len(rows):
             return
         here, self.anchor_px[rows] = self.residual[rows], self.x_px[rows]
         ends = _DIFFERENCE_PX * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         x_px = (self.x_px[rows] + ends[:, None]).reshape(-1, 2)
-        found = self._j(np.tile(rows, len(ends)), x_px).reshape(2, 2, -1, 2)
+        found = self._j(np.tile(rows, len(ends)), x_px, level).reshape(2, 2, -1, 2)
         for i, (plus, minus) in enumerate(found):
             change = (plus - minus) / 2
             change = np.where(np.isnan(plus), here - minus, change)
@@ -233,9 +240,9 @@ class Search:
         self.inverse[rows] = np.where(np.isfinite(update), inverse + update, inverse)
         self.residual[rows] = j
 
-    def _j(self, rows: np.ndarray, x_px: np.ndarray) -> np.ndarray:
-        """J relative to the target point, roughly (level 0), (n, 2) [mm]."""
-        return self._integral(rows, x_px, 0).moments[:, :2]
+    def _j(self, rows: np.ndarray, x_px: np.ndarray, level: int = 0) -> np.ndarray:
+        """J relative to the target point, by default roughly, (n, 2) [mm]."""
+        return self._integral(rows, x_px, level).moments[:, :2]
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
         bundles = Bundles(x_px, self.microlens[rows], self.planes[rows], self.square_px, self.anchor_px[rows])
