@@ -7,10 +7,12 @@ them say how well it knows.
 import numpy as np
 import pytest
 from laws import rigs
+from laws.random_scenes import random_camera
 from laws.solving import rig_of
 from naive import polar
 from published.library import prescription
 
+import pipeline
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.frames import apply
 from pipeline.optics.first_order import first_order
@@ -83,3 +85,21 @@ def test_rows_at_the_edge_of_the_light_keep_claim_and_sigma(name: str, count: in
     assert apart.max() < CLAIM_PX
     doubt = np.hypot(*np.linalg.solve(rows.found.jacobian, doubt_mm[rows.found.point, :, None])[..., 0].T)
     assert np.all(apart <= 3 * np.hypot(*rows.sigma_px.T) + doubt + HALVED_PX)
+
+
+def test_positions_beside_a_rim_that_begins_to_cut_come_back_within_their_errors() -> None:
+    """There J bends: a difference over half a pixel is no derivative of it, and was wrong by a factor of five."""
+    camera = pipeline.ready(random_camera(np.random.default_rng(6)))
+    rng, sensor, count = np.random.default_rng(1), camera.camera.sensor, 100
+    x_px, y_px = rng.uniform(-0.5, sensor.width_px - 0.5, count), rng.uniform(-0.5, sensor.height_px - 0.5, count)
+    rays, distance_mm = camera.rays(x_px, y_px), rng.uniform(*camera.planes_mm, count)
+    lit = np.flatnonzero(rays.hit_fraction >= 0.05)
+    points = np.stack([rays.at_distance(distance_mm[i])[i] for i in lit])
+    images = camera.project(points)
+    came_back = 0
+    for number, i in enumerate(lit):
+        own = np.flatnonzero((images.point == number) & (images.microlens == rays.microlens[i]).all(axis=1))
+        apart = np.hypot(images.x_px[own] - x_px[i], images.y_px[own] - y_px[i])
+        claimed = 3 * np.hypot(*images.error_px[own].T) + 3 * np.hypot(*rays.error_px[i]) + HALVED_PX
+        came_back += bool((apart <= claimed).any())
+    assert came_back == len(lit) > 80

@@ -18,10 +18,13 @@ _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""
 _RETREATS = 8
 """Most halvings of a step that leads to a position without light: down to 1/256 of it."""
-_DIFFERENCE_PX = 0.25
-"""Half the step of difference quotients [px]: large beside the errors of a rough integral, small beside a
-micro-image.
+_DIFFERENCES_PX = 0.25, 1 / 32, 1 / 256
+"""Half the steps of difference quotients [px]: large beside the errors of a rough integral, small beside a micro-image.
+The shorter ones are for rows where J bends between the ends, as it does where another rim begins to cut.
 """
+_BENT = 0.05
+"""Distance of J from the middle of its values at both ends, over half of their distance, from which J is bent [1]: a
+derivative errs by about as much as that."""
 _ROUGH_PX = 0.05
 """Length of a step below which finer integrals are used [px]: so near to a solution the derivative holds."""
 _SHARP_LEVEL = 2
@@ -187,19 +190,27 @@ class Search:
         return np.flatnonzero(~np.isnan(self.residual[:, 0]))
 
     def _derive(self, rows: np.ndarray, level: int = 0) -> None:
-        """Derivatives of J by central differences; one-sided at the edge of the light."""
-        if not len(rows):
-            return
-        here, self.anchor_px[rows] = self.residual[rows], self.x_px[rows]
-        ends = _DIFFERENCE_PX * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+        """Derivatives of J by central differences, by shorter ones where J bends; one-sided at the edge of the light."""
+        self.anchor_px[rows] = self.x_px[rows]
+        for half_px in _DIFFERENCES_PX:
+            if not len(rows):
+                return
+            rows = rows[self._difference(rows, half_px, level)]
+
+    def _difference(self, rows: np.ndarray, half_px: float, level: int) -> np.ndarray:
+        """Set derivatives by differences; whether J bends between their ends, (k,) bool."""
+        here, is_bent = self.residual[rows], np.zeros(len(rows), bool)
+        ends = half_px * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         x_px = (self.x_px[rows] + ends[:, None]).reshape(-1, 2)
-        found = self._j(np.tile(rows, len(ends)), x_px, level).reshape(2, 2, -1, 2)
-        for i, (plus, minus) in enumerate(found):
+        values = self._j(np.tile(rows, len(ends)), x_px, level).reshape(2, 2, -1, 2)
+        for i, (plus, minus) in enumerate(values):
             change = (plus - minus) / 2
+            is_bent |= ~(np.hypot(*((plus + minus) / 2 - here).T) < _BENT * np.hypot(*change.T))
             change = np.where(np.isnan(plus), here - minus, change)
             change = np.where(np.isnan(minus), plus - here, change)
-            self.jacobian[rows, :, i] = change / _DIFFERENCE_PX
+            self.jacobian[rows, :, i] = change / half_px
         self.inverse[rows] = _inverse(self.jacobian[rows])
+        return is_bent & ~self.is_random[rows]
 
     def _step_nearer(self, rows: np.ndarray, may_exist: MayExist) -> None:
         """Steps with Broyden's update, each halved while it leads to a position without light.
