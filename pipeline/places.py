@@ -1,5 +1,6 @@
 """Reasons why a path chosen by the user cannot be used."""
 
+import contextlib
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,7 +20,8 @@ def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
     try:
         whole.encode()
     except UnicodeEncodeError:
-        if os.fsencode(whole).decode(errors="replace").encode() == os.fsencode(whole):
+        with contextlib.suppress(UnicodeError):
+            os.fsencode(whole).decode()
             return f"has letters that Python does not know in this locale (set PYTHONUTF8=1): {str(folder)!a}"
         return f"is not UTF-8: {str(folder)!a}"
     name_max, path_max = os.pathconf("/", "PC_NAME_MAX"), os.pathconf("/", "PC_PATH_MAX")

@@ -12,39 +12,38 @@ TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
 
 
 @pytest.fixture
-def too_wide(tmp_path, monkeypatch):
-    """A stage whose pixels are 20 mm wide, where somebody thought of micrometres; gives its line of the camera."""
+def dark(tmp_path, monkeypatch):
+    """A stage whose stop is a ring of no width, which no check traces; gives its line of the camera."""
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     monkeypatch.chdir(tmp_path)
-    text = (
-        TINY.read_text(encoding="utf-8")
-        .replace("../../../stages/", "")
-        .replace("plen:pixelPitch = 0.1", "plen:pixelPitch = 20")
-    )
+    ring = 'uniform double plen:innerSemiDiameter = 4.4999999\nuniform token plen:apertureShape = "annular"'
+    text = TINY.read_text(encoding="utf-8").replace("../../../stages/", "")
+    over = f'over "Lens"\n{{\nover "Stop"\n{{\n{ring}\n}}\n}}\n'
+    text = text.replace('        over "Sensor"', f'{over}        over "Sensor"')
     Path("dataset.usda").write_text(text, encoding="utf-8")
     return 1 + text.splitlines().index('        over "Camera"')
 
 
-def test_tasks_that_fail_alike_are_one_error_with_its_place(too_wide, capsys):
+def test_tasks_that_fail_alike_are_one_error_with_its_place(dark, capsys):
     ending = Ending(0, "dataset.usda")
     until = ["white/Rig.Camera", "rays_tile/Rig.Camera/0000"]
     result = pipeline.build("dataset.usda", jobs=1, keep_going=True, until=until, on_event=ending)
     ending.show()
     said = capsys.readouterr().err
     assert result.exit_code == 1 and {task.name for task in result.failures} == set(until)
-    assert said.startswith(f"dataset.usda:{too_wide}: error: no ray from ")
-    assert "\n    at </TinyConventional/Rig/Camera>\n    hint: the lens has no image so far off its axis" in said
-    assert said.count("error:") == 1 and "Traceback" not in said and "chief.py" not in said
+    assert said.startswith(f"dataset.usda:{dark}: error: no light passes the lens from ")
+    assert "\n    at </TinyConventional/Rig/Camera>\n    hint: is an aperture too small" in said
+    assert said.count("error:") == 1 and "Traceback" not in said and "tracer.py" not in said
     assert "so did, alike: " in said
     for task in result.failures:
-        assert task.to_dict()["place"] == f"dataset.usda:{too_wide}: at </TinyConventional/Rig/Camera>"
+        assert task.to_dict()["place"] == f"dataset.usda:{dark}: at </TinyConventional/Rig/Camera>"
         assert "Traceback" in Path(task.log).read_text(encoding="utf-8")
 
 
-def test_show_says_where_the_camera_stands_that_it_cannot_show(too_wide, monkeypatch, capsys):
+def test_show_says_where_the_camera_stands_that_it_cannot_show(dark, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["pipeline", "show", "dataset.usda"])
     with pytest.raises(SystemExit) as end:
         cli.main()
     said = capsys.readouterr().err
-    assert end.value.code == 2 and f"dataset.usda:{too_wide}: error: no ray from " in said
+    assert end.value.code == 2 and f"dataset.usda:{dark}: error: no light passes the lens from " in said
     assert "at </TinyConventional/Rig/Camera>" in said and "hint: " in said

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.camera.parts.camera import Camera, Sensor
+from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.pupil.chief_ray import chief_slopes
 from pipeline.camera.pupil.image_circle import lit_share
 from pipeline.camera.tracer import Tracer, parallel_planes
@@ -103,6 +104,8 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     )[:, WEIGHT]
     x, y = -start / sensor.pitch_mm + 0.0
     boresight = None if centred else (float(x), float(y))
+    if not weight[0] > 0:
+        raise CameraError("no light passes the lens from the middle of the image", hint="is the stop too small?")
     illumination, corner_mm = weight / weight[0], float(np.hypot(*(end - start)))
     return FieldCurves(heights, np.degrees(angle), illumination, ratio - 1, object_mm, boresight, corner_mm)
 
