@@ -43,10 +43,6 @@ class Limits:
         Size of one picture on a surface or in the sky, and its pixels.
     prims : int
         Upper bound of the prims of a stage, in all variants.
-    folder_bytes : int
-        Size of all files of an output folder that `verify` reads.
-    table_bytes : int
-        Size of all tables of correspondences among them.
     task_bytes, task_s : int
         Memory, in addresses, and time [s] that a task of a stage read with `--untrusted` may take.
     """
@@ -63,8 +59,6 @@ class Limits:
     picture_bytes: int = 256 * 2**20
     picture_pixels: int = 40_000_000
     prims: int = 1_000_000
-    folder_bytes: int = 256 * 2**30
-    table_bytes: int = 256 * 2**20
     task_bytes: int = 16 * 2**30
     task_s: int = 3600
 

@@ -1,5 +1,6 @@
 """Claim: `pipeline verify` believes a build and disbelieves a tampered one, from the output folder alone."""
 
+import hashlib
 import json
 import re
 import shutil
@@ -16,10 +17,13 @@ from pipeline.app.verbs import building
 from pipeline.app.verifying.verify import verify
 from pipeline.errors import Exit, UsageError
 from pipeline.files.exr import read_exr
+from pipeline.files.tables import read_table
 from pipeline.report.certificate import failed, lines
 from pipeline.report.points import lines as point_lines
 
-TINY = Path(__file__).parents[1] / "data" / "tiny_conventional" / "dataset.usda"
+DATA = Path(__file__).parents[1] / "data"
+TINY = DATA / "tiny_conventional" / "dataset.usda"
+TABLE = "frames/0001/Rig.Camera/correspondences.csv"
 
 
 @pytest.fixture(scope="module")
@@ -56,30 +60,106 @@ def test_a_build_whose_truth_came_in_tiles_agrees(tmp_path, monkeypatch, common_
     assert "truth_tile" in {task.kind for task in built.tasks}
     verdict = verify(tmp_path / "out", seed=4)
     assert verdict.agrees and verdict.problems == []
-    assert verdict.looks["Rig.Camera"]["rows"] > 0
+    assert verdict.cameras["Rig.Camera"]["rows"] > 0
 
 
-def test_a_row_moved_by_a_fiftieth_of_a_pixel_disagrees(built, tmp_path):
-    """By content: the altered file is told by its digest, the rows by a fresh solution."""
-    moved = tmp_path / "moved"
-    shutil.copytree(built, moved)
-    table = moved / "frames/0001/Rig.Camera/correspondences.csv"
-    text = table.read_text(encoding="utf-8").splitlines()
+def sign(out, name):
+    """Write size and digest of a file, as it is now, into the manifest."""
+    data, path = (out / name).read_bytes(), out / "manifest.json"
+    manifest = json.loads(path.read_text(encoding="utf-8"))
+    manifest["files"][name] = {"sha256": hashlib.sha256(data).hexdigest(), "size": len(data)}
+    path.write_text(json.dumps(manifest), encoding="utf-8")
+
+
+def change_cells(path, column, change):
+    """Change a column of a table, in all rows."""
+    text = path.read_text(encoding="utf-8").splitlines()
     start = next(i for i, line in enumerate(text) if line.startswith("frame,"))
-    column = text[start].split(",").index("x_px")
+    number = text[start].split(",").index(column)
     for i in range(start + 1, len(text)):
         cells = text[i].split(",")
-        cells[column] = repr(float(cells[column]) + 0.02)
+        cells[number] = change(cells[number])
         text[i] = ",".join(cells)
-    table.write_text("\n".join([*text, ""]), encoding="utf-8")
-    verdict = verify(moved)
-    assert not verdict.agrees and len(verdict.problems) == 2
-    assert "is not as it was built" in verdict.problems[0] and "another x_px" in verdict.problems[1]
-    assert verdict.cameras["Rig.Camera"]["passed"] is False
-    assert verdict.cameras["Rig.Camera"]["max_px"] == pytest.approx(0.02, abs=1e-3)
+    path.write_text("\n".join([*text, ""]), encoding="utf-8")
+
+
+@pytest.fixture
+def out(built, tmp_path):
+    """A copy to change."""
+    return shutil.copytree(built, tmp_path / "copy")
+
+
+def test_rows_moved_by_a_hundredth_of_a_pixel_disagree_though_every_digest_fits(out):
+    """The certificate alone tells them."""
+    change_cells(out / TABLE, "x_px", lambda cell: repr(float(cell) + 0.01))
+    sign(out, TABLE)
+    verdict = verify(out)
+    assert verdict.problems == [] and not verdict.agrees
+    certificate = verdict.cameras["Rig.Camera"]
+    assert certificate["passed"] is False
+    assert certificate["max_px"] == pytest.approx(0.01, abs=1e-3)
     with pytest.raises(typer.Exit) as ended:
-        cli.verify(moved, 1, False)
+        cli.verify(out, 1, False)
     assert ended.value.exit_code == Exit.NOT_CONFIRMED
+
+
+def test_files_that_are_altered_lost_or_new_are_named(out):
+    flipped = bytearray((out / TABLE).read_bytes())
+    flipped[-2] ^= 1
+    (out / TABLE).write_bytes(flipped)
+    (out / "frames/0002/Rig.Camera/image.png").unlink()
+    (out / "cameras/Rig.Camera/camera.json").write_text("{}")
+    (out / "notes.txt").write_text("mine")
+    extra, size, flip, lost = verify(out).problems
+    assert extra == "notes.txt is not in the manifest"
+    assert size.startswith("cameras/Rig.Camera/camera.json is not as it was built: 2 bytes, not ")
+    assert flip == f"{TABLE} is not as it was built: its bytes differ"
+    assert lost == "frames/0002/Rig.Camera/image.png is lost"
+
+
+@pytest.mark.parametrize("name", ["frames/0001/Rig.Camera/image.exr", "frames/0001/Rig.Camera/image.png", TABLE])
+def test_a_file_that_its_reader_does_not_open_is_named_though_its_digest_fits(name, out):
+    (out / name).write_bytes((out / name).read_bytes()[:-200])
+    sign(out, name)
+    assert any(problem.startswith(f"{name} cannot be read: ") for problem in verify(out).problems)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "named"),
+    [("target", "Other", "target, point_id"), ("point_id", "6", "target, point_id"), ("frame", "2", "frame, camera")],
+)
+def test_rows_of_nothing_in_the_stage_are_counted_and_not_judged(column, value, named, out):
+    change_cells(out / TABLE, column, lambda cell: value)
+    sign(out, TABLE)
+    verdict = verify(out)
+    rows = read_table(out / TABLE).columns["x_px"]
+    assert verdict.problems == [f"{TABLE}: {len(rows)} rows, first row 1, have {named} that the stage has not"]
+    assert verdict.cameras["Rig.Camera"]["of"] == 12 - len(rows)
+
+
+def test_a_table_without_a_row_or_with_other_comments_breaks_its_contract(out):
+    text = (out / TABLE).read_text(encoding="utf-8")
+    (out / TABLE).write_text(text[: text[:-1].rindex("\n") + 1], encoding="utf-8")
+    sign(out, TABLE)
+    assert verify(out).problems == ["camera Rig.Camera: the manifest counts other rows or points than its tables have"]
+    (out / TABLE).write_text(text.replace("# units: px", "# units: mm"), encoding="utf-8")
+    sign(out, TABLE)
+    assert verify(out).problems == [f"{TABLE}: its comments are not those of the stage"]
+
+
+def test_a_stage_that_does_not_belong_to_the_folder_disagrees(out):
+    """Another pose, digests that fit: the tables are not those of this stage. And a stage that is none."""
+    stage = out / "dataset.usda"
+    text = stage.read_text(encoding="utf-8")
+    stage.write_text(re.sub(r"(translate.*?\n\s*1: \(-?\d+)", r"\g<1>1", text, count=1), encoding="utf-8")
+    assert stage.read_text(encoding="utf-8") != text
+    sign(out, "dataset.usda")
+    verdict = verify(out)
+    assert not verdict.agrees and verdict.cameras["Rig.Camera"]["passed"] is False
+    stage.write_text("#usda 1.0\n", encoding="utf-8")
+    sign(out, "dataset.usda")
+    (problem,) = verify(out).problems
+    assert problem.startswith("dataset.usda is no stage that could have been built")
 
 
 @pytest.mark.parametrize(("passed", "code"), [(False, 6), (None, 0), (True, 0)])
@@ -126,8 +206,35 @@ def test_figures_that_are_not_known_are_printed_as_such():
     assert lines({"c": {**whole, "by_distance_from_cell_edge": []}})[0].startswith("certificate of c: no verdict")
 
 
+METHODS = {
+    "moments": 'uniform token plen:truth:method = "moments"',
+    "image": 'uniform token plen:truth:method = "image"',
+    "two-plane": 'uniform token plen:truth:method = "two-plane"',
+    "direct with other positions": 'uniform token plen:truth:method = "direct"\n'
+    'uniform token[] plen:truth:columns = ["chief", "saddle"]',
+}
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", ["tiny_conventional", "tiny_plenoptic"])
+@pytest.mark.parametrize("method", METHODS)
+def test_builds_by_every_method_agree(method, name, tmp_path, monkeypatch, common_store):
+    """Their tables have other columns and comments."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    text = (DATA / name / "dataset.usda").read_text(encoding="utf-8").replace("../../../stages/", "")
+    head = '        over "Camera"\n        {\n'
+    text = without_method(text).replace(head, f"{head}{METHODS[method]}\n")
+    (tmp_path / "dataset.usda").write_text(text, encoding="utf-8")
+    assert pipeline.build(tmp_path / "dataset.usda", tmp_path / "out", jobs=1).exit_code == 0
+    verdict = verify(tmp_path / "out")
+    assert verdict.agrees, verdict.problems
+
+
 def test_a_folder_without_a_manifest_is_refused(tmp_path):
-    with pytest.raises(UsageError, match="no finished build"):
+    with pytest.raises(UsageError, match=r"no finished build: it has no manifest\.json"):
+        verify(tmp_path)
+    (tmp_path / "manifest.json").write_text("[]")
+    with pytest.raises(UsageError, match="none of a build, or damaged"):
         verify(tmp_path)
 
 

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from faults.folders import doctored_folders
 from faults.other_numerics import other_numerics
 from faults.shim import fail_at, in_fork, kill_at
 from faults.signals import signals_at_any_moment
@@ -527,11 +526,10 @@ FAULTS = (
     flips_after_verification,
     things_of_somebody_else,
     other_numerics,
-    doctored_folders,
     signals_at_any_moment,
     second_users,
     odd_surroundings,
 )
 
-SHORT = (0, 1, 2, 3, 4, 6, 8, 11, 12, 20, 21, 24, 29)
+SHORT = (0, 1, 2, 3, 4, 6, 8, 11, 12, 20, 21, 24, 28)
 """Rows that `make test` does too, by number; the others start processes that load everything again."""

@@ -10,8 +10,9 @@ from laws.rigs import facing
 from naive import polar
 
 import pipeline
-from pipeline.app.verifying.readable import unreadable
+from pipeline.app.verifying.folder_files import wrong_files
 from pipeline.camera.tracer import Tracer
+from pipeline.engine.output import manifest
 from pipeline.files import tiff
 from pipeline.files.exr import Part, read_exr, write_exr
 from pipeline.files.jsonfile import write_json
@@ -95,7 +96,7 @@ def test_raw_images_are_a_task_a_frame_and_move_nothing_else(stage, tmp_path):
     added.add("cameras/Rig.Camera/fixed_pattern.exr")
     assert raw.keys() - plain.keys() == added
     assert [name for name in plain if plain[name] != raw[name]] == ["dataset.usda"]
-    assert unreadable(tmp_path / "raw", raw) == ({}, {})
+    assert list(wrong_files(tmp_path / "raw", manifest.read(tmp_path / "raw"))) == []
 
     maps = read_exr(tmp_path / "raw/cameras/Rig.Camera/fixed_pattern.exr")["fixed_pattern"].channels
     of_camera = fixed_pattern(RESPONSE.spread, "Rig.Camera", (0, 0), (24, 32))

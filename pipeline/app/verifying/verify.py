@@ -1,20 +1,27 @@
-"""`pipeline verify OUT`: derive a sample of the ground truth again, from the output folder alone.
+"""`pipeline verify OUT`: files, contract of the tables, and the certificate with another seed, from the folder alone.
 
-Neither the store nor the original stage is read. The folder is not trusted: whatever is wrong in it is a finding.
+Neither the store nor the original stage is read. It finds accidents and mistakes: whoever forges a folder can forge its
+digests, too.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.app.verifying.handed_in import STAGE, HandedIn, JudgedCamera, Scene, cameras_of
-from pipeline.app.verifying.second_look import second_look
-from pipeline.app.verifying.table_rules import Rows, UnfitTable, broken_rules, rows_of_scene, wrong_counts
+from pipeline.app.build import project
+from pipeline.app.verifying.folder_files import wrong_files
+from pipeline.app.verifying.judged_camera import JudgedCamera, Scene, judged_camera, wrong_list
+from pipeline.app.verifying.table_contract import broken_contract
 from pipeline.app.verifying.visibility_check import wrong_visibilities
+from pipeline.camera.rig import Rig
 from pipeline.engine.output import manifest
 from pipeline.errors import PipelineError, UsageError
-from pipeline.tasks.certificate import certificate
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.tables import Table, read_table
+from pipeline.tasks.certificate import certificate, points_seen
 
+STAGE = "dataset.usda"
 _STREAM = 0x7E51
 """Random stream of the verification; a build never uses it."""
 
@@ -26,19 +33,13 @@ class Verdict:
     Attributes
     ----------
     problems : list of str
-        Missing, unexpected or altered files, tables that break a rule, and rows that were derived with other values.
+        Missing, unexpected or altered files, broken contracts, and rows with another visibility.
     cameras : dict
         Camera name -> certificate of the new sample.
-    looks : dict
-        Camera name -> {points, of, rows}: target points whose rows were all derived again, in every column.
-    unread : dict
-        Files too large to be opened: name -> reason.
     """
 
     problems: list[str]
     cameras: dict[str, dict[str, Any]] = field(default_factory=dict)
-    looks: dict[str, dict[str, int]] = field(default_factory=dict)
-    unread: dict[str, str] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -47,75 +48,65 @@ class Verdict:
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict as plain data, as `verify --json` prints it."""
-        return {
-            "agrees": self.agrees,
-            "problems": self.problems,
-            "cameras": self.cameras,
-            "derived_again": self.looks,
-            "unread": self.unread,
-        }
+        return {"agrees": self.agrees, "problems": self.problems, "cameras": self.cameras}
 
 
 def verify(out: str | Path, seed: int = 1) -> Verdict:
-    """Check the files against the manifest, every row against the stage, and samples of rows against new solutions.
+    """Check the files of a folder against its manifest, its tables against its stage, and a sample of their rows.
 
-    Files are read in a process with limits, in the format that their names promise. For every row of every table the
-    check covers labels, target point, place in the scene, image and cell, ranges of numbers, rho against the blur,
-    duplicates, and the counts in comments and manifest. For drawn points all rows are derived again in every column,
-    see `second_look`. For drawn rows position and visibility are found with other rules and rays. Other files are not
-    derived again.
+    For the rows drawn with the seed, the certificate of the build is made again with other random rays.
 
     Parameters
     ----------
     seed : int
-        Seed of the drawn rows and points and of the random rays of the verification.
+        Seed of the drawn rows and of the random rays of the verification.
 
     Raises
     ------
     UsageError
-        The folder holds no finished build, or more than `limits` allow.
+        The folder holds no finished build.
     """
-    folder = HandedIn(Path(out), manifest.read(Path(out)))
-    if STAGE not in folder.manifest.files:
-        why = "its manifest.json is none of a build, or damaged" if folder.manifest.data else "it has no manifest.json"
-        why = "it is a preview, without truth" if folder.manifest.files else why
-        hint = "verify takes the folder that `pipeline build` filled"
-        raise UsageError(f"{out} holds no finished build: {why}", hint=hint)
-    folder.look()
-    verdict = Verdict(folder.problems, unread=folder.unread)
-    project = folder.project()
-    if project is None:
-        return verdict
-    folder.require_small_tables(project)
+    out = Path(out)
+    listed = manifest.read(out)
+    if STAGE not in listed.files:
+        why = "its manifest.json is none of a build, or damaged" if listed.data else "it has no manifest.json"
+        why = "it is a preview, without truth" if listed.files else why
+        raise UsageError(f"{out} holds no finished build: {why}", hint="verify takes the folder of `pipeline build`")
+    verdict = Verdict(list(wrong_files(out, listed)))
     try:
-        cameras = cameras_of(project)
-    except PipelineError as error:
-        verdict.problems.append(f"{STAGE}: {error}")
+        build = project(out / STAGE, out)
+    except UsageError as error:
+        verdict.problems.append(f"{STAGE} is no stage that could have been built: {error}")
         return verdict
-    for camera in cameras:
+    verdict.problems.extend(wrong_list(build, listed))
+    points = listed.points if isinstance(listed.points, dict) else {}
+    for name in build.findings["certificate"]:
         try:
-            _judge(folder, camera, seed, verdict)
+            _judge(out, name, judged_camera(build, name), points.get(name), seed, verdict)
         except PipelineError as error:
-            verdict.problems.append(f"camera {camera.name}: {error}")
+            verdict.problems.append(f"camera {name}: {error}")
     return verdict
 
 
-def _judge(folder: HandedIn, camera: JudgedCamera, seed: int, verdict: Verdict) -> None:
-    """Add the findings about a camera to a verdict."""
-    built, other = camera.rig(), camera.rig(_STREAM + seed)
-    scenes: list[tuple[Scene, Rows]] = []
-    for scene in folder.tables_of(camera):
+def _judge(out: Path, name: str, camera: JudgedCamera, points: Any, seed: int, verdict: Verdict) -> None:
+    """Add the findings about a camera to a verdict; `points` is what the manifest counts."""
+    rig = camera.rig(_STREAM + seed)
+    tables = list(_tables(out, camera, rig, verdict.problems))
+    judged = [(scene.view.targets, table) for scene, table in tables]
+    if len(tables) == len(camera.scenes) and points_seen([scene.truth.frame for scene, _ in tables], judged) != points:
+        verdict.problems.append(f"camera {name}: the manifest counts other rows or points than its tables have")
+    verdict.problems.extend(f"camera {name}, {wrong}" for wrong in wrong_visibilities(rig, tables, seed))
+    verdict.cameras[name] = certificate(rig, judged, camera.truth.settings.claim_px, seed)
+
+
+def _tables(out: Path, camera: JudgedCamera, rig: Rig, problems: list[str]) -> Iterator[tuple[Scene, Table]]:
+    """The tables of a camera that keep their contract; of all others the problems are added."""
+    for scene in camera.scenes:
         try:
-            scenes.append((scene, rows_of_scene(camera, built, scene)))
-        except UnfitTable as error:
-            verdict.problems.append(error.what)
-    for scene, rows in scenes:
-        verdict.problems.extend(broken_rules(camera, built, scene, rows))
-    verdict.problems.extend(wrong_counts(camera.name, folder.manifest.points, scenes))
-    look = second_look(camera, built, scenes, seed)
-    verdict.problems.extend(look.problems)
-    verdict.looks[camera.name] = {"points": look.points, "of": look.of, "rows": look.rows}
-    found = wrong_visibilities(other, [scene for scene, _ in scenes], seed)
-    verdict.problems.extend(f"camera {camera.name}, {wrong}" for wrong in found)
-    tables = [(scene.view.targets, scene.table) for scene, _ in scenes]
-    verdict.cameras[camera.name] = certificate(other, tables, camera.settings.claim_px, seed)
+            table = read_table(out / scene.file)
+        except (DamagedFile, OSError):
+            continue  # `wrong_files` says so
+        broken = list(broken_contract(camera, rig, scene, table))
+        problems.extend(f"{scene.file}: {problem}" for problem in broken)
+        if not broken:
+            yield scene, table

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from pipeline.app.verifying.handed_in import Scene
+from pipeline.app.verifying.judged_camera import Scene
 from pipeline.camera.rig import Rig
+from pipeline.files.tables import Table
 from pipeline.tasks.artefacts.surroundings import surroundings_of
 from pipeline.tasks.certificate import rows_of
 from pipeline.truth.judging.judged import sample
@@ -13,12 +14,12 @@ _SAME_SHARE = 0.02
 """Tolerance of the visibility: a thousand rays may be wrong by some thousandths at an edge."""
 
 
-def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
+def wrong_visibilities(rig: Rig, scenes: list[tuple[Scene, Table]], seed: int) -> list[str]:
     """Faults in the visibility of up to `truth.judging.judged.ROWS` rows of a camera, drawn from all frames."""
     found, first = [], 0
-    drawn = sample(np.zeros(sum(len(scene.table.columns["visibility"]) for scene in scenes), bool), seed)
-    for scene in scenes:
-        targets, table = scene.view.targets, scene.table
+    drawn = sample(np.zeros(sum(len(table.columns["visibility"]) for _, table in scenes), bool), seed)
+    for scene, table in scenes:
+        targets = scene.view.targets
         surroundings = surroundings_of(targets, scene.view.occluders)
         names = np.array(table.columns["target"], str)
         for number, (planes, cell, x_px, _) in enumerate(rows_of(rig, targets, table)):
@@ -30,5 +31,5 @@ def wrong_visibilities(rig: Rig, scenes: list[Scene], seed: int) -> list[str]:
             if wrong.any():
                 worst = f"{stated[wrong][0]:.3g} in place of {share[wrong][0]:.3g}"
                 which = f"{int(wrong.sum())} of {len(here)} rows of {targets[number].name}"
-                found.append(f"frame {scene.number}: {which} state another visibility, {worst}")
+                found.append(f"frame {scene.truth.frame}: {which} state another visibility, {worst}")
     return found
